@@ -1,0 +1,79 @@
+"""The two grammars: a file to score with its options, or a command with its own.
+
+A first word that is a command's name is that command; anything else is a file to score.
+"""
+
+import argparse
+import os
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType, ModuleType
+from typing import Any
+
+from reverie_eval import __version__
+from reverie_eval_cli.commands import compile as compile_command
+from reverie_eval_cli.commands import completion, score, validate
+
+PROGRAM = "reverie-eval"
+COMMANDS: Mapping[str, ModuleType] = MappingProxyType(
+    {"validate": validate, "compile": compile_command, "completion": completion}
+)
+
+
+def parse(words: Sequence[str]) -> argparse.Namespace:
+    """Parse a command line; the result's ``run`` is what to do.
+
+    Exits with status 2, usage on stderr, if the words make no sense.
+    """
+    is_command = bool(words) and words[0] in COMMANDS
+    return (_command_parser() if is_command else _score_parser()).parse_args(words)
+
+
+def complete() -> None:
+    """Answer the shell's question for completions, which comes in the environment."""
+    import argcomplete
+
+    line = os.environ["COMP_LINE"][: int(os.environ["COMP_POINT"])]
+    finished = line.split()[1:] if line.endswith(" ") else line.split()[1:-1]
+    if finished and finished[0] in COMMANDS:
+        argcomplete.autocomplete(_command_parser())
+    words = () if finished else tuple(COMMANDS)
+    completer: Any = _WordsAndFiles(words)
+    argcomplete.autocomplete(_score_parser(), default_completer=completer)
+
+
+class _WordsAndFiles:
+    """Completes to files, and to words that may stand in a file's place."""
+
+    def __init__(self, words: Sequence[str]) -> None:
+        self._words = words
+
+    def __call__(self, prefix: str, **context: object) -> list[str]:
+        from argcomplete.completers import FilesCompleter
+
+        words = [word for word in self._words if word.startswith(prefix)]
+        return words + list(FilesCompleter()(prefix, **context))
+
+
+def _score_parser() -> argparse.ArgumentParser:
+    commands = "\n".join(f"  {name:12}{module.SUMMARY}" for name, module in COMMANDS.items())
+    parser = argparse.ArgumentParser(
+        prog=PROGRAM,
+        description="Score a submission to the REVERIE benchmark.",
+        epilog=f"commands ({PROGRAM} COMMAND --help):\n{commands}\n\n"
+        "exit status: 0 done, 1 what was given was rejected, 2 it could not be tried",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    score.add_arguments(parser)
+    parser.set_defaults(run=score.run)
+    return parser
+
+
+def _command_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog=PROGRAM)
+    commands = parser.add_subparsers(required=True)
+    for name, module in COMMANDS.items():
+        command = commands.add_parser(name, description=module.__doc__, help=module.SUMMARY)
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser

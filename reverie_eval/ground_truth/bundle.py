@@ -1,0 +1,196 @@
+"""The bundle file: everything that scoring one split needs, as plain arrays.
+
+A bundle is an ``.npz`` (no pickle) with a JSON header. The file is the border of what is private:
+a *public* bundle of a split has no answers in it, not hidden ones.
+"""
+
+import errno
+import hashlib
+import os
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import BinaryIO, Self
+
+import msgspec
+import numpy as np
+
+from reverie_eval.arrays import Array, frozen
+from reverie_eval.errors import GroundTruthError
+
+FORMAT_VERSION = 1
+
+PUBLIC_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "instr_id": "U",  # (n_episodes,)
+        "episode_task": "i4",  # (n_episodes,) row of the episode's task
+        "task_start": "i4",  # (n_tasks,) viewpoint
+        "scan_id": "U",  # (n_scans,)
+        "viewpoint_id": "U",  # (n_viewpoints,) scan by scan
+        "viewpoint_scan": "i4",  # (n_viewpoints,)
+        "distance": "f8",  # all pairs of each scan's viewpoints, end to end
+        "edge": "b1",  # likewise
+    }
+)
+ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "task_target": "i4",  # (n_tasks,) object id within the scan
+        "path": "i4",  # annotated paths, end to end
+        "path_offsets": "i8",  # (n_tasks + 1,)
+        "candidate_viewpoint": "i4",  # (n_candidates,) ordered by viewpoint, then object
+        "candidate_object": "i4",  # (n_candidates,) object id, visible from the viewpoint
+        "box_candidate": "i4",  # (n_boxes,) row of the candidate that the box surrounds
+        "box_view": "u1",  # (n_boxes,) view index, 0 to 35
+        "box_xywh": "i2",  # (n_boxes, 4) pixels of the 640 x 480 view
+    }
+)
+_HEADER = "header"
+_OTHER_SPLIT = "other_split/"
+
+
+@dataclass(frozen=True, slots=True)
+class BundleHeader:
+    """What a bundle is and where it comes from."""
+
+    split: str
+    dataset: str
+    """The release: ``REVERIE v1``, ``demo``, ``custom``."""
+    sources: Mapping[str, str]
+    """SHA-256 of the annotations, boxes and connectivity files it was compiled from."""
+    fingerprint: str
+    """SHA-256 over name, type, shape and bytes of every array."""
+    format_version: int = FORMAT_VERSION
+
+
+class _AnyHeader(msgspec.Struct):
+    format_version: int
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """The content of a bundle file; its arrays are read-only."""
+
+    header: BundleHeader
+    arrays: Mapping[str, Array]
+    other_splits: Mapping[str, Array] = field(default_factory=dict)
+    """The instr_ids of the dataset's other splits: a help for messages, no part of the scores."""
+
+    @classmethod
+    def build(
+        cls,
+        split: str,
+        dataset: str,
+        sources: Mapping[str, str],
+        arrays: Mapping[str, Array],
+        other_splits: Mapping[str, Array],
+    ) -> Self:
+        """Make a bundle of these arrays, each in the type that the format states."""
+        formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS}
+        typed = {name: frozen(array.astype(formats[name])) for name, array in arrays.items()}
+        header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed))
+        return cls(header, typed, other_splits)
+
+    @property
+    def is_public(self) -> bool:
+        """Whether the answers are left out."""
+        return not ANSWER_ARRAYS.keys() & self.arrays.keys()
+
+    def public(self) -> Self:
+        """Return the bundle without its answers."""
+        arrays = {name: self.arrays[name] for name in PUBLIC_ARRAYS}
+        sources = {"connectivity": self.header.sources["connectivity"]}
+        return self.build(
+            self.header.split, self.header.dataset, sources, arrays, self.other_splits
+        )
+
+    def save(self, path: Path) -> None:
+        """Write the bundle; the file appears whole or not at all."""
+        members: dict[str, Array] = {
+            _HEADER: np.frombuffer(msgspec.json.encode(self.header), np.uint8)
+        }
+        members |= self.arrays
+        members |= {_OTHER_SPLIT + split: ids for split, ids in self.other_splits.items()}
+        unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+        if not path.parent.is_dir():
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+        try:
+            with unfinished.open("wb") as file:
+                _write_members(file, members)
+            unfinished.replace(path)
+        finally:
+            unfinished.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a bundle and check that it is whole.
+
+        Raises
+        ------
+        GroundTruthError
+            If the file is no bundle, is damaged, or is of another format version.
+        FileNotFoundError
+            If there is no such file.
+        """
+        members = _read_members(path)
+        header = _read_header(path, members.pop(_HEADER, None))
+        other_splits = {
+            name.removeprefix(_OTHER_SPLIT): members.pop(name)
+            for name in list(members)
+            if name.startswith(_OTHER_SPLIT)
+        }
+        if fingerprint_of(members) != header.fingerprint:
+            raise GroundTruthError(f"{path} is damaged: its content does not match its header")
+        return cls(header, {name: frozen(array) for name, array in members.items()}, other_splits)
+
+
+def fingerprint_of(arrays: Mapping[str, Array]) -> str:
+    """SHA-256 over name, type, shape and bytes of the arrays, in order of their names.
+
+    Floats count in single precision: C libraries differ in the last bit of a distance, and the
+    same dataset must have the same fingerprint on every machine.
+    """
+    digest = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        counted = array.astype("f4") if array.dtype == "f8" else np.ascontiguousarray(array)
+        digest.update(f"{name} {counted.dtype.str} {counted.shape}\n".encode())
+        digest.update(counted.data)
+    return digest.hexdigest()
+
+
+def _write_members(file: BinaryIO, members: Mapping[str, Array]) -> None:
+    """Write an ``.npz`` as ``np.savez`` does, but without dates: same content, same bytes."""
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, array in members.items():
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def _read_members(path: Path) -> dict[str, Array]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return {name: np.asarray(archive[name]) for name in archive.files}
+    except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        raise _no_bundle(path) from error
+
+
+def _read_header(path: Path, header: Array | None) -> BundleHeader:
+    if header is None:
+        raise _no_bundle(path)
+    try:
+        version = msgspec.json.decode(header.tobytes(), type=_AnyHeader).format_version
+        if version == FORMAT_VERSION:
+            return msgspec.json.decode(header.tobytes(), type=BundleHeader)
+    except msgspec.DecodeError as error:
+        raise _no_bundle(path) from error
+    raise GroundTruthError(
+        f"{path} has bundle format {version}, this version of reverie-eval reads format "
+        f"{FORMAT_VERSION}; compile it again"
+    )
+
+
+def _no_bundle(path: Path) -> GroundTruthError:
+    return GroundTruthError(
+        f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` makes one"
+    )

@@ -1,0 +1,33 @@
+"""The metrics: pure functions from arrays to arrays, one row per episode."""
+
+from reverie_eval.metrics.boxes import box_iou, box_match
+from reverie_eval.metrics.catalogue import CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.metrics.grounding import ABSTAINED, candidate_match
+from reverie_eval.metrics.navigation import (
+    jumps,
+    navigation_error,
+    oracle_error,
+    oracle_success,
+    path_length,
+    spl,
+    steps,
+    success,
+)
+
+__all__ = [
+    "ABSTAINED",
+    "CATALOGUE",
+    "PRIMARY_METRIC",
+    "Metric",
+    "box_iou",
+    "box_match",
+    "candidate_match",
+    "jumps",
+    "navigation_error",
+    "oracle_error",
+    "oracle_success",
+    "path_length",
+    "spl",
+    "steps",
+    "success",
+]

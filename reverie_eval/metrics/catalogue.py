@@ -1,0 +1,147 @@
+"""The catalogue of metrics: what the command line, the server, the pages and the docs all read."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+Unit = Literal["fraction", "metres", "count"]
+Direction = Literal["higher", "lower", "neither"]
+
+_SUFFIXES: Mapping[Unit, str] = MappingProxyType({"fraction": "%", "metres": "m", "count": ""})
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """What a metric is called, measured in, and means; values lie in ``[0, upper_bound]``."""
+
+    key: str
+    label: str
+    name: str
+    unit: Unit
+    better: Direction
+    definition: str
+    headline: bool = False
+    """Whether the score table shows it; JSON, CSV and the notebook give all of them."""
+
+    @property
+    def upper_bound(self) -> float:
+        """The largest value an episode can have."""
+        return 1.0 if self.unit == "fraction" else float("inf")
+
+    @property
+    def heading(self) -> str:
+        """The label with the unit that :meth:`display` uses: ``SR %``."""
+        return f"{self.label} {_SUFFIXES[self.unit]}".rstrip()
+
+    def display(self, value: float) -> str:
+        """Write a value for people: fractions in percent, two decimals.
+
+        >>> CATALOGUE["success"].display(0.54532677)
+        '54.53'
+        """
+        return f"{100 * value if self.unit == 'fraction' else value:.2f}"
+
+
+_METRICS = (
+    Metric(
+        "path_length",
+        "TL",
+        "trajectory length",
+        "metres",
+        "neither",
+        "metres along the navigation graph from pose to pose",
+        headline=True,
+    ),
+    Metric(
+        "success",
+        "SR",
+        "success rate",
+        "fraction",
+        "higher",
+        "the target object is visible where the agent stops",
+        headline=True,
+    ),
+    Metric(
+        "oracle_success",
+        "OSR",
+        "oracle success rate",
+        "fraction",
+        "higher",
+        "the target object is visible from any viewpoint of the trajectory",
+        headline=True,
+    ),
+    Metric(
+        "spl",
+        "SPL",
+        "success weighted by path length",
+        "fraction",
+        "higher",
+        "success, times the shortest length over the larger of walked and shortest length",
+        headline=True,
+    ),
+    Metric(
+        "rgs",
+        "RGS",
+        "remote grounding success",
+        "fraction",
+        "higher",
+        "the object that the agent names is the target object",
+        headline=True,
+    ),
+    Metric(
+        "rgspl",
+        "RGSPL",
+        "remote grounding success weighted by path length",
+        "fraction",
+        "higher",
+        "remote grounding success, weighted as SPL is; the benchmark's primary metric",
+        headline=True,
+    ),
+    Metric(
+        "navigation_error",
+        "NE",
+        "navigation error",
+        "metres",
+        "lower",
+        "metres along the navigation graph from the stop to the end of the annotated path",
+    ),
+    Metric(
+        "oracle_error",
+        "ONE",
+        "oracle navigation error",
+        "metres",
+        "lower",
+        "metres from the trajectory's nearest viewpoint to the end of the annotated path",
+    ),
+    Metric(
+        "shortest_length",
+        "S",
+        "shortest length",
+        "metres",
+        "neither",
+        "metres of the shortest route from the start to the end of the annotated path",
+    ),
+    Metric(
+        "steps",
+        "steps",
+        "steps",
+        "count",
+        "neither",
+        "poses after the first one",
+    ),
+    Metric(
+        "jumps",
+        "jumps",
+        "jumps",
+        "count",
+        "lower",
+        "moves between viewpoints that no edge joins, priced at their shortest distance",
+    ),
+)
+
+CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metric in _METRICS})
+"""Every metric by its key, in the order in which tables show them."""
+
+PRIMARY_METRIC = "rgspl"
+"""What the benchmark ranks by (REVERIE challenge rules, 2020 to 2022)."""

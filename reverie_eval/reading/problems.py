@@ -1,0 +1,266 @@
+"""Everything that can be wrong with a submission, worded for the person who has to mend it.
+
+One function per kind, each with its stable code: where, what was found, what was expected, what to
+do. Nothing here may carry an answer: problems are shown to participants of private splits.
+"""
+
+import reprlib
+from collections.abc import Sequence
+
+from reverie_eval.errors import Problem
+
+WHOLE_FILE = "file"
+POSE_FORM = "[viewpoint_id, heading, elevation]"
+OBJECT_FORM = "an object id (a whole number from 0), or -1 where the agent names no object"
+
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = 60
+_short.maxlevel, _short.maxlist, _short.maxdict = 2, 3, 2
+
+
+def _found(value: object) -> str:
+    """Show a value as JSON would, cut to what fits a line."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    try:
+        return _short.repr(value)
+    except ValueError:  # a whole number of thousands of digits
+        return "a whole number of thousands of digits"
+
+
+def _in_row(code: str, row: int, message: str, field: str = "") -> Problem:
+    return Problem(code, f"[{row}]{field}", message, (row,))
+
+
+def _in_pose(code: str, row: int, pose: int, message: str, field: str = "") -> Problem:
+    return Problem(code, f"[{row}].trajectory[{pose}]{field}", message, (row, pose))
+
+
+def _in_file(code: str, message: str, where: str = WHOLE_FILE) -> Problem:
+    return Problem(code, where, message)
+
+
+# The file as a whole.
+
+
+def not_json(where: str, reason: str) -> Problem:
+    """Build the problem for text that is no JSON."""
+    return _in_file("not-json", f"{reason}; write the file with a JSON library", where)
+
+
+def endless_number() -> Problem:
+    """Build the problem for a whole number that Python refuses to read."""
+    return _in_file(
+        "not-json", "holds a whole number of thousands of digits; object ids are below 2**31"
+    )
+
+
+def too_deep() -> Problem:
+    """Build the problem for JSON that is nested beyond any submission's form."""
+    return _in_file("too-deep", "is nested too deeply to be read; a submission has four levels")
+
+
+def damaged_gzip(reason: str) -> Problem:
+    """Build the problem for a gzip file that does not unpack."""
+    return _in_file("damaged-gzip", f"does not unpack ({reason}); compress or copy it again")
+
+
+def too_large(limit: int) -> Problem:
+    """Build the problem for a file that is too large to be a submission."""
+    return _in_file(
+        "too-large",
+        f"is larger than {limit >> 20} MiB unpacked; a submission holds instr_id, trajectory and "
+        "predObjId, leave everything else out",
+    )
+
+
+def not_a_list(found: object) -> Problem:
+    """Build the problem for a document that is no list of predictions."""
+    return _in_file(
+        "not-a-list",
+        f"holds {_found(found)}; expected a list of predictions: "
+        f'[{{"instr_id": ..., "trajectory": [{POSE_FORM}, ...], "predObjId": ...}}, ...]',
+    )
+
+
+def no_prediction_at_all(split: str, expected: int) -> Problem:
+    """Build the problem for a file without a single episode of the split."""
+    return _in_file(
+        "missing-episode",
+        f"has no prediction for any of the {expected:,} episodes of {split}; every one needs one",
+    )
+
+
+def missing_episode(instr_id: str, split: str) -> Problem:
+    """Build the problem for an episode without a prediction."""
+    return _in_file(
+        "missing-episode",
+        f"episode {instr_id} has no prediction; every episode of {split} needs one",
+    )
+
+
+def ids_of_another_split(count: int, other: str, split: str, row: int, instr_id: str) -> Problem:
+    """Build the problem for predictions that belong to another split."""
+    look = "1 id looks" if count == 1 else f"{count:,} ids look"
+    return _in_row(
+        "other-split",
+        row,
+        f"{look} like {other} ids, the first is {instr_id}; score them with --split {other}, or "
+        f"send the predictions for {split}",
+        ".instr_id",
+    )
+
+
+def ids_outside_demo(count: int, split: str) -> Problem:
+    """Build the problem for real predictions that are held against the demo world."""
+    return _in_file(
+        "not-the-demo-world",
+        f"none of its {count:,} episodes is in the demo world that ships with this package; to "
+        "score REVERIE itself, clone github.com/YuankaiQi/REVERIE, run `reverie-eval compile "
+        f"REVERIE --split {split} -o {split}.npz` once and give --ground-truth {split}.npz",
+    )
+
+
+# A record.
+
+
+def not_an_object(row: int, found: object) -> Problem:
+    """Build the problem for a record that is no JSON object."""
+    return _in_row(
+        "wrong-type",
+        row,
+        f"got {_found(found)}; expected an object with instr_id, trajectory and predObjId",
+    )
+
+
+def repeated_field(row: int, field: str) -> Problem:
+    """Build the problem for a record that holds a field twice."""
+    return _in_row("repeated-field", row, f"has {field} twice; keep the one that is meant")
+
+
+def missing_field(row: int, field: str) -> Problem:
+    """Build the problem for a record that lacks a field."""
+    return _in_row("missing-field", row, f"has no {field}; add it")
+
+
+def wrong_instr_id(row: int, found: object) -> Problem:
+    """Build the problem for an instr_id that is no text."""
+    return _in_row(
+        "wrong-type",
+        row,
+        f'got {_found(found)}; expected the episode\'s id as text: "4774_267_1"',
+        ".instr_id",
+    )
+
+
+def wrong_object(row: int, found: object) -> Problem:
+    """Build the problem for an answer that is no object id."""
+    return _in_row("wrong-type", row, f"got {_found(found)}; expected {OBJECT_FORM}", ".predObjId")
+
+
+def wrong_trajectory(row: int, found: object) -> Problem:
+    """Build the problem for a trajectory that is no list."""
+    return _in_row(
+        "wrong-type",
+        row,
+        f"got {_found(found)}; expected a list of poses {POSE_FORM}",
+        ".trajectory",
+    )
+
+
+def empty_trajectory(row: int) -> Problem:
+    """Build the problem for a trajectory without a pose."""
+    return _in_row(
+        "empty-trajectory",
+        row,
+        "is empty; an agent that does not move has one pose, its start viewpoint",
+        ".trajectory",
+    )
+
+
+def unknown_episode(row: int, instr_id: str, split: str) -> Problem:
+    """Build the problem for an id that no episode has."""
+    return _in_row(
+        "unknown-episode",
+        row,
+        f"{_found(instr_id)} is no episode of {split}; ids are <task id>_<instruction's number>, "
+        "counted from 0",
+        ".instr_id",
+    )
+
+
+def duplicate_episode(row: int, instr_id: str, first_row: int) -> Problem:
+    """Build the problem for a second prediction of an episode."""
+    return _in_row(
+        "duplicate-episode",
+        row,
+        f"{instr_id} was predicted in [{first_row}] already; keep one prediction per episode",
+        ".instr_id",
+    )
+
+
+# A pose.
+
+
+def wrong_pose(row: int, pose: int, found: object) -> Problem:
+    """Build the problem for something that is no pose."""
+    return _in_pose("wrong-type", row, pose, f"got {_found(found)}; expected {POSE_FORM}")
+
+
+def not_finite(row: int, pose: int, found: Sequence[object]) -> Problem:
+    """Build the problem for a pose with NaN or an infinity in it."""
+    return _in_pose(
+        "not-finite",
+        row,
+        pose,
+        f"got {_found(list(found))}; heading and elevation are finite numbers of radians",
+    )
+
+
+def unknown_viewpoint(row: int, pose: int, viewpoint_id: str, scan: str) -> Problem:
+    """Build the problem for a viewpoint that no navigation graph holds."""
+    return _in_pose(
+        "unknown-viewpoint",
+        row,
+        pose,
+        f"viewpoint {_found(viewpoint_id)} is not in the navigation graph of scan {scan}; use the "
+        "viewpoint ids of the connectivity files",
+        "[0]",
+    )
+
+
+def viewpoint_of_another_scan(
+    row: int, pose: int, viewpoint_id: str, scan: str, found_scan: str
+) -> Problem:
+    """Build the problem for a viewpoint of another building."""
+    return _in_pose(
+        "other-scan",
+        row,
+        pose,
+        f"viewpoint {viewpoint_id} belongs to scan {found_scan}, but the episode is in scan {scan};"
+        " check that trajectories and instr_ids were not mixed up",
+        "[0]",
+    )
+
+
+def wrong_start(row: int, instr_id: str, expected: str, found: str) -> Problem:
+    """Build the problem for a trajectory that begins away from the episode's start."""
+    return _in_pose(
+        "wrong-start",
+        row,
+        0,
+        f"episode {instr_id} starts at viewpoint {expected}, got {found}; list the start "
+        "viewpoint as the first pose",
+    )
+
+
+def unreachable(row: int, pose: int, viewpoint_id: str) -> Problem:
+    """Build the problem for a viewpoint that no route leads to."""
+    return _in_pose(
+        "unreachable",
+        row,
+        pose,
+        f"no route leads from the start to viewpoint {viewpoint_id}; a jump is priced at the "
+        "shortest route, so there must be one",
+        "[0]",
+    )

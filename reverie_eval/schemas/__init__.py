@@ -1,0 +1,1 @@
+"""Wire formats, and nothing else: what files and replies look like."""

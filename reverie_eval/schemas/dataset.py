@@ -1,0 +1,72 @@
+"""The dataset's published files: annotations, navigation graphs and boxes."""
+
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, model_validator
+
+Name = Annotated[str, StringConstraints(min_length=1)]
+ObjectId = Annotated[int, Field(ge=0, lt=2**31)]
+ObjectKey = Annotated[str, StringConstraints(pattern=r"^\d{1,9}$")]
+ViewIndex = Annotated[int, Field(ge=0, lt=36)]
+Offset = Annotated[int, Field(ge=0, le=640)]
+Extent = Annotated[int, Field(ge=1, le=640)]
+
+
+class _Published(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+
+class Task(_Published):
+    """One record of ``REVERIE_{split}.json``: a path, a target and up to three instructions."""
+
+    scan: Name
+    id: Annotated[str, Field(coerce_numbers_to_str=True, min_length=1)]
+    """The published id; episode ``k`` of the task is ``{id}_{k}``."""
+    path: Annotated[list[Name], Field(min_length=1)]
+    """Viewpoints of the annotated path. A public test file gives the start alone."""
+    instructions: Annotated[list[str], Field(min_length=1)]
+    objId: ObjectId | None = None  # noqa: N815  # the published name
+    """The target object's id within the scan; absent from a public test file."""
+
+    @property
+    def instr_ids(self) -> list[str]:
+        """The ids of the task's episodes, one per instruction."""
+        return [f"{self.id}_{index}" for index in range(len(self.instructions))]
+
+
+class Viewpoint(_Published):
+    """One record of ``{scan}_connectivity.json``."""
+
+    image_id: Name
+    pose: Annotated[list[float], Field(min_length=16, max_length=16)]
+    """Row-major 4 x 4 camera-to-world matrix; metres in elements 3, 7 and 11."""
+    included: bool
+    unobstructed: list[bool]
+    """Which viewpoints of the same file can be walked to from here."""
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """The camera's place in the world, in metres."""
+        return self.pose[3], self.pose[7], self.pose[11]
+
+
+class ObjectBoxes(_Published):
+    """One object as seen from one viewpoint: a box in every view that shows it."""
+
+    name: str = ""
+    visible_pos: list[ViewIndex]
+    """The views that show the object. Empty: listed, but not visible."""
+    bbox2d: list[tuple[Offset, Offset, Extent, Extent]]
+    """Left, top, width, height in pixels of the 640 x 480 view, in the order of the views."""
+
+    @model_validator(mode="after")
+    def _one_box_per_view(self) -> Self:
+        if len(self.visible_pos) != len(self.bbox2d):
+            raise ValueError(f"views: {len(self.visible_pos)}, boxes: {len(self.bbox2d)}")
+        return self
+
+
+ANNOTATIONS = TypeAdapter(Annotated[list[Task], Field(min_length=1)])
+CONNECTIVITY = TypeAdapter(list[Viewpoint])
+BOXES = TypeAdapter(dict[str, dict[ObjectKey, ObjectBoxes]])
+"""A file of the ``BBox`` folder (key: viewpoint) or ``BBoxes.json`` (key: ``scan_viewpoint``)."""

@@ -1,0 +1,160 @@
+"""Scores: the episode table, the score table made from it, and the signature that names both."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from reverie_eval.arrays import Array, BoolArray
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.protocol import Protocol
+from reverie_eval.version import __version__
+from reverie_eval.wording import counted
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from reverie_eval.schemas.report import ScoreReport
+
+_FINGERPRINT_SHOWN = 12
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scores(Mapping[str, float]):
+    """What a submission scores: ``scores["rgspl"]`` is the mean over all episodes.
+
+    Keys and their order are the CATALOGUE's. Fractions are in [0, 1], lengths in metres, and
+    nothing is rounded.
+    """
+
+    ground_truth: GroundTruth
+    protocol: Protocol
+    episodes: Mapping[str, Array]
+    """Per metric, one value for each episode in the order of the ground truth; read-only."""
+
+    @cached_property
+    def _means(self) -> Mapping[str, float]:
+        return {key: float(column.mean()) for key, column in self.episodes.items()}
+
+    def __getitem__(self, key: str) -> float:
+        return self._means[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._means)
+
+    def __len__(self) -> int:
+        return len(self._means)
+
+    @property
+    def split(self) -> str:
+        """The split that was scored."""
+        return self.ground_truth.split
+
+    @property
+    def instr_ids(self) -> Sequence[str]:
+        """The episodes, in the order of their values in ``episodes``."""
+        return self.ground_truth.episodes.instr_ids
+
+    @property
+    def signature(self) -> str:
+        """Everything that the numbers depend on; numbers of equal signatures compare.
+
+        The idea is sacreBLEU's (Post, "A Call for Clarity in Reporting BLEU Scores", WMT 2018).
+        """
+        fingerprint = self.ground_truth.fingerprint[:_FINGERPRINT_SHOWN]
+        return "|".join(
+            (
+                f"split:{self.split}",
+                f"protocol:{self.protocol.name}",
+                f"data:{fingerprint}",
+                f"n:{len(self.instr_ids)}",
+                f"version:{__version__}",
+            )
+        )
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What a reader of the numbers should know, a sentence each."""
+        return _jump_notes(self.episodes["jumps"])
+
+    @property
+    def headline(self) -> Sequence[Metric]:
+        """The metrics that a score table shows, in its order."""
+        return [metric for metric in CATALOGUE.values() if metric.headline]
+
+    def to_report(self) -> "ScoreReport":
+        """Return the score report: the JSON of the command line and of the server."""
+        from reverie_eval.schemas.report import ScoreReport
+
+        return ScoreReport(
+            signature=self.signature,
+            split=self.split,
+            protocol=self.protocol.name,
+            dataset=self.ground_truth.header.dataset,
+            fingerprint=self.ground_truth.fingerprint,
+            version=__version__,
+            episodes=len(self.instr_ids),
+            scores=dict(self),
+            notes=list(self.notes),
+        )
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return the episode table: a row per ``instr_id``, a column per metric."""
+        import pandas as pd
+
+        index = pd.Index(self.instr_ids, name="instr_id")
+        return pd.DataFrame(dict(self.episodes), index=index)
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{m.heading} {m.display(self[m.key])}" for m in self.headline)
+        return f"<Scores {values}; {self.signature}>"
+
+    def _repr_html_(self) -> str:
+        """Show the score table in a notebook."""
+        import html
+
+        headings = "".join(
+            f'<th title="{html.escape(m.name)}: {html.escape(m.definition)}">{m.heading}</th>'
+            for m in self.headline
+        )
+        values = "".join(f"<td>{m.display(self[m.key])}</td>" for m in self.headline)
+        lines = [
+            self.signature,
+            f"ground truth: {self.ground_truth.provenance}",
+            *self.notes,
+        ]
+        signature, *others = map(html.escape, lines)
+        caption = "<br>".join([f"<code>{signature}</code>", *others])
+        return (
+            f'<table><caption style="caption-side: bottom; text-align: left">{caption}</caption>'
+            f"<thead><tr>{headings}</tr></thead><tbody><tr>{values}</tr></tbody></table>"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """What can be said of a sound submission without looking at answers."""
+
+    ground_truth: GroundTruth
+    abstained: BoolArray
+    """Shape (n_episodes,): whether the answer names no object."""
+    jumps: Array
+    """Shape (n_episodes,): moves between viewpoints that no edge joins."""
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What the participant should know before sending it, a sentence each."""
+        silent = int(self.abstained.sum())
+        total = counted(len(self.abstained), "answer")
+        notes = [f"no object named in {silent:,} of {total}"] if silent else []
+        return [*notes, *_jump_notes(self.jumps)]
+
+
+def _jump_notes(jumps: Array) -> Sequence[str]:
+    if not jumps.any():
+        return ()
+    episodes = counted(int((jumps > 0).sum()), "episode")
+    counts = f"{counted(int(jumps.sum()), 'jump')} in {episodes}"
+    meaning = "moves between viewpoints that no edge joins, priced at their shortest distance"
+    return (f"{counts}: {meaning}",)

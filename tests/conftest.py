@@ -1,0 +1,68 @@
+"""What tests stand on: the demo world as files, and the published REVERIE files where they are."""
+
+import os
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+from fixtures.demo_world import write_demo_world
+from fixtures.published import published_folder, unpack_dataset
+from reverie_eval import GroundTruth
+from reverie_eval.ground_truth.compile import compile_split
+from reverie_eval.ground_truth.dataset import DatasetFiles
+
+REPOSITORY = Path(__file__).parents[1]
+SAMPLES = REPOSITORY / "fixtures" / "submissions"
+TEST_EVERYTHING = "REVERIE_EVAL_TEST_EVERYTHING"
+
+
+def unavailable(reason: str) -> NoReturn:
+    """Skip the test, or fail it where everything has to be there."""
+    if os.environ.get(TEST_EVERYTHING):
+        pytest.fail(f"{TEST_EVERYTHING} is set, but {reason}")
+    pytest.skip(reason)
+
+
+@pytest.fixture(autouse=True)
+def _demo_ground_truth(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Score by the embedded demo world, whatever the developer's environment names."""
+    monkeypatch.delenv("REVERIE_EVAL_GROUND_TRUTH", raising=False)
+
+
+@pytest.fixture(scope="session")
+def demo_world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the demo world in the published file layout."""
+    folder = tmp_path_factory.mktemp("demo_world")
+    write_demo_world(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Unpack REVERIE v1 as published, with reference submissions and their scores."""
+    folder = published_folder()
+    if folder is None:
+        unavailable("the published REVERIE files are not here (REVERIE_DATA names their folder)")
+    unpacked = tmp_path_factory.mktemp("published")
+    unpack_dataset(folder, unpacked)
+    (unpacked / "reference").symlink_to(folder / "reference")
+    return unpacked
+
+
+@pytest.fixture(scope="session")
+def published_bundles(published: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Compile the bundles of REVERIE v1."""
+    folder = tmp_path_factory.mktemp("bundles")
+    for split in ("val_seen", "val_unseen", "test"):
+        bundle = compile_split(DatasetFiles.find(split, published / "reverie-v1"), split)
+        bundle.save(folder / f"{split}{'.public' if bundle.is_public else ''}.npz")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def demo() -> GroundTruth:
+    """Load the embedded ground truth of the demo world's val_unseen split."""
+    return GroundTruth.load(
+        REPOSITORY / "reverie_eval" / "ground_truth" / "demo" / "val_unseen.npz"
+    )

@@ -1,0 +1,42 @@
+"""Rows of different lengths laid end to end, against lists of lists."""
+
+from itertools import chain
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from reverie_eval.arrays import IntArray, frozen, offsets_of, row_of, take_rows
+from tests.worlds import unhurried
+
+ragged = st.lists(st.lists(st.integers(0, 99), max_size=4), min_size=1, max_size=6)
+"""Rows of numbers, some of them empty."""
+
+
+@unhurried
+@given(rows=ragged, data=st.data())
+def test_take_rows_lays_the_chosen_rows_end_to_end(
+    rows: list[list[int]], data: st.DataObject
+) -> None:
+    chosen = data.draw(st.lists(st.integers(0, len(rows) - 1)))
+    values = np.array(list(chain.from_iterable(rows)), dtype=int)
+    taken = values[take_rows(np.array(chosen, dtype=int), _offsets(rows))]
+    assert taken.tolist() == list(chain.from_iterable(rows[row] for row in chosen))
+
+
+@unhurried
+@given(rows=ragged)
+def test_row_of_names_the_owner_of_every_value(rows: list[list[int]]) -> None:
+    expected = [number for number, row in enumerate(rows) for _ in row]
+    assert row_of(_offsets(rows)).tolist() == expected
+
+
+def test_frozen_array_cannot_be_written() -> None:
+    array = frozen(np.zeros(2))
+    with pytest.raises(ValueError, match="read-only"):
+        array[0] = 1
+
+
+def _offsets(rows: list[list[int]]) -> IntArray:
+    return offsets_of(np.array([len(row) for row in rows]))

@@ -1,0 +1,152 @@
+"""What holds for every metric of the CATALOGUE, on random worlds and submissions."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from statistics import fmean
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from reverie_eval import CATALOGUE, evaluate
+from tests.oracle import Scan, World, score
+from tests.worlds import SPLIT, Case, cases, ground_truth_of, records_of, scores_of, unhurried
+
+KINDS = {
+    "path_length": "metres",
+    "success": "ratio",
+    "oracle_success": "ratio",
+    "spl": "ratio",
+    "rgs": "ratio",
+    "rgspl": "ratio",
+    "navigation_error": "metres",
+    "oracle_error": "metres",
+    "shortest_length": "metres",
+    "steps": "count",
+    "jumps": "count",
+}
+"""How every metric scales: a new one has to be entered here."""
+GROWTH_IN_A_WORLD_TWICE_AS_LARGE = {"metres": 2, "ratio": 1, "count": 1}
+
+ROUNDING = 1e-12
+NEVER_ABOVE = [
+    pytest.param("spl", "success", id="SPL never above success"),
+    pytest.param("success", "oracle_success", id="success never above oracle success"),
+    pytest.param("rgspl", "rgs", id="RGSPL never above RGS"),
+    pytest.param("oracle_error", "navigation_error", id="oracle error never above error"),
+]
+
+every_metric = pytest.mark.parametrize("key", CATALOGUE)
+few_examples = settings(unhurried, max_examples=10)
+
+
+def test_every_metric_is_classified() -> None:
+    assert KINDS.keys() == CATALOGUE.keys()
+
+
+@every_metric
+def test_unit_is_that_of_the_kind(key: str) -> None:
+    units = {"metres": "metres", "ratio": "fraction", "count": "count"}
+    assert CATALOGUE[key].unit == units[KINDS[key]]
+
+
+@unhurried
+@given(case=cases)
+def test_agrees_with_the_oracle_to_the_last_digit(case: Case) -> None:
+    assert _episodes(case) == score(case.world, case.predictions)
+
+
+@unhurried
+@given(case=cases)
+def test_score_is_the_mean_over_episodes(case: Case) -> None:
+    episodes = score(case.world, case.predictions).values()
+    means = {key: fmean(values[key] for values in episodes) for key in CATALOGUE}
+    assert dict(scores_of(case)) == pytest.approx(means, rel=ROUNDING)
+
+
+@few_examples
+@given(case=cases)
+def test_columns_are_the_catalogue_in_its_order(case: Case) -> None:
+    assert list(scores_of(case).episodes) == list(CATALOGUE)
+
+
+@every_metric
+@few_examples
+@given(case=cases)
+def test_one_value_per_episode(key: str, case: Case) -> None:
+    assert scores_of(case).episodes[key].shape == (len(case.predictions),)
+
+
+@every_metric
+@few_examples
+@given(case=cases)
+def test_values_are_within_the_declared_bounds(key: str, case: Case) -> None:
+    values = scores_of(case).episodes[key]
+    assert ((values >= 0) & (values <= CATALOGUE[key].upper_bound)).all()
+
+
+@every_metric
+@few_examples
+@given(case=cases, data=st.data())
+def test_order_of_records_does_not_matter(key: str, case: Case, data: st.DataObject) -> None:
+    ground_truth = ground_truth_of(case.world)
+    records = records_of(case.predictions)
+    shuffled = data.draw(st.permutations(records))
+    before, after = (
+        evaluate(submission, split=SPLIT, ground_truth=ground_truth).episodes[key].tolist()
+        for submission in (records, shuffled)
+    )
+    assert after == before
+
+
+@every_metric
+@few_examples
+@given(case=cases)
+def test_scoring_every_episode_twice_leaves_the_mean(key: str, case: Case) -> None:
+    assert scores_of(_doubled(case))[key] == pytest.approx(scores_of(case)[key], rel=ROUNDING)
+
+
+@every_metric
+@few_examples
+@given(case=cases)
+def test_a_world_twice_as_large_doubles_metres_alone(key: str, case: Case) -> None:
+    larger = replace(case, world=_twice_as_large(case.world))
+    growth = GROWTH_IN_A_WORLD_TWICE_AS_LARGE[KINDS[key]]
+    expected = growth * scores_of(case).episodes[key]
+    assert scores_of(larger).episodes[key] == pytest.approx(expected, rel=ROUNDING)
+
+
+@pytest.mark.parametrize(("smaller", "larger"), NEVER_ABOVE)
+@few_examples
+@given(case=cases)
+def test_metrics_keep_their_order(smaller: str, larger: str, case: Case) -> None:
+    episodes = scores_of(case).episodes
+    assert (episodes[smaller] <= episodes[larger]).all()
+
+
+def _episodes(case: Case) -> Mapping[str, Mapping[str, float]]:
+    scores = scores_of(case)
+    columns = [column.tolist() for column in scores.episodes.values()]
+    rows = (dict(zip(scores.episodes, row, strict=True)) for row in zip(*columns, strict=True))
+    return dict(zip(scores.instr_ids, rows, strict=True))
+
+
+def _doubled(case: Case) -> Case:
+    """Add every episode, with what was predicted for it, under another id."""
+    copies = [replace(task, task_id=f"copy_{task.task_id}") for task in case.world.tasks]
+    copied = {f"copy_{instr_id}": done for instr_id, done in case.predictions.items()}
+    world = replace(case.world, tasks=[*case.world.tasks, *copies])
+    return Case(world, {**case.predictions, **copied})
+
+
+def _twice_as_large(world: World) -> World:
+    """Double the coordinates of every viewpoint."""
+    return replace(world, scans={id_: _scan_twice_as_large(s) for id_, s in world.scans.items()})
+
+
+def _scan_twice_as_large(scan: Scan) -> Scan:
+    viewpoints = {}
+    for viewpoint_id, viewpoint in scan.viewpoints.items():
+        x, y, z = viewpoint.position
+        viewpoints[viewpoint_id] = replace(viewpoint, position=(2 * x, 2 * y, 2 * z))
+    return replace(scan, viewpoints=viewpoints)

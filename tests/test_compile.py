@@ -1,0 +1,521 @@
+"""Compiling the published files: what a bundle holds, and what is said of files that are wrong."""
+
+import json
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fixtures.demo_world.episodes import Answer, episodes_of, submitted
+from reverie_eval import DatasetError, GroundTruth, Problem, evaluate
+from reverie_eval.ground_truth import Bundle
+from reverie_eval.ground_truth.compile import compile_split
+from reverie_eval.ground_truth.dataset import DatasetFiles
+from tests.oracle import Scan, Viewpoint, distances_from
+
+SPLIT = "val_unseen"
+DATA = Path("tasks", "REVERIE", "data")
+ANNOTATIONS = DATA / f"REVERIE_{SPLIT}.json"
+BOXES = DATA / "BBox"
+CONNECTIVITY = Path("connectivity")
+MANSION = CONNECTIVITY / "DemoMansion_connectivity.json"
+RECTORY = CONNECTIVITY / "DemoRectory_connectivity.json"
+
+
+def compiled(root: Path, split: str = SPLIT, **elsewhere: Path) -> Bundle:
+    """Compile a split of the files below a folder."""
+    return compile_split(DatasetFiles.find(split, root, **elsewhere), split)
+
+
+@pytest.fixture(scope="module")
+def bundle(demo_world: Path) -> Bundle:
+    """Compile the demo world's val_unseen split."""
+    return compiled(demo_world)
+
+
+@pytest.fixture
+def world(demo_world: Path, tmp_path: Path) -> Path:
+    """Copy what val_unseen needs of the demo world, to be spoiled."""
+    others = shutil.ignore_patterns("Demo[!MR]*")
+    return shutil.copytree(demo_world, tmp_path / "world", ignore=others)
+
+
+def read(path: Path) -> Any:
+    """Return what a JSON file holds."""
+    return json.loads(path.read_text())
+
+
+def edit(path: Path, change: Callable[[Any], object]) -> None:
+    """Change what a JSON file holds."""
+    content = read(path)
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+# What a bundle holds.
+
+
+def test_a_bundle_lists_the_episodes_of_its_split(bundle: Bundle) -> None:
+    assert bundle.header.split == SPLIT
+    assert bundle.arrays["scan_id"].tolist() == ["DemoMansion", "DemoRectory"]
+    expected = [episode.instr_id for episode in episodes_of(SPLIT)]
+    assert bundle.arrays["instr_id"].tolist() == expected
+
+
+def test_a_bundle_knows_the_episodes_of_other_splits(bundle: Bundle) -> None:
+    """The test split's too: its ids are public."""
+    others = {split: ids.tolist() for split, ids in bundle.other_splits.items()}
+    assert others == {
+        split: [episode.instr_id for episode in episodes_of(split)]
+        for split in ("test", "train", "val_seen")
+    }
+
+
+def test_another_split_that_cannot_be_read_is_left_out(world: Path) -> None:
+    (world / DATA / "REVERIE_train.json").write_text("[")
+    assert compiled(world).other_splits.keys() == {"test", "val_seen"}
+
+
+def test_sources_are_named_by_their_digests(bundle: Bundle, world: Path) -> None:
+    edit(world / ANNOTATIONS, lambda tasks: tasks[0].update(heading=0))
+    sources, other = bundle.header.sources, compiled(world).header.sources
+    assert sources.keys() == {"annotations", "boxes", "connectivity"}
+    assert {kind for kind in sources if sources[kind] != other[kind]} == {"annotations"}
+
+
+def test_progress_is_shown_over_the_files_to_read(demo_world: Path) -> None:
+    seen: dict[str, int] = {}
+
+    def track(files: Sequence[Path], description: str) -> Iterable[Path]:
+        seen[description] = len(files)
+        return files
+
+    compile_split(DatasetFiles.find(SPLIT, demo_world), SPLIT, track=track)
+    included = sum(
+        place["included"] for file in (MANSION, RECTORY) for place in read(demo_world / file)
+    )
+    assert seen == {"navigation graphs": 2, "boxes": included}
+
+
+# Distances.
+
+
+def scan_of(connectivity: Path) -> Scan:
+    """Read a navigation graph as the oracle takes it."""
+    places = read(connectivity)
+    viewpoints = {
+        place["image_id"]: Viewpoint(
+            position=(place["pose"][3], place["pose"][7], place["pose"][11]),
+            included=place["included"],
+        )
+        for place in places
+    }
+    pairs = {
+        (place["image_id"], other)
+        for place in places
+        for other, unobstructed in zip(viewpoints, place["unobstructed"], strict=True)
+        if unobstructed
+    }
+    return Scan(viewpoints, frozenset(pairs))
+
+
+@pytest.mark.parametrize("split", ["train", "val_seen", "val_unseen", "test"])
+def test_distances_have_the_digits_of_dijkstra(split: str, demo_world: Path) -> None:
+    graph = GroundTruth.from_bundle(compiled(demo_world, split)).graph
+    for number, scan_id in enumerate(graph.scan_ids):
+        scan = scan_of(demo_world / CONNECTIVITY / f"{scan_id}_connectivity.json")
+        rows = np.flatnonzero(graph.viewpoint_scan == number)
+        viewpoint_ids = [graph.viewpoint_ids[row] for row in rows]
+        assert viewpoint_ids == [id_ for id_, place in scan.viewpoints.items() if place.included]
+        for row, viewpoint_id in zip(rows, viewpoint_ids, strict=True):
+            reached = distances_from(scan, viewpoint_id)
+            distances = graph.distance_between(np.full_like(rows, row), rows)
+            assert distances.tolist() == [reached.get(other, np.inf) for other in viewpoint_ids]
+
+
+# Where the files are.
+
+
+def _in_the_published_layout(world: Path) -> DatasetFiles:
+    return DatasetFiles.find(SPLIT, world)
+
+
+def _each_pointed_at(world: Path) -> DatasetFiles:
+    apart = world.parent
+    (world / ANNOTATIONS).rename(apart / "annotations.json")
+    (world / BOXES).rename(apart / "objects")
+    (world / CONNECTIVITY).rename(apart / "graphs")
+    return DatasetFiles.find(
+        SPLIT,
+        annotations=apart / "annotations.json",
+        boxes=apart / "objects",
+        connectivity=apart / "graphs",
+    )
+
+
+def _one_pointed_at(world: Path) -> DatasetFiles:
+    (world / CONNECTIVITY).rename(world.parent / "graphs")
+    return DatasetFiles.find(SPLIT, world, connectivity=world.parent / "graphs")
+
+
+def _annotations_by_their_folder(world: Path) -> DatasetFiles:
+    (world / DATA).rename(world.parent / "data")
+    data = world.parent / "data"
+    return DatasetFiles.find(SPLIT, world, annotations=data, boxes=data / "BBox")
+
+
+def _boxes_in_one_file(world: Path) -> DatasetFiles:
+    boxes = {path.stem: read(path)[_viewpoint(path)] for path in (world / BOXES).iterdir()}
+    (world / DATA / "BBoxes.json").write_text(json.dumps(boxes))
+    shutil.rmtree(world / BOXES)
+    return DatasetFiles.find(SPLIT, world)
+
+
+def _boxes_in_one_file_without_empty_viewpoints(world: Path) -> DatasetFiles:
+    files = _boxes_in_one_file(world)
+    edit(files.boxes, lambda boxes: [boxes.pop(key) for key in list(boxes) if not boxes[key]])
+    return files
+
+
+def _viewpoint(boxes: Path) -> str:
+    return boxes.stem.partition("_")[2]
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        _in_the_published_layout,
+        _each_pointed_at,
+        _one_pointed_at,
+        _annotations_by_their_folder,
+        _boxes_in_one_file,
+        _boxes_in_one_file_without_empty_viewpoints,
+    ],
+    ids=lambda files: files.__name__.strip("_").replace("_", " "),
+)
+def test_the_same_files_anywhere_give_the_same_fingerprint(
+    files: Callable[[Path], DatasetFiles], world: Path, bundle: Bundle
+) -> None:
+    found = compile_split(files(world), SPLIT)
+    assert found.header.fingerprint == bundle.header.fingerprint
+
+
+# Test splits.
+
+
+def test_the_published_test_file_gives_a_public_bundle(demo_world: Path) -> None:
+    bundle = compiled(demo_world, "test")
+    assert bundle.is_public
+    assert bundle.header.sources.keys() == {"annotations", "connectivity"}
+
+
+def test_a_private_test_file_gives_a_bundle_that_scores(demo_world: Path) -> None:
+    truth = GroundTruth.from_bundle(
+        compiled(demo_world, "test", annotations=demo_world / "private")
+    )
+    perfect = [
+        submitted(episode, Answer(episode.task.path, episode.task.target))
+        for episode in episodes_of("test")
+    ]
+    scores = evaluate(perfect, split="test", ground_truth=truth)
+    assert (scores["success"], scores["rgs"], scores["navigation_error"]) == (1, 1, 0)
+
+
+# What can be wrong.
+
+
+def _tasks(change: Callable[[Any], object]) -> Callable[[Path], None]:
+    return lambda world: edit(world / ANNOTATIONS, change)
+
+
+def _mansion(change: Callable[[Any], object]) -> Callable[[Path], None]:
+    return lambda world: edit(world / MANSION, change)
+
+
+def _block_one_way(places: Any) -> None:
+    """Wall up the first passage from the first viewpoint, from one side only."""
+    unobstructed = places[0]["unobstructed"]
+    unobstructed[unobstructed.index(True)] = False
+
+
+def _name_as_in_the_rectory(world: Path) -> None:
+    name = read(world / RECTORY)[0]["image_id"]
+    edit(world / MANSION, lambda places: places[0].update(image_id=name))
+
+
+def _boxes_at_first_goal(world: Path) -> Path:
+    task = read(world / ANNOTATIONS)[0]
+    return world / BOXES / f"{task['scan']}_{task['path'][-1]}.json"
+
+
+def _hide_first_target(world: Path) -> None:
+    """Take the first task's target out of all views from its goal."""
+    path, target = _boxes_at_first_goal(world), str(read(world / ANNOTATIONS)[0]["objId"])
+    hidden: Mapping[str, Sequence[int]] = {"visible_pos": [], "bbox2d": []}
+    edit(path, lambda boxes: boxes[_viewpoint(path)][target].update(hidden))
+
+
+def _box_at_first_goal(**fields: object) -> Callable[[Path], None]:
+    """Return the fault of a box with these fields at the first task's goal."""
+
+    def spoil(world: Path) -> None:
+        path = _boxes_at_first_goal(world)
+        box = {"visible_pos": [3], "bbox2d": [[0, 0, 9, 9]], **fields}
+        edit(path, lambda boxes: boxes[_viewpoint(path)].update({"999": box}))
+
+    return spoil
+
+
+def _end_on_the_balcony(world: Path) -> None:
+    """Move the last task's goal, with all that is seen there, to where no route leads."""
+    goal = read(world / ANNOTATIONS)[-1]["path"][-1]
+    rectory = scan_of(world / RECTORY)
+    balcony = next(
+        name
+        for name, place in rectory.viewpoints.items()
+        if place.included and len(distances_from(rectory, name)) == 1
+    )
+    edit(
+        world / ANNOTATIONS, lambda tasks: tasks[-1].update(path=[*tasks[-1]["path"][:-1], balcony])
+    )
+    seen = read(world / BOXES / f"DemoRectory_{goal}.json")[goal]
+    (world / BOXES / f"DemoRectory_{balcony}.json").write_text(json.dumps({balcony: seen}))
+
+
+def _remove_boxes_of_a_viewpoint_that_lists_nothing(world: Path) -> None:
+    empty = [
+        path for path in (world / BOXES).glob("DemoMansion_*") if read(path)[_viewpoint(path)] == {}
+    ]
+    empty[0].unlink()
+
+
+def problems_of(world: Path) -> Sequence[Problem]:
+    """Return everything that is wrong with the files."""
+    with pytest.raises(DatasetError) as rejected:
+        compiled(world)
+    return rejected.value.problems
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code", "where", "fragment"),
+    [
+        pytest.param(
+            lambda world: (world / ANNOTATIONS).unlink(),
+            "missing-input",
+            ANNOTATIONS,
+            "give a clone of the dataset repository, or point at them with --annotations",
+            id="no annotations",
+        ),
+        pytest.param(
+            lambda world: shutil.rmtree(world / BOXES),
+            "missing-input",
+            BOXES,
+            "point at them with --boxes",
+            id="no boxes",
+        ),
+        pytest.param(
+            lambda world: shutil.rmtree(world / CONNECTIVITY),
+            "missing-input",
+            CONNECTIVITY,
+            "point at them with --connectivity",
+            id="no graphs",
+        ),
+        pytest.param(
+            lambda world: (world / ANNOTATIONS).write_text('[{"scan": }]'),
+            "malformed-file",
+            ANNOTATIONS,
+            "not the published format: Invalid JSON",
+            id="annotations are no JSON",
+        ),
+        pytest.param(
+            lambda world: (world / ANNOTATIONS).write_text("[]"),
+            "malformed-file",
+            ANNOTATIONS,
+            "at least 1 item",
+            id="no task",
+        ),
+        pytest.param(
+            _tasks(lambda tasks: tasks[1].update(objId="lamp")),
+            "malformed-file",
+            ANNOTATIONS,
+            "[1].objId: Input should be a valid integer",
+            id="target is a text",
+        ),
+        pytest.param(
+            _tasks(lambda tasks: tasks[1].update(path=[])),
+            "malformed-file",
+            ANNOTATIONS,
+            "[1].path: List should have at least 1 item",
+            id="empty path",
+        ),
+        pytest.param(
+            _tasks(lambda tasks: [task.pop("instructions") for task in tasks[:5]]),
+            "malformed-file",
+            ANNOTATIONS,
+            "[0].instructions: Field required, [1].instructions: Field required, "
+            "[2].instructions: Field required and 2 more",
+            id="instructions missing",
+        ),
+        pytest.param(
+            _tasks(lambda tasks: [task.pop("objId") for task in tasks[1:3]]),
+            "missing-answer",
+            ANNOTATIONS,
+            "objId is missing in 2 of 32 tasks",
+            id="targets missing in part",
+        ),
+        pytest.param(
+            _tasks(lambda tasks: tasks.append(tasks[0])),
+            "duplicate-episode",
+            ANNOTATIONS,
+            "more than once",
+            id="task given twice",
+        ),
+        pytest.param(
+            _tasks(lambda tasks: [tasks[row]["path"].insert(1, "0ff1ce") for row in (0, 1)]),
+            "unknown-viewpoint",
+            ANNOTATIONS,
+            "the path leaves the navigation graph in 2 of 32 tasks",
+            id="path through an unknown viewpoint",
+        ),
+        pytest.param(
+            _tasks(lambda tasks: tasks[0]["path"].insert(1, tasks[-1]["path"][0])),
+            "unknown-viewpoint",
+            ANNOTATIONS,
+            "the path leaves the navigation graph in 1 of 32 tasks",
+            id="path through another scan",
+        ),
+        pytest.param(
+            _end_on_the_balcony,
+            "unreachable-goal",
+            ANNOTATIONS,
+            "the goal cannot be reached from the start in 1 of 32 tasks",
+            id="goal that no route leads to",
+        ),
+        pytest.param(
+            _tasks(lambda tasks: [task.update(objId=999) for task in tasks[:4]]),
+            "target-not-listed",
+            ANNOTATIONS,
+            "the target is not listed at the goal in 4 of 32 tasks",
+            id="target not listed at the goal",
+        ),
+        pytest.param(
+            _hide_first_target,
+            "target-not-visible",
+            ANNOTATIONS,
+            "Annotations and boxes of different dataset versions look like this",
+            id="target listed and not visible",
+        ),
+        pytest.param(
+            lambda world: (world / MANSION).unlink(),
+            "missing-scan",
+            CONNECTIVITY,
+            "no connectivity file for 1 of 2 scans: DemoMansion",
+            id="scan missing",
+        ),
+        pytest.param(
+            _mansion(lambda places: places[0]["pose"].pop()),
+            "malformed-file",
+            MANSION,
+            "[0].pose: List should have at least 16 items",
+            id="pose of fifteen numbers",
+        ),
+        pytest.param(
+            _mansion(lambda places: places[0].update(pose=[float("nan")] * 16)),
+            "malformed-file",
+            MANSION,
+            "[0].pose[0]: Input should be a finite number",
+            id="pose of NaN",
+        ),
+        pytest.param(
+            _mansion(_block_one_way),
+            "asymmetric-graph",
+            MANSION,
+            "unobstructed one way only",
+            id="passage in one direction",
+        ),
+        pytest.param(
+            _mansion(lambda places: [place["unobstructed"].pop() for place in places[:2]]),
+            "malformed-graph",
+            MANSION,
+            "one entry for each of the 31 viewpoints in 2 viewpoints",
+            id="ragged graph",
+        ),
+        pytest.param(
+            _name_as_in_the_rectory,
+            "duplicate-viewpoint",
+            CONNECTIVITY,
+            "1 id of more than one viewpoint",
+            id="viewpoint id in two scans",
+        ),
+        pytest.param(
+            _remove_boxes_of_a_viewpoint_that_lists_nothing,
+            "missing-boxes",
+            BOXES,
+            "no boxes for 1 of 50 viewpoints",
+            id="box file missing",
+        ),
+        pytest.param(
+            _box_at_first_goal(visible_pos=[36]),
+            "malformed-file",
+            BOXES,
+            "999.visible_pos[0]: Input should be less than 36",
+            id="thirty-seventh view",
+        ),
+        pytest.param(
+            _box_at_first_goal(visible_pos=[3, 4]),
+            "malformed-file",
+            BOXES,
+            "views: 2, boxes: 1",
+            id="view without a box",
+        ),
+        pytest.param(
+            _box_at_first_goal(bbox2d=[[0, 0, 0, 9]]),
+            "malformed-file",
+            BOXES,
+            "Input should be greater than or equal to 1",
+            id="box without width",
+        ),
+    ],
+)
+def test_a_fault_in_the_files(
+    spoil: Callable[[Path], object], code: str, where: Path, fragment: str, world: Path
+) -> None:
+    spoil(world)
+    fitting = [problem for problem in problems_of(world) if problem.code == code]
+    assert len(fitting) == 1
+    assert fitting[0].where.startswith(str(world / where))
+    assert fragment in fitting[0].message
+
+
+def test_all_faults_are_reported_at_once(world: Path) -> None:
+    _end_on_the_balcony(world)
+    _hide_first_target(world)
+    _tasks(lambda tasks: tasks.append(tasks[0]))(world)
+    _remove_boxes_of_a_viewpoint_that_lists_nothing(world)
+    assert {problem.code for problem in problems_of(world)} == {
+        "duplicate-episode",
+        "unreachable-goal",
+        "target-not-visible",
+        "missing-boxes",
+    }
+
+
+def test_all_missing_inputs_are_named_at_once(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError) as rejected:
+        DatasetFiles.find(SPLIT, tmp_path)
+    assert [problem.where for problem in rejected.value.problems] == [
+        str(tmp_path / place) for place in (ANNOTATIONS, BOXES, CONNECTIVITY)
+    ]
+
+
+def test_nothing_given_at_all() -> None:
+    with pytest.raises(DatasetError) as rejected:
+        DatasetFiles.find(SPLIT)
+    assert [problem.where for problem in rejected.value.problems] == [
+        "annotations",
+        "boxes",
+        "connectivity",
+    ]

@@ -1,0 +1,334 @@
+"""The metrics one by one: tables worked by hand, and boxes against independent arithmetic."""
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import TypeAlias
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from reverie_eval.arrays import Array, FloatArray, IntArray
+from reverie_eval.metrics import (
+    box_iou,
+    box_match,
+    candidate_match,
+    jumps,
+    navigation_error,
+    oracle_error,
+    oracle_success,
+    path_length,
+    spl,
+    steps,
+    success,
+)
+from tests.worlds import unhurried
+
+Box: TypeAlias = tuple[int, int, int, int]
+"""Left, top, width, height."""
+
+
+# Navigation: one episode per row, its poses in a list.
+
+
+@pytest.mark.parametrize(
+    ("legs", "expected"),
+    [
+        pytest.param([0.0], 0.0, id="single pose"),
+        pytest.param([0.0, 0.0, 0.0], 0.0, id="turns on the spot"),
+        pytest.param([0.0, 2.0, 3.5], 5.5, id="two legs"),
+        pytest.param([0.0, 2.0, 0.0, 2.0], 4.0, id="there, rest and back"),
+        pytest.param([0.0, 0.1, 0.2, 0.3], 0.6000000000000001, id="added from first to last"),
+        pytest.param([0.0] + [0.1] * 10, 0.9999999999999999, id="added one by one, not in pairs"),
+        pytest.param([0.0, 1e16, 1.0, 1.0], 1e16, id="added without compensation"),
+    ],
+)
+def test_path_length_of_one_episode(legs: list[float], expected: float) -> None:
+    assert path_length(np.array(legs), _one_episode(legs)).tolist() == [expected]
+
+
+@pytest.mark.parametrize(
+    ("visible", "expected"),
+    [
+        pytest.param([True], True, id="single pose that sees the target"),
+        pytest.param([False], False, id="single pose that does not"),
+        pytest.param([False, False, True], True, id="at the stop"),
+        pytest.param([True, False, False], False, id="at the start only"),
+        pytest.param([False, True, False], False, id="on the way only"),
+    ],
+)
+def test_success_of_one_episode(*, visible: list[bool], expected: bool) -> None:
+    assert success(np.array(visible), _one_episode(visible)).tolist() == [expected]
+
+
+@pytest.mark.parametrize(
+    ("visible", "expected"),
+    [
+        pytest.param([True], True, id="single pose that sees the target"),
+        pytest.param([False], False, id="single pose that does not"),
+        pytest.param([False, False, True], True, id="at the stop"),
+        pytest.param([True, False, False], True, id="at the start only"),
+        pytest.param([False, True, False], True, id="on the way only"),
+        pytest.param([False, False, False], False, id="nowhere"),
+    ],
+)
+def test_oracle_success_of_one_episode(*, visible: list[bool], expected: bool) -> None:
+    assert oracle_success(np.array(visible), _one_episode(visible)).tolist() == [expected]
+
+
+@pytest.mark.parametrize(
+    ("succeeded", "walked", "shortest", "expected"),
+    [
+        pytest.param(True, 10.0, 10.0, 1.0, id="shortest route"),
+        pytest.param(True, 20.0, 10.0, 0.5, id="twice as long"),
+        pytest.param(True, 8.0, 10.0, 1.0, id="shortcut is capped"),
+        pytest.param(True, 0.0, 10.0, 1.0, id="right without a step"),
+        pytest.param(True, 0.0, 0.0, 1.0, id="already there"),
+        pytest.param(True, 5.0, 0.0, 0.0, id="already there but walks"),
+        pytest.param(True, 0.004, 0.002, 0.5, id="no floor under a short route"),
+        pytest.param(False, 10.0, 10.0, 0.0, id="failure"),
+        pytest.param(False, 0.0, 0.0, 0.0, id="failure without a step"),
+    ],
+)
+def test_spl_of_one_episode(
+    *, succeeded: bool, walked: float, shortest: float, expected: float
+) -> None:
+    result = spl(np.array([succeeded]), np.array([walked]), np.array([shortest]))
+    assert result.tolist() == [expected]
+
+
+@pytest.mark.parametrize(
+    ("goal_distances", "expected"),
+    [
+        pytest.param([0.0], 0.0, id="single pose on the goal"),
+        pytest.param([4.5], 4.5, id="single pose away from it"),
+        pytest.param([4.5, 2.0, 0.0], 0.0, id="stops on the goal"),
+        pytest.param([4.5, 0.0, 2.0], 2.0, id="walks past the goal"),
+        pytest.param([2.0, 4.5], 4.5, id="walks away"),
+    ],
+)
+def test_navigation_error_of_one_episode(goal_distances: list[float], expected: float) -> None:
+    result = navigation_error(np.array(goal_distances), _one_episode(goal_distances))
+    assert result.tolist() == [expected]
+
+
+@pytest.mark.parametrize(
+    ("goal_distances", "expected"),
+    [
+        pytest.param([0.0], 0.0, id="single pose on the goal"),
+        pytest.param([4.5], 4.5, id="single pose away from it"),
+        pytest.param([4.5, 2.0, 3.0], 2.0, id="nearest on the way"),
+        pytest.param([2.0, 4.5], 2.0, id="nearest at the start"),
+        pytest.param([4.5, 3.0], 3.0, id="nearest at the stop"),
+    ],
+)
+def test_oracle_error_of_one_episode(goal_distances: list[float], expected: float) -> None:
+    result = oracle_error(np.array(goal_distances), _one_episode(goal_distances))
+    assert result.tolist() == [expected]
+
+
+@pytest.mark.parametrize(
+    ("offsets", "expected"),
+    [
+        pytest.param([0, 1], [0], id="single pose"),
+        pytest.param([0, 4], [3], id="four poses"),
+        pytest.param([0, 3, 4, 6], [2, 0, 1], id="three episodes"),
+    ],
+)
+def test_steps(offsets: list[int], expected: list[int]) -> None:
+    assert steps(np.array(offsets)).tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("is_jump", "expected"),
+    [
+        pytest.param([False], 0, id="single pose"),
+        pytest.param([False, False, False], 0, id="edge after edge"),
+        pytest.param([False, True, False], 1, id="one leg without an edge"),
+        pytest.param([False, True, True, True], 3, id="every leg without an edge"),
+    ],
+)
+def test_jumps_of_one_episode(is_jump: list[bool], expected: int) -> None:
+    assert jumps(np.array(is_jump), _one_episode(is_jump)).tolist() == [expected]
+
+
+THREE_EPISODES = np.array([0, 3, 4, 6])
+METRES = np.array([0.0, 2.0, 3.0, 1.0, 2.0, 7.0])
+FLAGS = np.array([False, True, False, True, False, False])
+
+
+@pytest.mark.parametrize(
+    ("metric", "poses", "expected"),
+    [
+        pytest.param(path_length, METRES, [5.0, 1.0, 9.0], id="path length"),
+        pytest.param(success, FLAGS, [False, True, False], id="success"),
+        pytest.param(oracle_success, FLAGS, [True, True, False], id="oracle success"),
+        pytest.param(navigation_error, METRES, [3.0, 1.0, 7.0], id="navigation error"),
+        pytest.param(oracle_error, METRES, [0.0, 1.0, 2.0], id="oracle error"),
+        pytest.param(jumps, FLAGS, [1, 1, 0], id="jumps"),
+    ],
+)
+def test_episodes_are_kept_apart(
+    metric: Callable[[Array, IntArray], Array], poses: Array, expected: list[float]
+) -> None:
+    assert metric(poses, THREE_EPISODES).tolist() == expected
+
+
+# Grounding.
+
+
+@pytest.mark.parametrize(
+    ("predicted", "target", "expected"),
+    [
+        pytest.param(7, 7, True, id="the target"),
+        pytest.param(8, 7, False, id="another object"),
+        pytest.param(0, 0, True, id="the target has id 0"),
+        pytest.param(0, 7, False, id="0 is an object, not a joker"),
+        pytest.param(-1, 7, False, id="abstains"),
+        pytest.param(-1, 0, False, id="abstains where the target has id 0"),
+    ],
+)
+def test_candidate_match_of_one_episode(*, predicted: int, target: int, expected: bool) -> None:
+    assert candidate_match(np.array([predicted]), np.array([target])).tolist() == [expected]
+
+
+# Boxes.
+
+
+@pytest.mark.parametrize(
+    ("predicted", "target", "expected"),
+    [
+        pytest.param((3, 4, 5, 6), (3, 4, 5, 6), 1.0, id="identical"),
+        pytest.param((0, 0, 2, 2), (1, 0, 2, 2), 1 / 3, id="shifted by half a width"),
+        pytest.param((0, 0, 3, 1), (1, 0, 3, 1), 1 / 2, id="shifted by a third"),
+        pytest.param((0, 0, 1, 1), (0, 0, 2, 2), 1 / 4, id="one pixel of four"),
+        pytest.param((1, 1, 1, 1), (0, 0, 3, 3), 1 / 9, id="inside"),
+        pytest.param((0, 0, 2, 2), (2, 0, 2, 2), 0.0, id="touching at a side"),
+        pytest.param((0, 0, 2, 2), (2, 2, 2, 2), 0.0, id="touching at a corner"),
+        pytest.param((0, 0, 2, 2), (5, 7, 2, 2), 0.0, id="apart both ways"),
+        pytest.param((0, 0, 2, 2), (0, 7, 2, 2), 0.0, id="apart one way"),
+        pytest.param((0, 0, 640, 480), (0, 0, 640, 240), 1 / 2, id="the view and its upper half"),
+    ],
+)
+def test_box_iou_of_one_pair(predicted: Box, target: Box, expected: float) -> None:
+    assert _iou(predicted, target) == expected
+
+
+@pytest.mark.parametrize(
+    ("predicted", "target", "expected"),
+    [
+        pytest.param((3, 4, 5, 6), (3, 4, 5, 6), True, id="identical"),
+        pytest.param((0, 0, 3, 1), (1, 0, 3, 1), True, id="exactly one half"),
+        pytest.param((0, 0, 300, 1), (100, 0, 300, 1), True, id="exactly one half, in 400 pixels"),
+        pytest.param((0, 0, 300, 1), (99, 0, 300, 1), True, id="a pixel above"),
+        pytest.param((0, 0, 300, 1), (101, 0, 300, 1), False, id="a pixel below"),
+        pytest.param((0, 0, 640, 480), (0, 0, 640, 240), True, id="half of the view"),
+        pytest.param((0, 0, 640, 480), (0, 0, 640, 239), False, id="a row less than half of it"),
+        pytest.param((0, 0, 2, 2), (1, 0, 2, 2), False, id="one third"),
+        pytest.param((0, 0, 2, 2), (2, 0, 2, 2), False, id="touching"),
+    ],
+)
+def test_box_match_of_one_pair(*, predicted: Box, target: Box, expected: bool) -> None:
+    assert _matches(predicted, target) is expected
+
+
+def test_box_match_at_another_threshold() -> None:
+    boxes = np.array([[0.0, 0, 1, 1], [0, 0, 1, 1]]), np.array([[0.0, 0, 2, 2], [0, 0, 5, 1]])
+    assert box_match(*boxes, threshold=0.25).tolist() == [True, False]
+
+
+def test_boxes_are_compared_pair_by_pair() -> None:
+    predicted = np.array([[0.0, 0, 2, 2], [5, 5, 1, 1]])
+    target = np.array([[5.0, 5, 1, 1], [5, 5, 1, 1]])
+    assert box_iou(predicted, target).tolist() == [0.0, 1.0]
+
+
+def boxes_within(width: int, height: int) -> st.SearchStrategy[Box]:
+    """Draw a box of whole pixels inside a view of this size."""
+    left_and_top = st.tuples(st.integers(0, width - 1), st.integers(0, height - 1))
+    return left_and_top.flatmap(
+        lambda at: st.tuples(
+            st.just(at[0]),
+            st.just(at[1]),
+            st.integers(1, width - at[0]),
+            st.integers(1, height - at[1]),
+        )
+    )
+
+
+views = boxes_within(640, 480)
+crops = boxes_within(4, 3)
+"""So few pixels that boxes often match, and often by exactly one half."""
+pairs = st.one_of(st.tuples(views, views), st.tuples(crops, crops))
+
+
+@unhurried
+@given(pair=pairs)
+def test_box_iou_agrees_with_shapely(pair: tuple[Box, Box]) -> None:
+    predicted, target = (shapely.box(x, y, x + w, y + h) for x, y, w, h in pair)
+    expected = predicted.intersection(target).area / predicted.union(target).area
+    assert _iou(*pair) == pytest.approx(expected, rel=1e-12)
+
+
+@unhurried
+@given(pair=pairs)
+def test_box_match_agrees_with_exact_arithmetic(pair: tuple[Box, Box]) -> None:
+    assert _matches(*pair) is (_exact_iou(*pair) >= Fraction(1, 2))
+
+
+@unhurried
+@given(pair=pairs)
+def test_box_iou_is_symmetric(pair: tuple[Box, Box]) -> None:
+    predicted, target = pair
+    assert _iou(predicted, target) == _iou(target, predicted)
+
+
+@unhurried
+@given(pair=pairs, right=st.integers(-640, 640), down=st.integers(-480, 480))
+def test_moving_both_boxes_changes_nothing(pair: tuple[Box, Box], right: int, down: int) -> None:
+    predicted, target = ((x + right, y + down, w, h) for x, y, w, h in pair)
+    assert _iou(predicted, target) == _iou(*pair)
+
+
+@unhurried
+@given(pair=pairs, across=st.integers(1, 9), along=st.integers(1, 9))
+def test_stretching_both_boxes_changes_nothing(
+    pair: tuple[Box, Box], across: int, along: int
+) -> None:
+    predicted, target = ((across * x, along * y, across * w, along * h) for x, y, w, h in pair)
+    assert _iou(predicted, target) == _iou(*pair)
+
+
+def _one_episode(poses: list[float] | list[bool]) -> IntArray:
+    return np.array([0, len(poses)])
+
+
+def _iou(predicted: Box, target: Box) -> float:
+    return box_iou(_as_row(predicted), _as_row(target)).item()
+
+
+def _matches(predicted: Box, target: Box) -> bool:
+    return box_match(_as_row(predicted), _as_row(target)).item()
+
+
+def _as_row(box: Box) -> FloatArray:
+    return np.array([box], dtype=np.float64)
+
+
+def _exact_iou(first: Box, second: Box) -> Fraction:
+    """Count the pixels that both boxes cover over those that either covers."""
+    across = set(_columns(first)) & set(_columns(second))
+    along = set(_rows(first)) & set(_rows(second))
+    both = len(across) * len(along)
+    total = first[2] * first[3] + second[2] * second[3]
+    return Fraction(both, total - both)
+
+
+def _columns(box: Box) -> range:
+    return range(box[0], box[0] + box[2])
+
+
+def _rows(box: Box) -> range:
+    return range(box[1], box[1] + box[3])

@@ -1,0 +1,116 @@
+"""What is public: the names of the package, and the files of the distribution."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+from hatchling.build import build_wheel
+
+import reverie_eval
+from tests.conftest import REPOSITORY
+
+NAMES = [
+    "CATALOGUE",
+    "PROTOCOLS",
+    "DatasetError",
+    "GroundTruth",
+    "GroundTruthError",
+    "Problem",
+    "ProtocolError",
+    "RejectedError",
+    "ReverieEvalError",
+    "Scores",
+    "SubmissionError",
+    "Validation",
+    "__version__",
+    "evaluate",
+    "validate",
+]
+"""The whole vocabulary of a notebook. Taking a name out breaks somebody's code."""
+
+
+def test_the_names_of_the_package() -> None:
+    assert reverie_eval.__all__ == NAMES
+
+
+def test_every_public_name_can_be_imported() -> None:
+    namespace: dict[str, object] = {}
+    exec("from reverie_eval import *", namespace)
+    assert namespace.keys() - {"__builtins__"} == set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_class_and_function_is_documented(name: str) -> None:
+    value = getattr(reverie_eval, name)
+    assert not callable(value) or value.__doc__
+
+
+@pytest.mark.parametrize("name", ["cli", "tests", "fixtures", "benchmarks"])
+def test_the_repository_is_not_importable(name: str, tmp_path: Path) -> None:
+    """Only what is distributed is: `import cli` would be a name taken from everybody."""
+    process = subprocess.run(
+        [sys.executable, "-c", f"import {name}"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={},
+    )
+    assert f"No module named '{name}'" in process.stderr
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ZipFile]:
+    """Build the wheel of this working copy."""
+    folder = tmp_path_factory.mktemp("wheel")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(REPOSITORY)
+        name = build_wheel(str(folder))
+    with ZipFile(folder / name) as archive:
+        yield archive
+
+
+def test_the_wheel_takes_these_names_and_no_other(wheel: ZipFile) -> None:
+    assert {name.partition("/")[0] for name in wheel.namelist()} == {
+        "reverie_eval",
+        "reverie_eval_cli",
+        f"reverie_eval-{reverie_eval.__version__}.dist-info",
+    }
+
+
+@pytest.mark.parametrize(
+    "package", [Path("reverie_eval"), Path("cli", "reverie_eval_cli")], ids=lambda path: path.name
+)
+def test_the_wheel_holds_all_files_of_a_package(package: Path, wheel: ZipFile) -> None:
+    folder = REPOSITORY / package
+    expected = {
+        path.relative_to(folder.parent).as_posix()
+        for path in folder.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert {name for name in wheel.namelist() if name.startswith(f"{package.name}/")} == expected
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "reverie_eval/py.typed",
+        "reverie_eval_cli/py.typed",
+        "reverie_eval/ground_truth/demo/train.npz",
+        "reverie_eval/ground_truth/demo/val_seen.npz",
+        "reverie_eval/ground_truth/demo/val_unseen.npz",
+        "reverie_eval/ground_truth/demo/test.public.npz",
+        "reverie_eval/ground_truth/demo/private/test.npz",
+        f"reverie_eval-{reverie_eval.__version__}.dist-info/licenses/LICENSE",
+    ],
+)
+def test_the_wheel_holds_more_than_modules(name: str, wheel: ZipFile) -> None:
+    assert name in wheel.namelist()
+
+
+def test_the_wheel_installs_the_command(wheel: ZipFile) -> None:
+    entry_points = wheel.read(f"reverie_eval-{reverie_eval.__version__}.dist-info/entry_points.txt")
+    assert b"reverie-eval = reverie_eval_cli.main:main" in entry_points

@@ -11,7 +11,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,6 +23,7 @@ import reverie_eval as rv
 from fixtures.published import published_folder, unpack_dataset
 
 SUBMISSION = "val_unseen.mixed1"
+HEADLINE = tuple(key for key, metric in rv.CATALOGUE.items() if metric.headline)
 SPLITS = ("val_seen", "val_unseen", "test")
 REVERIE_EVAL = str(Path(sys.executable).with_name("reverie-eval"))
 
@@ -53,7 +54,8 @@ def main() -> int:
             submission.write_bytes(packed.read())
         bundle = work / "val_unseen.npz"
         figures = [
-            ("bytes to scores / orjson.loads", in_process_ratio(submission, bundle), 3.0),
+            ("bytes to score table / orjson.loads", in_process_ratio(submission, bundle), 3.0),
+            ("with path fidelity / score table", fidelity_ratio(submission, bundle), 10.0),
             ("command / import numpy, pydantic", command_ratio(submission, bundle), 1.6),
             ("bundle load, ms", 1000 * load_seconds(bundle), 20.0),
             ("peak memory / file size", peak_memory_ratio(submission, bundle), 8.0),
@@ -61,7 +63,7 @@ def main() -> int:
         ]
     for name, figure, bar in figures:
         verdict = "ok" if figure <= bar else "OVER"
-        print(f"{name:34} {figure:7.2f}   at most {bar:5.1f}   {verdict}")
+        print(f"{name:36} {figure:7.2f}   at most {bar:5.1f}   {verdict}")
     return int(any(figure > bar for _, figure, bar in figures))
 
 
@@ -78,10 +80,25 @@ def in_process_ratio(submission: Path, bundle: Path) -> float:
     content = submission.read_bytes()
     truth = rv.GroundTruth.load(bundle)
     return ratio_of_medians(
-        lambda: rv.evaluate(content, split="val_unseen", ground_truth=truth),
-        lambda: orjson.loads(content),
-        rounds=101,
+        lambda: score(content, truth, HEADLINE), lambda: orjson.loads(content), rounds=101
     )
+
+
+def fidelity_ratio(submission: Path, bundle: Path) -> float:
+    """Time scoring with path fidelity against the score table alone."""
+    content = submission.read_bytes()
+    truth = rv.GroundTruth.load(bundle)
+    return ratio_of_medians(
+        lambda: score(content, truth, (*HEADLINE, "dtw", "ndtw", "sdtw", "cls")),
+        lambda: score(content, truth, HEADLINE),
+        rounds=51,
+    )
+
+
+def score(content: bytes, truth: rv.GroundTruth, keys: Sequence[str]) -> list[float]:
+    """Score a submission and compute these metrics, which is not done before it is asked for."""
+    scores = rv.evaluate(content, split="val_unseen", ground_truth=truth)
+    return [scores[key] for key in keys]
 
 
 def command_ratio(submission: Path, bundle: Path) -> float:

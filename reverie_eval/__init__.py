@@ -15,7 +15,7 @@ from reverie_eval.errors import (
     ReverieEvalError,
     SubmissionError,
 )
-from reverie_eval.evaluation import evaluate, validate
+from reverie_eval.evaluation import diagnose, evaluate, evaluate_protocols, validate
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.protocol import PROTOCOLS
@@ -36,6 +36,8 @@ __all__ = [
     "SubmissionError",
     "Validation",
     "__version__",
+    "diagnose",
     "evaluate",
+    "evaluate_protocols",
     "validate",
 ]

@@ -10,10 +10,11 @@ from itertools import repeat
 
 import numpy as np
 
-from reverie_eval.arrays import IntArray, offsets_of, row_of, take_rows
+from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of, take_rows
 from reverie_eval.errors import Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.reading import Predictions, problems
+from reverie_eval.reading.findings import Place
 
 _UNKNOWN = -1
 
@@ -28,6 +29,8 @@ class AlignedSubmission:
     """Shape (n_episodes + 1,): where each episode's trajectory begins in ``viewpoint``."""
     predicted_object: IntArray
     """Shape (n_episodes,): object id within the scan, or -1."""
+    answer_is_text: BoolArray
+    """Shape (n_episodes,): whether the object id is written as text."""
 
 
 def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
@@ -52,6 +55,31 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
         viewpoint=viewpoint[take_rows(order, predictions.offsets)],
         offsets=offsets_of(np.diff(predictions.offsets)[order]),
         predicted_object=predictions.predicted_object[order],
+        answer_is_text=predictions.answer_is_text[order],
+    )
+
+
+def place_at_goal(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
+    """Hold the answers against a split, with every agent at the end of its annotated path.
+
+    Raises
+    ------
+    SubmissionError
+        Listing everything that is wrong, what could not be read included.
+    GroundTruthError
+        If the ground truth is a public bundle.
+    """
+    episode = _numbers(predictions.instr_ids, ground_truth.episodes.index)
+    found = [*predictions.problems, *_episode_problems(predictions, episode, ground_truth)]
+    if found:
+        raise SubmissionError(found)
+    order = np.argsort(episode)
+    goal = ground_truth.secret.goal
+    return AlignedSubmission(
+        viewpoint=goal,
+        offsets=np.arange(len(goal) + 1),
+        predicted_object=predictions.predicted_object[order],
+        answer_is_text=predictions.answer_is_text[order],
     )
 
 
@@ -98,20 +126,20 @@ def _stranger_problems(
 ) -> Iterator[Problem]:
     for other, group in strangers.items():
         if other is not None:
-            row, instr_id = _named(predictions, group[0])
-            yield problems.ids_of_another_split(len(group), other, split, row, instr_id)
+            place, instr_id = _named(predictions, group[0])
+            yield problems.ids_of_another_split(len(group), other, split, place, instr_id)
     for prediction in strangers.get(None, ()):
         yield problems.unknown_episode(*_named(predictions, prediction), split)
 
 
 def _duplicate_problems(predictions: Predictions, episode: IntArray) -> Iterator[Problem]:
-    first_row: dict[int, int] = {}
+    first: dict[int, Place] = {}
     for prediction, number in enumerate(episode.tolist()):
-        row, instr_id = _named(predictions, prediction)
-        if number in first_row:
-            yield problems.duplicate_episode(row, instr_id, first_row[number])
+        place, instr_id = _named(predictions, prediction)
+        if number in first:
+            yield problems.duplicate_episode(place, instr_id, first[number])
         elif number != _UNKNOWN:
-            first_row[number] = row
+            first[number] = place
 
 
 def _missing_problems(missing: IntArray, ground_truth: GroundTruth) -> Iterator[Problem]:
@@ -123,8 +151,8 @@ def _missing_problems(missing: IntArray, ground_truth: GroundTruth) -> Iterator[
         yield problems.missing_episode(instr_ids[number], ground_truth.split)
 
 
-def _named(predictions: Predictions, prediction: int) -> tuple[int, str]:
-    return predictions.rows[prediction], str(predictions.instr_ids[prediction])
+def _named(predictions: Predictions, record: int) -> tuple[Place, str]:
+    return predictions.place(record), str(predictions.instr_ids[record])
 
 
 def _trajectory_problems(
@@ -150,15 +178,15 @@ def _pose_problem(
     predictions: Predictions, pose: int, viewpoint: int, start: int, graph: NavigationGraph
 ) -> Problem:
     prediction = int(np.searchsorted(predictions.offsets, pose, side="right")) - 1
-    row, instr_id = _named(predictions, prediction)
-    number = pose - int(predictions.offsets[prediction])
+    place, instr_id = _named(predictions, prediction)
+    path = predictions.pose_path(prediction, pose)
     viewpoint_id = str(predictions.viewpoint_ids[pose])
     scan = graph.scan_of(start)
     if viewpoint == _UNKNOWN:
-        return problems.unknown_viewpoint(row, number, viewpoint_id, scan)
+        return problems.unknown_viewpoint(place, path, viewpoint_id, scan)
     if graph.scan_of(viewpoint) != scan:
         found = graph.scan_of(viewpoint)
-        return problems.viewpoint_of_another_scan(row, number, viewpoint_id, scan, found)
-    if number == 0:
-        return problems.wrong_start(row, instr_id, graph.viewpoint_ids[start], viewpoint_id)
-    return problems.unreachable(row, number, viewpoint_id)
+        return problems.viewpoint_of_another_scan(place, path, viewpoint_id, scan, found)
+    if pose == predictions.offsets[prediction]:
+        return problems.wrong_start(place, instr_id, graph.viewpoint_ids[start], viewpoint_id)
+    return problems.unreachable(place, path, viewpoint_id)

@@ -1,19 +1,25 @@
-"""Evaluate: the one place that joins reading, aligning, observing and scoring."""
+"""Evaluate: the one place that joins reading, aligning, looking up and judging."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
-from types import MappingProxyType
-
-import numpy as np
+from typing import Literal, Self, get_args
 
 from reverie_eval import metrics
-from reverie_eval.alignment import align
-from reverie_eval.arrays import Array, frozen
-from reverie_eval.facts import Facts, find_jumps, observe
+from reverie_eval.alignment import AlignedSubmission, align, place_at_goal
+from reverie_eval.episode_table import EpisodeTable
+from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.facts import Facts, find_jumps
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.protocol import DEFAULT_PROTOCOL, protocol_named
-from reverie_eval.reading import Submission, read_predictions
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, protocol_named
+from reverie_eval.reading import Predictions, Submission, read_predictions
+from reverie_eval.remarks import about_answers, about_trajectories, how_it_was_read
 from reverie_eval.scores import Scores, Validation
+
+Track = Literal["full", "grounding"]
+"""What an agent had to do: find its way and name the object, or name it from the goal."""
 
 
 def evaluate(
@@ -22,6 +28,7 @@ def evaluate(
     split: str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
+    track: Track = "full",
 ) -> Scores:
     """Score a submission.
 
@@ -29,14 +36,18 @@ def evaluate(
     ----------
     submission : path, bytes, open file, or sequence of records
         The result file (plain or gzip, ``-`` for standard input), its content, or its records as
-        Python objects: ``{"instr_id", "trajectory", "predObjId"}``.
+        Python objects: ``{"instr_id", "trajectory", "predObjId"}``, or any form that public
+        codebases write.
     split : str
         ``train``, ``val_seen``, ``val_unseen`` or ``test``.
     ground_truth : path or GroundTruth, optional
         A bundle, or a folder of bundles. Without it, what ``REVERIE_EVAL_GROUND_TRUTH`` names,
         and failing that the synthetic demo world that ships with the package.
     protocol : str
-        A name in ``PROTOCOLS``.
+        A name in ``PROTOCOLS``, or an alias.
+    track : "full" or "grounding"
+        In the grounding track the agent stands at the end of the annotated path: trajectories are
+        not looked at and may be left out, and RGS is the only score.
 
     Returns
     -------
@@ -48,7 +59,7 @@ def evaluate(
     SubmissionError
         If the submission is wrong; lists every problem with its place.
     GroundTruthError
-        If there is no sound ground truth with answers for the split.
+        If there is no sound ground truth with answers for the split and the protocol.
     ProtocolError
         If there is no such protocol.
     OSError
@@ -61,9 +72,48 @@ def evaluate(
     0.82
     """
     rules = protocol_named(protocol)
-    truth = find_ground_truth(ground_truth, split)
-    facts = observe(align(read_predictions(submission), truth), truth)
-    return Scores(truth, rules, episode_table(facts))
+    truth = _with_answers(ground_truth, split)
+    return _read(submission, truth, track).score(rules)
+
+
+def evaluate_protocols(
+    submission: Submission,
+    *,
+    split: str,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    track: Track = "full",
+) -> Mapping[str, Scores]:
+    """Score a submission under every protocol that the ground truth can serve, by name.
+
+    Parameters and errors are those of :func:`evaluate`.
+    """
+    truth = _with_answers(ground_truth, split)
+    reading = _read(submission, truth, track)
+    obstacles = {name: reading.obstacle(rules) for name, rules in PROTOCOLS.items()}
+    left_out = [f"left out: {obstacle}" for obstacle in obstacles.values() if obstacle]
+    reading = replace(reading, remarks=[*reading.remarks, *left_out])
+    return {name: reading.score(rules) for name, rules in PROTOCOLS.items() if not obstacles[name]}
+
+
+def diagnose(
+    submission: Submission,
+    *,
+    split: str,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    protocol: str = DEFAULT_PROTOCOL,
+) -> tuple[Scores, Scores]:
+    """Score a submission as it was meant, and as a reader of each hop's first viewpoint would.
+
+    Evaluators that read only the first viewpoint of every element of a trajectory (the dataset's
+    own, the 2022 challenge's) cut nested hops without a word. Parameters and errors are those of
+    :func:`evaluate`.
+    """
+    rules = protocol_named(protocol)
+    truth = _with_answers(ground_truth, split)
+    predictions = read_predictions(submission)
+    whole = _Reading.of(predictions, truth)
+    cut = _Reading.of(predictions.first_of_hops(), truth, qualifier="reading:first-of-hop")
+    return whole.score(rules), cut.score(rules)
 
 
 def validate(
@@ -72,37 +122,86 @@ def validate(
     split: str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
 ) -> Validation:
-    """Check a submission as :func:`evaluate` does, without looking at answers.
+    """Check a submission as :func:`evaluate` does, without looking at goals or targets.
 
     A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
     """
     truth = find_ground_truth(ground_truth, split)
-    aligned = align(read_predictions(submission), truth)
+    reading = _read(submission, truth, "full")
+    aligned = reading.submission
     return Validation(
         ground_truth=truth,
         abstained=aligned.predicted_object == metrics.ABSTAINED,
         jumps=metrics.jumps(find_jumps(aligned, truth.graph), aligned.offsets),
+        remarks=reading.remarks,
     )
 
 
-def episode_table(facts: Facts) -> Mapping[str, Array]:
-    """Judge the facts: one read-only column per metric of the CATALOGUE, in its order."""
-    success = metrics.success(facts.sees_target, facts.offsets)
-    rgs = metrics.candidate_match(facts.predicted_object, facts.target_object)
-    walked = metrics.path_length(facts.leg_length, facts.offsets)
-    columns = {
-        "path_length": walked,
-        "success": success,
-        "oracle_success": metrics.oracle_success(facts.sees_target, facts.offsets),
-        "spl": metrics.spl(success, walked, facts.shortest_length),
-        "rgs": rgs,
-        "rgspl": metrics.spl(rgs, walked, facts.shortest_length),
-        "navigation_error": metrics.navigation_error(facts.goal_distance, facts.offsets),
-        "oracle_error": metrics.oracle_error(facts.goal_distance, facts.offsets),
-        "shortest_length": facts.shortest_length,
-        "steps": metrics.steps(facts.offsets),
-        "jumps": metrics.jumps(facts.is_jump, facts.offsets),
-    }
-    return MappingProxyType(
-        {key: frozen(column.astype(np.float64)) for key, column in columns.items()}
-    )
+def _with_answers(
+    ground_truth: str | PathLike[str] | GroundTruth | None, split: str
+) -> GroundTruth:
+    """Find the ground truth and make sure that it can score, before anything is read."""
+    truth = find_ground_truth(ground_truth, split)
+    _ = truth.secret
+    return truth
+
+
+def _read(submission: Submission, truth: GroundTruth, track: Track) -> "_Reading":
+    if track not in get_args(Track):
+        raise ProtocolError(f"no track {track!r}; choose one of: {', '.join(get_args(Track))}")
+    if track == "full":
+        return _Reading.of(read_predictions(submission), truth)
+    return _Reading.placed(read_predictions(submission, answers_only=True), truth)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """A sound submission beside the ground truth that it is held against."""
+
+    submission: AlignedSubmission
+    ground_truth: GroundTruth
+    remarks: Sequence[str]
+    qualifier: str = ""
+    scored: Collection[str] = tuple(CATALOGUE)
+
+    @classmethod
+    def of(cls, predictions: Predictions, truth: GroundTruth, qualifier: str = "") -> Self:
+        """Take trajectories and answers as they are."""
+        aligned = align(predictions, truth)
+        remarks = [
+            *how_it_was_read(predictions),
+            *about_answers(aligned, truth),
+            *about_trajectories(predictions, aligned),
+        ]
+        return cls(aligned, truth, remarks, qualifier)
+
+    @classmethod
+    def placed(cls, predictions: Predictions, truth: GroundTruth) -> Self:
+        """Take the answers alone, with every agent at its goal."""
+        aligned = place_at_goal(predictions, truth)
+        remarks = [*how_it_was_read(predictions), *about_answers(aligned, truth)]
+        return cls(aligned, truth, remarks, "track:grounding", ("rgs",))
+
+    @cached_property
+    def _facts(self) -> Facts:
+        return Facts(self.submission, self.ground_truth)
+
+    def obstacle(self, rules: Protocol) -> str | None:
+        """Say what keeps a protocol from judging the submission, if anything does."""
+        truth = self.ground_truth
+        if not truth.secret.serves(rules):
+            return (
+                f"{rules.name} needs object positions, which {truth.origin} was compiled without; "
+                "compile it again with --object-positions"
+            )
+        if not EpisodeTable(self._facts, rules, self.scored):
+            return f"{rules.name} does not score grounding, which is all of this track"
+        return None
+
+    def score(self, rules: Protocol) -> Scores:
+        """Judge the submission by a protocol."""
+        obstacle = self.obstacle(rules)
+        if obstacle:
+            raise GroundTruthError(obstacle)
+        table = EpisodeTable(self._facts, rules, self.scored)
+        return Scores(self.ground_truth, rules, table, self.remarks, self.qualifier)

@@ -1,68 +1,114 @@
 """What happened in every episode, before any protocol judges it."""
 
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from reverie_eval.alignment import AlignedSubmission
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray, row_of
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, row_of, take_rows
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
+from reverie_eval.metrics import path_length
 
 
-@dataclass(frozen=True, eq=False)
 class Facts:
-    """Facts about poses (flat, with ``offsets``) and about episodes."""
-
-    offsets: IntArray
-    """Shape (n_episodes + 1,): where each episode's poses begin."""
-    leg_length: FloatArray
-    """Shape (n_poses,): metres from the previous pose of the episode; 0 for its first."""
-    is_jump: BoolArray
-    """Shape (n_poses,): whether no edge leads here from another viewpoint before."""
-    goal_distance: FloatArray
-    """Shape (n_poses,): metres to the end of the annotated path."""
-    sees_target: BoolArray
-    """Shape (n_poses,): whether the target is visible from the pose's viewpoint."""
-    shortest_length: FloatArray
-    """Shape (n_episodes,): metres from the start to the end of the annotated path."""
-    predicted_object: IntArray
-    """Shape (n_episodes,): object id, or -1."""
-    target_object: IntArray
-    """Shape (n_episodes,): object id."""
-
-
-def observe(submission: AlignedSubmission, ground_truth: GroundTruth) -> Facts:
-    """Look up what a submission's trajectories met on their way.
+    """Facts about poses (flat, with ``offsets``) and about episodes, looked up when asked for.
 
     Raises
     ------
     GroundTruthError
-        If the ground truth is a public bundle, without answers.
+        When made with a public bundle, which has no answers.
     """
-    answers, graph = ground_truth.secret, ground_truth.graph
-    viewpoint = submission.viewpoint
-    episode = row_of(submission.offsets)
-    return Facts(
-        offsets=submission.offsets,
-        leg_length=graph.distance_between(_previous(submission), viewpoint),
-        is_jump=find_jumps(submission, graph),
-        goal_distance=graph.distance_between(viewpoint, answers.goal[episode]),
-        sees_target=answers.is_visible(answers.target_object[episode], viewpoint),
-        shortest_length=graph.distance_between(ground_truth.episodes.start, answers.goal),
-        predicted_object=submission.predicted_object,
-        target_object=answers.target_object,
-    )
+
+    def __init__(self, submission: AlignedSubmission, ground_truth: GroundTruth) -> None:
+        self.offsets = submission.offsets
+        self.predicted_object = submission.predicted_object
+        self.answer_is_text = submission.answer_is_text
+        self._answers = ground_truth.secret
+        self._submission = submission
+        self._ground_truth = ground_truth
+        self._graph = ground_truth.graph
+
+    @property
+    def target_object(self) -> IntArray:
+        """Shape (n_episodes,): object id."""
+        return self._answers.target_object
+
+    @cached_property
+    def leg_length(self) -> FloatArray:
+        """Shape (n_poses,): metres from the previous pose of the episode; 0 for its first."""
+        viewpoint = self._submission.viewpoint
+        return self._graph.distance_between(_previous(viewpoint, self.offsets), viewpoint)
+
+    @cached_property
+    def is_jump(self) -> BoolArray:
+        """Shape (n_poses,): whether no edge leads here from another viewpoint before."""
+        return find_jumps(self._submission, self._graph)
+
+    @cached_property
+    def goal_distance(self) -> FloatArray:
+        """Shape (n_poses,): metres to the end of the annotated path."""
+        goal = self._answers.goal[self._episode]
+        return self._graph.distance_between(self._submission.viewpoint, goal)
+
+    @cached_property
+    def sees_target(self) -> BoolArray:
+        """Shape (n_poses,): whether the target is visible from the pose's viewpoint."""
+        target = self._answers.target_object[self._episode]
+        return self._answers.is_visible(target, self._submission.viewpoint)
+
+    @cached_property
+    def sees_target_near(self) -> BoolArray:
+        """Shape (n_poses,): whether it is visible, and its centre at most 3 m from the camera."""
+        target = self._answers.target_object[self._episode]
+        return self._answers.is_visible_near(target, self._submission.viewpoint)
+
+    @cached_property
+    def shortest_length(self) -> FloatArray:
+        """Shape (n_episodes,): metres from the start to the end of the annotated path."""
+        start = self._ground_truth.episodes.start
+        return self._graph.distance_between(start, self._answers.goal)
+
+    @cached_property
+    def annotated_length(self) -> FloatArray:
+        """Shape (n_episodes,): metres along the annotated path."""
+        path, offsets = self._answers.path, self._answers.path_offsets
+        legs = self._graph.distance_between(_previous(path, offsets), path)
+        return path_length(legs, offsets)[self._ground_truth.episodes.task]
+
+    @cached_property
+    def n_poses(self) -> IntArray:
+        """Shape (n_episodes,): poses of the trajectory."""
+        return np.diff(self.offsets)
+
+    @cached_property
+    def n_nodes(self) -> IntArray:
+        """Shape (n_episodes,): nodes of the annotated path."""
+        return np.diff(self._answers.path_offsets)[self._ground_truth.episodes.task]
+
+    @cached_property
+    def pose_to_node(self) -> FloatArray:
+        """Metres from poses to nodes, a table per episode as path fidelity wants them."""
+        task = self._ground_truth.episodes.task
+        node = self._answers.path[take_rows(task, self._answers.path_offsets)]
+        episode = np.repeat(np.arange(len(task)), self.n_nodes)
+        pose = self._submission.viewpoint[take_rows(episode, self.offsets)]
+        return self._graph.distance_between(pose, np.repeat(node, self.n_poses[episode]))
+
+    @cached_property
+    def _episode(self) -> IntArray:
+        return row_of(self.offsets)
 
 
 def find_jumps(submission: AlignedSubmission, graph: NavigationGraph) -> BoolArray:
     """Whether each pose was reached from another viewpoint that no edge joins it to."""
-    previous, viewpoint = _previous(submission), submission.viewpoint
+    viewpoint = submission.viewpoint
+    previous = _previous(viewpoint, submission.offsets)
     return np.not_equal(previous, viewpoint) & ~graph.has_edge(previous, viewpoint)
 
 
-def _previous(submission: AlignedSubmission) -> IntArray:
-    """Return the viewpoint before each pose; for the first pose its own."""
-    previous = np.roll(submission.viewpoint, 1)
-    first = submission.offsets[:-1]
-    previous[first] = submission.viewpoint[first]
+def _previous(viewpoint: IntArray, offsets: IntArray) -> IntArray:
+    """Return the viewpoint before each one of its row; for the row's first its own."""
+    previous = np.roll(viewpoint, 1)
+    first = offsets[:-1]
+    previous[first] = viewpoint[first]
     return previous

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 from reverie_eval.arrays import Array, BoolArray
@@ -32,19 +31,19 @@ class Scores(Mapping[str, float]):
     protocol: Protocol
     episodes: Mapping[str, Array]
     """Per metric, one value for each episode in the order of the ground truth; read-only."""
-
-    @cached_property
-    def _means(self) -> Mapping[str, float]:
-        return {key: float(column.mean()) for key, column in self.episodes.items()}
+    remarks: Sequence[str] = ()
+    """How the file was read, and what in it is suspicious."""
+    qualifier: str = ""
+    """What else the numbers depend on, as the signature has it: ``track:grounding``."""
 
     def __getitem__(self, key: str) -> float:
-        return self._means[key]
+        return float(self.episodes[key].mean())
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._means)
+        return iter(self.episodes)
 
     def __len__(self) -> int:
-        return len(self._means)
+        return len(self.episodes)
 
     @property
     def split(self) -> str:
@@ -63,28 +62,30 @@ class Scores(Mapping[str, float]):
         The idea is sacreBLEU's (Post, "A Call for Clarity in Reporting BLEU Scores", WMT 2018).
         """
         fingerprint = self.ground_truth.fingerprint[:_FINGERPRINT_SHOWN]
-        return "|".join(
-            (
-                f"split:{self.split}",
-                f"protocol:{self.protocol.name}",
-                f"data:{fingerprint}",
-                f"n:{len(self.instr_ids)}",
-                f"version:{__version__}",
-            )
-        )
+        parts = [
+            f"split:{self.split}",
+            f"protocol:{self.protocol.name}",
+            *([self.qualifier] if self.qualifier else []),
+            f"data:{fingerprint}",
+            f"n:{len(self.instr_ids)}",
+            f"version:{__version__}",
+        ]
+        return "|".join(parts)
 
     @property
     def notes(self) -> Sequence[str]:
         """What a reader of the numbers should know, a sentence each."""
-        return _jump_notes(self.episodes["jumps"])
+        jumps = self.episodes.get("jumps")
+        return [*self.remarks, *([] if jumps is None else _jump_notes(jumps))]
 
     @property
     def headline(self) -> Sequence[Metric]:
         """The metrics that a score table shows, in its order."""
-        return [metric for metric in CATALOGUE.values() if metric.headline]
+        scored = (CATALOGUE[key] for key in self.episodes)
+        return [metric for metric in scored if metric.headline]
 
     def to_report(self) -> "ScoreReport":
-        """Return the score report: the JSON of the command line and of the server."""
+        """Return the score report, the JSON of the command line."""
         from reverie_eval.schemas.report import ScoreReport
 
         return ScoreReport(
@@ -141,14 +142,17 @@ class Validation:
     """Shape (n_episodes,): whether the answer names no object."""
     jumps: Array
     """Shape (n_episodes,): moves between viewpoints that no edge joins."""
+    remarks: Sequence[str] = ()
+    """How the file was read, and what in it is suspicious."""
 
     @property
     def notes(self) -> Sequence[str]:
         """What the participant should know before sending it, a sentence each."""
         silent = int(self.abstained.sum())
         total = counted(len(self.abstained), "answer")
-        notes = [f"no object named in {silent:,} of {total}"] if silent else []
-        return [*notes, *_jump_notes(self.jumps)]
+        some_silent = 0 < silent < len(self.abstained)  # of all, a remark speaks
+        notes = [f"no object named in {silent:,} of {total}"] if some_silent else []
+        return [*notes, *self.remarks, *_jump_notes(self.jumps)]
 
 
 def _jump_notes(jumps: Array) -> Sequence[str]:

@@ -11,6 +11,8 @@ from fixtures.published import published_folder, unpack_dataset
 from reverie_eval import GroundTruth
 from reverie_eval.ground_truth.compile import compile_split
 from reverie_eval.ground_truth.dataset import DatasetFiles
+from reverie_eval_cli.main import main
+from tests.flat import Outcome, Run, write_flat
 
 REPOSITORY = Path(__file__).parents[1]
 SAMPLES = REPOSITORY / "fixtures" / "submissions"
@@ -66,3 +68,22 @@ def demo() -> GroundTruth:
     return GroundTruth.load(
         REPOSITORY / "reverie_eval" / "ground_truth" / "demo" / "val_unseen.npz"
     )
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Return what runs the command in this process."""
+
+    def run(*words: str) -> Outcome:
+        status = main(words)
+        return Outcome(status, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in a folder with the flat: its dataset, its bundles and submissions."""
+    write_flat(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path

@@ -1,14 +1,32 @@
-"""What `official-v1` means, written once more: slowly, literally, and without the package.
+"""What every protocol means, written once more: slowly, literally, and without the package.
 
-Every function is a sentence of DESIGN, section 3, in dictionaries and loops. Tests hold the
-package against it on random worlds; it shares no line of code with what it judges.
+Every function is a sentence of docs/metrics.md or docs/protocols.md, in dictionaries and loops.
+Tests hold the package against it on random worlds; it shares no line of code with what it judges.
 """
 
 import heapq
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 Position = tuple[float, float, float]
+
+PROTOCOLS = (
+    "official-v1",
+    "paper",
+    "challenge-2022",
+    "airbert",
+    "duet",
+    "scalevln",
+    "r2r-style",
+)
+SPL_BY_ANNOTATED_LENGTH = ("duet", "scalevln")
+SPL_WITH_FLOOR = ("challenge-2022", "airbert", "duet", "scalevln")
+RGSPL_WITH_FLOOR = ("duet", "scalevln")
+GROUNDING_NEEDS_SUCCESS = ("paper", "scalevln")
+TEXT_IS_NEVER_RIGHT = ("challenge-2022",)
+WITHOUT_GROUNDING = ("r2r-style",)
 
 
 @dataclass(frozen=True)
@@ -29,6 +47,15 @@ class Scan:
     viewpoints: Mapping[str, Viewpoint]
     unobstructed: frozenset[tuple[str, str]]
     """Each pair once, in either order."""
+    centres: Mapping[int, Position] = field(default_factory=dict)
+    """Where the objects are, in metres, as far as that is known."""
+
+    @cached_property
+    def routes(self) -> Mapping[str, Mapping[str, float]]:
+        """From every viewpoint the distance of every viewpoint that can be reached."""
+        return {
+            viewpoint_id: distances_from(self, viewpoint_id) for viewpoint_id in self.viewpoints
+        }
 
     def has_edge(self, a: str, b: str) -> bool:
         """Whether the pair is unobstructed and both viewpoints are included."""
@@ -70,6 +97,8 @@ class Prediction:
 
     trajectory: Sequence[str]
     object_id: int
+    as_text: bool = False
+    """Whether it wrote the object's id as a text."""
 
 
 Predictions = Mapping[str, Prediction]
@@ -78,45 +107,103 @@ Values = Mapping[str, float]
 """By metric key."""
 
 
-def score(world: World, predictions: Predictions) -> Mapping[str, Values]:
+def score(
+    world: World, predictions: Predictions, protocol: str = "official-v1"
+) -> Mapping[str, Values]:
     """Give every episode, in the order of the tasks, its value of every metric."""
     return {
-        instr_id: score_episode(world.scans[task.scan_id], task, predictions[instr_id])
+        instr_id: score_episode(world.scans[task.scan_id], task, predictions[instr_id], protocol)
         for task in world.tasks
         for instr_id in task.instr_ids
     }
 
 
-def score_episode(scan: Scan, task: Task, prediction: Prediction) -> Values:
-    """Give one episode its values, in the order in which DESIGN lists them."""
+def score_episode(scan: Scan, task: Task, prediction: Prediction, protocol: str) -> Values:
+    """Give one episode its values, in the order in which docs/metrics.md lists them."""
     trajectory, goal = prediction.trajectory, task.path[-1]
     walked = trajectory_length(scan, trajectory)
     shortest = distance(scan, task.path[0], goal)
+    annotated = trajectory_length(scan, task.path)
+    length = annotated if protocol in SPL_BY_ANNOTATED_LENGTH else shortest
+    arrivals = [is_at_goal(scan, task, viewpoint_id, protocol) for viewpoint_id in trajectory]
+    success = arrivals[-1]
+    right = is_right(task, prediction, protocol, success=success)
     errors = [distance(scan, viewpoint_id, goal) for viewpoint_id in trajectory]
-    sightings = [scan.sees(viewpoint_id, task.target) for viewpoint_id in trajectory]
-    right = prediction.object_id == task.target
-    return {
+    warped = dynamic_time_warping(scan, trajectory, task.path)
+    likeness = math.exp(-warped / (3.0 * len(task.path)))
+    spl_floor = 0.01 if protocol in SPL_WITH_FLOOR else 0.0
+    rgspl_floor = 0.01 if protocol in RGSPL_WITH_FLOOR else 0.0
+    values = {
         "path_length": walked,
-        "success": float(sightings[-1]),
-        "oracle_success": float(any(sightings)),
-        "spl": weighted(walked, shortest, achieved=sightings[-1]),
+        "success": float(success),
+        "oracle_success": float(any(arrivals)),
+        "spl": weighted(walked, length, spl_floor, achieved=success),
         "rgs": float(right),
-        "rgspl": weighted(walked, shortest, achieved=right),
+        "rgspl": weighted(walked, length, rgspl_floor, achieved=right),
         "navigation_error": errors[-1],
         "oracle_error": min(errors),
+        "dtw": warped,
+        "ndtw": likeness,
+        "sdtw": likeness if success else 0.0,
+        "cls": coverage_by_length(scan, trajectory, task.path),
         "shortest_length": shortest,
         "steps": len(trajectory) - 1,
         "jumps": count_jumps(scan, trajectory),
     }
+    if protocol in WITHOUT_GROUNDING:
+        del values["rgs"], values["rgspl"]
+    return values
 
 
-def weighted(walked: float, shortest: float, *, achieved: bool) -> float:
-    """Success x S / max(TL, S); an agent that is there already and stays scores 1."""
+def is_at_goal(scan: Scan, task: Task, viewpoint_id: str, protocol: str) -> bool:
+    """Whether an agent that stops there succeeds."""
+    if protocol == "r2r-style":
+        return distance(scan, viewpoint_id, task.path[-1]) < 3.0
+    if protocol == "challenge-2022":
+        near = metres_to_centre(scan, viewpoint_id, task.target) <= 3.0
+        return near and scan.sees(viewpoint_id, task.target)
+    return scan.sees(viewpoint_id, task.target)
+
+
+def is_right(task: Task, prediction: Prediction, protocol: str, *, success: bool) -> bool:
+    """Whether the named object counts as the target."""
+    if protocol in TEXT_IS_NEVER_RIGHT and prediction.as_text:
+        return False
+    if protocol in GROUNDING_NEEDS_SUCCESS and not success:
+        return False
+    return prediction.object_id == task.target
+
+
+def weighted(walked: float, length: float, floor: float, *, achieved: bool) -> float:
+    """Success x length / max(TL, length, floor); where all of them are 0, success."""
     if not achieved:
         return 0.0
-    if walked == shortest == 0:
+    longest = max(walked, length, floor)
+    return length / longest if longest > 0 else 1.0
+
+
+def dynamic_time_warping(scan: Scan, trajectory: Sequence[str], path: Sequence[str]) -> float:
+    """Fill the whole table, cell by cell: the way here costs what the cheapest way before did."""
+    total = {(0, 0): 0.0}
+    for i, pose in enumerate(trajectory, start=1):
+        for j, node in enumerate(path, start=1):
+            before = [(i - 1, j), (i, j - 1), (i - 1, j - 1)]
+            cheapest = min(total.get(cell, math.inf) for cell in before)
+            total[i, j] = distance(scan, pose, node) + cheapest
+    return total[len(trajectory), len(path)]
+
+
+def coverage_by_length(scan: Scan, trajectory: Sequence[str], path: Sequence[str]) -> float:
+    """Coverage of the path, times how well the trajectory's length fits that coverage."""
+    nearness = 0.0
+    for node in path:
+        nearest = min(distance(scan, pose, node) for pose in trajectory)
+        nearness += math.exp(-nearest / 3.0)
+    coverage = nearness / len(path)
+    expected, walked = coverage * trajectory_length(scan, path), trajectory_length(scan, trajectory)
+    if expected == walked == 0:
         return 1.0
-    return shortest / max(walked, shortest)
+    return coverage * expected / (expected + abs(expected - walked))
 
 
 def trajectory_length(scan: Scan, trajectory: Sequence[str]) -> float:
@@ -144,7 +231,7 @@ def legs(trajectory: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def distance(scan: Scan, a: str, b: str) -> float:
     """Metres of the shortest route from one viewpoint to another that it leads to."""
-    return distances_from(scan, a)[b]
+    return scan.routes[a][b]
 
 
 def distances_from(scan: Scan, start: str) -> Mapping[str, float]:
@@ -167,3 +254,12 @@ def straight(scan: Scan, a: str, b: str) -> float:
     ax, ay, az = scan.viewpoints[a].position
     bx, by, bz = scan.viewpoints[b].position
     return float(((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) ** 0.5)
+
+
+def metres_to_centre(scan: Scan, viewpoint_id: str, object_id: int) -> float:
+    """Metres from the camera to the object's centre, inf where that is not known."""
+    if object_id not in scan.centres:
+        return math.inf
+    x, y, z = scan.viewpoints[viewpoint_id].position
+    dx, dy, dz = (c - v for c, v in zip(scan.centres[object_id], (x, y, z), strict=True))
+    return math.sqrt(dx * dx + dy * dy + dz * dz)

@@ -294,7 +294,10 @@ def test_a_jump_is_priced_at_the_shortest_route_and_counted(farm: GroundTruth) -
     scores = evaluate([jumps_twice, SECOND, THIRD], split=SPLIT, ground_truth=farm)
     assert scores.episodes["path_length"].tolist() == [7.0 + 0.0 + 7.0 + 3.0, 0.0, 4.0]
     assert scores.episodes["jumps"].tolist() == [2, 0, 0]
-    assert scores.notes[0].startswith("2 jumps in ")
+    assert scores.notes[-1] == (
+        "2 jumps in 1 episode: moves between viewpoints that no edge joins, priced at their "
+        "shortest distance"
+    )
 
 
 def test_validating_tells_of_jumps_and_abstentions(farm: GroundTruth) -> None:
@@ -302,6 +305,7 @@ def test_validating_tells_of_jumps_and_abstentions(farm: GroundTruth) -> None:
     checked = validate(submission, split=SPLIT, ground_truth=farm)
     assert checked.jumps.tolist() == [1, 0, 0]
     assert checked.abstained.tolist() == [True, False, True]
-    silent, jumps = checked.notes
+    silent, elsewhere, jumps = checked.notes
     assert silent == "no object named in 2 of 3 answers"
+    assert elsewhere.startswith("no answer is among the objects visible where its agent stops")
     assert "priced at their shortest distance" in jumps

@@ -16,11 +16,17 @@ from fixtures.bundles import write_demo_bundles
 from fixtures.demo_world.episodes import Answer, episodes_of, submitted
 from reverie_eval import GroundTruth, GroundTruthError, evaluate, validate
 from reverie_eval.ground_truth import ENVIRONMENT_VARIABLE, Bundle, find_ground_truth
-from reverie_eval.ground_truth.bundle import ANSWER_ARRAYS, PUBLIC_ARRAYS
+from reverie_eval.ground_truth.bundle import (
+    ANSWER_ARRAYS,
+    OPTIONAL_ANSWER_ARRAYS,
+    PUBLIC_ARRAYS,
+)
 from reverie_eval.ground_truth.locate import DEMO_BUNDLES
 from tests.worlds import SPLIT
 
 VAL_UNSEEN = DEMO_BUNDLES / "val_unseen.npz"
+PRIVATE = ANSWER_ARRAYS.keys() | OPTIONAL_ANSWER_ARRAYS.keys()
+"""The names of everything that a public bundle leaves out."""
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +52,7 @@ def content_of(bundle: Bundle) -> tuple[object, ...]:
 
 def with_other_answers(bundle: Bundle) -> Bundle:
     """Return a bundle of the same episodes in which every answer array is another."""
-    answers = {name: bundle.arrays[name][::-1].copy() + 1 for name in ANSWER_ARRAYS}
+    answers = {name: bundle.arrays[name][::-1].copy() + 1 for name in PRIVATE}
     arrays = {**bundle.arrays, **answers}
     sources = {**bundle.header.sources, "annotations": "other", "boxes": "others"}
     return Bundle.build(SPLIT, "demo", sources, arrays, bundle.other_splits)
@@ -212,10 +218,26 @@ def test_a_pickle_is_never_loaded(content: Callable[[_Trap], bytes], tmp_path: P
 
 
 def test_a_public_bundle_has_no_array_of_answers(bundle: Bundle) -> None:
-    assert bundle.arrays.keys() == PUBLIC_ARRAYS.keys() | ANSWER_ARRAYS.keys()
+    assert bundle.arrays.keys() == PUBLIC_ARRAYS.keys() | PRIVATE
     assert bundle.public().arrays.keys() == PUBLIC_ARRAYS.keys()
     assert not bundle.is_public
     assert bundle.public().is_public
+
+
+def test_a_public_bundle_has_these_arrays_and_no_other() -> None:
+    """Whoever adds one decides here that everybody may know it."""
+    assert set(PUBLIC_ARRAYS) == {
+        "instr_id",
+        "episode_task",
+        "task_start",
+        "scan_id",
+        "viewpoint_id",
+        "viewpoint_scan",
+        "viewpoint_position",
+        "distance",
+        "edge",
+    }
+    assert not PRIVATE & PUBLIC_ARRAYS.keys()
 
 
 def test_the_bytes_of_a_public_bundle_do_not_depend_on_answers(

@@ -1,16 +1,31 @@
 """What holds for every metric of the CATALOGUE, on random worlds and submissions."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Sequence
 from dataclasses import replace
+from random import Random
 from statistics import fmean
+from typing import NamedTuple
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from reverie_eval import CATALOGUE, evaluate
-from tests.oracle import Scan, World, score
-from tests.worlds import SPLIT, Case, cases, ground_truth_of, records_of, scores_of, unhurried
+from reverie_eval import CATALOGUE, GroundTruth, evaluate, evaluate_protocols
+from reverie_eval.reading import Submission
+from tests.oracle import PROTOCOLS, Scan, World, score
+from tests.worlds import (
+    SPLIT,
+    Case,
+    cases,
+    file_of,
+    ground_truth_by_hand,
+    ground_truth_of,
+    random_case,
+    records_of,
+    scores_of,
+    unhurried,
+)
 
 KINDS = {
     "path_length": "metres",
@@ -21,19 +36,31 @@ KINDS = {
     "rgspl": "ratio",
     "navigation_error": "metres",
     "oracle_error": "metres",
+    "dtw": "metres",
+    "ndtw": "fidelity",
+    "sdtw": "fidelity",
+    "cls": "fidelity",
     "shortest_length": "metres",
     "steps": "count",
     "jumps": "count",
 }
 """How every metric scales: a new one has to be entered here."""
+UNITS = {"metres": "metres", "ratio": "fraction", "fidelity": "fraction", "count": "count"}
 GROWTH_IN_A_WORLD_TWICE_AS_LARGE = {"metres": 2, "ratio": 1, "count": 1}
+"""Of every kind but fidelity: it measures by 3 m, which stay as they are."""
+SCALING = [key for key, kind in KINDS.items() if kind in GROWTH_IN_A_WORLD_TWICE_AS_LARGE]
+FIDELITY = [key for key, kind in KINDS.items() if kind == "fidelity"]
 
 ROUNDING = 1e-12
+RANDOM_WORLDS = 2500
 NEVER_ABOVE = [
     pytest.param("spl", "success", id="SPL never above success"),
     pytest.param("success", "oracle_success", id="success never above oracle success"),
     pytest.param("rgspl", "rgs", id="RGSPL never above RGS"),
     pytest.param("oracle_error", "navigation_error", id="oracle error never above error"),
+    pytest.param("sdtw", "ndtw", id="SDTW never above nDTW"),
+    pytest.param("sdtw", "success", id="SDTW never above success"),
+    pytest.param("navigation_error", "dtw", id="error never above DTW, which ends with it"),
 ]
 
 every_metric = pytest.mark.parametrize("key", CATALOGUE)
@@ -46,14 +73,21 @@ def test_every_metric_is_classified() -> None:
 
 @every_metric
 def test_unit_is_that_of_the_kind(key: str) -> None:
-    units = {"metres": "metres", "ratio": "fraction", "count": "count"}
-    assert CATALOGUE[key].unit == units[KINDS[key]]
+    assert CATALOGUE[key].unit == UNITS[KINDS[key]]
+
+
+def test_every_protocol_agrees_with_the_oracle() -> None:
+    """To the last digit, but for exponentials."""
+    for seed in range(RANDOM_WORLDS):
+        case = random_case(Random(seed))
+        submission, truth = records_of(case.predictions), ground_truth_by_hand(case.world)
+        assert _differences(case, submission, truth) == [], f"seed {seed}"
 
 
 @unhurried
 @given(case=cases)
-def test_agrees_with_the_oracle_to_the_last_digit(case: Case) -> None:
-    assert _episodes(case) == score(case.world, case.predictions)
+def test_every_protocol_agrees_with_the_oracle_from_files(case: Case) -> None:
+    assert _differences(case, file_of(case), ground_truth_of(case.world)) == []
 
 
 @unhurried
@@ -106,7 +140,7 @@ def test_scoring_every_episode_twice_leaves_the_mean(key: str, case: Case) -> No
     assert scores_of(_doubled(case))[key] == pytest.approx(scores_of(case)[key], rel=ROUNDING)
 
 
-@every_metric
+@pytest.mark.parametrize("key", SCALING)
 @few_examples
 @given(case=cases)
 def test_a_world_twice_as_large_doubles_metres_alone(key: str, case: Case) -> None:
@@ -114,6 +148,15 @@ def test_a_world_twice_as_large_doubles_metres_alone(key: str, case: Case) -> No
     growth = GROWTH_IN_A_WORLD_TWICE_AS_LARGE[KINDS[key]]
     expected = growth * scores_of(case).episodes[key]
     assert scores_of(larger).episodes[key] == pytest.approx(expected, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("key", FIDELITY)
+@few_examples
+@given(case=cases)
+def test_fidelity_never_grows_with_the_world(key: str, case: Case) -> None:
+    larger = replace(case, world=_twice_as_large(case.world))
+    growth = scores_of(larger).episodes[key] - scores_of(case).episodes[key]
+    assert (growth <= ROUNDING).all()
 
 
 @pytest.mark.parametrize(("smaller", "larger"), NEVER_ABOVE)
@@ -124,11 +167,40 @@ def test_metrics_keep_their_order(smaller: str, larger: str, case: Case) -> None
     assert (episodes[smaller] <= episodes[larger]).all()
 
 
-def _episodes(case: Case) -> Mapping[str, Mapping[str, float]]:
-    scores = scores_of(case)
-    columns = [column.tolist() for column in scores.episodes.values()]
-    rows = (dict(zip(scores.episodes, row, strict=True)) for row in zip(*columns, strict=True))
-    return dict(zip(scores.instr_ids, rows, strict=True))
+class Difference(NamedTuple):
+    """Where the package and the oracle disagree."""
+
+    protocol: str
+    instr_id: str
+    key: str
+    found: float | None
+    expected: float | None
+
+
+def _differences(
+    case: Case, submission: Submission, ground_truth: GroundTruth
+) -> Sequence[Difference]:
+    """Hold every value of every protocol against the oracle's."""
+    scored = evaluate_protocols(submission, split=SPLIT, ground_truth=ground_truth)
+    assert tuple(scored) == PROTOCOLS
+    differences = []
+    for protocol, scores in scored.items():
+        columns = {key: column.tolist() for key, column in scores.episodes.items()}
+        expected = score(case.world, case.predictions, protocol)
+        assert list(scores.instr_ids) == list(expected)
+        for row, (instr_id, values) in enumerate(expected.items()):
+            assert list(columns) == list(values)
+            differences += [
+                Difference(protocol, instr_id, key, columns[key][row], value)
+                for key, value in values.items()
+                if not _is_same(key, columns[key][row], value)
+            ]
+    return differences
+
+
+def _is_same(key: str, found: float, expected: float) -> bool:
+    tolerance = ROUNDING if key in FIDELITY else 0.0
+    return math.isclose(found, expected, rel_tol=0, abs_tol=tolerance)
 
 
 def _doubled(case: Case) -> Case:

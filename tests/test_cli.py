@@ -1,217 +1,23 @@
 """The command line as people and programs meet it: what it prints, where, and its exit status.
 
-Most tests call `main`; what depends on pipes, terminals, shells and start-up runs the installed
-command.
+Its tables are in ``test_tables.py``; what depends on pipes, terminals, shells and start-up is in
+``test_command.py``.
 """
 
-import csv
-import io
 import json
-import os
-import pty
 import re
 import shutil
-import subprocess
-import sys
-import termios
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
-from reverie_eval import CATALOGUE, GroundTruth, __version__, evaluate
-from reverie_eval.ground_truth.compile import compile_split
-from reverie_eval.ground_truth.dataset import DatasetFiles
+from reverie_eval import GroundTruth, __version__
 from reverie_eval_cli.main import main
 from tests.conftest import SAMPLES, unavailable
-from tests.oracle import Scan, Task, Viewpoint, World
-from tests.worlds import SPLIT, write_world
+from tests.flat import NOTE, SCORE, TABLE, Run, signature, words
+from tests.worlds import SPLIT
 
-COMMAND = Path(sys.executable).with_name("reverie-eval")
 BROKEN = SAMPLES / "broken.json"
-
-TUB, SINK = 5, 6
-FLAT = World(
-    {
-        "flat": Scan(
-            {
-                "door": Viewpoint((0.0, 0.0, 0.0)),
-                "hall": Viewpoint((8.0, 0.0, 0.0)),
-                "bath": Viewpoint((8.0, 6.0, 0.0), views={TUB: [12], SINK: [13]}),
-            },
-            frozenset({("door", "hall"), ("hall", "bath")}),
-        )
-    },
-    [Task("7_1", "flat", ["door", "hall", "bath"], TUB, instructions=5)],
-)
-WALKS = [
-    (["door", "hall", "bath"], TUB),  # 14 m, the shortest route
-    (["door", "bath", "hall"], SINK),  # 20 m, with a jump and past the goal
-    (["door", "hall", "door", "hall", "bath"], TUB),  # 30 m, a detour
-    (["door"], -1),  # nowhere
-    (["door", "hall", "door", "hall", "door", "bath"], -1),  # 46 m, with a jump at the end
-]
-
-
-class Outcome(NamedTuple):
-    """What a command came to."""
-
-    status: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Return what runs the command in this process."""
-
-    def run(*words: str) -> Outcome:
-        status = main(words)
-        return Outcome(status, *capsys.readouterr())
-
-    return run
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work in a folder with a dataset, its bundles and a submission."""
-    write_world(FLAT, tmp_path / "dataset")
-    bundle = compile_split(DatasetFiles.find(SPLIT, tmp_path / "dataset"), SPLIT)
-    bundle.save(tmp_path / "full.npz")
-    bundle.public().save(tmp_path / "public.npz")
-    records = [
-        {
-            "instr_id": f"7_1_{k}",
-            "trajectory": [[place, 0, 0] for place in walk],
-            "predObjId": answer,
-        }
-        for k, (walk, answer) in enumerate(WALKS)
-    ]
-    (tmp_path / "submit.json").write_text(json.dumps(records))
-    (tmp_path / "folder").mkdir()
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def words(line: str) -> list[str]:
-    """Split a command line that works in the folder."""
-    return line.format(split=f"--split {SPLIT}", full="--ground-truth full.npz").split()
-
-
-SCORE = words("submit.json {split} {full}")
-
-
-def fingerprint() -> str:
-    """Return the fingerprint of the bundle in the folder."""
-    return GroundTruth.load("full.npz").fingerprint
-
-
-def signature() -> str:
-    """Return what every table of the folder's submission is signed with."""
-    data = fingerprint()[:12]
-    return f"split:{SPLIT}|protocol:official-v1|data:{data}|n:5|version:{__version__}"
-
-
-# Formats.
-
-NOTE = (
-    "note: 2 jumps in 2 episodes: "
-    "moves between viewpoints that no edge joins, priced at their shortest distance"
-)
-TABLE = f"""\
- TL m   SR %  OSR %  SPL %  RGS %  RGSPL %
-22.00  60.00  80.00  35.42  40.00    29.33
-
-SIGNATURE
-ground truth: full.npz (custom)
-{NOTE}
-"""
-MARKDOWN = f"""\
-| TL m | SR % | OSR % | SPL % | RGS % | RGSPL % |
-| ---: | ---: | ---: | ---: | ---: | ---: |
-| 22.00 | 60.00 | 80.00 | 35.42 | 40.00 | 29.33 |
-
-`SIGNATURE`
-
-ground truth: full.npz (custom)
-
-{NOTE}
-"""
-LATEX = rf"""% SIGNATURE
-% ground truth: full.npz (custom)
-% {NOTE}
-\begin{{tabular}}{{rrrrrr}}
-\toprule
-TL m & SR \% & OSR \% & SPL \% & RGS \% & RGSPL \% \\
-\midrule
-22.00 & 60.00 & 80.00 & 35.42 & 40.00 & 29.33 \\
-\bottomrule
-\end{{tabular}}
-"""
-
-
-@pytest.mark.usefixtures("here")
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        pytest.param([], TABLE, id="table without asking"),
-        pytest.param(["--format", "table"], TABLE, id="table"),
-        pytest.param(["--format", "markdown"], MARKDOWN, id="markdown"),
-        pytest.param(["--format", "latex"], LATEX, id="latex"),
-    ],
-)
-def test_tables_for_people(options: list[str], expected: str, run: Run) -> None:
-    assert run(*SCORE, *options) == (0, expected.replace("SIGNATURE", signature()), "")
-
-
-@pytest.mark.usefixtures("here")
-def test_json(run: Run) -> None:
-    status, out, err = run(*SCORE, "--format", "json")
-    assert (status, err) == (0, "")
-    assert json.loads(out) == {
-        "schema_version": 1,
-        "signature": signature(),
-        "split": SPLIT,
-        "protocol": "official-v1",
-        "dataset": "custom",
-        "fingerprint": fingerprint(),
-        "version": __version__,
-        "episodes": 5,
-        "scores": dict(evaluate("submit.json", split=SPLIT, ground_truth="full.npz")),
-        "notes": [NOTE.removeprefix("note: ")],
-    }
-
-
-@pytest.mark.usefixtures("here")
-def test_csv(run: Run) -> None:
-    status, out, err = run(*SCORE, "--format", "csv")
-    headings, values = csv.reader(io.StringIO(out))
-    scores = evaluate("submit.json", split=SPLIT, ground_truth="full.npz")
-    assert (status, err) == (0, "")
-    assert headings == [*CATALOGUE, "signature"]
-    assert [*map(float, values[:-1])] == list(scores.values())
-    assert values[-1] == signature()
-
-
-def test_output_goes_to_a_file(here: Path, run: Run) -> None:
-    assert run(*SCORE, "--output", "scores.txt") == (0, "", "")
-    assert (here / "scores.txt").read_text() == TABLE.replace("SIGNATURE", signature())
-
-
-def test_episodes_go_to_a_file_with_all_their_digits(here: Path, run: Run) -> None:
-    assert run(*SCORE, "--episodes", "episodes.csv") == run(*SCORE)
-    headings, *rows = csv.reader((here / "episodes.csv").read_text().splitlines())
-    scores = evaluate("submit.json", split=SPLIT, ground_truth="full.npz")
-    assert headings == ["instr_id", *scores.episodes]
-    assert [row[0] for row in rows] == list(scores.instr_ids)
-    columns = zip(*(row[1:] for row in rows), strict=True)
-    expected = [column.tolist() for column in scores.episodes.values()]
-    assert [[float(value) for value in column] for column in columns] == expected
-
 
 # Exit statuses.
 
@@ -270,6 +76,51 @@ def test_episodes_go_to_a_file_with_all_their_digits(here: Path, run: Run) -> No
             id="public bundle",
         ),
         pytest.param(
+            "submit.json {split} --ground-truth public.npz --track grounding",
+            2,
+            "public.npz is a public bundle",
+            id="grounding track on a public bundle",
+        ),
+        pytest.param(
+            "submit.json {split} {full} --protocol challenge-2022",
+            2,
+            "challenge-2022 needs object positions, which full.npz was compiled without",
+            id="protocol that the bundle cannot serve",
+        ),
+        pytest.param(
+            "hops.json {split} {full} --diagnose --protocol all",
+            2,
+            "--diagnose goes with one protocol",
+            id="diagnosis by all protocols",
+        ),
+        pytest.param(
+            "hops.json {split} {full} --diagnose --track grounding",
+            2,
+            "on the full track",
+            id="diagnosis without trajectories",
+        ),
+        pytest.param(
+            f"{BROKEN} {{split}} --diagnose",
+            1,
+            "broken.json: submission rejected",
+            id="diagnosing a broken file",
+        ),
+        pytest.param(
+            f"convert {BROKEN}", 1, "broken.json: submission rejected", id="converting it"
+        ),
+        pytest.param(
+            "convert submit.json -o none/new.json",
+            2,
+            "reverie-eval: none/new.json: No such file or directory",
+            id="conversion that cannot be written",
+        ),
+        pytest.param(
+            "agent shortest {split} --ground-truth public.npz",
+            2,
+            "public.npz is a public bundle",
+            id="agent on a public bundle",
+        ),
+        pytest.param(
             "submit.json {split} {full} --output none/scores.txt",
             2,
             "reverie-eval: none/scores.txt: No such file or directory",
@@ -326,6 +177,14 @@ def test_every_problem_is_listed_with_its_place(run: Run) -> None:
         pytest.param("{split}", id="no submission"),
         pytest.param("submit.json {split} --protocol mine", id="unknown protocol"),
         pytest.param("submit.json {split} --format yaml", id="unknown format"),
+        pytest.param("submit.json {split} --track navigation", id="unknown track"),
+        pytest.param("submit.json {split} --diagnose twice", id="diagnose takes no value"),
+        pytest.param("convert", id="convert nothing"),
+        pytest.param("convert submit.json {split}", id="convert for a split"),
+        pytest.param("agent {split}", id="no agent"),
+        pytest.param("agent perfect {split}", id="unknown agent"),
+        pytest.param("agent random {split} --seed lucky", id="seed that is no number"),
+        pytest.param("schema dataset", id="unknown schema"),
         pytest.param("submit.json {split} --verbose", id="unknown option"),
         pytest.param("submit.json {split} validate", id="command at the end"),
         pytest.param("validate submit.json", id="validate without a split"),
@@ -425,7 +284,7 @@ def test_a_valid_submission_as_json(run: Run) -> None:
 @pytest.mark.usefixtures("here")
 def test_problems_as_json(run: Run) -> None:
     """They are a result, on standard output: a program has asked for them."""
-    Path("wrong.json").write_text("[{}, 7]")
+    Path("wrong.json").write_text('[{}, 7, {"predObjId": 5}]')
     status, out, err = run(*words("validate wrong.json {split} {full} --format json"))
     report = json.loads(out)
     assert (status, err, report["valid"]) == (1, "", False)
@@ -435,6 +294,8 @@ def test_problems_as_json(run: Run) -> None:
         ("missing-field", "[0]"),
         ("missing-field", "[0]"),
         ("wrong-type", "[1]"),
+        ("missing-field", "[2]"),
+        ("missing-field", "[2]"),
     ]
 
 
@@ -473,147 +334,30 @@ def test_compiling(line: str, written: str, *, is_public: bool, here: Path, run:
     assert out.endswith(f"fingerprint {truth.fingerprint}\n")
 
 
-# The installed command.
-
-
-def installed(*given: str | Path) -> Outcome:
-    """Run the installed command as a process of its own."""
-    process = subprocess.run([COMMAND, *given], capture_output=True, text=True, check=False)
-    return Outcome(process.returncode, process.stdout, process.stderr)
+# Converting, agents and schemas are tried in full elsewhere; here, how they are called.
 
 
 @pytest.mark.usefixtures("here")
-def test_a_pipe_gets_plain_text() -> None:
-    assert installed(*SCORE) == (0, TABLE.replace("SIGNATURE", signature()), "")
-
-
-def test_reasons_and_status_of_the_installed_command() -> None:
-    outcome = installed(BROKEN, "--split", SPLIT)
-    assert (outcome.status, outcome.out) == (1, "")
-    assert outcome.err.startswith(f"{BROKEN}: submission rejected")
-
-
-@pytest.mark.parametrize(
-    "line", ["submit.json {split} {full}", "validate submit.json {split} {full}", "--help"]
-)
-def test_a_reader_that_has_gone_is_no_failure(line: str, here: Path) -> None:
-    """As with `| head -1`, at the worst moment: nobody reads any more when it prints."""
-    readable, writable = os.pipe()
-    os.close(readable)
-    with os.fdopen(writable, "w") as nobody:
-        process = subprocess.run(
-            [COMMAND, *words(line)], stdout=nobody, stderr=subprocess.PIPE, text=True, check=False
-        )
-    assert (process.returncode, process.stderr) == (0, "")
-
-
-def test_python_runs_the_module_alike() -> None:
-    module = [sys.executable, "-m", "reverie_eval_cli", "--version"]
-    assert subprocess.check_output(module, text=True) == installed("--version").out
-
-
-HEAVY = ("fastapi", "pandas", "pydantic", "rich", "scipy", "shapely")
-LOADED = f"""
-import sys
-from reverie_eval_cli.main import main
-status = main(sys.argv[1:])
-print([name for name in {HEAVY} if name in sys.modules], file=sys.stderr)
-sys.exit(status)
-"""
-
-
-@pytest.mark.usefixtures("here")
-def test_plain_scoring_imports_nothing_heavy() -> None:
-    process = subprocess.run(
-        [sys.executable, "-c", LOADED, *SCORE], capture_output=True, text=True, check=True
+def test_a_converted_file_scores_the_same(run: Run) -> None:
+    status, out, err = run(*words("convert hops.json -o converted.json"))
+    assert (status, out) == (0, "")
+    assert err.startswith("hops.json: read as: 3 trajectories of nested hops; ")
+    assert run(*words("converted.json {split} {full}")).out.startswith(
+        TABLE.partition("SIGNATURE")[0]
     )
-    assert process.stderr == "[]\n"
-
-
-# Terminals.
-
-ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
-
-
-def on_terminal(columns: int, *given: str) -> str:
-    """Run the installed command on a terminal of this width and return what it shows."""
-    leader, follower = pty.openpty()
-    termios.tcsetwinsize(follower, (24, columns))
-    environment = os.environ | {"TERM": "xterm-256color"}
-    for name in ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR"):
-        environment.pop(name, None)
-    with subprocess.Popen(
-        [COMMAND, *given], stdin=follower, stdout=follower, stderr=follower, env=environment
-    ):
-        os.close(follower)
-        with os.fdopen(leader, "rb", buffering=0) as screen:
-            return _everything(screen).decode().replace("\r\n", "\n")
-
-
-def _everything(screen: io.FileIO) -> bytes:
-    """Read until the other side has closed, which Linux calls an error."""
-    shown = b""
-    try:
-        while chunk := screen.read(4096):
-            shown += chunk
-    except OSError:
-        pass
-    return shown
 
 
 @pytest.mark.usefixtures("here")
-@pytest.mark.parametrize("columns", [20, 40, 80, 120])
-def test_the_table_fits_the_terminal(columns: int) -> None:
-    shown = on_terminal(columns, *SCORE)
-    table, _, captions = ESCAPES.sub("", shown).partition("split:")
-    assert max(map(len, table.splitlines())) <= columns
-    assert re.findall(r"\d+\.\d\d", table) == ["22.00", "60.00", "80.00", "35.42", "40.00", "29.33"]
-    for heading in ("TL m", "SR %", "OSR %", "SPL %", "RGS %", "RGSPL %"):
-        assert heading in table
-    assert f"split:{captions.splitlines()[0]}" == signature()
-
-
-@pytest.mark.usefixtures("here")
-def test_only_a_terminal_gets_escape_codes() -> None:
-    assert ESCAPES.search(on_terminal(80, *SCORE))
-    assert not ESCAPES.search(installed(*SCORE).out)
+def test_converting_prints_where_no_file_is_named(run: Run) -> None:
+    status, out, err = run("convert", "submit.json")
+    assert (status, err) == (0, "")
+    assert json.loads(out) == [
+        {**record, "trajectory": [[place, 0.0, 0.0] for place, _, _ in record["trajectory"]]}
+        for record in json.loads(Path("submit.json").read_text())
+    ]
 
 
 # Completion.
-
-COMPLETE = """
-eval "$(reverie-eval completion bash)"
-COMP_LINE=$1 COMP_POINT=${#1} COMP_TYPE=9
-_python_argcomplete reverie-eval
-printf '%s\\n' "${COMPREPLY[@]}"
-"""
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        pytest.param("reverie-eval --sp", {"--split"}, id="option"),
-        pytest.param("reverie-eval val", {"validate"}, id="command"),
-        pytest.param("reverie-eval validate --sp", {"--split"}, id="option of a command"),
-        pytest.param("reverie-eval compile --pu", {"--public"}, id="option of one command only"),
-        pytest.param("reverie-eval submit.json --pu", set(), id="not where it is none"),
-        pytest.param("reverie-eval submit.json --format la", {"latex"}, id="value of an option"),
-        pytest.param("reverie-eval sub", {"submit.json"}, id="file"),
-        pytest.param("reverie-eval validate sub", {"submit.json"}, id="file of a command"),
-        pytest.param("reverie-eval completion z", {"zsh"}, id="shell"),
-    ],
-)
-def test_completion_in_bash(line: str, expected: set[str], here: Path) -> None:
-    bash = shutil.which("bash")
-    if not bash:
-        unavailable("there is no bash")
-    path = f"{COMMAND.parent}{os.pathsep}{os.environ['PATH']}"
-    completions = subprocess.check_output(
-        [str(bash), "--norc", "-c", COMPLETE, "bash", line],
-        text=True,
-        env=os.environ | {"PATH": path},
-    )
-    assert {word.strip() for word in completions.splitlines()} - {""} == expected
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish", "powershell"])

@@ -136,6 +136,107 @@ def test_distances_have_the_digits_of_dijkstra(split: str, demo_world: Path) -> 
             assert distances.tolist() == [reached.get(other, np.inf) for other in viewpoint_ids]
 
 
+# Positions.
+
+
+def test_viewpoints_are_where_their_poses_are(bundle: Bundle, demo_world: Path) -> None:
+    graph = GroundTruth.from_bundle(bundle).graph
+    places = {place["image_id"]: place["pose"] for place in read(demo_world / MANSION)}
+    places |= {place["image_id"]: place["pose"] for place in read(demo_world / RECTORY)}
+    expected = [[places[id_][at] for at in (3, 7, 11)] for id_ in graph.viewpoint_ids]
+    assert graph.viewpoint_position.tolist() == expected
+
+
+def centred(world: Path, centres: object, split: str = SPLIT) -> Bundle:
+    """Compile the files below a folder with these object positions."""
+    path = world / "centres.json"
+    path.write_text(json.dumps(centres))
+    return compiled(world, split, object_positions=path)
+
+
+def test_candidates_are_measured_to_their_centres(world: Path) -> None:
+    place = next(place for place in read(world / MANSION) if place["included"])
+    boxes = world / BOXES / f"DemoMansion_{place['image_id']}.json"
+    seen = {"visible_pos": [3], "bbox2d": [[0, 0, 9, 9]]}
+    edit(boxes, lambda content: content[place["image_id"]].update({"801": seen, "802": seen}))
+    x, y, z = (place["pose"][at] for at in (3, 7, 11))
+    arrays = centred(world, {"DemoMansion": {"801": [x + 2, y - 6, z + 9]}}).arrays
+    viewpoint = arrays["viewpoint_id"].tolist().index(place["image_id"])
+    here = arrays["candidate_viewpoint"] == viewpoint
+    metres = dict(
+        zip(
+            arrays["candidate_object"][here].tolist(),
+            arrays["candidate_distance"][here].tolist(),
+            strict=True,
+        )
+    )
+    assert metres.pop(801) == pytest.approx(11.0, rel=1e-12)
+    assert set(metres.values()) == {np.inf}
+
+
+def test_a_centre_counts_in_its_own_scan_alone(world: Path) -> None:
+    """Object ids are numbered within each scan."""
+    everything = {str(object_id): [0.0, 0.0, 0.0] for object_id in range(1000)}
+    bundle = centred(world, {"DemoRectory": everything, "ElsewhereHouse": everything})
+    truth = GroundTruth.from_bundle(bundle)
+    scans = [truth.graph.scan_of(row) for row in bundle.arrays["candidate_viewpoint"].tolist()]
+    known = np.isfinite(bundle.arrays["candidate_distance"]).tolist()
+    assert known == [scan == "DemoRectory" for scan in scans]
+
+
+def test_object_positions_are_not_looked_for(bundle: Bundle, demo_world: Path) -> None:
+    """They lie beside the demo world, and a bundle's fingerprint does not depend on that."""
+    assert (demo_world / "objpos.json").is_file()
+    assert "candidate_distance" not in bundle.arrays
+
+
+def test_object_positions_change_fingerprint_and_sources(bundle: Bundle, world: Path) -> None:
+    measured = centred(world, {})
+    assert measured.header.fingerprint != bundle.header.fingerprint
+    assert measured.header.sources.keys() - bundle.header.sources.keys() == {"object_positions"}
+    others = {name: array.tolist() for name, array in measured.arrays.items()}
+    del others["candidate_distance"]
+    assert others == {name: array.tolist() for name, array in bundle.arrays.items()}
+
+
+def test_a_public_bundle_is_not_changed_by_object_positions(demo_world: Path) -> None:
+    positions = demo_world / "objpos.json"
+    measured = compiled(demo_world, "test", object_positions=positions)
+    assert measured.arrays.keys() == compiled(demo_world, "test").arrays.keys()
+    assert measured.header.fingerprint == compiled(demo_world, "test").header.fingerprint
+
+
+@pytest.mark.parametrize(
+    ("content", "fragment"),
+    [
+        pytest.param("{", "Invalid JSON", id="no JSON"),
+        pytest.param("[]", "Input should be", id="list"),
+        pytest.param('{"DemoMansion": {"3": [1, 2]}}', "DemoMansion.3", id="two coordinates"),
+        pytest.param('{"DemoMansion": {"3": [1, 2, NaN]}}', "DemoMansion.3", id="NaN"),
+        pytest.param('{"DemoMansion": {"3": [1, 2, 1e999]}}', "DemoMansion.3", id="infinite"),
+        pytest.param(
+            '{"DemoMansion": {"lamp": [1, 2, 3]}}', "DemoMansion.lamp", id="object by name"
+        ),
+    ],
+)
+def test_object_positions_that_are_none(content: str, fragment: str, world: Path) -> None:
+    path = world / "centres.json"
+    path.write_text(content)
+    with pytest.raises(DatasetError) as rejected:
+        compiled(world, object_positions=path)
+    (problem,) = rejected.value.problems
+    assert (problem.code, problem.where) == ("malformed-file", str(path))
+    assert fragment in problem.message
+
+
+def test_no_object_positions_where_they_are_pointed_at(world: Path) -> None:
+    with pytest.raises(DatasetError) as rejected:
+        compiled(world, object_positions=world / "none.json")
+    (problem,) = rejected.value.problems
+    assert (problem.code, problem.where) == ("missing-input", str(world / "none.json"))
+    assert "--object-positions" in problem.message
+
+
 # Where the files are.
 
 
@@ -391,7 +492,7 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _end_on_the_balcony,
             "unreachable-goal",
             ANNOTATIONS,
-            "the goal cannot be reached from the start in 1 of 32 tasks",
+            "no route leads from the start to the goal, or to a viewpoint on the way, in 1 of 32",
             id="goal that no route leads to",
         ),
         pytest.param(

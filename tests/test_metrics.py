@@ -1,5 +1,6 @@
-"""The metrics one by one: tables worked by hand, and boxes against independent arithmetic."""
+"""The metrics one by one: tables worked by hand, and what needs more against plain arithmetic."""
 
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from typing import TypeAlias
@@ -15,11 +16,15 @@ from reverie_eval.metrics import (
     box_iou,
     box_match,
     candidate_match,
+    cls,
+    dtw,
     jumps,
     navigation_error,
+    ndtw,
     oracle_error,
     oracle_success,
     path_length,
+    sdtw,
     spl,
     steps,
     success,
@@ -28,6 +33,8 @@ from tests.worlds import unhurried
 
 Box: TypeAlias = tuple[int, int, int, int]
 """Left, top, width, height."""
+Table: TypeAlias = list[list[float]]
+"""Distances of one episode: a row for every node, in it a column for every pose."""
 
 
 # Navigation: one episode per row, its poses in a list.
@@ -96,6 +103,24 @@ def test_spl_of_one_episode(
     *, succeeded: bool, walked: float, shortest: float, expected: float
 ) -> None:
     result = spl(np.array([succeeded]), np.array([walked]), np.array([shortest]))
+    assert result.tolist() == [expected]
+
+
+@pytest.mark.parametrize(
+    ("succeeded", "walked", "length", "expected"),
+    [
+        pytest.param(True, 10.0, 10.0, 1.0, id="not felt on a long route"),
+        pytest.param(True, 0.01, 0.01, 1.0, id="just as long as the floor"),
+        pytest.param(True, 0.005, 0.005, 0.5, id="half as long as the floor"),
+        pytest.param(True, 0.04, 0.005, 0.125, id="short way, long walk"),
+        pytest.param(True, 0.0, 0.0, 0.0, id="already there"),
+        pytest.param(False, 0.0, 0.0, 0.0, id="failure"),
+    ],
+)
+def test_spl_of_one_episode_with_a_floor(
+    *, succeeded: bool, walked: float, length: float, expected: float
+) -> None:
+    result = spl(np.array([succeeded]), np.array([walked]), np.array([length]), floor=0.01)
     assert result.tolist() == [expected]
 
 
@@ -174,6 +199,125 @@ def test_episodes_are_kept_apart(
     metric: Callable[[Array, IntArray], Array], poses: Array, expected: list[float]
 ) -> None:
     assert metric(poses, THREE_EPISODES).tolist() == expected
+
+
+# Path fidelity: one episode per table.
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        pytest.param([[0.0]], 0.0, id="stays where it should"),
+        pytest.param([[2.5]], 2.5, id="one pose, one node"),
+        pytest.param([[0.0, 2.0], [2.0, 0.0]], 0.0, id="the path itself"),
+        pytest.param([[0.0], [2.0], [5.0]], 7.0, id="never leaves: every node counts"),
+        pytest.param([[0.0, 2.0, 5.0]], 7.0, id="should not leave: every pose counts"),
+        pytest.param([[2.0, 0.0], [0.0, 2.0]], 4.0, id="there first: order counts"),
+        pytest.param([[0.0, 0.0, 2.0], [2.0, 2.0, 0.0]], 0.0, id="turning on the spot is free"),
+        pytest.param([[0.0, 2.0, 5.0], [2.0, 0.0, 3.0]], 3.0, id="walks on"),
+        pytest.param(
+            [[0.0, 1.0, 2.0], [1.0, 0.0, 1.0], [2.0, 1.0, 0.0], [1.0, 2.0, 1.0]],
+            1.0,
+            id="stops a node early",
+        ),
+        pytest.param(
+            [[0.0, 1.0, 9.0], [9.0, 9.0, 2.0], [9.0, 4.0, 8.0]],
+            11.0,
+            id="a cheap cell out of order does not count",
+        ),
+        pytest.param([[1.0, 8.0], [8.0, 1.0]], 2.0, id="diagonal before corners"),
+    ],
+)
+def test_dtw_of_one_episode(table: Table, expected: float) -> None:
+    assert dtw(*_laid_out([table])).tolist() == [expected]
+
+
+def test_dtw_of_unequal_tables_together() -> None:
+    tables: list[Table] = [
+        [[2.5]],
+        [[0.0, 2.0, 5.0], [2.0, 0.0, 3.0]],
+        [[0.0], [2.0], [5.0]],
+        [[2.0, 0.0], [0.0, 2.0]],
+    ]
+    assert dtw(*_laid_out(tables)).tolist() == [2.5, 3.0, 7.0, 4.0]
+
+
+@st.composite
+def distance_tables(draw: st.DrawFn) -> Table:
+    """Draw a table of up to six nodes and seven poses."""
+    n_poses = draw(st.integers(1, 7))
+    metres = st.floats(0, 50) | st.integers(0, 3).map(float)
+    return draw(
+        st.lists(st.lists(metres, min_size=n_poses, max_size=n_poses), min_size=1, max_size=6)
+    )
+
+
+@unhurried
+@given(tables=st.lists(distance_tables(), min_size=1, max_size=8))
+def test_dtw_agrees_with_two_plain_loops(tables: list[Table]) -> None:
+    assert dtw(*_laid_out(tables)).tolist() == [_warped(table) for table in tables]
+
+
+@unhurried
+@given(tables=st.lists(distance_tables(), min_size=1, max_size=8))
+def test_dtw_is_symmetric(tables: list[Table]) -> None:
+    """Poses may be aligned with nodes or nodes with poses."""
+    turned = [[list(column) for column in zip(*table, strict=True)] for table in tables]
+    assert dtw(*_laid_out(turned)).tolist() == dtw(*_laid_out(tables)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("metres", "n_nodes", "expected"),
+    [
+        pytest.param(0.0, 5, 1.0, id="the path itself"),
+        pytest.param(3.0, 1, 0.36787944117144233, id="3 m from a single node"),
+        pytest.param(15.0, 5, 0.36787944117144233, id="3 m a node"),
+        pytest.param(6.0, 1, 0.1353352832366127, id="6 m from a single node"),
+        pytest.param(1.5461700564, 5, 0.902056606930051, id="the sample in RxR's README: 0.90206"),
+    ],
+)
+def test_ndtw_of_one_episode(metres: float, n_nodes: int, expected: float) -> None:
+    result = ndtw(np.array([metres]), np.array([n_nodes]))
+    assert result.tolist() == pytest.approx([expected], abs=1e-15, rel=0)
+
+
+def test_sdtw_is_ndtw_of_successes_alone() -> None:
+    result = sdtw(np.array([0.9, 0.9, 1.0]), np.array([True, False, False]))
+    assert result.tolist() == [0.9, 0.0, 0.0]
+
+
+ONE_OFF = 0.36787944117144233
+"""exp(-1): how near 3 m is."""
+
+
+@pytest.mark.parametrize(
+    ("table", "walked", "annotated", "expected"),
+    [
+        pytest.param([[0.0]], 0.0, 0.0, 1.0, id="neither moves"),
+        pytest.param([[0.0, 4.0], [4.0, 0.0]], 4.0, 4.0, 1.0, id="the path itself"),
+        pytest.param([[0.0, 4.0, 0.0]], 8.0, 0.0, 0.0, id="moves and should not"),
+        # Covers both nodes, so 4 m are expected: 4 / (4 + |4 - 12|).
+        pytest.param(
+            [[0.0, 4.0, 0.0, 4.0], [4.0, 0.0, 4.0, 0.0]], 12.0, 4.0, 1 / 3, id="to and fro"
+        ),
+        # Coverage 1, so 4 m are expected: 4 / (4 + |4 - 2|), as if the way were shorter.
+        pytest.param([[0.0, 4.0], [4.0, 0.0]], 2.0, 4.0, 2 / 3, id="too short"),
+        # Coverage c = (1 + e^-1) / 2, 3c m expected, none walked: c 3c / (3c + 3c) = c / 2.
+        pytest.param([[0.0], [3.0]], 0.0, 3.0, (1 + ONE_OFF) / 4, id="stays at the start"),
+        # 3 m away from both nodes: c = e^-1, and c 5 m are expected and walked.
+        pytest.param([[3.0, 3.0], [3.0, 3.0]], 5 * ONE_OFF, 5.0, ONE_OFF, id="3 m beside it"),
+    ],
+)
+def test_cls_of_one_episode(table: Table, walked: float, annotated: float, expected: float) -> None:
+    result = cls(*_laid_out([table]), np.array([walked]), np.array([annotated]))
+    assert result.tolist() == pytest.approx([expected], abs=1e-15, rel=0)
+
+
+def test_cls_of_unequal_tables_together() -> None:
+    tables: list[Table] = [[[0.0, 4.0, 0.0]], [[0.0]], [[0.0, 4.0], [4.0, 0.0]]]
+    walked, annotated = np.array([8.0, 0.0, 2.0]), np.array([0.0, 0.0, 4.0])
+    result = cls(*_laid_out(tables), walked, annotated)
+    assert result.tolist() == pytest.approx([0.0, 1.0, 2 / 3], abs=1e-15, rel=0)
 
 
 # Grounding.
@@ -303,6 +447,25 @@ def test_stretching_both_boxes_changes_nothing(
 
 def _one_episode(poses: list[float] | list[bool]) -> IntArray:
     return np.array([0, len(poses)])
+
+
+def _laid_out(tables: list[Table]) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return all cells, row by row and table by table, and the tables' columns and rows."""
+    cells = [metres for table in tables for row in table for metres in row]
+    n_poses, n_nodes = [len(table[0]) for table in tables], [len(table) for table in tables]
+    return np.array(cells), np.array(n_poses), np.array(n_nodes)
+
+
+def _warped(table: Table) -> float:
+    """Fill the table of least total distances cell by cell."""
+    n_nodes, n_poses = len(table), len(table[0])
+    total = [[math.inf] * (n_poses + 1) for _ in range(n_nodes + 1)]
+    total[0][0] = 0.0
+    for i in range(1, n_nodes + 1):
+        for j in range(1, n_poses + 1):
+            before = min(total[i - 1][j], total[i][j - 1], total[i - 1][j - 1])
+            total[i][j] = table[i - 1][j - 1] + before
+    return total[n_nodes][n_poses]
 
 
 def _iou(predicted: Box, target: Box) -> float:

@@ -110,6 +110,10 @@ def test_episodes_cannot_be_changed(scores: rv.Scores) -> None:
         scores.episodes["spl"] = np.ones(1)  # type: ignore[index]
 
 
+def test_a_column_is_computed_once(scores: rv.Scores) -> None:
+    assert scores.episodes["dtw"] is scores.episodes["dtw"]
+
+
 def test_a_data_frame(scores: rv.Scores) -> None:
     frame = scores.to_pandas()
     assert list(frame.columns) == list(rv.CATALOGUE)
@@ -194,3 +198,7 @@ def test_the_html_table_escapes_what_comes_from_files(scores: rv.Scores) -> None
     elements = Elements(replace(scores, ground_truth=truth)._repr_html_())
     assert "script" not in elements.seen
     assert elements.texts["caption"] == [f"ground truth: /{MARKUP}.npz ({MARKUP})"]
+
+
+def test_a_ground_truth_shows_itself_in_a_line(demo: rv.GroundTruth) -> None:
+    assert repr(demo) == f"<GroundTruth of val_unseen, 87 episodes, from {demo.origin}>"

@@ -26,7 +26,9 @@ NAMES = [
     "SubmissionError",
     "Validation",
     "__version__",
+    "diagnose",
     "evaluate",
+    "evaluate_protocols",
     "validate",
 ]
 """The whole vocabulary of a notebook. Taking a name out breaks somebody's code."""

@@ -8,8 +8,9 @@ import gzip
 import io
 import json
 from collections.abc import Callable
+from math import isnan
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from reverie_eval import Problem, SubmissionError
+from reverie_eval.conversion import convert
 from reverie_eval.reading import Predictions, Submission, read_predictions, sources
 from reverie_eval.reading.document import parse_document
 from reverie_eval.reading.official import decode_official
@@ -26,8 +28,18 @@ from tests.conftest import SAMPLES
 RIGHT = {"instr_id": '"7_1_0"', "trajectory": '[["hall", 1.5, 0]]', "predObjId": "3"}
 HUNDRED_THOUSAND = 100_000
 
-Columns = tuple[list[int], list[Any], list[Any], list[int], list[int], list[Problem]]
-"""Row numbers, instr_ids, viewpoint_ids, offsets, predicted objects, problems."""
+NO_ANGLES: list[float | None] = [None, None]
+
+
+class Columns(NamedTuple):
+    """Everything that predictions say, in a form that compares."""
+
+    instr_ids: list[str | None]
+    viewpoint_ids: list[str | None]
+    offsets: list[int]
+    predicted_object: list[int]
+    stop_angles: list[list[float | None]]
+    """None where the file does not give them."""
 
 
 def record(**fields: str) -> str:
@@ -59,15 +71,29 @@ def problems_of(submission: Submission) -> tuple[Problem, ...]:
 
 
 def columns_of(predictions: Predictions) -> Columns:
-    """Return everything that predictions hold, in a form that compares."""
-    return (
-        list(predictions.rows),
+    """Return the columns of predictions, each row's stop angles a pair."""
+    stop_angles = predictions.stop_angles.reshape(len(predictions.instr_ids), 2).tolist()
+    return Columns(
         list(predictions.instr_ids),
         list(predictions.viewpoint_ids),
         predictions.offsets.tolist(),
         predictions.predicted_object.tolist(),
-        list(predictions.problems),
+        [[None if isnan(angle) else angle for angle in pair] for pair in stop_angles],
     )
+
+
+def places_of(predictions: Predictions) -> list[tuple[str, list[tuple[int, ...]]]]:
+    """Return where each record is in its file, and where its poses are in its trajectory."""
+    return [
+        (
+            str(predictions.place(row)),
+            [
+                predictions.pose_path(row, pose)
+                for pose in range(*predictions.offsets[row : row + 2].tolist())
+            ],
+        )
+        for row in range(len(predictions.instr_ids))
+    ]
 
 
 # The file as a whole.
@@ -79,15 +105,19 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
 @pytest.mark.parametrize(
     ("content", "code", "where", "fragment"),
     [
-        pytest.param(b"", "not-json", "line 1, column 1", "", id="empty file"),
+        pytest.param(b"", "not-json", "file", "is empty", id="empty file"),
         pytest.param(b"[\n {'a': 1}]", "not-json", "line 2, column 3", "", id="single quotes"),
         pytest.param(b"[{}]\n\n  [{}]", "not-json", "line 3, column 3", "", id="JSON lines"),
         pytest.param(b'[{"a": 1}', "not-json", "line 1, column 10", "", id="cut off"),
         pytest.param(b"[1e5, .5]", "not-json", "line 1, column 7", "", id="no digit before point"),
         pytest.param(b'["a\nb"]', "not-json", "line 1, column 4", "", id="line break in a text"),
         pytest.param(b'["ok", "\xff"]', "not-json", "byte 8", "utf-8", id="invalid UTF-8"),
-        pytest.param(b"PK\x03\x04", "not-json", "line 1, column 1", "", id="zip file"),
-        pytest.param(b"{}", "not-a-list", "file", "holds {}; expected a list", id="object"),
+        pytest.param(b"PK\x03\x04", "not-json", "file", "is a zip archive", id="zip file"),
+        pytest.param(b"<!doctype html>", "not-json", "file", "is a web page", id="web page"),
+        pytest.param(
+            record().encode(), "not-a-list", "file", "expected a list of", id="record without list"
+        ),
+        pytest.param(b"null", "not-a-list", "file", "holds null; expected a list", id="null"),
         pytest.param(b'"7_1_0"', "not-a-list", "file", "holds '7_1_0'", id="text"),
         pytest.param(b"17", "not-a-list", "file", "holds 17", id="number"),
         pytest.param(b"[" * HUNDRED_THOUSAND, "too-deep", "file", "nested", id="brackets"),
@@ -204,9 +234,8 @@ SECOND_POSE = ".trajectory[1]"
         pytest.param(
             ending_in("7"), "wrong-type", SECOND_POSE, f"got 7; {NO_POSE}", id="pose is a number"
         ),
-        pytest.param(
-            ending_in('"hall"'), "wrong-type", SECOND_POSE, NO_POSE, id="pose is a viewpoint"
-        ),
+        pytest.param(ending_in("null"), "wrong-type", SECOND_POSE, NO_POSE, id="pose is null"),
+        pytest.param(ending_in("{}"), "wrong-type", SECOND_POSE, NO_POSE, id="pose is an object"),
         pytest.param(ending_in("[]"), "wrong-type", SECOND_POSE, NO_POSE, id="pose is empty"),
         pytest.param(
             ending_in("[7, 0.0, 0.0]"),
@@ -214,6 +243,9 @@ SECOND_POSE = ".trajectory[1]"
             SECOND_POSE,
             f"got [7, 0.0, 0.0]; {NO_POSE}",
             id="viewpoint is a number",
+        ),
+        pytest.param(
+            ending_in('["bath", 1]'), "wrong-type", SECOND_POSE, NO_POSE, id="no elevation"
         ),
         pytest.param(
             ending_in('["hall", "north", 0]'), "wrong-type", SECOND_POSE, NO_POSE, id="heading text"
@@ -254,7 +286,29 @@ SECOND_POSE = ".trajectory[1]"
             record(predObjId="true"), "wrong-type", ".predObjId", NO_OBJECT, id="object true"
         ),
         pytest.param(
-            record(predObjId='"3"'), "wrong-type", ".predObjId", NO_OBJECT, id="object as text"
+            record(predObjId='"owl"'),
+            "wrong-type",
+            ".predObjId",
+            f"got 'owl'; {NO_OBJECT}",
+            id="object is a word",
+        ),
+        pytest.param(
+            record(predObjId='"3.0"'), "wrong-type", ".predObjId", NO_OBJECT, id="text 3.0"
+        ),
+        pytest.param(record(predObjId='"-2"'), "wrong-type", ".predObjId", NO_OBJECT, id="text -2"),
+        pytest.param(record(predObjId='" 3"'), "wrong-type", ".predObjId", NO_OBJECT, id="blank 3"),
+        pytest.param(
+            record(predObjId='"\u0663"'), "wrong-type", ".predObjId", NO_OBJECT, id="arabic 3"
+        ),
+        pytest.param(
+            record(predObjId=f'"{2**31}"'), "wrong-type", ".predObjId", NO_OBJECT, id="text 2**31"
+        ),
+        pytest.param(
+            record(predObjId=f'"{"9" * 5000}"'),
+            "wrong-type",
+            ".predObjId",
+            NO_OBJECT,
+            id="text of thousands of digits",
         ),
         pytest.param(record(predObjId="-2"), "wrong-type", ".predObjId", NO_OBJECT, id="object -2"),
         pytest.param(
@@ -266,13 +320,6 @@ SECOND_POSE = ".trajectory[1]"
             "",
             "has predObjId twice",
             id="field twice",
-        ),
-        pytest.param(
-            record()[:-1] + ', "note": 1, "note": 1}',
-            "repeated-field",
-            "",
-            "has note twice",
-            id="field that nobody reads twice",
         ),
     ],
 )
@@ -291,8 +338,8 @@ def test_everything_is_reported_at_once_in_the_order_of_the_file() -> None:
         "{}",
     )
     assert [problem.where for problem in problems_of(document(*wrong))] == [
-        "[0].predObjId",
         "[0].instr_id",
+        "[0].predObjId",
         "[1]",
         "[3].predObjId",
         "[3].trajectory[0]",
@@ -319,12 +366,25 @@ def test_of_too_many_problems_every_kind_is_shown() -> None:
     ("text", "viewpoint_ids", "predicted_object"),
     [
         pytest.param(record(), ["hall"], 3, id="as published"),
-        pytest.param(record(predObjId="null"), ["hall"], -1, id="null abstains"),
         pytest.param(record(predObjId="-1"), ["hall"], -1, id="-1 abstains"),
+        pytest.param(record(predObjId="null"), ["hall"], -1, id="null abstains"),
+        pytest.param(record(predObjId='"None"'), ["hall"], -1, id="None abstains"),
+        pytest.param(record(predObjId='"-1"'), ["hall"], -1, id="-1 as text abstains"),
+        pytest.param(record(predObjId='""'), ["hall"], -1, id="empty text abstains"),
         pytest.param(record(predObjId="0"), ["hall"], 0, id="0 is an object"),
+        pytest.param(record(predObjId='"0"'), ["hall"], 0, id="0 as text is an object"),
+        pytest.param(record(predObjId='"3"'), ["hall"], 3, id="object as text"),
         pytest.param(record(predObjId=str(2**31 - 1)), ["hall"], 2**31 - 1, id="largest object id"),
+        pytest.param(
+            record(predObjId=f'"{2**31 - 1}"'), ["hall"], 2**31 - 1, id="largest object id as text"
+        ),
+        pytest.param(without("predObjId"), ["hall"], -1, id="no answer in the whole file"),
         pytest.param(ending_in('["bath"]'), ["hall", "bath"], 3, id="pose of a viewpoint alone"),
-        pytest.param(ending_in('["bath", 1]'), ["hall", "bath"], 3, id="pose without elevation"),
+        pytest.param(
+            record()[:-1] + ', "note": 1, "note": 1}', ["hall"], 3, id="field nobody reads, twice"
+        ),
+        pytest.param(ending_in('"bath"'), ["hall", "bath"], 3, id="bare viewpoint"),
+        pytest.param(ending_in('["bath", "loft"]'), ["hall", "bath", "loft"], 3, id="nested hop"),
         pytest.param(ending_in('["hall", 9, 0]'), ["hall", "hall"], 3, id="turning on the spot"),
         pytest.param(record(note='{"a": [NaN]}'), ["hall"], 3, id="further field"),
         pytest.param(record(trajectory='[["b\\u00e4d"]]'), ["bäd"], 3, id="escapes"),
@@ -332,18 +392,45 @@ def test_of_too_many_problems_every_kind_is_shown() -> None:
 )
 def test_a_right_record(text: str, viewpoint_ids: list[str], predicted_object: int) -> None:
     predictions = read_predictions(document(text))
-    offsets = [0, len(viewpoint_ids)]
-    columns: Columns = ([0], ["7_1_0"], viewpoint_ids, offsets, [predicted_object], [])
-    assert columns_of(predictions) == columns
+    assert not predictions.problems
+    assert columns_of(predictions)[:-1] == (
+        ["7_1_0"],
+        viewpoint_ids,
+        [0, len(viewpoint_ids)],
+        [predicted_object],
+    )
 
 
-def test_no_record_at_all() -> None:
-    assert columns_of(read_predictions(b"[]")) == ([], [], [], [0], [], [])
+@pytest.mark.parametrize(
+    ("trajectory", "stop_angles"),
+    [
+        pytest.param('[["hall", 1.5, 0]]', [1.5, 0], id="one pose"),
+        pytest.param('[["hall", 1, 2], ["bath", -3, 0.5]]', [-3, 0.5], id="last pose"),
+        pytest.param('[["hall", 1, 2], ["bath"]]', NO_ANGLES, id="stop without angles"),
+        pytest.param('["hall"]', NO_ANGLES, id="bare viewpoint"),
+        pytest.param('[["hall", "bath"]]', NO_ANGLES, id="nested hop"),
+    ],
+)
+def test_stop_angles_are_those_of_the_last_pose(
+    trajectory: str, stop_angles: list[float | None]
+) -> None:
+    predictions = read_predictions(document(record(trajectory=trajectory)))
+    assert columns_of(predictions).stop_angles == [stop_angles]
+
+
+@pytest.mark.parametrize("content", [b"[]", b"{}"], ids=["list", "keyed"])
+def test_no_record_at_all(content: bytes) -> None:
+    """It is for the ground truth to say that every episode is missing."""
+    predictions = read_predictions(content)
+    assert columns_of(predictions) == ([], [], [0], [], [])
+    assert not [*predictions.problems, *predictions.read_as]
 
 
 CONTENT = document(record(), record(instr_id='"7_1_1"', trajectory='[["hall"], ["bath", 0, 0]]'))
 RECORDS = json.loads(CONTENT)
-COLUMNS: Columns = ([0, 1], ["7_1_0", "7_1_1"], ["hall", "hall", "bath"], [0, 1, 3], [3, 3], [])
+COLUMNS = Columns(
+    ["7_1_0", "7_1_1"], ["hall", "hall", "bath"], [0, 1, 3], [3, 3], [[1.5, 0.0], [0.0, 0.0]]
+)
 
 
 def _written(path: Path, content: bytes) -> Path:
@@ -401,7 +488,7 @@ def test_python_objects_with_tuples_and_numpy_scalars() -> None:
         "trajectory": (("hall", np.float32(1.5), np.int64(0)), (np.str_("bath"),)),
         "predObjId": np.int64(3),
     }
-    expected: Columns = ([0], ["7_1_0"], ["hall", "bath"], [0, 2], [3], [])
+    expected = Columns(["7_1_0"], ["hall", "bath"], [0, 2], [3], [NO_ANGLES])
     assert columns_of(read_predictions([agent_output])) == expected
 
 
@@ -418,7 +505,7 @@ def test_python_objects_that_are_no_object_id(value: object) -> None:
 NUMBERS = ["0", "-0", "-1", "3", "3.0", "3e0", "1.", "01", "1e400", "9" * 400, str(2**31), "NaN"]
 STRANGE = ["null", "true", "{}", "[]", '"', '"a\nb"', '"\\ud800"', '"\\u00e4"', '"a:b"', '[["a"]]']
 
-names = st.text(max_size=3).map(json.dumps)
+names = (st.text(max_size=3) | st.sampled_from(["reverie_", "reverie_7_1_0"])).map(json.dumps)
 angles = st.integers().map(str) | st.floats(allow_nan=False, allow_infinity=False).map(repr)
 texts = st.sampled_from([*NUMBERS, *STRANGE]) | names | angles
 fields = st.sampled_from(list(RIGHT))
@@ -430,19 +517,36 @@ right_records = st.builds(
     st.lists(st.builds("[{}, {}, {}]".format, names, angles, angles), min_size=1, max_size=3),
     st.integers(-1, 2**31 - 1),
 )
+other_poses = st.one_of(
+    names, st.just("[]"), names.map("[{}]".format), st.builds("[{}, {}]".format, names, names)
+)
+other_answers = st.sampled_from(['"3"', '"None"', '""', '"-1"', '"owl"'])
+other_records = st.one_of(
+    st.builds(
+        lambda poses, answer: record(trajectory=f"[{', '.join(poses)}]", predObjId=answer),
+        st.lists(other_poses, max_size=3),
+        other_answers,
+    ),
+    other_answers.map(lambda answer: without("predObjId")[:-1] + f', "pred_objid": {answer}}}'),
+)
 wrong_records = st.one_of(
+    other_records,
     texts,
     fields.map(without),
     st.builds(lambda name, text: record(**{name: text}), fields | st.just("note"), texts),
     st.builds(lambda name, text: f'{record()[:-1]}, "{name}": {text}}}', fields, texts),
     st.builds("[{}, {}, {}]".format, texts, texts, texts).map(ending_in),
 )
-documents = st.builds(
+lists = st.builds(
     lambda before, wrong, after: document(*before, *wrong, *after),
     st.lists(right_records, max_size=2),
     st.lists(wrong_records, max_size=1),
     st.lists(right_records, max_size=2),
 )
+keyed = st.lists(st.tuples(names, right_records | wrong_records), max_size=3).map(
+    lambda items: f"{{{', '.join(f'{name}: {text}' for name, text in items)}}}".encode()
+)
+documents = lists | keyed
 
 
 @st.composite
@@ -460,8 +564,11 @@ def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
     predictions = decode_official(content)
     event("taken" if predictions else "declined")
     if predictions:
-        assert columns_of(predictions) == columns_of(read_records(parse_document(content)))
-        assert not predictions.problems
+        carefully = read_records(parse_document(content))
+        assert columns_of(predictions) == columns_of(carefully)
+        assert places_of(predictions) == places_of(carefully)
+        assert predictions.answer_is_text.tolist() == carefully.answer_is_text.tolist()
+        assert not [*carefully.read_as, *carefully.problems]
 
 
 @settings(deadline=None, max_examples=500)
@@ -472,6 +579,53 @@ def test_bytes_are_read_or_rejected(content: bytes) -> None:
         assert problem.message
 
 
+@settings(deadline=None, max_examples=500)
+@given(content=documents | damaged_documents(), answers_only=st.booleans())
+def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
+    """Whatever is read: a value for each record, and a place for each pose."""
+    try:
+        predictions = read_predictions(content, answers_only=answers_only)
+    except SubmissionError:
+        return
+    records, poses = len(predictions.instr_ids), len(predictions.viewpoint_ids)
+    assert len(predictions.predicted_object) == len(predictions.answer_is_text) == records
+    assert predictions.stop_angles.shape == (records, 2)
+    assert predictions.offsets[[0, -1]].tolist() == [0, poses]
+    assert (
+        np.diff(predictions.offsets) >= (0 if predictions.problems or answers_only else 1)
+    ).all()
+    assert sum(len(paths) for _, paths in places_of(predictions)) == poses
+    if not predictions.problems and not answers_only:
+        assert (np.diff(predictions.first_of_hops().offsets) >= 1).all()
+
+
+@settings(deadline=None, max_examples=500)
+@given(content=documents)
+def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> None:
+    """But for angles that the file does not give, which become 0."""
+    told = problems_of(content)
+    try:
+        converted = json.dumps(convert(content).records).encode()
+    except SubmissionError as error:
+        event("rejected")
+        converted, found = b"", error.problems
+    else:
+        found = ()
+    assert found == told
+    if told:
+        return
+    before, after = (columns_of(read_predictions(it)) for it in (content, converted))
+    assert after[:-1] == before[:-1]
+    assert not problems_of(converted)
+
+
 @pytest.mark.parametrize("name", ["good.json", "mediocre.json"])
 def test_the_fast_lane_takes_what_agents_write(name: str) -> None:
     assert decode_official((SAMPLES / name).read_bytes()) is not None
+
+
+def test_more_records_than_any_split_could_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.reading.records.MAX_RECORDS", 2)
+    (problem,) = problems_of(b"[{}, {}, {}]")
+    assert (problem.code, problem.where) == ("too-large", "file")
+    assert "holds 3 records, more than the 2 that any split could need" in problem.message

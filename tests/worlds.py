@@ -1,37 +1,60 @@
-"""Random worlds and sound submissions for them, and the way from a world to a ground truth.
+"""Random worlds and sound submissions for them, and the ways from a world to a ground truth.
 
-A world goes the whole way: it is written in the published layout, compiled and loaded. So what
-holds for random worlds holds for compiling as well as for scoring.
+The whole way: a world is written in the published layout, compiled and loaded. So what holds for
+random worlds holds for compiling as well as for scoring. The short way, where thousands of worlds
+are wanted: its bundle is laid out by hand, with the oracle's distances.
+
+Both come from one generator: of a seed for the thousands, of hypothesis for the rest, which then
+finds a small world where it finds a fault.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from pathlib import Path
+from random import Random
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 from hypothesis import settings
 from hypothesis import strategies as st
 
 from reverie_eval import GroundTruth, Scores, evaluate
+from reverie_eval.ground_truth import Bundle
 from reverie_eval.ground_truth.compile import compile_split
 from reverie_eval.ground_truth.dataset import DatasetFiles
-from tests.oracle import Prediction, Predictions, Scan, Task, Viewpoint, World, distances_from
+from tests.oracle import (
+    Position,
+    Prediction,
+    Predictions,
+    Scan,
+    Task,
+    Viewpoint,
+    World,
+    distances_from,
+    metres_to_centre,
+)
 
 SPLIT = "val_unseen"
+OBJECT_POSITIONS = "objpos.json"
 
 Record = dict[str, Any]
 
 unhurried = settings(deadline=None)
 """No deadline per example: a slow machine is no failure."""
 
-_coordinates = st.integers(-20_000, 20_000).map(lambda millimetres: millimetres / 1000)
-_positions = st.tuples(_coordinates, _coordinates, _coordinates)
-_object_ids = st.sampled_from([0, 1, 2, 3, 999_999_999])
+_SIZES: Sequence[Callable[[Random], float]] = (
+    lambda random: random.randint(-20_000, 20_000) / 1000,
+    lambda random: random.randint(-2_500, 2_500) / 1000,
+    lambda random: float(random.randint(0, 4)),
+)
+"""How a scan's coordinates are drawn: like a house, like a room, and in whole metres, where much
+is exactly 3.0 m apart and some viewpoints share a position."""
+_OBJECT_IDS = (0, 1, 2, 3, 999_999_999)
 """Few, so that scans share ids and viewpoints share objects; 0 is a name, not an absence."""
-_views = st.lists(st.integers(0, 35), max_size=2, unique=True).map(sorted)
+_ABSTAINED = -1
 
 
 @dataclass(frozen=True)
@@ -42,50 +65,63 @@ class Case:
     predictions: Predictions
 
 
-def scans(prefix: str) -> st.SearchStrategy[Scan]:
-    """Draw a scan of up to nine viewpoints, often in several components."""
-    viewpoints = st.builds(
-        Viewpoint,
-        position=_positions,
-        included=st.sampled_from([True] * 7 + [False]),
-        views=st.dictionaries(_object_ids, _views, max_size=3),
-    )
-    return st.lists(viewpoints, min_size=1, max_size=9).flatmap(
-        lambda drawn: _joined({f"{prefix}v{number}": seen for number, seen in enumerate(drawn)})
-    )
-
-
-def _joined(viewpoints: Mapping[str, Viewpoint]) -> st.SearchStrategy[Scan]:
-    """Lay out a corridor, then wall up a few of its doors and break through elsewhere."""
-    pairs = list(combinations(viewpoints, 2))
-    corridor = frozenset(pairwise(viewpoints))
-    changed = st.frozensets(st.sampled_from(pairs), max_size=4) if pairs else st.just(corridor)
-    return changed.map(lambda drawn: Scan(viewpoints, corridor ^ drawn))
-
-
-@st.composite
-def worlds(draw: st.DrawFn) -> World:
-    """Draw a world of up to three scans and five tasks, every target visible at its goal."""
-    numbers = range(draw(st.integers(1, 3)))
-    drawn = {f"scan{number}": draw(scans(f"s{number}")) for number in numbers}
+def random_case(random: Random) -> Case:
+    """Draw a world of up to three scans and five tasks, and a sound submission for it."""
+    scans = {f"scan{number}": _scan(random, f"s{number}") for number in range(_up_to(random, 3))}
     tasks = []
-    for number in range(draw(st.integers(1, 5))):
-        scan_id = draw(st.sampled_from(list(drawn)))
-        task = draw(_tasks(f"{number}_7", scan_id, drawn[scan_id]))
-        drawn[scan_id] = _with_task(drawn[scan_id], task)
+    for number in range(_up_to(random, 5)):
+        scan_id = random.choice(list(scans))
+        task = _task(random, f"{number}_7", scan_id, scans[scan_id])
+        scans[scan_id] = _with_task(scans[scan_id], task)
         tasks.append(task)
-    return World(drawn, tasks)
+    return Case(World(scans, tasks), _predictions(random, World(scans, tasks)))
 
 
-@st.composite
-def _tasks(draw: st.DrawFn, task_id: str, scan_id: str, scan: Scan) -> Task:
+cases = st.randoms(use_true_random=False).map(random_case)
+
+
+def _up_to(random: Random, most: int) -> int:
+    return random.randint(1, most)
+
+
+def _scan(random: Random, prefix: str) -> Scan:
+    """Lay out a corridor, wall up a few of its doors and break through elsewhere.
+
+    Up to nine viewpoints, often in several components; some objects have no known centre.
+    """
+    coordinate = random.choice(_SIZES)
+
+    def position() -> Position:
+        return coordinate(random), coordinate(random), coordinate(random)
+
+    viewpoints = {
+        f"{prefix}v{number}": Viewpoint(
+            position=position(), included=random.randint(0, 7) > 0, views=_views(random)
+        )
+        for number in range(max(_up_to(random, 9), _up_to(random, 9)))
+    }
+    pairs = list(combinations(viewpoints, 2))
+    changed = random.sample(pairs, min(len(pairs), random.randint(0, 4)))
+    centres = {object_id: position() for object_id in _OBJECT_IDS if random.randint(0, 3) > 0}
+    return Scan(viewpoints, frozenset(pairwise(viewpoints)) ^ frozenset(changed), centres)
+
+
+def _views(random: Random) -> Mapping[int, Sequence[int]]:
+    """Draw what is listed at a viewpoint, some of it in no view at all."""
+    listed = random.sample(_OBJECT_IDS, random.randint(0, 3))
+    return {
+        object_id: sorted(random.sample(range(36), random.randint(0, 2))) for object_id in listed
+    }
+
+
+def _task(random: Random, task_id: str, scan_id: str, scan: Scan) -> Task:
     """Draw a path inside one component; its ends may be the same, its legs need no edges."""
-    start = draw(st.sampled_from(list(scan.viewpoints)))
-    here, *elsewhere = _component(scan, start)
-    goal = draw(st.sampled_from([here, *elsewhere, *elsewhere]))
-    between = draw(st.lists(st.sampled_from([here, *elsewhere]), max_size=2))
-    instructions = draw(st.integers(1, 3))
-    return Task(task_id, scan_id, [start, *between, goal], draw(_object_ids), instructions)
+    starts = random.choices(list(scan.viewpoints), k=2)
+    here, *elsewhere = max((_component(scan, start) for start in starts), key=len)
+    goal = random.choice([here, *elsewhere, *elsewhere])
+    between = random.choices([here, *elsewhere], k=random.randint(0, 2))
+    path = [here, *between, goal]
+    return Task(task_id, scan_id, path, random.choice(_OBJECT_IDS), _up_to(random, 3))
 
 
 def _with_task(scan: Scan, task: Task) -> Scan:
@@ -104,49 +140,45 @@ def _component(scan: Scan, start: str) -> list[str]:
     return list(distances_from(scan, start))
 
 
-def predictions_for(world: World) -> st.SearchStrategy[Predictions]:
+def _predictions(random: Random, world: World) -> Predictions:
     """Draw a sound submission: every trajectory begins at the start and stays reachable from it.
 
     Viewpoints repeat, legs jump where there is no edge, some agents never leave; some answers are
-    right, some wrong, some abstentions.
+    right, some wrong, some abstentions, and some of each written as text. They come in any order.
     """
-    return st.fixed_dictionaries(
-        {
-            instr_id: _predictions(world.scans[task.scan_id], task)
-            for task in world.tasks
-            for instr_id in task.instr_ids
-        }
-    )
+    episodes = [(instr_id, task) for task in world.tasks for instr_id in task.instr_ids]
+    random.shuffle(episodes)
+    return {
+        instr_id: _prediction(random, world.scans[task.scan_id], task)
+        for instr_id, task in episodes
+    }
 
 
-def _predictions(scan: Scan, task: Task) -> st.SearchStrategy[Prediction]:
+def _prediction(random: Random, scan: Scan, task: Task) -> Prediction:
     start, goal = task.path[0], task.path[-1]
-    reachable = st.sampled_from(_component(scan, start))
-    ways = st.one_of(st.lists(reachable, max_size=1), st.lists(reachable, max_size=5))
-    ends = st.sampled_from([[], [goal]])
-    trajectories = st.builds(lambda way, end: [start, *way, *end], ways, ends)
-    answers = st.one_of(st.just(task.target), _object_ids, st.just(-1))
-    return st.builds(Prediction, trajectory=trajectories, object_id=answers)
-
-
-cases = worlds().flatmap(
-    lambda world: st.builds(Case, world=st.just(world), predictions=predictions_for(world))
-)
+    way = random.choices(_component(scan, start), k=random.choice([0, 0, 1, 1, 2, 3, 4, 5]))
+    end = random.choice([[], [goal]])
+    answer = random.choice([task.target, random.choice(_OBJECT_IDS), _ABSTAINED])
+    return Prediction([start, *way, *end], answer, as_text=random.randint(0, 2) == 0)
 
 
 def scores_of(case: Case) -> Scores:
     """Score a case's submission, handed over as the text of a file."""
-    submission = json.dumps(records_of(case.predictions)).encode()
-    return evaluate(submission, split=SPLIT, ground_truth=ground_truth_of(case.world))
+    return evaluate(file_of(case), split=SPLIT, ground_truth=ground_truth_of(case.world))
+
+
+def file_of(case: Case) -> bytes:
+    """Return a case's submission as the content of a file."""
+    return json.dumps(records_of(case.predictions)).encode()
 
 
 def records_of(predictions: Predictions) -> list[Record]:
-    """Return a submission in the official result format."""
+    """Return a submission in the official result format, but for ids that are written as text."""
     return [
         {
             "instr_id": instr_id,
             "trajectory": [[viewpoint_id, 0.0, 0.0] for viewpoint_id in prediction.trajectory],
-            "predObjId": prediction.object_id,
+            "predObjId": str(prediction.object_id) if prediction.as_text else prediction.object_id,
         }
         for instr_id, prediction in predictions.items()
     ]
@@ -156,8 +188,52 @@ def ground_truth_of(world: World) -> GroundTruth:
     """Write a world's files, compile them and take the bundle for ground truth."""
     with TemporaryDirectory() as folder:
         write_world(world, Path(folder))
-        bundle = compile_split(DatasetFiles.find(SPLIT, Path(folder)), SPLIT)
+        positions = Path(folder, OBJECT_POSITIONS)
+        files = DatasetFiles.find(SPLIT, Path(folder), object_positions=positions)
+        bundle = compile_split(files, SPLIT)
     return GroundTruth.from_bundle(bundle)
+
+
+def ground_truth_by_hand(world: World) -> GroundTruth:
+    """Lay out a world's bundle with what the oracle says, and take it for ground truth."""
+    numbered = [
+        (number, scan, viewpoint_id)
+        for number, scan in enumerate(world.scans.values())
+        for viewpoint_id, viewpoint in scan.viewpoints.items()
+        if viewpoint.included
+    ]
+    row = {viewpoint_id: row for row, (_, _, viewpoint_id) in enumerate(numbered)}
+    pairs = [(scan, a, b) for _, scan, a in numbered for b in scan.viewpoints if b in row]
+    seen = [
+        (scan, viewpoint_id, object_id)
+        for _, scan, viewpoint_id in numbered
+        for object_id, views in sorted(scan.viewpoints[viewpoint_id].views.items())
+        if views
+    ]
+    tasks = world.tasks
+    arrays = {
+        "instr_id": np.array([instr_id for task in tasks for instr_id in task.instr_ids]),
+        "episode_task": np.repeat(np.arange(len(tasks)), [task.instructions for task in tasks]),
+        "task_start": np.array([row[task.path[0]] for task in tasks]),
+        "scan_id": np.array(list(world.scans)),
+        "viewpoint_id": np.array(list(row)),
+        "viewpoint_scan": np.array([number for number, _, _ in numbered]),
+        "viewpoint_position": np.array(
+            [scan.viewpoints[id_].position for _, scan, id_ in numbered]
+        ),
+        "distance": np.array([scan.routes[a].get(b, np.inf) for scan, a, b in pairs]),
+        "edge": np.array([scan.has_edge(a, b) for scan, a, b in pairs]),
+        "task_target": np.array([task.target for task in tasks]),
+        "path": np.array([row[viewpoint_id] for task in tasks for viewpoint_id in task.path]),
+        "path_offsets": np.cumsum([0, *(len(task.path) for task in tasks)]),
+        "candidate_viewpoint": np.array([row[viewpoint_id] for _, viewpoint_id, _ in seen]),
+        "candidate_object": np.array([object_id for _, _, object_id in seen]),
+        "candidate_distance": np.array([metres_to_centre(*candidate) for candidate in seen]),
+        "box_candidate": np.array([]),
+        "box_view": np.array([]),
+        "box_xywh": np.zeros((0, 4)),
+    }
+    return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}))
 
 
 def write_world(world: World, folder: Path) -> None:
@@ -167,6 +243,7 @@ def write_world(world: World, folder: Path) -> None:
     connectivity.mkdir()
     _write(data / f"REVERIE_{SPLIT}.json", [_annotation(task) for task in world.tasks])
     _write(data / "BBoxes.json", _boxes(world.scans))
+    _write(folder / OBJECT_POSITIONS, _object_positions(world.scans))
     for scan_id, scan in world.scans.items():
         _write(connectivity / f"{scan_id}_connectivity.json", _connectivity(scan))
 
@@ -193,6 +270,15 @@ def _boxes(scans: Mapping[str, Scan]) -> Record:
         }
         for scan_id, scan in scans.items()
         for viewpoint_id, viewpoint in scan.viewpoints.items()
+    }
+
+
+def _object_positions(scans: Mapping[str, Scan]) -> Record:
+    """Return the known centres; a scan without any is left out."""
+    return {
+        scan_id: {str(object_id): centre for object_id, centre in scan.centres.items()}
+        for scan_id, scan in scans.items()
+        if scan.centres
     }
 
 

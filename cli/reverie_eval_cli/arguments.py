@@ -23,3 +23,10 @@ def add_ground_truth(parser: argparse.ArgumentParser) -> None:
         help="a bundle or a folder of bundles (default: $REVERIE_EVAL_GROUND_TRUTH, then the "
         "demo world that ships with the package)",
     )
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Add the file that a submission is written to."""
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="where to write it (default: standard output)"
+    )

@@ -10,12 +10,19 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 from reverie_eval import __version__
+from reverie_eval_cli.commands import agent, completion, convert, schema, score, validate
 from reverie_eval_cli.commands import compile as compile_command
-from reverie_eval_cli.commands import completion, score, validate
 
 PROGRAM = "reverie-eval"
 COMMANDS: Mapping[str, ModuleType] = MappingProxyType(
-    {"validate": validate, "compile": compile_command, "completion": completion}
+    {
+        "validate": validate,
+        "convert": convert,
+        "agent": agent,
+        "compile": compile_command,
+        "schema": schema,
+        "completion": completion,
+    }
 )
 
 
@@ -73,7 +80,7 @@ def _command_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=PROGRAM)
     commands = parser.add_subparsers(required=True)
     for name, module in COMMANDS.items():
-        command = commands.add_parser(name, description=module.__doc__, help=module.SUMMARY)
+        command = commands.add_parser(name, description=module.SUMMARY, help=module.SUMMARY)
         module.add_arguments(command)
         command.set_defaults(run=module.run)
     return parser

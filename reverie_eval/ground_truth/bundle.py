@@ -7,6 +7,7 @@ a *public* bundle of a split has no answers in it, not hidden ones.
 import errno
 import hashlib
 import os
+import tokenize
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -30,6 +31,7 @@ PUBLIC_ARRAYS: Mapping[str, str] = MappingProxyType(
         "scan_id": "U",  # (n_scans,)
         "viewpoint_id": "U",  # (n_viewpoints,) scan by scan
         "viewpoint_scan": "i4",  # (n_viewpoints,)
+        "viewpoint_position": "f8",  # (n_viewpoints, 3) metres
         "distance": "f8",  # all pairs of each scan's viewpoints, end to end
         "edge": "b1",  # likewise
     }
@@ -46,7 +48,17 @@ ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
         "box_xywh": "i2",  # (n_boxes, 4) pixels of the 640 x 480 view
     }
 )
+OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
+    }
+)
 _HEADER = "header"
+_DAMAGE = (
+    *(ValueError, TypeError, AttributeError, KeyError, EOFError, SyntaxError),
+    *(NotImplementedError, RuntimeError, tokenize.TokenError, zipfile.BadZipFile),
+)
+"""What zipfile and numpy raise for files with bytes that should not be there."""
 _OTHER_SPLIT = "other_split/"
 
 
@@ -87,7 +99,7 @@ class Bundle:
         other_splits: Mapping[str, Array],
     ) -> Self:
         """Make a bundle of these arrays, each in the type that the format states."""
-        formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS}
+        formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **OPTIONAL_ANSWER_ARRAYS}
         typed = {name: frozen(array.astype(formats[name])) for name, array in arrays.items()}
         header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed))
         return cls(header, typed, other_splits)
@@ -140,20 +152,26 @@ class Bundle:
             for name in list(members)
             if name.startswith(_OTHER_SPLIT)
         }
-        if fingerprint_of(members) != header.fingerprint:
+        if not _is_complete(members) or fingerprint_of(members) != header.fingerprint:
             raise GroundTruthError(f"{path} is damaged: its content does not match its header")
         return cls(header, {name: frozen(array) for name, array in members.items()}, other_splits)
+
+
+def _is_complete(arrays: Mapping[str, Array]) -> bool:
+    """Whether all public arrays are there, and of the answers all or none."""
+    answers = ANSWER_ARRAYS.keys() & arrays.keys()
+    return PUBLIC_ARRAYS.keys() <= arrays.keys() and len(answers) in (0, len(ANSWER_ARRAYS))
 
 
 def fingerprint_of(arrays: Mapping[str, Array]) -> str:
     """SHA-256 over name, type, shape and bytes of the arrays, in order of their names.
 
-    Floats count in single precision: C libraries differ in the last bit of a distance, and the
-    same dataset must have the same fingerprint on every machine.
+    Distances count in single precision: C libraries differ in the last bit of one, and the same
+    dataset must have the same fingerprint on every machine.
     """
     digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):
-        counted = array.astype("f4") if array.dtype == "f8" else np.ascontiguousarray(array)
+        counted = array.astype("f4") if name == "distance" else np.ascontiguousarray(array)
         digest.update(f"{name} {counted.dtype.str} {counted.shape}\n".encode())
         digest.update(counted.data)
     return digest.hexdigest()
@@ -171,7 +189,7 @@ def _read_members(path: Path) -> dict[str, Array]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {name: np.asarray(archive[name]) for name in archive.files}
-    except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+    except _DAMAGE as error:
         raise _no_bundle(path) from error
 
 

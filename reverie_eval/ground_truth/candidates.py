@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from reverie_eval.arrays import Array
+from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.ground_truth.dataset import Sources
 from reverie_eval.ground_truth.graph import NavigationGraph
-from reverie_eval.schemas.dataset import ObjectBoxes
+from reverie_eval.schemas.dataset import ObjectBoxes, Position
 from reverie_eval.wording import some
 
 
@@ -35,6 +35,23 @@ def candidate_arrays(
             -1, 4
         ),
     }
+
+
+def candidate_distances(
+    candidates: Mapping[str, Array],
+    positions: Mapping[str, Mapping[str, Position]],
+    graph: NavigationGraph,
+) -> FloatArray:
+    """Measure from each candidate's camera to its centre; inf where the centre is not known."""
+    unknown = (np.inf, np.inf, np.inf)
+    viewpoint = candidates["candidate_viewpoint"]
+    objects = candidates["candidate_object"].tolist()
+    centre = [
+        positions.get(graph.scan_of(number), {}).get(str(object_id), unknown)
+        for number, object_id in zip(viewpoint.tolist(), objects, strict=True)
+    ]
+    offset = np.array(centre).reshape(-1, 3) - graph.viewpoint_position[viewpoint]
+    return np.asarray(np.sqrt(np.square(offset).sum(axis=1)), dtype=np.float64)
 
 
 def check_boxes(

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from reverie_eval.ground_truth.bundle import Bundle
-from reverie_eval.ground_truth.candidates import candidate_arrays, check_boxes
+from reverie_eval.ground_truth.candidates import candidate_arrays, candidate_distances, check_boxes
 from reverie_eval.ground_truth.dataset import DatasetFiles, Sources, Track, untracked
 from reverie_eval.ground_truth.navigation import read_navigation_graph
 from reverie_eval.ground_truth.tasks import (
@@ -20,18 +20,18 @@ from reverie_eval.ground_truth.tasks import (
     has_answers,
 )
 
-_RELEASES: Mapping[tuple[int, int], str] = MappingProxyType(
+_RELEASES: Mapping[tuple[str, int, int], str] = MappingProxyType(
     {
-        (515, 1423): "REVERIE v1",
-        (1328, 3521): "REVERIE v1",
-        (2304, 6292): "REVERIE v1",
-        (4071, 10290): "REVERIE v2",
-        (501, 1384): "REVERIE v2",
-        (1292, 3433): "REVERIE v2",
-        (2244, 6144): "REVERIE v2",
+        ("val_seen", 515, 1423): "REVERIE v1",
+        ("val_unseen", 1328, 3521): "REVERIE v1",
+        ("test", 2304, 6292): "REVERIE v1",
+        ("train", 4071, 10290): "REVERIE v2",
+        ("val_seen", 501, 1384): "REVERIE v2",
+        ("val_unseen", 1292, 3433): "REVERIE v2",
+        ("test", 2244, 6144): "REVERIE v2",
     }
 )
-"""The splits of the known releases by their numbers of tasks and instructions."""
+"""The splits of the known releases, with their numbers of tasks and instructions."""
 
 
 def compile_split(
@@ -70,15 +70,20 @@ def compile_split(
     if answered and len(sources.problems) == found:
         check_boxes(sources, boxes, graph)
         check_targets(sources, tasks, boxes)
+    positions = sources.object_positions()
     sources.raise_problems()
     arrays = graph.to_arrays() | episode_arrays(tasks, graph)
     if answered:
         arrays |= answer_arrays(tasks, graph) | candidate_arrays(boxes, graph)
-    size = len(tasks), len(arrays["instr_id"])
+    if answered and positions is not None:
+        arrays["candidate_distance"] = candidate_distances(arrays, positions, graph)
+    size = split, len(tasks), len(arrays["instr_id"])
     return Bundle.build(
         split=split,
         dataset=dataset or _RELEASES.get(size, "custom"),
         sources=sources.digests(),
         arrays=arrays,
-        other_splits={name: np.array(ids) for name, ids in sources.other_splits().items()},
+        other_splits={
+            name: np.array(ids) for name, ids in sources.other_splits().items() if name != split
+        },
     )

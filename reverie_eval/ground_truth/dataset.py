@@ -22,7 +22,9 @@ from reverie_eval.schemas.dataset import (
     ANNOTATIONS,
     BOXES,
     CONNECTIVITY,
+    OBJECT_POSITIONS,
     ObjectBoxes,
+    Position,
     Task,
     Viewpoint,
 )
@@ -33,6 +35,7 @@ Track: TypeAlias = Callable[[Sequence[Path], str], Iterable[Path]]
 """Wraps a sequence of files about to be read, with a description: where progress is shown."""
 
 _DATA = Path("tasks", "REVERIE", "data")
+_ONE_FILE = "BBoxes.json"
 _SHOWN_ERRORS = 3
 
 
@@ -49,6 +52,8 @@ class DatasetFiles:
     boxes: Path
     """The ``BBox`` folder, or one file with all boxes."""
     connectivity: Path
+    object_positions: Path | None = None
+    """``objpos.json``, for the protocol that measures the distance to the object."""
 
     @classmethod
     def find(
@@ -59,6 +64,7 @@ class DatasetFiles:
         annotations: Path | None = None,
         boxes: Path | None = None,
         connectivity: Path | None = None,
+        object_positions: Path | None = None,
     ) -> Self:
         """Locate the files below a clone's root, or where they are pointed at.
 
@@ -74,24 +80,30 @@ class DatasetFiles:
             The ``BBox`` folder, or DUET's ``BBoxes.json``.
         connectivity : Path, optional
             The folder of ``{scan}_connectivity.json`` files.
+        object_positions : Path, optional
+            A file with the centres of all objects; never looked for by itself.
 
         Raises
         ------
         DatasetError
-            Naming each of the three that is not there.
+            Naming each of them that is not there.
         """
         annotations = annotations or _below(root, _DATA)
         if annotations and not annotations.is_file():
             annotations = annotations / f"REVERIE_{split}.json"
         boxes = boxes or _first_that_exists(
-            _below(root, _DATA / "BBox"), _below(root, _DATA / "BBoxes.json")
+            _below(root, _DATA / "BBox"), _below(root, _DATA / _ONE_FILE)
         )
+        if boxes and (boxes / _ONE_FILE).is_file():
+            boxes = boxes / _ONE_FILE
         connectivity = connectivity or _below(root, Path("connectivity"))
         found = {"annotations": annotations, "boxes": boxes, "connectivity": connectivity}
+        if object_positions:
+            found["object-positions"] = object_positions
         problems = [_missing_input(*item) for item in found.items() if not _exists(item[1])]
         if problems or not (annotations and boxes and connectivity):
             raise DatasetError(problems)
-        return cls(annotations, boxes, connectivity)
+        return cls(annotations, boxes, connectivity, object_positions)
 
     def other_annotations(self) -> Mapping[str, Path]:
         """Return the annotation files of other splits in the same folder."""
@@ -148,13 +160,18 @@ class Sources:
             seen |= objects_at or {}
         return seen
 
+    def object_positions(self) -> dict[str, dict[str, Position]] | None:
+        """Read the centres of the objects by scan, if they are given."""
+        path = self.files.object_positions
+        return self._read(OBJECT_POSITIONS, path, "object_positions") if path else None
+
     def other_splits(self) -> dict[str, list[str]]:
         """Read the instr_ids of the dataset's other splits, as far as their files can be read."""
         splits = {}
         for split, path in self.files.other_annotations().items():
             try:
                 tasks = ANNOTATIONS.validate_json(path.read_bytes())
-            except ValidationError:
+            except (ValidationError, OSError):
                 continue  # A help for messages only: another split's fault is not this one's.
             splits[split] = [instr_id for task in tasks for instr_id in task.instr_ids]
         return splits

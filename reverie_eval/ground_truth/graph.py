@@ -23,6 +23,8 @@ class NavigationGraph:
     """Every included viewpoint; an id stands for one viewpoint of one scan."""
     viewpoint_scan: IntArray
     """Shape (n_viewpoints,): index into ``scan_ids``, ascending."""
+    viewpoint_position: FloatArray
+    """Shape (n_viewpoints, 3): metres, the camera's place in the scan's own frame, z up."""
     distance: FloatArray
     """Metres along the graph from the row's viewpoint to the column's."""
     edge: BoolArray
@@ -35,6 +37,7 @@ class NavigationGraph:
             scan_ids=tuple(arrays["scan_id"].tolist()),
             viewpoint_ids=tuple(arrays["viewpoint_id"].tolist()),
             viewpoint_scan=arrays["viewpoint_scan"],
+            viewpoint_position=arrays["viewpoint_position"],
             distance=arrays["distance"],
             edge=arrays["edge"],
         )
@@ -45,6 +48,7 @@ class NavigationGraph:
             "scan_id": np.array(self.scan_ids, dtype=np.str_),
             "viewpoint_id": np.array(self.viewpoint_ids, dtype=np.str_),
             "viewpoint_scan": self.viewpoint_scan,
+            "viewpoint_position": self.viewpoint_position,
             "distance": self.distance,
             "edge": self.edge,
         }

@@ -27,7 +27,8 @@ def find_ground_truth(given: str | PathLike[str] | GroundTruth | None, split: st
     """
     if isinstance(given, GroundTruth):
         return _of_split(given, split)
-    place = given or os.environ.get(ENVIRONMENT_VARIABLE) or DEMO_BUNDLES
+    named = os.environ.get(ENVIRONMENT_VARIABLE) if given is None else given
+    place = DEMO_BUNDLES if named is None else named
     return _of_split(_load(Path(place), split), split)
 
 

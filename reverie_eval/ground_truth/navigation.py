@@ -49,7 +49,7 @@ def read_navigation_graph(sources: Sources, scans: Sequence[str]) -> NavigationG
 
     References
     ----------
-    .. [1] ``load_nav_graphs`` in ``tasks/REVERIE/utils.py`` of the dataset's repository; every
+    .. [1] ``load_nav_graphs`` in ``tasks/REVERIE/utilsFast.py`` of the dataset's repository; every
        published evaluator does the same.
     """
     viewpoints = sources.graphs(scans)
@@ -61,6 +61,9 @@ def read_navigation_graph(sources: Sources, scans: Sequence[str]) -> NavigationG
         scan_ids=tuple(graphs),
         viewpoint_ids=tuple(viewpoint_ids),
         viewpoint_scan=np.repeat(np.arange(len(graphs)), sizes),
+        viewpoint_position=np.array(
+            [position for graph in graphs.values() for position in graph.position]
+        ).reshape(-1, 3),
         distance=_end_to_end([graph.distance() for graph in graphs.values()]),
         edge=_end_to_end([graph.edge for graph in graphs.values()]),
     )

@@ -56,10 +56,8 @@ def check_tasks(sources: Sources, tasks: Sequence[Task], graph: NavigationGraph)
     outside = [task for task in known if not _is_inside(task, graph)]
     fault = "the path leaves the navigation graph {where}"
     _report(sources, "unknown-viewpoint", fault, outside, len(tasks))
-    ends = np.array([[graph.index[task.path[at]] for at in (0, -1)] for task in inside], dtype=int)
-    apart = np.isinf(graph.distance_between(*ends.reshape(-1, 2).T))
-    cut_off = [inside[row] for row in np.flatnonzero(apart)]
-    fault = "the goal cannot be reached from the start {where}"
+    cut_off = [task for task in inside if not _is_connected(task, graph)]
+    fault = "no route leads from the start to the goal, or to a viewpoint on the way, {where}"
     _report(sources, "unreachable-goal", fault, cut_off, len(tasks))
 
 
@@ -86,6 +84,12 @@ def check_targets(
 def _is_inside(task: Task, graph: NavigationGraph) -> bool:
     numbers = [graph.index.get(viewpoint_id) for viewpoint_id in task.path]
     return all(n is not None and graph.scan_of(n) == task.scan for n in numbers)
+
+
+def _is_connected(task: Task, graph: NavigationGraph) -> bool:
+    path = np.array([graph.index[viewpoint_id] for viewpoint_id in task.path])
+    start = np.full_like(path, path[0])
+    return bool(np.isfinite(graph.distance_between(start, path)).all())
 
 
 def _report(sources: Sources, code: str, fault: str, tasks: Sequence[Task], total: int) -> None:

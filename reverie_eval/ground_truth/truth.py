@@ -8,10 +8,12 @@ from typing import Self
 
 import numpy as np
 
-from reverie_eval.arrays import Array, BoolArray, IntArray, last_of
+from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, last_of
 from reverie_eval.errors import GroundTruthError
 from reverie_eval.ground_truth.bundle import Bundle, BundleHeader
 from reverie_eval.ground_truth.graph import NavigationGraph
+from reverie_eval.protocol import SUCCESS_DISTANCE, Protocol
+from reverie_eval.wording import counted
 
 DEMO_DATASET = "demo"
 """Name of the synthetic dataset that ships with the package."""
@@ -45,13 +47,41 @@ class Answers:
     """Shape (n_candidates,): every visible object at every viewpoint, by viewpoint and id."""
     candidate_object: IntArray
     """Shape (n_candidates,): object id within the viewpoint's scan."""
+    candidate_distance: FloatArray | None
+    """Shape (n_candidates,): metres from camera to object centre, inf where the centre is not
+    known; None if the bundle was compiled without object positions."""
+    path: IntArray
+    """Annotated paths of the tasks, end to end."""
+    path_offsets: IntArray
+    """Shape (n_tasks + 1,): where each task's path begins in ``path``."""
 
     def is_visible(self, target_object: IntArray, viewpoint: IntArray) -> BoolArray:
         """Whether each object is visible from each viewpoint, a viewpoint of its own scan."""
+        return self._find(target_object, viewpoint)[1]
+
+    def is_visible_near(self, target_object: IntArray, viewpoint: IntArray) -> BoolArray:
+        """Whether it is visible and its centre at most 3 m from the camera, in a straight line.
+
+        Only for bundles with object positions.
+
+        References
+        ----------
+        .. [1] ``r2r_src/eval.py`` lines 182-185 of YanyuanQiao/HOP-REVERIE-Challenge.
+        """
+        slot, found = self._find(target_object, viewpoint)
+        distance = np.asarray(self.candidate_distance)
+        return np.logical_and(found, distance[slot] <= SUCCESS_DISTANCE)
+
+    def serves(self, protocol: Protocol) -> bool:
+        """Whether everything that the protocol looks at is there."""
+        is_measured = self.candidate_distance is not None
+        return is_measured or protocol.goal != "visible and near the object"
+
+    def _find(self, target_object: IntArray, viewpoint: IntArray) -> tuple[IntArray, BoolArray]:
+        """Return the row of each object at each viewpoint among the candidates, if it is one."""
         key = _candidate_key(viewpoint, target_object)
         slot = np.searchsorted(self._candidates, key).clip(max=len(self._candidates) - 1)
-        found: BoolArray = self._candidates[slot] == key
-        return found
+        return slot, np.equal(self._candidates[slot], key).astype(np.bool_)
 
     @cached_property
     def _candidates(self) -> IntArray:
@@ -63,7 +93,7 @@ def _candidate_key(viewpoint: IntArray, object_id: IntArray) -> IntArray:
     return (viewpoint.astype(np.int64) << 32) | object_id
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GroundTruth:
     """One split's ground truth; read with :meth:`load`, made by ``reverie-eval compile``."""
 
@@ -108,6 +138,11 @@ class GroundTruth:
             origin=origin,
         )
 
+    def __repr__(self) -> str:
+        kind = "public, " if self.answers is None else ""
+        count = counted(len(self.episodes.instr_ids), "episode")
+        return f"<GroundTruth of {self.split}, {kind}{count}, from {self.origin}>"
+
     @property
     def split(self) -> str:
         """The split that this is the ground truth of."""
@@ -142,7 +177,7 @@ class GroundTruth:
         if self.answers is None:
             raise GroundTruthError(
                 f"{self.origin} is a public bundle: it checks a {self.split} submission "
-                "(`reverie-eval validate`) but holds no answers to score it"
+                "(`reverie-eval validate`) but holds no answers, which this needs"
             )
         return self.answers
 
@@ -155,4 +190,7 @@ def _answers(arrays: Mapping[str, Array]) -> Answers:
         goal=task_goal[task],
         candidate_viewpoint=arrays["candidate_viewpoint"],
         candidate_object=arrays["candidate_object"],
+        candidate_distance=arrays.get("candidate_distance"),
+        path=arrays["path"],
+        path_offsets=arrays["path_offsets"],
     )

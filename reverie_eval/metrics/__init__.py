@@ -2,6 +2,7 @@
 
 from reverie_eval.metrics.boxes import box_iou, box_match
 from reverie_eval.metrics.catalogue import CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.metrics.fidelity import cls, dtw, ndtw, sdtw
 from reverie_eval.metrics.grounding import ABSTAINED, candidate_match
 from reverie_eval.metrics.navigation import (
     jumps,
@@ -22,11 +23,15 @@ __all__ = [
     "box_iou",
     "box_match",
     "candidate_match",
+    "cls",
+    "dtw",
     "jumps",
     "navigation_error",
+    "ndtw",
     "oracle_error",
     "oracle_success",
     "path_length",
+    "sdtw",
     "spl",
     "steps",
     "success",

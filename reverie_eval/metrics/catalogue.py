@@ -1,4 +1,4 @@
-"""The catalogue of metrics: what the command line, the server, the pages and the docs all read."""
+"""The catalogue of metrics: what the command line, the notebook and the docs all read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -113,6 +113,38 @@ _METRICS = (
         "metres",
         "lower",
         "metres from the trajectory's nearest viewpoint to the end of the annotated path",
+    ),
+    Metric(
+        "dtw",
+        "DTW",
+        "dynamic time warping",
+        "metres",
+        "lower",
+        "least total distance of an alignment of trajectory and annotated path in order",
+    ),
+    Metric(
+        "ndtw",
+        "nDTW",
+        "normalised dynamic time warping",
+        "fraction",
+        "higher",
+        "exp(-DTW / (3 m x nodes of the annotated path))",
+    ),
+    Metric(
+        "sdtw",
+        "SDTW",
+        "success weighted by normalised dynamic time warping",
+        "fraction",
+        "higher",
+        "nDTW of successful episodes, 0 of others",
+    ),
+    Metric(
+        "cls",
+        "CLS",
+        "coverage weighted by length score",
+        "fraction",
+        "higher",
+        "how near the trajectory comes to the annotated path, times how well the lengths agree",
     ),
     Metric(
         "shortest_length",

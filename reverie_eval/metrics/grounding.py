@@ -25,7 +25,7 @@ def candidate_match(predicted_object: IntArray, target_object: IntArray) -> Bool
 
     References
     ----------
-    .. [1] ``eval_release.py`` lines 84-101 of the dataset's repository: the two ids are compared
+    .. [1] ``eval_release.py`` lines 77-81 of the dataset's repository: the two ids are compared
        as text, and where the agent stopped plays no part.
 
     Examples

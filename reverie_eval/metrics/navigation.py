@@ -80,7 +80,12 @@ def oracle_success(visible: BoolArray, offsets: IntArray) -> BoolArray:
     return np.logical_or.reduceat(visible, offsets[:-1])
 
 
-def spl(success: BoolArray, path_length: FloatArray, shortest_length: FloatArray) -> FloatArray:
+def spl(
+    success: BoolArray,
+    path_length: FloatArray,
+    shortest_length: FloatArray,
+    floor: float = 0.0,
+) -> FloatArray:
     """Success weighted by path length, per episode.
 
     A failed episode scores 0. A successful one scores the shortest length over the walked
@@ -93,12 +98,15 @@ def spl(success: BoolArray, path_length: FloatArray, shortest_length: FloatArray
     path_length : float array of shape (n_episodes,)
         Metres walked along the navigation graph.
     shortest_length : float array of shape (n_episodes,)
-        Metres of the shortest route from the start to the annotated goal.
+        Metres of the shortest route from the start to the annotated goal, or of the annotated
+        path, as the protocol has it.
+    floor : float
+        Metres that the denominator is at least, in the evaluators that have such a floor.
 
     Returns
     -------
     float array of shape (n_episodes,)
-        In [0, 1], higher is better. Starting on the goal and staying scores 1.
+        In [0, 1], higher is better. Starting on the goal and staying scores 1, with a floor 0.
 
     References
     ----------
@@ -112,7 +120,7 @@ def spl(success: BoolArray, path_length: FloatArray, shortest_length: FloatArray
     >>> spl(success, walked, shortest)
     array([1. , 0.5, 0. ])
     """
-    longest = np.maximum(path_length, shortest_length)
+    longest = np.maximum(np.maximum(path_length, shortest_length), floor)
     efficiency = np.divide(shortest_length, longest, out=np.ones_like(longest), where=longest > 0)
     return np.where(success, efficiency, 0.0)
 

@@ -1,15 +1,50 @@
 """Any JSON text as Python objects, or the place where it stops being JSON."""
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+from typing_extensions import TypeIs
 
 from reverie_eval.errors import SubmissionError
 from reverie_eval.reading import problems
+from reverie_eval.reading.predictions import Records, Submission
+from reverie_eval.reading.sources import read_bytes
+
+_NOT_JSON = {
+    b"PK\x03\x04": "a zip archive",
+    b"\xfd7zXZ": "an xz archive",
+    b"\x1f\x8b": "gzipped twice",
+    b"version https://git-lfs": "a pointer of git-lfs, not the file itself",
+    b"<": "a web page",
+}
+"""What people send in place of a result file, by how it begins."""
 
 
 class RepeatingObject(dict[str, Any]):
     """A JSON object that holds some fields twice; a plain parser would keep the last silently."""
 
-    repeated: str
+    repeated: frozenset[str]
+
+
+def read_document(submission: Submission) -> Any:
+    """Return a submission's records as Python objects, from wherever they come.
+
+    Raises
+    ------
+    SubmissionError
+        If it is no JSON.
+    OSError
+        If the file cannot be read.
+    """
+    return submission if are_records(submission) else parse_document(read_bytes(submission))
+
+
+def are_records(submission: Submission) -> TypeIs[Records]:
+    """Whether a submission comes as Python objects, a list or an object keyed by id."""
+    if isinstance(submission, str | bytes | bytearray):
+        return False
+    return isinstance(submission, Sequence | Mapping)
 
 
 def parse_document(content: bytes) -> Any:
@@ -22,6 +57,11 @@ def parse_document(content: bytes) -> Any:
     """
     import json  # Seldom needed: most files take the fast lane.
 
+    for beginning, kind in _NOT_JSON.items():
+        if content.startswith(beginning):
+            raise SubmissionError([problems.another_kind(kind)])
+    if not content.strip():
+        raise SubmissionError([problems.another_kind("empty")])
     try:
         return json.loads(content, object_pairs_hook=_object)
     except json.JSONDecodeError as error:
@@ -41,7 +81,7 @@ def _object(fields: list[tuple[str, Any]]) -> dict[str, Any]:
     record = dict(fields)
     if len(record) == len(fields):
         return record
-    names = [name for name, _ in fields]
+    counts = Counter(name for name, _ in fields)
     repeating = RepeatingObject(record)
-    repeating.repeated = next(name for name in names if names.count(name) > 1)
+    repeating.repeated = frozenset(name for name, count in counts.items() if count > 1)
     return repeating

@@ -14,7 +14,8 @@ import numpy as np
 
 from reverie_eval.arrays import offsets_of
 from reverie_eval.metrics import ABSTAINED
-from reverie_eval.reading.predictions import LARGEST_OBJECT_ID, Predictions
+from reverie_eval.reading.answers import LARGEST_OBJECT_ID
+from reverie_eval.reading.predictions import ID_PREFIX, Predictions
 
 
 class _Record(msgspec.Struct, gc=False, forbid_unknown_fields=True):
@@ -35,11 +36,15 @@ def decode_official(content: bytes) -> Predictions | None:
     # A colon for every field: one more, and some record may hold a field twice.
     if content.count(b":") != len(records) * len(_Record.__struct_fields__):
         return None
+    instr_ids = [record.instr_id for record in records]
+    if any(instr_id.startswith(ID_PREFIX) for instr_id in instr_ids):
+        return None
     trajectories = [record.trajectory for record in records]
+    stops = [trajectory[-1] for trajectory in trajectories]
     return Predictions(
-        rows=range(len(records)),
-        instr_ids=[record.instr_id for record in records],
+        instr_ids=instr_ids,
         viewpoint_ids=list(map(itemgetter(0), chain.from_iterable(trajectories))),
         offsets=offsets_of(np.fromiter(map(len, trajectories), np.int64, len(records))),
+        stop_angles=np.array([stop[1:] for stop in stops], dtype=np.float64).reshape(-1, 2),
         predicted_object=np.array([record.predObjId for record in records], dtype=np.int64),
     )

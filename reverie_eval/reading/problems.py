@@ -8,6 +8,8 @@ import reprlib
 from collections.abc import Sequence
 
 from reverie_eval.errors import Problem
+from reverie_eval.reading.findings import Place, PosePath
+from reverie_eval.wording import counted
 
 WHOLE_FILE = "file"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
@@ -28,12 +30,13 @@ def _found(value: object) -> str:
         return "a whole number of thousands of digits"
 
 
-def _in_row(code: str, row: int, message: str, field: str = "") -> Problem:
-    return Problem(code, f"[{row}]{field}", message, (row,))
+def _in_row(code: str, place: Place, message: str, field: str = "") -> Problem:
+    return Problem(code, f"{place}{field}", message, (place.number,))
 
 
-def _in_pose(code: str, row: int, pose: int, message: str, field: str = "") -> Problem:
-    return Problem(code, f"[{row}].trajectory[{pose}]{field}", message, (row, pose))
+def _in_pose(code: str, place: Place, path: PosePath, message: str) -> Problem:
+    where = f"{place}.trajectory" + "".join(f"[{number}]" for number in path)
+    return Problem(code, where, message, (place.number, *path))
 
 
 def _in_file(code: str, message: str, where: str = WHOLE_FILE) -> Problem:
@@ -46,6 +49,18 @@ def _in_file(code: str, message: str, where: str = WHOLE_FILE) -> Problem:
 def not_json(where: str, reason: str) -> Problem:
     """Build the problem for text that is no JSON."""
     return _in_file("not-json", f"{reason}; write the file with a JSON library", where)
+
+
+def another_kind(kind: str) -> Problem:
+    """Build the problem for a file that is something else than JSON."""
+    return _in_file("not-json", f"is {kind}; send the result file itself, as JSON or gzipped JSON")
+
+
+def too_many_records(found: int, limit: int) -> Problem:
+    """Build the problem for a file with more records than any split has episodes."""
+    return _in_file(
+        "too-large", f"holds {found:,} records, more than the {limit:,} that any split could need"
+    )
 
 
 def endless_number() -> Problem:
@@ -99,12 +114,14 @@ def missing_episode(instr_id: str, split: str) -> Problem:
     )
 
 
-def ids_of_another_split(count: int, other: str, split: str, row: int, instr_id: str) -> Problem:
+def ids_of_another_split(
+    count: int, other: str, split: str, place: Place, instr_id: str
+) -> Problem:
     """Build the problem for predictions that belong to another split."""
     look = "1 id looks" if count == 1 else f"{count:,} ids look"
     return _in_row(
         "other-split",
-        row,
+        place,
         f"{look} like {other} ids, the first is {instr_id}; score them with --split {other}, or "
         f"send the predictions for {split}",
         ".instr_id",
@@ -115,86 +132,98 @@ def ids_outside_demo(count: int, split: str) -> Problem:
     """Build the problem for real predictions that are held against the demo world."""
     return _in_file(
         "not-the-demo-world",
-        f"none of its {count:,} episodes is in the demo world that ships with this package; to "
-        "score REVERIE itself, clone github.com/YuankaiQi/REVERIE, run `reverie-eval compile "
-        f"REVERIE --split {split} -o {split}.npz` once and give --ground-truth {split}.npz",
+        f"none of its {counted(count, 'episode')} is in the demo world that ships with this "
+        "package; to score REVERIE itself, clone github.com/YuankaiQi/REVERIE, run `reverie-eval "
+        f"compile REVERIE --split {split} -o {split}.npz` once and give --ground-truth "
+        f"{split}.npz",
     )
 
 
 # A record.
 
 
-def not_an_object(row: int, found: object) -> Problem:
+def not_an_object(place: Place, found: object) -> Problem:
     """Build the problem for a record that is no JSON object."""
     return _in_row(
         "wrong-type",
-        row,
+        place,
         f"got {_found(found)}; expected an object with instr_id, trajectory and predObjId",
     )
 
 
-def repeated_field(row: int, field: str) -> Problem:
+def repeated_field(place: Place, field: str) -> Problem:
     """Build the problem for a record that holds a field twice."""
-    return _in_row("repeated-field", row, f"has {field} twice; keep the one that is meant")
+    return _in_row("repeated-field", place, f"has {field} twice; keep the one that is meant")
 
 
-def missing_field(row: int, field: str) -> Problem:
+def repeated_key(key: str) -> Problem:
+    """Build the problem for a file keyed by id that holds an id twice."""
+    return _in_file("repeated-field", f"has {_found(key)} twice; keep the one that is meant")
+
+
+def key_contradicts(place: Place, instr_id: str) -> Problem:
+    """Build the problem for a record whose own id is not the one it is filed under."""
+    message = f"is {_found(instr_id)} under the key {_found(place.key)}; make them the same"
+    return _in_row("key-mismatch", place, message, ".instr_id")
+
+
+def missing_field(place: Place, field: str) -> Problem:
     """Build the problem for a record that lacks a field."""
-    return _in_row("missing-field", row, f"has no {field}; add it")
+    return _in_row("missing-field", place, f"has no {field}; add it")
 
 
-def wrong_instr_id(row: int, found: object) -> Problem:
+def wrong_instr_id(place: Place, found: object) -> Problem:
     """Build the problem for an instr_id that is no text."""
     return _in_row(
         "wrong-type",
-        row,
+        place,
         f'got {_found(found)}; expected the episode\'s id as text: "4774_267_1"',
         ".instr_id",
     )
 
 
-def wrong_object(row: int, found: object) -> Problem:
+def wrong_object(place: Place, key: str, found: object) -> Problem:
     """Build the problem for an answer that is no object id."""
-    return _in_row("wrong-type", row, f"got {_found(found)}; expected {OBJECT_FORM}", ".predObjId")
+    return _in_row("wrong-type", place, f"got {_found(found)}; expected {OBJECT_FORM}", f".{key}")
 
 
-def wrong_trajectory(row: int, found: object) -> Problem:
+def wrong_trajectory(place: Place, found: object) -> Problem:
     """Build the problem for a trajectory that is no list."""
     return _in_row(
         "wrong-type",
-        row,
+        place,
         f"got {_found(found)}; expected a list of poses {POSE_FORM}",
         ".trajectory",
     )
 
 
-def empty_trajectory(row: int) -> Problem:
+def empty_trajectory(place: Place) -> Problem:
     """Build the problem for a trajectory without a pose."""
     return _in_row(
         "empty-trajectory",
-        row,
+        place,
         "is empty; an agent that does not move has one pose, its start viewpoint",
         ".trajectory",
     )
 
 
-def unknown_episode(row: int, instr_id: str, split: str) -> Problem:
+def unknown_episode(place: Place, instr_id: str, split: str) -> Problem:
     """Build the problem for an id that no episode has."""
     return _in_row(
         "unknown-episode",
-        row,
+        place,
         f"{_found(instr_id)} is no episode of {split}; ids are <task id>_<instruction's number>, "
         "counted from 0",
         ".instr_id",
     )
 
 
-def duplicate_episode(row: int, instr_id: str, first_row: int) -> Problem:
+def duplicate_episode(place: Place, instr_id: str, first: Place) -> Problem:
     """Build the problem for a second prediction of an episode."""
     return _in_row(
         "duplicate-episode",
-        row,
-        f"{instr_id} was predicted in [{first_row}] already; keep one prediction per episode",
+        place,
+        f"{instr_id} was predicted in {first} already; keep one prediction per episode",
         ".instr_id",
     )
 
@@ -202,65 +231,62 @@ def duplicate_episode(row: int, instr_id: str, first_row: int) -> Problem:
 # A pose.
 
 
-def wrong_pose(row: int, pose: int, found: object) -> Problem:
+def wrong_pose(place: Place, path: PosePath, found: object) -> Problem:
     """Build the problem for something that is no pose."""
-    return _in_pose("wrong-type", row, pose, f"got {_found(found)}; expected {POSE_FORM}")
+    return _in_pose("wrong-type", place, path, f"got {_found(found)}; expected {POSE_FORM}")
 
 
-def not_finite(row: int, pose: int, found: Sequence[object]) -> Problem:
+def not_finite(place: Place, path: PosePath, found: Sequence[object]) -> Problem:
     """Build the problem for a pose with NaN or an infinity in it."""
     return _in_pose(
         "not-finite",
-        row,
-        pose,
+        place,
+        path,
         f"got {_found(list(found))}; heading and elevation are finite numbers of radians",
     )
 
 
-def unknown_viewpoint(row: int, pose: int, viewpoint_id: str, scan: str) -> Problem:
+def unknown_viewpoint(place: Place, path: PosePath, viewpoint_id: str, scan: str) -> Problem:
     """Build the problem for a viewpoint that no navigation graph holds."""
     return _in_pose(
         "unknown-viewpoint",
-        row,
-        pose,
+        place,
+        path,
         f"viewpoint {_found(viewpoint_id)} is not in the navigation graph of scan {scan}; use the "
         "viewpoint ids of the connectivity files",
-        "[0]",
     )
 
 
 def viewpoint_of_another_scan(
-    row: int, pose: int, viewpoint_id: str, scan: str, found_scan: str
+    place: Place, path: PosePath, viewpoint_id: str, scan: str, found_scan: str
 ) -> Problem:
     """Build the problem for a viewpoint of another building."""
     return _in_pose(
         "other-scan",
-        row,
-        pose,
+        place,
+        path,
         f"viewpoint {viewpoint_id} belongs to scan {found_scan}, but the episode is in scan {scan};"
         " check that trajectories and instr_ids were not mixed up",
-        "[0]",
     )
 
 
-def wrong_start(row: int, instr_id: str, expected: str, found: str) -> Problem:
+def wrong_start(place: Place, instr_id: str, expected: str, found: str) -> Problem:
     """Build the problem for a trajectory that begins away from the episode's start."""
     return _in_pose(
         "wrong-start",
-        row,
-        0,
+        place,
+        (0,),
         f"episode {instr_id} starts at viewpoint {expected}, got {found}; list the start "
         "viewpoint as the first pose",
     )
 
 
-def unreachable(row: int, pose: int, viewpoint_id: str) -> Problem:
+def unreachable(place: Place, path: PosePath, viewpoint_id: str) -> Problem:
     """Build the problem for a viewpoint that no route leads to."""
     return _in_pose(
         "unreachable",
-        row,
-        pose,
+        place,
+        path,
         f"no route leads from the start to viewpoint {viewpoint_id}; a jump is priced at the "
         "shortest route, so there must be one",
-        "[0]",
     )

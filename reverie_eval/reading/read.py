@@ -1,16 +1,16 @@
 """Read a submission, whatever it comes in."""
 
-from collections.abc import Sequence
-
-from reverie_eval.reading.document import parse_document
+from reverie_eval.reading.document import are_records, parse_document
 from reverie_eval.reading.official import decode_official
 from reverie_eval.reading.predictions import Predictions, Submission
 from reverie_eval.reading.records import read_records
 from reverie_eval.reading.sources import read_bytes
 
 
-def read_predictions(submission: Submission) -> Predictions:
-    """Read a submission in the official result format.
+def read_predictions(submission: Submission, *, answers_only: bool = False) -> Predictions:
+    """Read a submission in any form that public codebases write.
+
+    With ``answers_only`` trajectories are not looked at and may be left out.
 
     Raises
     ------
@@ -19,7 +19,8 @@ def read_predictions(submission: Submission) -> Predictions:
     OSError
         If the file cannot be read.
     """
-    if isinstance(submission, Sequence) and not isinstance(submission, str | bytes):
-        return read_records(submission)
+    if are_records(submission):
+        return read_records(submission, answers_only=answers_only)
     content = read_bytes(submission)
-    return decode_official(content) or read_records(parse_document(content))
+    predictions = None if answers_only else decode_official(content)
+    return predictions or read_records(parse_document(content), answers_only=answers_only)

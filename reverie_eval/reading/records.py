@@ -1,122 +1,140 @@
-"""Read records value by value: what has the official form is taken, the rest is explained.
+"""Read records value by value: what says what the official form says is taken, the rest explained.
 
-Nothing is repaired. A value that does not have the form becomes a problem with its place, and
-reading goes on, so that all of them are found at once.
+Nothing is repaired. A value that has none of the known forms becomes a problem with its place, and
+reading goes on, so that all of them are found at once. What was read although it is not the
+official form is counted, and said.
 """
 
-import math
-from collections.abc import Mapping, Sequence
-from itertools import chain
-from numbers import Integral, Real
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence, Sized
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from reverie_eval.arrays import offsets_of
-from reverie_eval.errors import Problem, SubmissionError
+from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.reading import problems
+from reverie_eval.reading.answers import ANSWER_KEYS, Answer, has_answer, read_answer
 from reverie_eval.reading.document import RepeatingObject
-from reverie_eval.reading.predictions import LARGEST_OBJECT_ID, Predictions
+from reverie_eval.reading.findings import Findings, Place
+from reverie_eval.reading.predictions import ID_PREFIX, Aside, Predictions
+from reverie_eval.reading.trajectories import Pose, read_trajectory
 
-_MISSING: Any = object()
+MAX_RECORDS = 200_000
+"""Ten times the largest split."""
+
+FIELDS = frozenset({"instr_id", "trajectory", *ANSWER_KEYS})
+"""What a record is read for; everything else is ignored."""
 
 
-def read_records(document: Any) -> Predictions:
-    """Read a list of records.
+class ReadRecord(NamedTuple):
+    """One record as it was read."""
+
+    place: Place
+    instr_id: str | None
+    """None where it could not be read."""
+    poses: Sequence[Pose]
+    answer: Answer
+
+
+def read_records(document: Any, *, answers_only: bool = False) -> Predictions:
+    """Read a list of records, or an object of records keyed by their instr_id.
 
     Raises
     ------
     SubmissionError
-        If it is no list. Everything smaller is in the result's ``problems``, to be reported
+        If it is neither. Everything smaller is in the result's ``problems``, to be reported
         together with what the ground truth finds.
     """
-    if not isinstance(document, list | tuple):
+    found = Findings()
+    return _columns(read_each(document, found, answers_only=answers_only), found)
+
+
+def read_each(document: Any, found: Findings, *, answers_only: bool = False) -> list[ReadRecord]:
+    """Read every record that is one; raises as :func:`read_records` does."""
+    if isinstance(document, Sized) and len(document) > MAX_RECORDS:
+        raise SubmissionError([problems.too_many_records(len(document), MAX_RECORDS)])
+    records = [
+        (place, record)
+        for place, record in _placed(document, found)
+        if _is_record(place, record, found)
+    ]
+    navigation_only = bool(records) and not any(has_answer(record) for _, record in records)
+    found.differences["navigation only"] += len(records) * navigation_only
+    return [
+        ReadRecord(
+            place,
+            _read_instr_id(place, record, found),
+            [] if answers_only else read_trajectory(place, record, found),
+            Answer(ABSTAINED) if navigation_only else read_answer(place, record, found),
+        )
+        for place, record in records
+    ]
+
+
+def _placed(document: Any, found: Findings) -> Iterable[tuple[Place, Any]]:
+    if isinstance(document, list | tuple):
+        return [(Place(number), record) for number, record in enumerate(document)]
+    if not isinstance(document, Mapping) or not _are_records(document):
         raise SubmissionError([problems.not_a_list(document)])
-    found: list[Problem] = []
-    records = {row: record for row, record in enumerate(document) if _is_record(row, record, found)}
-    trajectories = [_read_trajectory(row, record, found) for row, record in records.items()]
-    answers = [_read_answer(row, record, found) for row, record in records.items()]
-    return Predictions(
-        rows=list(records),
-        instr_ids=[_read_instr_id(row, record, found) for row, record in records.items()],
-        viewpoint_ids=list(chain.from_iterable(trajectories)),
-        offsets=offsets_of(np.array([len(trajectory) for trajectory in trajectories], dtype=int)),
-        predicted_object=np.array(answers, dtype=np.int64),
-        problems=found,
-    )
+    if isinstance(document, RepeatingObject):
+        found.problems.extend(map(problems.repeated_key, sorted(document.repeated)))
+    found.differences["keyed"] += len(document)
+    return [(Place(row, key), record) for row, (key, record) in enumerate(document.items())]
 
 
-def _is_record(row: int, record: Any, found: list[Problem]) -> bool:
+def _are_records(document: Mapping[str, Any]) -> bool:
+    """Whether this looks like records by id, and not like one record or a wrapped list."""
+    return any(isinstance(value, Mapping) for value in document.values()) or not document
+
+
+def _is_record(place: Place, record: Any, found: Findings) -> bool:
     if not isinstance(record, Mapping):
-        found.append(problems.not_an_object(row, record))
+        found.problems.append(problems.not_an_object(place, record))
         return False
     if isinstance(record, RepeatingObject):
-        found.append(problems.repeated_field(row, record.repeated))
+        for field in sorted(record.repeated & FIELDS):
+            found.problems.append(problems.repeated_field(place, field))
     return True
 
 
-def _read_instr_id(row: int, record: Mapping[str, Any], found: list[Problem]) -> str | None:
-    value = _field(row, record, "instr_id", found)
-    if isinstance(value, str):
-        return value
-    if value is not _MISSING:
-        found.append(problems.wrong_instr_id(row, value))
-    return None
-
-
-def _read_trajectory(
-    row: int, record: Mapping[str, Any], found: list[Problem]
-) -> Sequence[str | None]:
-    value = _field(row, record, "trajectory", found)
-    if value is _MISSING:
-        return ()
-    if not isinstance(value, list | tuple):
-        found.append(problems.wrong_trajectory(row, value))
-        return ()
-    if not value:
-        found.append(problems.empty_trajectory(row))
-    return [_read_viewpoint(row, number, pose, found) for number, pose in enumerate(value)]
-
-
-def _read_viewpoint(row: int, number: int, pose: Any, found: list[Problem]) -> str | None:
-    """Take the viewpoint out of a pose; heading and elevation may be left out."""
-    if not isinstance(pose, list | tuple) or not pose or not isinstance(pose[0], str):
-        found.append(problems.wrong_pose(row, number, pose))
+def _read_instr_id(place: Place, record: Mapping[str, Any], found: Findings) -> str | None:
+    value = record.get("instr_id", place.key)
+    if value is None and "instr_id" not in record:
+        found.problems.append(problems.missing_field(place, "instr_id"))
         return None
-    viewpoint_id, *angles = pose
-    if not all(map(_is_number, angles)):
-        found.append(problems.wrong_pose(row, number, pose))
+    if not isinstance(value, str):
+        found.problems.append(problems.wrong_instr_id(place, value))
         return None
-    if not all(map(_is_finite, angles)):
-        found.append(problems.not_finite(row, number, pose))
-    return str(viewpoint_id)
+    if place.key not in (None, value):
+        found.problems.append(problems.key_contradicts(place, value))
+    found.differences["prefixed"] += value.startswith(ID_PREFIX)
+    return value.removeprefix(ID_PREFIX)
 
 
-def _read_answer(row: int, record: Mapping[str, Any], found: list[Problem]) -> int:
-    value = _field(row, record, "predObjId", found)
-    if value is None or value is _MISSING:
-        return ABSTAINED
-    is_whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if is_whole and ABSTAINED <= value <= LARGEST_OBJECT_ID:
-        return int(value)
-    found.append(problems.wrong_object(row, value))
-    return ABSTAINED
+def _columns(records: Sequence[ReadRecord], found: Findings) -> Predictions:
+    poses = [pose for record in records for pose in record.poses]
+    lengths = np.array([len(record.poses) for record in records], dtype=np.int64)
+    answers = [record.answer for record in records]
+    return Predictions(
+        instr_ids=[record.instr_id for record in records],
+        viewpoint_ids=[pose.viewpoint_id for pose in poses],
+        offsets=offsets_of(lengths),
+        predicted_object=np.array([answer.object_id for answer in answers], dtype=np.int64),
+        stop_angles=np.array([_stop_angles(record) for record in records]).reshape(-1, 2),
+        aside=Aside(
+            places=[record.place for record in records],
+            pose_paths=[pose.path for pose in poses],
+            continues_hop=np.array([pose.continues_hop for pose in poses], dtype=np.bool_),
+            answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
+            read_as=found.read_as(),
+        ),
+        problems=found.problems,
+    )
 
 
-def _field(row: int, record: Mapping[str, Any], field: str, found: list[Problem]) -> Any:
-    value = record.get(field, _MISSING)
-    if value is _MISSING:
-        found.append(problems.missing_field(row, field))
-    return value
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _is_finite(angle: float) -> bool:
-    try:
-        return math.isfinite(angle)
-    except OverflowError:  # a whole number beyond the range of floats
-        return False
+def _stop_angles(record: ReadRecord) -> tuple[float, float]:
+    stop = record.poses[-1] if record.poses else None
+    if stop is None or stop.heading is None or stop.elevation is None:
+        return np.nan, np.nan
+    return float(stop.heading), float(stop.elevation)

@@ -42,18 +42,25 @@ def read_bytes(source: Source) -> bytes:
 
 
 def _read(source: str | PathLike[str] | BinaryIO | TextIO) -> bytes:
-    if source == "-":
+    if isinstance(source, str) and source == "-":
         return _read_standard_input()
-    if isinstance(source, str) and source.lstrip()[:1] in _JSON_BEGINS:
-        raise TypeError("to score JSON text, give it as bytes: text.encode()")
     if isinstance(source, str | PathLike):
-        with Path(source).open("rb") as file:
-            return file.read(MAX_BYTES + 1)
+        return _read_file(source)
     if not hasattr(source, "read"):
         kind = type(source).__name__
         raise TypeError(f"a submission is a path, bytes, an open file or records, got {kind}")
     content = source.read(MAX_BYTES + 1)
     return content.encode(errors="surrogatepass") if isinstance(content, str) else content
+
+
+def _read_file(path: str | PathLike[str]) -> bytes:
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        if str(path).lstrip()[:1] in _JSON_BEGINS:
+            raise TypeError("to score JSON text, give it as bytes: text.encode()") from error
+        raise
 
 
 def _read_standard_input() -> bytes:

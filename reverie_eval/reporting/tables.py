@@ -1,62 +1,105 @@
-"""Score tables as text: plain, Markdown, LaTeX, CSV and JSON, each with its signature."""
+"""Score tables as text: plain, Markdown, LaTeX, CSV and JSON, each with its signature.
+
+A table has a row per protocol. With more than one, a first column names them, and values that
+differ from the first row's are marked.
+"""
 
 import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TextIO
 
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.scores import Scores
 
+NOT_SCORED = "-"
+MARK = "*"
 
-def plain(scores: Scores) -> str:
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A score table in words, ready to be laid out."""
+
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    captions: Sequence[str]
+    """What the numbers depend on; the signature comes first."""
+    has_names: bool
+    """Whether the first column names the rows."""
+
+
+def table_of(results: Sequence[Scores]) -> Table:
+    """Word a submission's scores, under one protocol or several."""
+    first = results[0]
+    metrics = [metric for metric in CATALOGUE.values() if metric.headline and metric.key in first]
+    several = len(results) > 1
+    rows = [[_cell(metric, scores, first) for metric in metrics] for scores in results]
+    names = [[_name(scores)] if several else [] for scores in results]
+    marked = any(cell.endswith(MARK) for row in rows for cell in row)
+    return Table(
+        headings=["protocol"] * several + [metric.heading for metric in metrics],
+        rows=[name + row for name, row in zip(names, rows, strict=True)],
+        captions=[
+            *([f"{MARK} differs from {_name(first)}", ""] if marked else []),
+            *(scores.signature for scores in results),
+            f"ground truth: {first.ground_truth.provenance}",
+            *(f"note: {note}" for note in first.notes),
+        ],
+        has_names=several,
+    )
+
+
+def plain(results: Sequence[Scores]) -> str:
     """Aligned columns without decoration, for a pipe or a file."""
-    cells = list(zip(*_headings_and_values(scores), strict=True))
-    widths = [max(map(len, column)) for column in cells]
-    rows = [
-        "  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True))
-        for row in _headings_and_values(scores)
-    ]
-    return "\n".join([*rows, "", *captions(scores)])
+    table = table_of(results)
+    cells = [table.headings, *table.rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = ["  ".join(map(_justify(table), row, widths, range(len(row)))) for row in cells]
+    return "\n".join([*(line.rstrip() for line in lines), "", *table.captions])
 
 
-def markdown(scores: Scores) -> str:
+def markdown(results: Sequence[Scores]) -> str:
     """Render a GitHub-flavoured table with the captions below."""
-    headings, values = _headings_and_values(scores)
-    rows = [headings, ["---:"] * len(headings), values]
-    table = ["| " + " | ".join(row) + " |" for row in rows]
-    signature, *others = captions(scores)
-    return "\n\n".join(["\n".join(table), f"`{signature}`", *others])
+    table = table_of(results)
+    rule = [":---"] * table.has_names + ["---:"] * (len(table.headings) - table.has_names)
+    lines = ["| " + " | ".join(row) + " |" for row in (table.headings, rule, *table.rows)]
+    captions = [caption.replace(MARK, rf"\{MARK}") for caption in table.captions if caption]
+    return "\n".join(lines).replace(f"{MARK} |", rf"\{MARK} |") + "\n\n" + "\n\n".join(captions)
 
 
-def latex(scores: Scores) -> str:
+def latex(results: Sequence[Scores]) -> str:
     r"""Render a ``tabular`` for the booktabs package, with the captions as comments."""
-    headings, values = _headings_and_values(scores)
+    table = table_of(results)
+    columns = "l" * table.has_names + "r" * (len(table.headings) - table.has_names)
     lines = [
-        *(f"% {caption}" for caption in captions(scores)),
-        rf"\begin{{tabular}}{{{'r' * len(headings)}}}",
+        *(f"% {caption}".rstrip() for caption in table.captions),
+        rf"\begin{{tabular}}{{{columns}}}",
         r"\toprule",
-        " & ".join(headings).replace("%", r"\%") + r" \\",
+        " & ".join(table.headings).replace("%", r"\%") + r" \\",
         r"\midrule",
-        " & ".join(values) + r" \\",
+        *(" & ".join(row) + r" \\" for row in table.rows),
         r"\bottomrule",
         r"\end{tabular}",
     ]
     return "\n".join(lines)
 
 
-def csv_table(scores: Scores) -> str:
-    """One row of every metric by its key, unrounded, beside the signature."""
+def csv_table(results: Sequence[Scores]) -> str:
+    """One row per protocol of every metric by its key, unrounded, beside the signature."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*scores, "signature"])
-    writer.writerow([*scores.values(), scores.signature])
+    writer.writerow([*CATALOGUE, "signature"])
+    for scores in results:
+        writer.writerow([*(scores.get(key, "") for key in CATALOGUE), scores.signature])
     return text.getvalue().rstrip("\n")
 
 
-def json_report(scores: Scores) -> str:
-    """Render the score report, the very JSON that the server replies."""
-    return scores.to_report().model_dump_json(indent=2)
+def json_report(results: Sequence[Scores]) -> str:
+    """Render the score report as JSON; of several, a list."""
+    reports = [scores.to_report().model_dump_json(indent=2) for scores in results]
+    return reports[0] if len(reports) == 1 else "[\n" + ",\n".join(reports) + "\n]"
 
 
 def write_episodes(scores: Scores, file: TextIO) -> None:
@@ -67,20 +110,35 @@ def write_episodes(scores: Scores, file: TextIO) -> None:
     writer.writerows(zip(scores.instr_ids, *columns, strict=True))
 
 
-def captions(scores: Scores) -> Sequence[str]:
-    """Say what the numbers depend on; the signature comes first."""
-    notes = [f"note: {note}" for note in scores.notes]
-    return [scores.signature, f"ground truth: {scores.ground_truth.provenance}", *notes]
+def _name(scores: Scores) -> str:
+    return " ".join(filter(None, (scores.protocol.name, scores.qualifier)))
 
 
-def _headings_and_values(scores: Scores) -> tuple[list[str], list[str]]:
-    return (
-        [metric.heading for metric in scores.headline],
-        [metric.display(scores[metric.key]) for metric in scores.headline],
-    )
+def _cell(metric: Metric, scores: Scores, first: Scores) -> str:
+    if metric.key not in scores:
+        return NOT_SCORED
+    value, reference = metric.display(scores[metric.key]), metric.display(first[metric.key])
+    return value if value == reference else value + MARK
 
 
-FORMATS: Mapping[str, Callable[[Scores], str]] = MappingProxyType(
+def _justify(table: Table) -> Callable[[str, int, int], str]:
+    """Names to the left, numbers to the right, with the decimal points in line."""
+    marked = {
+        column
+        for column in range(len(table.headings))
+        if any(row[column].endswith(MARK) for row in table.rows)
+    }
+
+    def justify(text: str, width: int, column: int) -> str:
+        if column == 0 and table.has_names:
+            return text.ljust(width)
+        unmarked = column in marked and not text.endswith(MARK)
+        return (text + " " if unmarked else text).rjust(width)
+
+    return justify
+
+
+FORMATS: Mapping[str, Callable[[Sequence[Scores]], str]] = MappingProxyType(
     {
         "table": plain,
         "json": json_report,

@@ -1,42 +1,52 @@
 """The score table on a terminal: across where it fits, down where it does not."""
 
+from collections.abc import Sequence
+
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as RichTable
 
-from reverie_eval.metrics import PRIMARY_METRIC
-from reverie_eval.reporting.tables import captions
+from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval.reporting.tables import MARK, Table, table_of
 from reverie_eval.scores import Scores
 
 _ANY_WIDTH = 1000
+_PRIMARY = CATALOGUE[PRIMARY_METRIC].heading
 
 
-def show(scores: Scores, console: Console) -> None:
+def show(results: Sequence[Scores], console: Console) -> None:
     """Print the score table with its signature."""
-    table = _across(scores)
+    table = table_of(results)
+    across = _across(table)
     unbounded = console.options.update_width(_ANY_WIDTH)
-    fits = console.measure(table, options=unbounded).maximum <= console.width
-    console.print(table if fits else _down(scores))
-    for caption in captions(scores):
+    fits = console.measure(across, options=unbounded).maximum <= console.width
+    console.print(across if fits else _down(table))
+    for caption in table.captions:
         console.print(caption, style="dim", markup=False, highlight=False, soft_wrap=True)
 
 
-def _across(scores: Scores) -> Table:
-    table = Table(box=SIMPLE_HEAD)
-    for metric in scores.headline:
-        table.add_column(metric.heading, justify="right", no_wrap=True, style=_style(metric.key))
-    table.add_row(*(metric.display(scores[metric.key]) for metric in scores.headline))
-    return table
+def _across(table: Table) -> RichTable:
+    grid = RichTable(box=SIMPLE_HEAD)
+    for number, heading in enumerate(table.headings):
+        justify = "left" if table.has_names and number == 0 else "right"
+        style = "bold" if heading == _PRIMARY else ""
+        grid.add_column(heading, justify=justify, no_wrap=True, style=style)  # type: ignore[arg-type]
+    for row in table.rows:
+        grid.add_row(*map(_highlighted, row))
+    return grid
 
 
-def _down(scores: Scores) -> Table:
-    table = Table(box=None, show_header=False)
-    for metric in scores.headline:
-        value = metric.display(scores[metric.key])
-        table.add_row(metric.heading, value, style=_style(metric.key))
-    table.columns[1].justify = "right"
-    return table
+def _down(table: Table) -> RichTable:
+    grid = RichTable(box=None, show_header=False)
+    for number, row in enumerate(table.rows):
+        if number:
+            grid.add_row("", "")
+        for heading, cell in zip(table.headings, row, strict=True):
+            grid.add_row(heading, _highlighted(cell), style="bold" if heading == _PRIMARY else "")
+    grid.columns[1].justify = "right"
+    return grid
 
 
-def _style(key: str) -> str:
-    return "bold" if key == PRIMARY_METRIC else ""
+def _highlighted(cell: str) -> str:
+    """Show what is marked in colour too."""
+    return f"[yellow]{cell}[/yellow]" if cell.endswith(MARK) else cell

@@ -2,14 +2,25 @@
 
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    StringConstraints,
+    TypeAdapter,
+    model_validator,
+)
 
 Name = Annotated[str, StringConstraints(min_length=1)]
-ObjectId = Annotated[int, Field(ge=0, lt=2**31)]
-ObjectKey = Annotated[str, StringConstraints(pattern=r"^\d{1,9}$")]
+ObjectId = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
+ObjectKey = Annotated[str, StringConstraints(pattern=r"^(0|[1-9]\d{0,8})$")]
 ViewIndex = Annotated[int, Field(ge=0, lt=36)]
 Offset = Annotated[int, Field(ge=0, le=640)]
 Extent = Annotated[int, Field(ge=1, le=640)]
+
+Position = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+"""Metres in the scan's own frame, z up."""
 
 
 class _Published(BaseModel):
@@ -45,7 +56,7 @@ class Viewpoint(_Published):
     """Which viewpoints of the same file can be walked to from here."""
 
     @property
-    def position(self) -> tuple[float, float, float]:
+    def position(self) -> Position:
         """The camera's place in the world, in metres."""
         return self.pose[3], self.pose[7], self.pose[11]
 
@@ -70,3 +81,6 @@ ANNOTATIONS = TypeAdapter(Annotated[list[Task], Field(min_length=1)])
 CONNECTIVITY = TypeAdapter(list[Viewpoint])
 BOXES = TypeAdapter(dict[str, dict[ObjectKey, ObjectBoxes]])
 """A file of the ``BBox`` folder (key: viewpoint) or ``BBoxes.json`` (key: ``scan_viewpoint``)."""
+
+OBJECT_POSITIONS = TypeAdapter(dict[str, dict[ObjectKey, Position]])
+"""``objpos.json``: the centre of every object by scan and object id."""

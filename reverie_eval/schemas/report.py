@@ -1,4 +1,4 @@
-"""Reports: what ``--format json`` prints and what the server replies."""
+"""Reports: what ``--format json`` prints."""
 
 from typing import Literal
 
@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict
 class ScoreReport(BaseModel):
     """Scores of one submission, with everything needed to explain the numbers later."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
 
     schema_version: Literal[1] = 1
     signature: str
@@ -32,7 +32,9 @@ class ScoreReport(BaseModel):
 class ProblemReport(BaseModel):
     """One thing that is wrong with a submission."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", from_attributes=True)
+    model_config = ConfigDict(
+        frozen=True, use_attribute_docstrings=True, extra="forbid", from_attributes=True
+    )
 
     code: str
     """What kind of problem it is; stable, for programs."""
@@ -45,7 +47,7 @@ class ProblemReport(BaseModel):
 class ValidationReport(BaseModel):
     """Whether a submission can be scored, and everything that is wrong if it cannot."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
 
     schema_version: Literal[1] = 1
     split: str

@@ -1,12 +1,17 @@
 """``reverie-eval compile DATASET --split SPLIT -o FILE``: make a split's ground-truth bundle."""
 
 import argparse
+import os
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from reverie_eval.ground_truth import bundle_name
+from reverie_eval import ReverieEvalError
+from reverie_eval.ground_truth import Bundle, bundle_name
 from reverie_eval.wording import counted
+from reverie_eval_cli.arguments import add_split
+from reverie_eval_cli.outputs import check_outputs
 
 SUMMARY = "compile the published dataset files of a split into a ground-truth bundle"
 
@@ -16,14 +21,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "dataset", nargs="?", type=Path, help="a clone of the REVERIE dataset repository"
     )
-    parser.add_argument("--split", required=True, help="train, val_seen, val_unseen or test")
+    add_split(parser)
     parser.add_argument(
         "-o",
         "--output",
         required=True,
         metavar="FILE",
-        type=Path,
-        help="the bundle to write, or a folder to write SPLIT.npz into",
+        help="the bundle to write, or a folder (an existing one, or with / at the end) to write "
+        "SPLIT.npz into",
     )
     parser.add_argument(
         "--public", action="store_true", help="leave the answers out: a bundle to validate with"
@@ -41,6 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     elsewhere.add_argument(
         "--connectivity", metavar="PATH", type=Path, help="the folder of connectivity files"
     )
+    elsewhere.add_argument(
+        "--object-positions",
+        metavar="FILE",
+        type=Path,
+        help="objpos.json, the centres of all objects; the protocol challenge-2022 needs it",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -48,19 +59,20 @@ def run(arguments: argparse.Namespace) -> int:
     from reverie_eval.ground_truth.compile import compile_split
     from reverie_eval.ground_truth.dataset import DatasetFiles
 
+    if not re.fullmatch(r"\w+", arguments.split):
+        raise ReverieEvalError(f"{arguments.split!r} is no name of a split; use letters and _")
     files = DatasetFiles.find(
         arguments.split,
         arguments.dataset,
         annotations=arguments.annotations,
         boxes=arguments.boxes,
         connectivity=arguments.connectivity,
+        object_positions=arguments.object_positions,
     )
     bundle = compile_split(files, arguments.split, track=_with_progress)
     if arguments.public:
         bundle = bundle.public()
-    output = arguments.output
-    if output.is_dir():
-        output /= bundle_name(arguments.split, public=bundle.is_public)
+    output = _output(arguments, bundle)
     bundle.save(output)
     parts = {"episode": "instr_id", "scan": "scan_id", "viewpoint": "viewpoint_id"}
     counts = [counted(len(bundle.arrays[array]), noun) for noun, array in parts.items()]
@@ -69,6 +81,19 @@ def run(arguments: argparse.Namespace) -> int:
         print("it holds no answers: it checks submissions (`reverie-eval validate`)")
     print(f"fingerprint {bundle.header.fingerprint}")
     return 0
+
+
+def _output(arguments: argparse.Namespace, bundle: Bundle) -> Path:
+    """Return the file to write; a folder that is named with a slash is made."""
+    output = Path(arguments.output)
+    if arguments.output.endswith(os.sep):
+        output.mkdir(parents=True, exist_ok=True)
+    if output.is_dir():
+        output /= bundle_name(arguments.split, public=bundle.is_public)
+    if output.exists() and not output.is_file():
+        raise ReverieEvalError(f"{output} is no file that could be replaced")
+    check_outputs([output], [arguments.annotations, arguments.boxes, arguments.object_positions])
+    return output
 
 
 def _with_progress(files: Sequence[Path], description: str) -> Iterable[Path]:

@@ -1,0 +1,23 @@
+"""Where results may be written: never over what was given, and whole or not at all."""
+
+from pathlib import Path
+
+from reverie_eval import ReverieEvalError
+
+
+def check_outputs(outputs: list[str | Path | None], inputs: list[str | Path | None]) -> None:
+    """Refuse to write over an input, twice to the same file, or to what is no file.
+
+    Raises
+    ------
+    ReverieEvalError
+        Naming the file.
+    """
+    taken = {Path(path).resolve() for path in inputs if path and Path(path).is_file()}
+    for output in outputs:
+        if not output:
+            continue
+        place = Path(output).resolve()
+        if place in taken:
+            raise ReverieEvalError(f"{output} is used already; choose another file to write to")
+        taken.add(place)

@@ -1,0 +1,16 @@
+"""Writing submissions: one record a line, which people can read and programs compare."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+
+def write_submission(records: Sequence[Mapping[str, Any]], output: str | None) -> None:
+    """Write records to a file, or to standard output."""
+    text = "[\n" + ",\n".join(map(json.dumps, records)) + "\n]\n"
+    if output:
+        Path(output).write_text(text, encoding="utf-8")
+    else:
+        sys.stdout.write(text)

@@ -1,6 +1,5 @@
 """Writing submissions: one record a line, which people can read and programs compare."""
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import Any
 
 def write_submission(records: Sequence[Mapping[str, Any]], output: str | None) -> None:
     """Write records to a file, or to standard output."""
+    import json
+
     text = "[\n" + ",\n".join(map(json.dumps, records)) + "\n]\n"
     if output:
         Path(output).write_text(text, encoding="utf-8")

@@ -2,14 +2,15 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-from typing_extensions import TypeIs
+from typing import TYPE_CHECKING, Any
 
 from reverie_eval.errors import SubmissionError
 from reverie_eval.reading import problems
 from reverie_eval.reading.predictions import Records, Submission
 from reverie_eval.reading.sources import read_bytes
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
 _NOT_JSON = {
     b"PK\x03\x04": "a zip archive",
@@ -40,7 +41,7 @@ def read_document(submission: Submission) -> Any:
     return submission if are_records(submission) else parse_document(read_bytes(submission))
 
 
-def are_records(submission: Submission) -> TypeIs[Records]:
+def are_records(submission: Submission) -> "TypeIs[Records]":
     """Whether a submission comes as Python objects, a list or an object keyed by id."""
     if isinstance(submission, str | bytes | bytearray):
         return False

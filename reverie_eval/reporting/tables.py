@@ -4,7 +4,6 @@ A table has a row per protocol. With more than one, a first column names them, a
 differ from the first row's are marked.
 """
 
-import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -88,6 +87,8 @@ def latex(results: Sequence[Scores]) -> str:
 
 def csv_table(results: Sequence[Scores]) -> str:
     """One row per protocol of every metric by its key, unrounded, beside the signature."""
+    import csv
+
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*CATALOGUE, "signature"])
@@ -104,6 +105,8 @@ def json_report(results: Sequence[Scores]) -> str:
 
 def write_episodes(scores: Scores, file: TextIO) -> None:
     """Write the episode table as CSV: a row per episode, a column per metric, unrounded."""
+    import csv
+
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["instr_id", *scores.episodes])
     columns = [column.tolist() for column in scores.episodes.values()]

@@ -39,7 +39,7 @@ class EpisodeTable(Mapping[str, Array]):
 
     def __getitem__(self, key: str) -> Array:
         if key not in self._keys:
-            raise KeyError(key)
+            raise KeyError(f"{key} is not scored; {', '.join(self._keys)} are")
         column: Array = getattr(self, key)
         return column
 

@@ -629,3 +629,11 @@ def test_more_records_than_any_split_could_need(monkeypatch: pytest.MonkeyPatch)
     (problem,) = problems_of(b"[{}, {}, {}]")
     assert (problem.code, problem.where) == ("too-large", "file")
     assert "holds 3 records, more than the 2 that any split could need" in problem.message
+
+
+def test_more_lists_than_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes sixty times its two letters once it is read, so they are counted before."""
+    monkeypatch.setattr("reverie_eval.reading.document.MAX_CONTAINERS", 3)
+    (problem,) = problems_of(b"[[], [], []]")
+    assert (problem.code, problem.where) == ("too-large", "file")
+    assert "holds 4 lists and objects, more than the 3 that can be read" in problem.message

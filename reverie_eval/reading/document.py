@@ -21,6 +21,9 @@ _NOT_JSON = {
 }
 """What people send in place of a result file, by how it begins."""
 
+MAX_CONTAINERS = 10_000_000
+"""Lists and objects; a thousand poses for every episode of the largest split are 6 million."""
+
 
 class RepeatingObject(dict[str, Any]):
     """A JSON object that holds some fields twice; a plain parser would keep the last silently."""
@@ -63,6 +66,9 @@ def parse_document(content: bytes) -> Any:
             raise SubmissionError([problems.another_kind(kind)])
     if not content.strip():
         raise SubmissionError([problems.another_kind("empty")])
+    containers = content.count(b"[") + content.count(b"{")
+    if containers > MAX_CONTAINERS:
+        raise SubmissionError([problems.too_many_containers(containers, MAX_CONTAINERS)])
     try:
         return json.loads(content, object_pairs_hook=_object)
     except json.JSONDecodeError as error:

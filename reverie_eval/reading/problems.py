@@ -63,6 +63,13 @@ def too_many_records(found: int, limit: int) -> Problem:
     )
 
 
+def too_many_containers(found: int, limit: int) -> Problem:
+    """Build the problem for a file that would unfold to gigabytes."""
+    return _in_file(
+        "too-large", f"holds {found:,} lists and objects, more than the {limit:,} that can be read"
+    )
+
+
 def endless_number() -> Problem:
     """Build the problem for a whole number that Python refuses to read."""
     return _in_file(

@@ -1,4 +1,4 @@
-"""Nothing that was given is written over, and what is written is whole."""
+"""Nothing that was given is written over."""
 
 from pathlib import Path
 
@@ -17,22 +17,24 @@ COMPILE = "compile dataset --split val_unseen"
         pytest.param("submit.json {split} {full} --output submit.json", id="scores"),
         pytest.param("submit.json {split} {full} --episodes ./submit.json", id="episodes"),
         pytest.param("submit.json {split} {full} --output x --episodes x", id="one file for both"),
+        pytest.param("submit.json {split} {full} --output full.npz", id="scores over the bundle"),
         pytest.param("convert submit.json -o submit.json", id="converted file"),
+        pytest.param("agent stop {split} {full} -o full.npz", id="agent's file over the bundle"),
     ],
 )
 def test_a_file_that_is_used_already_is_refused(line: str, run: Run) -> None:
-    before = Path("submit.json").read_bytes()
+    given = {name: Path(name).read_bytes() for name in ("submit.json", "full.npz")}
     status, out, err = run(*words(line))
     assert (status, out) == (2, "")
     assert "is used already; choose another file to write to" in err
-    assert Path("submit.json").read_bytes() == before
+    assert {name: Path(name).read_bytes() for name in given} == given
     assert not Path("x").exists()
 
 
 def test_compiling_never_replaces_the_annotations(run: Run) -> None:
     annotations = "dataset/tasks/REVERIE/data/REVERIE_val_unseen.json"
     before = Path(annotations).read_bytes()
-    status, _, err = run(*words(f"{COMPILE} --annotations {annotations} -o {annotations}"))
+    status, _, err = run(*words(f"{COMPILE} -o {annotations}"))
     assert (status, Path(annotations).read_bytes()) == (2, before)
     assert "is used already" in err
 

@@ -1,4 +1,4 @@
-"""Where results may be written: never over what was given, and whole or not at all."""
+"""Where results may be written: never over what was given, and never twice to one file."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from reverie_eval import ReverieEvalError
 
 
 def check_outputs(outputs: list[str | Path | None], inputs: list[str | Path | None]) -> None:
-    """Refuse to write over an input, twice to the same file, or to what is no file.
+    """Refuse to write over an input, or twice to the same file.
 
     Raises
     ------

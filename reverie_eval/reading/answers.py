@@ -39,7 +39,8 @@ def read_answer(place: Place, record: Mapping[str, Any], found: Findings) -> Ans
         return Answer(ABSTAINED)
     key, value = keys[0], record[keys[0]]
     found.differences["other key"] += key != ANSWER_KEYS[0]
-    found.differences["several answers"] += len({_said(record[key]) for key in keys}) > 1
+    if len(keys) > 1:
+        found.differences["several answers"] += len({_said(record[key]) for key in keys}) > 1
     if value is None or (isinstance(value, str) and value in _ABSTENTIONS):
         found.differences["abstentions"] += 1
         return Answer(ABSTAINED)

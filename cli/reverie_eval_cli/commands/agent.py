@@ -3,6 +3,7 @@
 import argparse
 
 from reverie_eval_cli.arguments import add_ground_truth, add_output, add_split
+from reverie_eval_cli.outputs import check_outputs
 from reverie_eval_cli.submissions import write_submission
 
 SUMMARY = "write the submission of a reference agent: shortest, random or stop"
@@ -24,6 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     from reverie_eval.agents import run_agent
     from reverie_eval.ground_truth import find_ground_truth
 
+    check_outputs([arguments.output], [arguments.ground_truth])
     truth = find_ground_truth(arguments.ground_truth, arguments.split)
     write_submission(run_agent(arguments.name, truth, arguments.seed), arguments.output)
     return 0

@@ -73,6 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.public:
         bundle = bundle.public()
     output = _output(arguments, bundle)
+    check_outputs([output], [files.annotations, files.boxes, files.object_positions])
     bundle.save(output)
     parts = {"episode": "instr_id", "scan": "scan_id", "viewpoint": "viewpoint_id"}
     counts = [counted(len(bundle.arrays[array]), noun) for noun, array in parts.items()]
@@ -92,7 +93,6 @@ def _output(arguments: argparse.Namespace, bundle: Bundle) -> Path:
         output /= bundle_name(arguments.split, public=bundle.is_public)
     if output.exists() and not output.is_file():
         raise ReverieEvalError(f"{output} is no file that could be replaced")
-    check_outputs([output], [arguments.annotations, arguments.boxes, arguments.object_positions])
     return output
 
 

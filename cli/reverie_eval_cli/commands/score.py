@@ -53,7 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Score the submission and put the scores where they were asked for."""
-    check_outputs([arguments.output, arguments.episodes], [arguments.submission])
+    check_outputs(
+        [arguments.output, arguments.episodes], [arguments.submission, arguments.ground_truth]
+    )
     results = _evaluate(arguments)
     if arguments.episodes:
         with Path(arguments.episodes).open("w", encoding="utf-8", newline="") as file:

@@ -5,7 +5,7 @@ Behind this stage no text is left and nothing can fail.
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 
 import numpy as np
@@ -13,7 +13,8 @@ import numpy as np
 from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of, take_rows
 from reverie_eval.errors import Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
-from reverie_eval.reading import Predictions, problems
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.reading import BoxAnswers, Predictions, problems
 from reverie_eval.reading.findings import Place
 
 _UNKNOWN = -1
@@ -31,6 +32,15 @@ class AlignedSubmission:
     """Shape (n_episodes,): object id within the scan, or -1."""
     answer_is_text: BoolArray
     """Shape (n_episodes,): whether the object id is written as text."""
+    boxes: BoxAnswers
+    """The answers that are boxes, in the order of their episodes."""
+
+    @property
+    def abstained(self) -> BoolArray:
+        """Shape (n_episodes,): whether the answer is neither an object nor a box."""
+        silent = np.equal(self.predicted_object, ABSTAINED)
+        silent[self.boxes.row] = False
+        return silent
 
 
 def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
@@ -51,11 +61,11 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
     if found:
         raise SubmissionError(found)
     order = np.argsort(episode)
-    return AlignedSubmission(
+    return _with_answers(
+        predictions,
+        episode,
         viewpoint=viewpoint[take_rows(order, predictions.offsets)],
         offsets=offsets_of(np.diff(predictions.offsets)[order]),
-        predicted_object=predictions.predicted_object[order],
-        answer_is_text=predictions.answer_is_text[order],
     )
 
 
@@ -73,13 +83,22 @@ def place_at_goal(predictions: Predictions, ground_truth: GroundTruth) -> Aligne
     found = [*predictions.problems, *_episode_problems(predictions, episode, ground_truth)]
     if found:
         raise SubmissionError(found)
-    order = np.argsort(episode)
     goal = ground_truth.secret.goal
+    return _with_answers(predictions, episode, viewpoint=goal, offsets=np.arange(len(goal) + 1))
+
+
+def _with_answers(
+    predictions: Predictions, episode: IntArray, viewpoint: IntArray, offsets: IntArray
+) -> AlignedSubmission:
+    """Put the answers beside trajectories that are in the order of episodes."""
+    order = np.argsort(episode)
+    boxes = replace(predictions.boxes, row=episode[predictions.boxes.row])
     return AlignedSubmission(
-        viewpoint=goal,
-        offsets=np.arange(len(goal) + 1),
+        viewpoint=viewpoint,
+        offsets=offsets,
         predicted_object=predictions.predicted_object[order],
         answer_is_text=predictions.answer_is_text[order],
+        boxes=boxes.take(np.argsort(boxes.row)),
     )
 
 

@@ -53,6 +53,18 @@ def take_rows(rows: IntArray, offsets: IntArray) -> IntArray:
     return np.arange(lengths.sum()) + np.repeat(shift, lengths)
 
 
+def find_sorted(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
+    """Return where each wanted key is among ascending ones, and whether it is there at all.
+
+    Where it is not, the place is some other key's.
+
+    >>> find_sorted(np.array([2, 5]), np.array([5, 3]))
+    (array([1, 1]), array([ True, False]))
+    """
+    place = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
+    return place, np.equal(keys[place], wanted).astype(np.bool_)
+
+
 def frozen(array: Array) -> Array:
     """Make an array read-only and return it."""
     array.setflags(write=False)

@@ -7,6 +7,7 @@ from typing import Any
 
 from reverie_eval.errors import SubmissionError
 from reverie_eval.reading import Submission
+from reverie_eval.reading.boxes import BOX_KEY, IMAGE_SIZE_KEY, VIEW_KEY
 from reverie_eval.reading.document import read_document
 from reverie_eval.reading.findings import Findings
 from reverie_eval.reading.records import FIELDS, ReadRecord, read_each
@@ -18,7 +19,8 @@ class Conversion:
     """A submission in the official form, and what it took to get there."""
 
     records: Sequence[Mapping[str, Any]]
-    """``instr_id``, ``trajectory`` of full poses, ``predObjId`` as a number, and nothing else."""
+    """``instr_id``, ``trajectory`` of full poses, ``predObjId`` as a number or ``predBox`` with its
+    view and size of picture, and nothing else."""
     read_as: Sequence[str]
     """What was read although it is not the official form, a phrase each."""
     dropped: Mapping[str, int]
@@ -60,23 +62,34 @@ def convert(submission: Submission) -> Conversion:
     records = read_each(document, found)
     if found.problems:
         raise SubmissionError(found.problems)
-    originals = document.values() if isinstance(document, Mapping) else document
+    originals = list(document.values() if isinstance(document, Mapping) else document)
     fields = Counter(field for original in originals for field in original)
     poses = [pose for record in records for pose in record.poses]
     return Conversion(
-        records=[_official(record) for record in records],
+        records=list(map(_official, records, originals)),
         read_as=found.read_as(),
         dropped={name: count for name, count in fields.items() if name not in FIELDS},
         poses_without_angles=sum(pose.heading is None for pose in poses),
     )
 
 
-def _official(record: ReadRecord) -> dict[str, Any]:
+def _official(record: ReadRecord, original: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "instr_id": record.instr_id,
         "trajectory": [_full_pose(pose) for pose in record.poses],
-        "predObjId": record.answer.object_id,
+        **_official_answer(record, original),
     }
+
+
+def _official_answer(record: ReadRecord, original: Mapping[str, Any]) -> dict[str, Any]:
+    if record.answer.box is None:
+        return {"predObjId": record.answer.object_id}
+    answer: dict[str, Any] = {BOX_KEY: list(map(float, original[BOX_KEY]))}
+    if original.get(VIEW_KEY) is not None:
+        answer[VIEW_KEY] = int(original[VIEW_KEY])
+    if original.get(IMAGE_SIZE_KEY) is not None:
+        answer[IMAGE_SIZE_KEY] = list(map(float, original[IMAGE_SIZE_KEY]))
+    return answer
 
 
 def _full_pose(pose: Pose) -> list[str | float | None]:

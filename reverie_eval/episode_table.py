@@ -8,8 +8,14 @@ import numpy as np
 from reverie_eval import metrics
 from reverie_eval.arrays import Array, BoolArray, FloatArray, frozen
 from reverie_eval.facts import Facts
-from reverie_eval.metrics import CATALOGUE
-from reverie_eval.protocol import SUCCESS_DISTANCE, Protocol
+from reverie_eval.metrics import BOX_METRICS, CATALOGUE
+from reverie_eval.protocol import (
+    IOU_THRESHOLD,
+    LOOSE_IOU_THRESHOLD,
+    STRICT_IOU_THRESHOLD,
+    SUCCESS_DISTANCE,
+    Protocol,
+)
 
 
 def _column(method: "Callable[[EpisodeTable], Array]") -> "cached_property[Array]":
@@ -20,6 +26,9 @@ def _column(method: "Callable[[EpisodeTable], Array]") -> "cached_property[Array
         return frozen(method(table).astype(np.float64))
 
     return cached_property(column)
+
+
+_GROUNDING_METRICS = BOX_METRICS | {"rgs", "rgspl"}
 
 
 class EpisodeTable(Mapping[str, Array]):
@@ -34,7 +43,9 @@ class EpisodeTable(Mapping[str, Array]):
     ) -> None:
         self._facts = facts
         self._protocol = protocol
-        unscored = ("rgs", "rgspl") if protocol.grounding == "not scored" else ()
+        unscored = frozenset() if facts.has_boxes else BOX_METRICS
+        if protocol.grounding == "not scored":
+            unscored = _GROUNDING_METRICS
         self._keys = tuple(key for key in CATALOGUE if key in scored and key not in unscored)
 
     def __getitem__(self, key: str) -> Array:
@@ -74,6 +85,22 @@ class EpisodeTable(Mapping[str, Array]):
     def rgspl(self) -> Array:
         length, floor = self._reference_length, self._protocol.rgspl_floor
         return metrics.spl(self._grounded, self.path_length, length, floor)
+
+    @_column
+    def iou(self) -> Array:
+        return self._of_boxes(self._facts.boxes.overlap.iou())
+
+    @_column
+    def iou_25(self) -> Array:
+        return self._of_boxes(self._facts.boxes.overlap.reaches(LOOSE_IOU_THRESHOLD))
+
+    @_column
+    def iou_50(self) -> Array:
+        return self._of_boxes(self._facts.boxes.overlap.reaches(IOU_THRESHOLD))
+
+    @_column
+    def iou_75(self) -> Array:
+        return self._of_boxes(self._facts.boxes.overlap.reaches(STRICT_IOU_THRESHOLD))
 
     @_column
     def navigation_error(self) -> Array:
@@ -136,12 +163,20 @@ class EpisodeTable(Mapping[str, Array]):
 
     @cached_property
     def _grounded(self) -> BoolArray:
-        named = metrics.candidate_match(self._facts.predicted_object, self._facts.target_object)
+        right = metrics.candidate_match(self._facts.predicted_object, self._facts.target_object)
         if not self._protocol.text_ids_count:
-            named &= ~self._facts.answer_is_text
+            right &= ~self._facts.answer_is_text
+        if self._facts.has_boxes:
+            right[self._facts.boxes.row] = self._facts.boxes.is_right
         if self._protocol.grounding == "only with success":
-            named &= self._succeeded
-        return named
+            right &= self._succeeded
+        return right
+
+    def _of_boxes(self, values: Array) -> FloatArray:
+        """Spread values of box answers over all episodes; 0 where the answer is no box."""
+        column = np.zeros(len(self._facts.predicted_object))
+        column[self._facts.boxes.row] = values
+        return column
 
     @property
     def _reference_length(self) -> FloatArray:

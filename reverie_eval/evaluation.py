@@ -12,10 +12,15 @@ from reverie_eval.episode_table import EpisodeTable
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.facts import Facts, find_jumps
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import BOX_METRICS, CATALOGUE
 from reverie_eval.protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, protocol_named
 from reverie_eval.reading import Predictions, Submission, read_predictions
-from reverie_eval.remarks import about_answers, about_trajectories, how_it_was_read
+from reverie_eval.remarks import (
+    about_answers,
+    about_candidates,
+    about_trajectories,
+    how_it_was_read,
+)
 from reverie_eval.scores import Scores, Validation
 
 Track = Literal["full", "grounding"]
@@ -69,7 +74,7 @@ def evaluate(
     --------
     >>> scores = evaluate("fixtures/submissions/good.json", split="val_unseen")
     >>> round(scores["success"], 2)
-    0.82
+    0.81
     """
     rules = protocol_named(protocol)
     truth = _with_answers(ground_truth, split)
@@ -111,8 +116,8 @@ def diagnose(
     rules = protocol_named(protocol)
     truth = _with_answers(ground_truth, split)
     predictions = read_predictions(submission)
-    whole = _Reading.of(predictions, truth)
-    cut = _Reading.of(predictions.first_of_hops(), truth, qualifier="reading:first-of-hop")
+    whole = Reading.of(predictions, truth)
+    cut = Reading.of(predictions.first_of_hops(), truth, qualifier="reading:first-of-hop")
     return whole.score(rules), cut.score(rules)
 
 
@@ -127,14 +132,7 @@ def validate(
     A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
     """
     truth = find_ground_truth(ground_truth, split)
-    reading = _read(submission, truth, "full")
-    aligned = reading.submission
-    return Validation(
-        ground_truth=truth,
-        abstained=aligned.predicted_object == metrics.ABSTAINED,
-        jumps=metrics.jumps(find_jumps(aligned, truth.graph), aligned.offsets),
-        remarks=reading.remarks,
-    )
+    return _read(submission, truth, "full").validation()
 
 
 def _with_answers(
@@ -146,21 +144,24 @@ def _with_answers(
     return truth
 
 
-def _read(submission: Submission, truth: GroundTruth, track: Track) -> "_Reading":
+def _read(submission: Submission, truth: GroundTruth, track: Track) -> "Reading":
     if track not in get_args(Track):
         raise ProtocolError(f"no track {track!r}; choose one of: {', '.join(get_args(Track))}")
     if track == "full":
-        return _Reading.of(read_predictions(submission), truth)
-    return _Reading.placed(read_predictions(submission, answers_only=True), truth)
+        return Reading.of(read_predictions(submission), truth)
+    return Reading.placed(read_predictions(submission, answers_only=True), truth)
 
 
 @dataclass(frozen=True)
-class _Reading:
+class Reading:
     """A sound submission beside the ground truth that it is held against."""
 
     submission: AlignedSubmission
     ground_truth: GroundTruth
     remarks: Sequence[str]
+    """What may be said without looking at answers."""
+    insights: Sequence[str] = ()
+    """What may not."""
     qualifier: str = ""
     scored: Collection[str] = tuple(CATALOGUE)
 
@@ -170,21 +171,38 @@ class _Reading:
         aligned = align(predictions, truth)
         remarks = [
             *how_it_was_read(predictions),
-            *about_answers(aligned, truth),
+            *about_answers(aligned),
             *about_trajectories(predictions, aligned),
         ]
-        return cls(aligned, truth, remarks, qualifier)
+        insights = list(about_candidates(aligned, truth))
+        return cls(aligned, truth, remarks, insights, qualifier)
 
     @classmethod
     def placed(cls, predictions: Predictions, truth: GroundTruth) -> Self:
         """Take the answers alone, with every agent at its goal."""
         aligned = place_at_goal(predictions, truth)
-        remarks = [*how_it_was_read(predictions), *about_answers(aligned, truth)]
-        return cls(aligned, truth, remarks, "track:grounding", ("rgs",))
+        remarks = [*how_it_was_read(predictions), *about_answers(aligned)]
+        insights = list(about_candidates(aligned, truth))
+        scored = {"rgs", *BOX_METRICS}
+        return cls(aligned, truth, remarks, insights, "track:grounding", scored)
 
     @cached_property
     def _facts(self) -> Facts:
         return Facts(self.submission, self.ground_truth)
+
+    def validation(self) -> Validation:
+        """Say what can be said without a score."""
+        aligned = self.submission
+        return Validation(
+            ground_truth=self.ground_truth,
+            abstained=aligned.abstained,
+            jumps=metrics.jumps(find_jumps(aligned, self.ground_truth.graph), aligned.offsets),
+            remarks=[*self.remarks, *self.insights],
+        )
+
+    def discreet(self) -> Self:
+        """Return the same, saying nothing that tells of answers."""
+        return replace(self, insights=())
 
     def obstacle(self, rules: Protocol) -> str | None:
         """Say what keeps a protocol from judging the submission, if anything does."""
@@ -204,4 +222,6 @@ class _Reading:
         if obstacle:
             raise GroundTruthError(obstacle)
         table = EpisodeTable(self._facts, rules, self.scored)
-        return Scores(self.ground_truth, rules, table, self.remarks, self.qualifier)
+        boxes = self._facts.boxes if "iou" in table else None
+        remarks = [*self.remarks, *self.insights]
+        return Scores(self.ground_truth, rules, table, remarks, self.qualifier, boxes)

@@ -5,7 +5,8 @@ from functools import cached_property
 import numpy as np
 
 from reverie_eval.alignment import AlignedSubmission
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray, row_of, take_rows
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, last_of, row_of, take_rows
+from reverie_eval.box_outcomes import BoxOutcomes, judge_boxes
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import path_length
 
@@ -61,6 +62,17 @@ class Facts:
         """Shape (n_poses,): whether it is visible, and its centre at most 3 m from the camera."""
         target = self._answers.target_object[self._episode]
         return self._answers.is_visible_near(target, self._submission.viewpoint)
+
+    @property
+    def has_boxes(self) -> bool:
+        """Whether any answer is a box."""
+        return len(self._submission.boxes.row) > 0
+
+    @cached_property
+    def boxes(self) -> BoxOutcomes:
+        """The answers that are boxes, judged."""
+        stop = self._submission.viewpoint[last_of(self.offsets)]
+        return judge_boxes(self._submission.boxes, stop, self.target_object, self._answers)
 
     @cached_property
     def shortest_length(self) -> FloatArray:

@@ -17,6 +17,9 @@ Source: Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real
 Environments", CVPR 2020, section 3 on the evaluation of REVERIE success.
 """
 
+LOOSE_IOU_THRESHOLD, STRICT_IOU_THRESHOLD = 0.25, 0.75
+"""Shown beside the benchmark's own threshold, to tell nearly right boxes from exact ones."""
+
 SUCCESS_DISTANCE = 3.0
 """Metres that count as near, in protocols that measure. Source: Anderson et al.,
 "Vision-and-Language Navigation", CVPR 2018, section 4.2; each protocol's comparison is its own."""

@@ -4,7 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from reverie_eval.arrays import Array, BoolArray
+from reverie_eval.box_outcomes import OUTCOMES, BoxOutcomes
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.protocol import Protocol
@@ -14,7 +17,7 @@ from reverie_eval.wording import counted
 if TYPE_CHECKING:
     import pandas as pd
 
-    from reverie_eval.schemas.report import ScoreReport
+    from reverie_eval.schemas.report import BoxReport, ScoreReport
 
 _FINGERPRINT_SHOWN = 12
 
@@ -35,6 +38,8 @@ class Scores(Mapping[str, float]):
     """How the file was read, and what in it is suspicious."""
     qualifier: str = ""
     """What else the numbers depend on, as the signature has it: ``track:grounding``."""
+    boxes: BoxOutcomes | None = None
+    """What became of answers that are boxes, if there are any and the protocol scores them."""
 
     def __getitem__(self, key: str) -> float:
         return float(self.episodes[key].mean())
@@ -76,7 +81,19 @@ class Scores(Mapping[str, float]):
     def notes(self) -> Sequence[str]:
         """What a reader of the numbers should know, a sentence each."""
         jumps = self.episodes.get("jumps")
-        return [*self.remarks, *([] if jumps is None else _jump_notes(jumps))]
+        return [
+            *([] if self.boxes is None else [_box_note(self.boxes)]),
+            *self.remarks,
+            *([] if jumps is None else _jump_notes(jumps)),
+        ]
+
+    @property
+    def box_outcome(self) -> Sequence[str]:
+        """What became of each episode's box: one of ``OUTCOMES``, empty where there is none."""
+        outcome = np.full(len(self.instr_ids), "", dtype=object)
+        if self.boxes is not None:
+            outcome[self.boxes.row] = np.array(OUTCOMES, dtype=object)[self.boxes.outcome]
+        return outcome.tolist()
 
     @property
     def headline(self) -> Sequence[Metric]:
@@ -97,15 +114,20 @@ class Scores(Mapping[str, float]):
             version=__version__,
             episodes=len(self.instr_ids),
             scores=dict(self),
+            boxes=None if self.boxes is None else _box_report(self.boxes),
             notes=list(self.notes),
         )
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return the episode table: a row per ``instr_id``, a column per metric."""
+        """Return the episode table: a row per ``instr_id``, a column per metric.
+
+        With answers that are boxes, a last column ``box_outcome`` says what became of each.
+        """
         import pandas as pd
 
         index = pd.Index(self.instr_ids, name="instr_id")
-        return pd.DataFrame(dict(self.episodes), index=index)
+        table = pd.DataFrame(dict(self.episodes), index=index)
+        return table if self.boxes is None else table.assign(box_outcome=self.box_outcome)
 
     def __repr__(self) -> str:
         values = ", ".join(f"{m.heading} {m.display(self[m.key])}" for m in self.headline)
@@ -153,6 +175,30 @@ class Validation:
         some_silent = 0 < silent < len(self.abstained)  # of all, a remark speaks
         notes = [f"no object named in {silent:,} of {total}"] if some_silent else []
         return [*notes, *self.remarks, *_jump_notes(self.jumps)]
+
+
+def _box_report(boxes: BoxOutcomes) -> "BoxReport":
+    from reverie_eval.schemas.report import BoxReport
+
+    return BoxReport(
+        answers=len(boxes),
+        right=int(boxes.is_right.sum()),
+        mean_iou=boxes.mean_iou,
+        whole_image=boxes.whole_image_share,
+        ambiguous_views=boxes.ambiguous_share,
+        misses=dict(boxes.misses),
+    )
+
+
+def _box_note(boxes: BoxOutcomes) -> str:
+    percent = CATALOGUE["iou"].display
+    misses = ", ".join(f"{count:,} {reason}" for reason, count in boxes.misses.items())
+    return (
+        f"{counted(len(boxes), 'answer')} by box, {boxes.is_right.sum():,} right (misses: "
+        f"{misses}), mean IoU {percent(boxes.mean_iou)} %; the whole picture in their place would "
+        f"be right in {percent(boxes.whole_image_share)} %; {percent(boxes.ambiguous_share)} % of "
+        "the views that show the target are ambiguous"
+    )
 
 
 def _jump_notes(jumps: Array) -> Sequence[str]:

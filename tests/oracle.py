@@ -8,7 +8,22 @@ import heapq
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import cached_property
+
+from tests.panorama import (
+    PICTURE,
+    Box,
+    Camera,
+    Number,
+    area,
+    camera_of,
+    common,
+    is_a_view,
+    overlap_over_union,
+    overlap_over_union_from,
+    view_of,
+)
 
 Position = tuple[float, float, float]
 
@@ -28,6 +43,8 @@ GROUNDING_NEEDS_SUCCESS = ("paper", "scalevln")
 TEXT_IS_NEVER_RIGHT = ("challenge-2022",)
 WITHOUT_GROUNDING = ("r2r-style",)
 
+USUAL_BOX = (1, 2, 30, 40)
+
 
 @dataclass(frozen=True)
 class Viewpoint:
@@ -38,6 +55,12 @@ class Viewpoint:
     """Whether it is a node of the navigation graph."""
     views: Mapping[int, Sequence[int]] = field(default_factory=dict)
     """The views that show each listed object; none for one that is listed but not visible."""
+    boxes: Mapping[tuple[int, int], Box] = field(default_factory=dict)
+    """Where an object is in a view, by both; at the usual place if it is not said."""
+
+    def box(self, object_id: int, view: int) -> Box:
+        """Return where an object is in a view that shows it."""
+        return self.boxes.get((object_id, view), USUAL_BOX)
 
 
 @dataclass(frozen=True)
@@ -92,6 +115,17 @@ class World:
 
 
 @dataclass(frozen=True)
+class Drawing:
+    """A box that an agent drew, in which picture, and how large the picture is."""
+
+    box: Box
+    view: int | None
+    """None for what the camera saw at the stop."""
+    camera: Camera = (0.0, 0.0)
+    image_size: tuple[float, float] = (640, 480)
+
+
+@dataclass(frozen=True)
 class Prediction:
     """What an agent did in an episode: the viewpoints it took, and the object it named or -1."""
 
@@ -99,6 +133,8 @@ class Prediction:
     object_id: int
     as_text: bool = False
     """Whether it wrote the object's id as a text."""
+    drawing: Drawing | None = None
+    """The box that it drew in place of naming an object."""
 
 
 Predictions = Mapping[str, Prediction]
@@ -111,11 +147,23 @@ def score(
     world: World, predictions: Predictions, protocol: str = "official-v1"
 ) -> Mapping[str, Values]:
     """Give every episode, in the order of the tasks, its value of every metric."""
-    return {
+    values = {
         instr_id: score_episode(world.scans[task.scan_id], task, predictions[instr_id], protocol)
         for task in world.tasks
         for instr_id in task.instr_ids
     }
+    unscored = set() if has_boxes(predictions) else {"iou", "iou_25", "iou_50", "iou_75"}
+    if protocol in WITHOUT_GROUNDING:
+        unscored = {"rgs", "rgspl", "iou", "iou_25", "iou_50", "iou_75"}
+    return {
+        instr_id: {key: value for key, value in episode.items() if key not in unscored}
+        for instr_id, episode in values.items()
+    }
+
+
+def has_boxes(predictions: Predictions) -> bool:
+    """Whether any answer is a box."""
+    return any(prediction.drawing is not None for prediction in predictions.values())
 
 
 def score_episode(scan: Scan, task: Task, prediction: Prediction, protocol: str) -> Values:
@@ -127,19 +175,24 @@ def score_episode(scan: Scan, task: Task, prediction: Prediction, protocol: str)
     length = annotated if protocol in SPL_BY_ANNOTATED_LENGTH else shortest
     arrivals = [is_at_goal(scan, task, viewpoint_id, protocol) for viewpoint_id in trajectory]
     success = arrivals[-1]
-    right = is_right(task, prediction, protocol, success=success)
+    iou = overlap_with_target(scan, task, prediction)
+    right = is_right(task, prediction, iou, protocol, success=success)
     errors = [distance(scan, viewpoint_id, goal) for viewpoint_id in trajectory]
     warped = dynamic_time_warping(scan, trajectory, task.path)
     likeness = math.exp(-warped / (3.0 * len(task.path)))
     spl_floor = 0.01 if protocol in SPL_WITH_FLOOR else 0.0
     rgspl_floor = 0.01 if protocol in RGSPL_WITH_FLOOR else 0.0
-    values = {
+    return {
         "path_length": walked,
         "success": float(success),
         "oracle_success": float(any(arrivals)),
         "spl": weighted(walked, length, spl_floor, achieved=success),
         "rgs": float(right),
         "rgspl": weighted(walked, length, rgspl_floor, achieved=right),
+        "iou": float(iou),
+        "iou_25": float(iou >= Fraction(1, 4)),
+        "iou_50": float(iou >= Fraction(1, 2)),
+        "iou_75": float(iou >= Fraction(3, 4)),
         "navigation_error": errors[-1],
         "oracle_error": min(errors),
         "dtw": warped,
@@ -150,9 +203,6 @@ def score_episode(scan: Scan, task: Task, prediction: Prediction, protocol: str)
         "steps": len(trajectory) - 1,
         "jumps": count_jumps(scan, trajectory),
     }
-    if protocol in WITHOUT_GROUNDING:
-        del values["rgs"], values["rgspl"]
-    return values
 
 
 def is_at_goal(scan: Scan, task: Task, viewpoint_id: str, protocol: str) -> bool:
@@ -165,13 +215,43 @@ def is_at_goal(scan: Scan, task: Task, viewpoint_id: str, protocol: str) -> bool
     return scan.sees(viewpoint_id, task.target)
 
 
-def is_right(task: Task, prediction: Prediction, protocol: str, *, success: bool) -> bool:
-    """Whether the named object counts as the target."""
-    if protocol in TEXT_IS_NEVER_RIGHT and prediction.as_text:
-        return False
+def is_right(
+    task: Task, prediction: Prediction, iou: Number, protocol: str, *, success: bool
+) -> bool:
+    """Whether the named object counts as the target, or the box as one around it."""
     if protocol in GROUNDING_NEEDS_SUCCESS and not success:
         return False
+    if prediction.drawing is not None:
+        return iou >= Fraction(1, 2)
+    if protocol in TEXT_IS_NEVER_RIGHT and prediction.as_text:
+        return False
     return prediction.object_id == task.target
+
+
+def overlap_with_target(scan: Scan, task: Task, prediction: Prediction) -> Number:
+    """IoU of the box with the target's in the same view at the stop; 0 where there is none."""
+    if prediction.drawing is None:
+        return 0
+    box, camera = drawn_in_pixels(prediction.drawing), camera_used(prediction.drawing)
+    stop, view = scan.viewpoints[prediction.trajectory[-1]], view_of(camera)
+    if view not in stop.views.get(task.target, []) or area(box) == 0:
+        return 0
+    target = stop.box(task.target, view)
+    if is_a_view(camera):
+        return overlap_over_union(box, target)
+    return overlap_over_union_from(camera, box, target)
+
+
+def camera_used(drawing: Drawing) -> Camera:
+    """Return where the view that is named looks, or else the camera at the stop."""
+    return drawing.camera if drawing.view is None else camera_of(drawing.view)
+
+
+def drawn_in_pixels(drawing: Drawing) -> Box:
+    """Scale the box to a picture of 640 x 480, each axis by itself, and cut it to the picture."""
+    x, y, width, height = (Fraction(number) for number in drawing.box)
+    across, down = 640 / Fraction(drawing.image_size[0]), 480 / Fraction(drawing.image_size[1])
+    return common((x * across, y * down, width * across, height * down), PICTURE)
 
 
 def weighted(walked: float, length: float, floor: float, *, achieved: bool) -> float:

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
 from pydantic import ValidationError
 
 from reverie_eval import GroundTruth, SubmissionError, evaluate
@@ -20,7 +22,14 @@ from tests import forms
 from tests.conftest import SAMPLES
 from tests.flat import Run
 from tests.forms import FORMS, OFFICIAL, Form
-from tests.worlds import SPLIT
+from tests.worlds import (
+    SPLIT,
+    Case,
+    cases_with_boxes,
+    ground_truth_by_hand,
+    records_of,
+    unhurried,
+)
 
 every_form = pytest.mark.parametrize("form", FORMS.values(), ids=list(FORMS))
 
@@ -101,11 +110,60 @@ def test_a_converted_file_has_the_schema(form: Form) -> None:
             {"trajectory": [["a", 1e-9, 1e300]], "predObjId": 7},
             id="all digits of angles, of ids none that mean nothing",
         ),
+        pytest.param(
+            {"trajectory": [["a"]], "predBox": (1, 2.5, np.int64(3), 4), "predView": np.int64(7)},
+            {"trajectory": [["a", 0.0, 0.0]], "predBox": [1.0, 2.5, 3.0, 4.0], "predView": 7},
+            id="box in a view",
+        ),
+        pytest.param(
+            {"trajectory": [["a", 1, 2, 9]], "predBox": [-1, 0, 9, 9], "predView": None},
+            {"trajectory": [["a", 1.0, 2.0]], "predBox": [-1.0, 0.0, 9.0, 9.0]},
+            id="box by the camera, not cut",
+        ),
+        pytest.param(
+            {
+                "trajectory": ["a"],
+                "pred_objid": "None",
+                "predBox": [0.25, 0.25, 0.5, 0.5],
+                "predView": 0,
+                "predImageSize": (1, 1),
+            },
+            {
+                "trajectory": [["a", 0.0, 0.0]],
+                "predBox": [0.25, 0.25, 0.5, 0.5],
+                "predView": 0,
+                "predImageSize": [1.0, 1.0],
+            },
+            id="box of another size of picture, not scaled",
+        ),
+        pytest.param(
+            {"trajectory": [["a", 1, 2]], "predBox": None, "predView": 7, "predImageSize": [1, 1]},
+            {"trajectory": [["a", 1.0, 2.0]], "predObjId": -1},
+            id="no box",
+        ),
     ],
 )
 def test_a_converted_record(record: dict[str, Any], expected: dict[str, Any]) -> None:
     conversion = convert([{"instr_id": "reverie_7_1_0", **record}])
     assert conversion.records == [{"instr_id": "7_1_0", **expected}]
+    content = json.dumps(conversion.records).encode()
+    assert convert(content).records == conversion.records
+    SUBMISSION.validate_json(content, strict=True)
+
+
+@pytest.mark.parametrize("keyed", [False, True], ids=["list", "keyed"])
+@settings(unhurried, max_examples=20)
+@given(case=cases_with_boxes)
+def test_converted_boxes_score_the_same(case: Case, *, keyed: bool) -> None:
+    """To the last digit, and every box comes to the same."""
+    truth, records = ground_truth_by_hand(case.world), records_of(case.predictions)
+    original = {record["instr_id"]: record for record in records} if keyed else records
+    converted = json.dumps(convert(original).records).encode()
+    before, after = (evaluate(it, split=SPLIT, ground_truth=truth) for it in (original, converted))
+    assert after.box_outcome == before.box_outcome
+    assert {key: column.tolist() for key, column in after.episodes.items()} == {
+        key: column.tolist() for key, column in before.episodes.items()
+    }
 
 
 def test_records_that_differ_in_what_is_dropped() -> None:
@@ -183,7 +241,9 @@ def test_what_cannot_be_converted(content: bytes, code: str) -> None:
 def test_the_samples_have_the_schema(name: str) -> None:
     content = (SAMPLES / name).read_bytes()
     predictions = SUBMISSION.validate_json(content, strict=True)
-    assert [prediction.model_dump(mode="json") for prediction in predictions] == [
+    assert [
+        prediction.model_dump(mode="json", exclude_unset=True) for prediction in predictions
+    ] == [
         {**record, "trajectory": [[place, *map(float, at)] for place, *at in record["trajectory"]]}
         for record in parse_document(content)
     ]
@@ -205,9 +265,68 @@ RIGHT = {"instr_id": "7_1_0", "trajectory": [["hall", 1.5, 0.0]], "predObjId": 3
         pytest.param({"trajectory": [["hall", 1, 2, 3]]}, id="three numbers"),
         pytest.param({"trajectory": [["hall", 1, float("nan")]]}, id="NaN"),
         pytest.param({"trajectory": [["hall", "kitchen"]]}, id="hop"),
+        pytest.param({"predBox": [1, 2, 3, 4]}, id="box and object"),
     ],
 )
 def test_the_schema_is_of_the_official_form_alone(changes: dict[str, Any]) -> None:
     SUBMISSION.validate_json(json.dumps([RIGHT]), strict=True)
     with pytest.raises(ValidationError):
         SUBMISSION.validate_json(json.dumps([RIGHT | changes]), strict=True)
+
+
+BOXED = {
+    "instr_id": "7_1_0",
+    "trajectory": [["hall", 1.5, 0.0]],
+    "predBox": [-1.5, 2, 3, 4],
+    "predView": 35,
+    "predImageSize": [1, 1.5],
+}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        pytest.param({}, id="box with everything"),
+        pytest.param({"predView": None, "predImageSize": None}, id="box alone"),
+        pytest.param({"predObjId": -1}, id="beside an abstention"),
+        pytest.param({"predView": 0}, id="first view"),
+        pytest.param({"predImageSize": [1, 1]}, id="smallest picture"),
+        pytest.param({"predBox": None}, id="no box"),
+    ],
+)
+def test_a_box_has_the_schema(changes: dict[str, Any]) -> None:
+    record = json.dumps([BOXED | changes])
+    assert len(SUBMISSION.validate_json(record, strict=True)) == 1
+    assert not read_predictions(record.encode()).problems
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        pytest.param({"predObjId": 3}, id="beside an object"),
+        pytest.param({"predObjId": 0}, id="beside object 0"),
+        pytest.param({"predBox": [1, 2, 3]}, id="three numbers"),
+        pytest.param({"predBox": [1, 2, 3, 4, 5]}, id="five numbers"),
+        pytest.param({"predBox": [1, 2, 0, 4]}, id="no width"),
+        pytest.param({"predBox": [1, 2, 3, 0]}, id="no height"),
+        pytest.param({"predBox": [1, float("nan"), 3, 4]}, id="NaN"),
+        pytest.param({"predBox": "1 2 3 4"}, id="text"),
+        pytest.param({"predView": 36}, id="view 36"),
+        pytest.param({"predView": -1}, id="view -1"),
+        pytest.param({"predView": 3.5}, id="half a view"),
+        pytest.param({"predImageSize": [0.5, 1]}, id="less than 1 wide"),
+        pytest.param({"predImageSize": [1, 0.5]}, id="less than 1 high"),
+        pytest.param({"predImageSize": [640]}, id="no height of the picture"),
+    ],
+)
+def test_a_box_that_reading_rejects_has_no_schema(changes: dict[str, Any]) -> None:
+    record = json.dumps([BOXED | changes])
+    assert read_predictions(record.encode()).problems
+    with pytest.raises(ValidationError):
+        SUBMISSION.validate_json(record, strict=True)
+
+
+def test_a_record_without_an_answer_has_no_schema() -> None:
+    silent = {field: RIGHT[field] for field in ("instr_id", "trajectory")}
+    with pytest.raises(ValidationError, match="predObjId or predBox"):
+        SUBMISSION.validate_json(json.dumps([silent]), strict=True)

@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import runpy
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -41,6 +42,12 @@ def command_above(page: str, begins: str) -> tuple[list[str], str]:
     return shlex.split(begin + line, comments=True), below
 
 
+def test_the_picture_of_the_views_is_what_its_script_draws() -> None:
+    pictures = DOCS / "pictures"
+    drawn = runpy.run_path(str(pictures / "view_grid.py"))["picture"]()
+    assert (pictures / "view-grid.svg").read_text() == drawn
+
+
 @pytest.fixture
 def at_the_root(monkeypatch: pytest.MonkeyPatch) -> None:
     """Work where the documentation's commands are given."""
@@ -52,6 +59,16 @@ def test_readme_shows_the_score_table_as_it_is_printed(capsys: pytest.CaptureFix
     (_, *words), below = command_above(README.read_text(), "reverie-eval fixtures/")
     assert main(words) == 0
     assert below.startswith(f"```\n\n```\n{capsys.readouterr().out}```\n")
+
+
+@pytest.mark.usefixtures("at_the_root")
+def test_the_sample_with_boxes_scores_what_its_page_says(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    page = (DOCS / "submission-format.md").read_text()
+    (_, _, *words), below = command_above(page, "$ reverie-eval fixtures/submissions/drawn.json")
+    assert main(words) == 0
+    assert below.startswith(f"{capsys.readouterr().out}```\n")
 
 
 @pytest.mark.usefixtures("at_the_root")

@@ -82,6 +82,13 @@ def columns_of(predictions: Predictions) -> Columns:
     )
 
 
+def boxes_of(predictions: Predictions) -> list[tuple[object, ...]]:
+    """Return the boxes of predictions, each with its record, its camera and whether it is cut."""
+    boxes = predictions.boxes
+    columns = boxes.row, boxes.xywh, boxes.camera, boxes.is_cut
+    return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
 def places_of(predictions: Predictions) -> list[tuple[str, list[tuple[int, ...]]]]:
     """Return where each record is in its file, and where its poses are in its trajectory."""
     return [
@@ -112,7 +119,7 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
         pytest.param(b"[1e5, .5]", "not-json", "line 1, column 7", "", id="no digit before point"),
         pytest.param(b'["a\nb"]', "not-json", "line 1, column 4", "", id="line break in a text"),
         pytest.param(b'["ok", "\xff"]', "not-json", "byte 8", "utf-8", id="invalid UTF-8"),
-        pytest.param(b"PK\x03\x04", "not-json", "file", "is a zip archive", id="zip file"),
+        pytest.param(b"PK\x03\x04", "damaged-zip", "file", "not a zip file", id="no zip"),
         pytest.param(b"<!doctype html>", "not-json", "file", "is a web page", id="web page"),
         pytest.param(
             record().encode(), "not-a-list", "file", "expected a list of", id="record without list"
@@ -509,6 +516,7 @@ names = (st.text(max_size=3) | st.sampled_from(["reverie_", "reverie_7_1_0"])).m
 angles = st.integers().map(str) | st.floats(allow_nan=False, allow_infinity=False).map(repr)
 texts = st.sampled_from([*NUMBERS, *STRANGE]) | names | angles
 fields = st.sampled_from(list(RIGHT))
+box_fields = st.sampled_from(["predBox", "predView", "predImageSize"])
 right_records = st.builds(
     lambda instr_id, poses, answer: record(
         instr_id=instr_id, trajectory=f"[{', '.join(poses)}]", predObjId=str(answer)
@@ -529,11 +537,25 @@ other_records = st.one_of(
     ),
     other_answers.map(lambda answer: without("predObjId")[:-1] + f', "pred_objid": {answer}}}'),
 )
+numbers = st.one_of(st.integers(-700, 700), st.floats(-1000, 1000), st.floats(0)).map(json.dumps)
+extents = (st.integers(1, 700) | st.floats(1e-3, 1000)).map(json.dumps)
+box_records = st.builds(
+    lambda box, view, size, pose: record(
+        predBox=box, predView=view, predImageSize=size, predObjId="-1", trajectory=f"[{pose}]"
+    ),
+    st.builds("[{}, {}, {}, {}]".format, numbers, numbers, extents, extents),
+    st.just("null") | st.integers(0, 35).map(str),
+    st.just("null") | st.builds("[{}, {}]".format, extents, extents),
+    st.builds("[{}, {}, {}]".format, names, angles, angles),
+)
 wrong_records = st.one_of(
     other_records,
+    box_records,
     texts,
     fields.map(without),
-    st.builds(lambda name, text: record(**{name: text}), fields | st.just("note"), texts),
+    st.builds(
+        lambda name, text: record(**{name: text}), fields | box_fields | st.just("note"), texts
+    ),
     st.builds(lambda name, text: f'{record()[:-1]}, "{name}": {text}}}', fields, texts),
     st.builds("[{}, {}, {}]".format, texts, texts, texts).map(ending_in),
 )
@@ -568,6 +590,7 @@ def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
         assert columns_of(predictions) == columns_of(carefully)
         assert places_of(predictions) == places_of(carefully)
         assert predictions.answer_is_text.tolist() == carefully.answer_is_text.tolist()
+        assert boxes_of(predictions) == boxes_of(carefully) == []
         assert not [*carefully.read_as, *carefully.problems]
 
 
@@ -590,6 +613,7 @@ def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
     records, poses = len(predictions.instr_ids), len(predictions.viewpoint_ids)
     assert len(predictions.predicted_object) == len(predictions.answer_is_text) == records
     assert predictions.stop_angles.shape == (records, 2)
+    assert set(predictions.boxes.row.tolist()) <= set(range(records))
     assert predictions.offsets[[0, -1]].tolist() == [0, poses]
     assert (
         np.diff(predictions.offsets) >= (0 if predictions.problems or answers_only else 1)
@@ -614,8 +638,9 @@ def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> Non
     assert found == told
     if told:
         return
-    before, after = (columns_of(read_predictions(it)) for it in (content, converted))
-    assert after[:-1] == before[:-1]
+    before, after = (read_predictions(it) for it in (content, converted))
+    assert columns_of(after)[:-1] == columns_of(before)[:-1]
+    assert boxes_of(after) == boxes_of(before)
     assert not problems_of(converted)
 
 

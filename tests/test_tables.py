@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from reverie_eval import CATALOGUE, __version__, evaluate
+from reverie_eval.metrics import BOX_METRICS
 from tests.flat import NOTE, SCORE, TABLE, Run, fingerprint, signature, words
 from tests.worlds import SPLIT
 
@@ -63,6 +64,7 @@ def test_json(run: Run) -> None:
         "version": __version__,
         "episodes": 5,
         "scores": dict(evaluate("submit.json", split=SPLIT, ground_truth="full.npz")),
+        "boxes": None,
         "notes": [NOTE.removeprefix("note: ")],
     }
 
@@ -74,7 +76,9 @@ def test_csv(run: Run) -> None:
     scores = evaluate("submit.json", split=SPLIT, ground_truth="full.npz")
     assert (status, err) == (0, "")
     assert headings == [*CATALOGUE, "signature"]
-    assert [*map(float, values[:-1])] == list(scores.values())
+    written = dict(zip(headings, values, strict=True))
+    assert {key: float(written[key]) for key in scores} == dict(scores)
+    assert {written[key] for key in BOX_METRICS} == {""}
     assert values[-1] == signature()
 
 

@@ -25,6 +25,7 @@ from reverie_eval import GroundTruth, Scores, evaluate
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.ground_truth.compile import compile_split
 from reverie_eval.ground_truth.dataset import DatasetFiles
+from tests.drawings import fields_of, random_box, random_drawing
 from tests.oracle import (
     Position,
     Prediction,
@@ -34,6 +35,7 @@ from tests.oracle import (
     Viewpoint,
     World,
     distances_from,
+    has_boxes,
     metres_to_centre,
 )
 
@@ -65,8 +67,11 @@ class Case:
     predictions: Predictions
 
 
-def random_case(random: Random) -> Case:
-    """Draw a world of up to three scans and five tasks, and a sound submission for it."""
+def random_case(random: Random, shares_of_boxes: Sequence[float] = (1, 0.5, 0)) -> Case:
+    """Draw a world of up to three scans and five tasks, and a sound submission for it.
+
+    One of the shares is that of answers that are boxes.
+    """
     scans = {f"scan{number}": _scan(random, f"s{number}") for number in range(_up_to(random, 3))}
     tasks = []
     for number in range(_up_to(random, 5)):
@@ -74,10 +79,16 @@ def random_case(random: Random) -> Case:
         task = _task(random, f"{number}_7", scan_id, scans[scan_id])
         scans[scan_id] = _with_task(scans[scan_id], task)
         tasks.append(task)
-    return Case(World(scans, tasks), _predictions(random, World(scans, tasks)))
+    world, share_of_boxes = World(scans, tasks), random.choice(shares_of_boxes)
+    return Case(world, _predictions(random, world, share_of_boxes))
 
 
-cases = st.randoms(use_true_random=False).map(random_case)
+_randoms = st.randoms(use_true_random=False)
+cases = _randoms.map(random_case)
+cases_with_boxes = _randoms.map(lambda random: random_case(random, (1, 0.5))).filter(
+    lambda case: has_boxes(case.predictions)
+)
+cases_without_boxes = _randoms.map(lambda random: random_case(random, (0,)))
 
 
 def _up_to(random: Random, most: int) -> int:
@@ -95,9 +106,7 @@ def _scan(random: Random, prefix: str) -> Scan:
         return coordinate(random), coordinate(random), coordinate(random)
 
     viewpoints = {
-        f"{prefix}v{number}": Viewpoint(
-            position=position(), included=random.randint(0, 7) > 0, views=_views(random)
-        )
+        f"{prefix}v{number}": _viewpoint(random, position())
         for number in range(max(_up_to(random, 9), _up_to(random, 9)))
     }
     pairs = list(combinations(viewpoints, 2))
@@ -106,12 +115,18 @@ def _scan(random: Random, prefix: str) -> Scan:
     return Scan(viewpoints, frozenset(pairwise(viewpoints)) ^ frozenset(changed), centres)
 
 
+def _viewpoint(random: Random, position: Position) -> Viewpoint:
+    views = _views(random)
+    boxes = {
+        (object_id, view): random_box(random) for object_id, seen in views.items() for view in seen
+    }
+    return Viewpoint(position, included=random.randint(0, 7) > 0, views=views, boxes=boxes)
+
+
 def _views(random: Random) -> Mapping[int, Sequence[int]]:
     """Draw what is listed at a viewpoint, some of it in no view at all."""
     listed = random.sample(_OBJECT_IDS, random.randint(0, 3))
-    return {
-        object_id: sorted(random.sample(range(36), random.randint(0, 2))) for object_id in listed
-    }
+    return {object_id: random.sample(range(36), random.randint(0, 2)) for object_id in listed}
 
 
 def _task(random: Random, task_id: str, scan_id: str, scan: Scan) -> Task:
@@ -140,26 +155,31 @@ def _component(scan: Scan, start: str) -> list[str]:
     return list(distances_from(scan, start))
 
 
-def _predictions(random: Random, world: World) -> Predictions:
+def _predictions(random: Random, world: World, share_of_boxes: float) -> Predictions:
     """Draw a sound submission: every trajectory begins at the start and stays reachable from it.
 
     Viewpoints repeat, legs jump where there is no edge, some agents never leave; some answers are
-    right, some wrong, some abstentions, and some of each written as text. They come in any order.
+    right, some wrong, some abstentions, and some of each written as text; a share of them are
+    boxes. They come in any order.
     """
     episodes = [(instr_id, task) for task in world.tasks for instr_id in task.instr_ids]
     random.shuffle(episodes)
     return {
-        instr_id: _prediction(random, world.scans[task.scan_id], task)
+        instr_id: _prediction(random, world.scans[task.scan_id], task, share_of_boxes)
         for instr_id, task in episodes
     }
 
 
-def _prediction(random: Random, scan: Scan, task: Task) -> Prediction:
+def _prediction(random: Random, scan: Scan, task: Task, share_of_boxes: float) -> Prediction:
     start, goal = task.path[0], task.path[-1]
     way = random.choices(_component(scan, start), k=random.choice([0, 0, 1, 1, 2, 3, 4, 5]))
     end = random.choice([[], [goal]])
+    trajectory = [start, *way, *end]
+    if random.random() < share_of_boxes:
+        drawing = random_drawing(random, scan.viewpoints[trajectory[-1]], task.target)
+        return Prediction(trajectory, _ABSTAINED, drawing=drawing)
     answer = random.choice([task.target, random.choice(_OBJECT_IDS), _ABSTAINED])
-    return Prediction([start, *way, *end], answer, as_text=random.randint(0, 2) == 0)
+    return Prediction(trajectory, answer, as_text=random.randint(0, 2) == 0)
 
 
 def scores_of(case: Case) -> Scores:
@@ -177,11 +197,18 @@ def records_of(predictions: Predictions) -> list[Record]:
     return [
         {
             "instr_id": instr_id,
-            "trajectory": [[viewpoint_id, 0.0, 0.0] for viewpoint_id in prediction.trajectory],
+            "trajectory": _poses(prediction),
             "predObjId": str(prediction.object_id) if prediction.as_text else prediction.object_id,
+            **(fields_of(prediction.drawing) if prediction.drawing else {}),
         }
         for instr_id, prediction in predictions.items()
     ]
+
+
+def _poses(prediction: Prediction) -> list[tuple[str, float, float]]:
+    *way, stop = prediction.trajectory
+    camera = prediction.drawing.camera if prediction.drawing else (0.0, 0.0)
+    return [*((viewpoint_id, 0.0, 0.0) for viewpoint_id in way), (stop, *camera)]
 
 
 def ground_truth_of(world: World) -> GroundTruth:
@@ -210,6 +237,11 @@ def ground_truth_by_hand(world: World) -> GroundTruth:
         for object_id, views in sorted(scan.viewpoints[viewpoint_id].views.items())
         if views
     ]
+    shown = [
+        (candidate, view, scan.viewpoints[viewpoint_id].box(object_id, view))
+        for candidate, (scan, viewpoint_id, object_id) in enumerate(seen)
+        for view in scan.viewpoints[viewpoint_id].views[object_id]
+    ]
     tasks = world.tasks
     arrays = {
         "instr_id": np.array([instr_id for task in tasks for instr_id in task.instr_ids]),
@@ -229,9 +261,9 @@ def ground_truth_by_hand(world: World) -> GroundTruth:
         "candidate_viewpoint": np.array([row[viewpoint_id] for _, viewpoint_id, _ in seen]),
         "candidate_object": np.array([object_id for _, _, object_id in seen]),
         "candidate_distance": np.array([metres_to_centre(*candidate) for candidate in seen]),
-        "box_candidate": np.array([]),
-        "box_view": np.array([]),
-        "box_xywh": np.zeros((0, 4)),
+        "box_candidate": np.array([candidate for candidate, _, _ in shown]),
+        "box_view": np.array([view for _, view, _ in shown]),
+        "box_xywh": np.array([box for _, _, box in shown]).reshape(-1, 4),
     }
     return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}))
 
@@ -265,7 +297,10 @@ def _annotation(task: Task) -> Record:
 def _boxes(scans: Mapping[str, Scan]) -> Record:
     return {
         f"{scan_id}_{viewpoint_id}": {
-            str(object_id): {"visible_pos": views, "bbox2d": [[1, 2, 30, 40]] * len(views)}
+            str(object_id): {
+                "visible_pos": views,
+                "bbox2d": [viewpoint.box(object_id, view) for view in views],
+            }
             for object_id, views in viewpoint.views.items()
         }
         for scan_id, scan in scans.items()

@@ -1,18 +1,50 @@
 """Arguments that several commands take, worded once."""
 
 import argparse
+from pathlib import Path
 
 
 def add_submission(parser: argparse.ArgumentParser) -> argparse.Action:
     """Add the file that is scored or checked."""
     return parser.add_argument(
-        "submission", help="the result file, .json or .json.gz; - reads standard input"
+        "submission", help="the result file, .json, .json.gz or .zip; - reads standard input"
     )
 
 
 def add_split(parser: argparse.ArgumentParser) -> None:
     """Add the split."""
     parser.add_argument("--split", required=True, help="train, val_seen, val_unseen or test")
+
+
+def add_dataset(parser: argparse.ArgumentParser) -> None:
+    """Add the published files: a clone's root, and where they are if not in it."""
+    parser.add_argument(
+        "dataset", nargs="?", type=Path, help="a clone of the REVERIE dataset repository"
+    )
+    elsewhere = parser.add_argument_group("where the files are, if not in DATASET")
+    elsewhere.add_argument(
+        "--annotations",
+        metavar="PATH",
+        type=Path,
+        help="REVERIE_SPLIT.json, or its folder; a private file with objId and full path too",
+    )
+    elsewhere.add_argument(
+        "--boxes", metavar="PATH", type=Path, help="the BBox folder, or one BBoxes.json"
+    )
+    elsewhere.add_argument(
+        "--connectivity", metavar="PATH", type=Path, help="the folder of connectivity files"
+    )
+
+
+def add_object_positions(parser: argparse.ArgumentParser) -> None:
+    """Add the file that a clone does not hold."""
+    parser.add_argument(
+        "--object-positions",
+        metavar="FILE",
+        type=Path,
+        help="objpos.json, the centres of all objects; the protocol challenge-2022 needs it, and "
+        "`lint` to measure distances",
+    )
 
 
 def add_ground_truth(parser: argparse.ArgumentParser) -> None:

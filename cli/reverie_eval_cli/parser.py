@@ -10,7 +10,15 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 from reverie_eval import __version__
-from reverie_eval_cli.commands import agent, completion, convert, schema, score, validate
+from reverie_eval_cli.commands import (
+    agent,
+    boxes,
+    completion,
+    convert,
+    schema,
+    score,
+    validate,
+)
 from reverie_eval_cli.commands import compile as compile_command
 
 PROGRAM = "reverie-eval"
@@ -20,6 +28,7 @@ COMMANDS: Mapping[str, ModuleType] = MappingProxyType(
         "convert": convert,
         "agent": agent,
         "compile": compile_command,
+        "boxes": boxes,
         "schema": schema,
         "completion": completion,
     }

@@ -36,6 +36,7 @@ Track: TypeAlias = Callable[[Sequence[Path], str], Iterable[Path]]
 
 _DATA = Path("tasks", "REVERIE", "data")
 _ONE_FILE = "BBoxes.json"
+_ANY_SPLIT = "REVERIE_*.json"
 _SHOWN_ERRORS = 3
 
 
@@ -58,7 +59,7 @@ class DatasetFiles:
     @classmethod
     def find(
         cls,
-        split: str,
+        split: str | None,
         root: Path | None = None,
         *,
         annotations: Path | None = None,
@@ -70,8 +71,8 @@ class DatasetFiles:
 
         Parameters
         ----------
-        split : str
-            The split whose annotations are meant.
+        split : str or None
+            The split whose annotations are meant; None for the first one that is there.
         root : Path, optional
             A clone of the dataset repository, for whatever is not pointed at.
         annotations : Path, optional
@@ -90,7 +91,7 @@ class DatasetFiles:
         """
         annotations = annotations or _below(root, _DATA)
         if annotations and not annotations.is_file():
-            annotations = annotations / f"REVERIE_{split}.json"
+            annotations = _annotations_in(annotations, split)
         boxes = boxes or _first_that_exists(
             _below(root, _DATA / "BBox"), _below(root, _DATA / _ONE_FILE)
         )
@@ -105,11 +106,16 @@ class DatasetFiles:
             raise DatasetError(problems)
         return cls(annotations, boxes, connectivity, object_positions)
 
+    def all_annotations(self) -> Mapping[str, Path]:
+        """Return the annotation files in the same folder, this one's among them, by split."""
+        paths = {self.annotations, *self.annotations.parent.glob(_ANY_SPLIT)}
+        return {path.stem.removeprefix("REVERIE_"): path for path in sorted(paths)}
+
     def other_annotations(self) -> Mapping[str, Path]:
         """Return the annotation files of other splits in the same folder."""
         return {
-            path.stem.removeprefix("REVERIE_"): path
-            for path in sorted(self.annotations.parent.glob("REVERIE_*.json"))
+            split: path
+            for split, path in self.all_annotations().items()
             if path != self.annotations
         }
 
@@ -198,12 +204,18 @@ class Sources:
         try:
             return adapter.validate_json(content)
         except ValidationError as error:
-            self.report("malformed-file", path, _explain(error))
+            self.report("malformed-file", path, explain(error))
             return None
 
 
 def _scan(scan_and_viewpoint: str) -> str:
     return scan_and_viewpoint.rpartition("_")[0]
+
+
+def _annotations_in(folder: Path, split: str | None) -> Path:
+    if split is None:
+        return min(folder.glob(_ANY_SPLIT), default=folder / _ANY_SPLIT)
+    return folder / f"REVERIE_{split}.json"
 
 
 def _below(root: Path | None, path: Path) -> Path | None:
@@ -227,7 +239,8 @@ def _missing_input(kind: str, path: Path | None) -> Problem:
     )
 
 
-def _explain(error: ValidationError) -> str:
+def explain(error: ValidationError) -> str:
+    """Say in a line where a document differs from its schema, and how."""
     errors = error.errors(include_url=False, include_input=False)
     reasons = [": ".join(filter(None, [_place(detail["loc"]), detail["msg"]])) for detail in errors]
     return f"not the published format: {some(reasons, _SHOWN_ERRORS)}"

@@ -8,8 +8,9 @@ from typing import Self
 
 import numpy as np
 
-from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, last_of
+from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, find_sorted, last_of
 from reverie_eval.errors import GroundTruthError
+from reverie_eval.ground_truth.boxes import CandidateBoxes
 from reverie_eval.ground_truth.bundle import Bundle, BundleHeader
 from reverie_eval.ground_truth.graph import NavigationGraph
 from reverie_eval.protocol import SUCCESS_DISTANCE, Protocol
@@ -50,6 +51,8 @@ class Answers:
     candidate_distance: FloatArray | None
     """Shape (n_candidates,): metres from camera to object centre, inf where the centre is not
     known; None if the bundle was compiled without object positions."""
+    boxes: CandidateBoxes
+    """Where in which views the candidates are."""
     path: IntArray
     """Annotated paths of the tasks, end to end."""
     path_offsets: IntArray
@@ -57,7 +60,7 @@ class Answers:
 
     def is_visible(self, target_object: IntArray, viewpoint: IntArray) -> BoolArray:
         """Whether each object is visible from each viewpoint, a viewpoint of its own scan."""
-        return self._find(target_object, viewpoint)[1]
+        return self.find(target_object, viewpoint)[1]
 
     def is_visible_near(self, target_object: IntArray, viewpoint: IntArray) -> BoolArray:
         """Whether it is visible and its centre at most 3 m from the camera, in a straight line.
@@ -68,7 +71,7 @@ class Answers:
         ----------
         .. [1] ``r2r_src/eval.py`` lines 182-185 of YanyuanQiao/HOP-REVERIE-Challenge.
         """
-        slot, found = self._find(target_object, viewpoint)
+        slot, found = self.find(target_object, viewpoint)
         distance = np.asarray(self.candidate_distance)
         return np.logical_and(found, distance[slot] <= SUCCESS_DISTANCE)
 
@@ -77,11 +80,9 @@ class Answers:
         is_measured = self.candidate_distance is not None
         return is_measured or protocol.goal != "visible and near the object"
 
-    def _find(self, target_object: IntArray, viewpoint: IntArray) -> tuple[IntArray, BoolArray]:
+    def find(self, target_object: IntArray, viewpoint: IntArray) -> tuple[IntArray, BoolArray]:
         """Return the row of each object at each viewpoint among the candidates, if it is one."""
-        key = _candidate_key(viewpoint, target_object)
-        slot = np.searchsorted(self._candidates, key).clip(max=len(self._candidates) - 1)
-        return slot, np.equal(self._candidates[slot], key).astype(np.bool_)
+        return find_sorted(self._candidates, _candidate_key(viewpoint, target_object))
 
     @cached_property
     def _candidates(self) -> IntArray:
@@ -184,6 +185,12 @@ class GroundTruth:
 
 def _answers(arrays: Mapping[str, Array]) -> Answers:
     task = arrays["episode_task"]
+    boxes = CandidateBoxes(
+        candidate=arrays["box_candidate"],
+        candidate_viewpoint=arrays["candidate_viewpoint"],
+        view=arrays["box_view"],
+        xywh=arrays["box_xywh"],
+    )
     task_goal = arrays["path"][last_of(arrays["path_offsets"])]
     return Answers(
         target_object=arrays["task_target"][task],
@@ -191,6 +198,7 @@ def _answers(arrays: Mapping[str, Array]) -> Answers:
         candidate_viewpoint=arrays["candidate_viewpoint"],
         candidate_object=arrays["candidate_object"],
         candidate_distance=arrays.get("candidate_distance"),
+        boxes=boxes,
         path=arrays["path"],
         path_offsets=arrays["path_offsets"],
     )

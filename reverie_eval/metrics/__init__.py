@@ -1,7 +1,7 @@
 """The metrics: pure functions from arrays to arrays, one row per episode."""
 
-from reverie_eval.metrics.boxes import box_iou, box_match
-from reverie_eval.metrics.catalogue import CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.metrics.boxes import Overlap, box_iou, box_match, box_overlap
+from reverie_eval.metrics.catalogue import BOX_METRICS, CATALOGUE, PRIMARY_METRIC, Metric
 from reverie_eval.metrics.fidelity import cls, dtw, ndtw, sdtw
 from reverie_eval.metrics.grounding import ABSTAINED, candidate_match
 from reverie_eval.metrics.navigation import (
@@ -17,11 +17,14 @@ from reverie_eval.metrics.navigation import (
 
 __all__ = [
     "ABSTAINED",
+    "BOX_METRICS",
     "CATALOGUE",
     "PRIMARY_METRIC",
     "Metric",
+    "Overlap",
     "box_iou",
     "box_match",
+    "box_overlap",
     "candidate_match",
     "cls",
     "dtw",

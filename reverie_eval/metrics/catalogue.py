@@ -34,6 +34,14 @@ class Metric:
         """The label with the unit that :meth:`display` uses: ``SR %``."""
         return f"{self.label} {_SUFFIXES[self.unit]}".rstrip()
 
+    def rounded(self, value: float) -> float:
+        """Round to the digits that :meth:`display` shows.
+
+        >>> CATALOGUE["success"].rounded(0.54532677), CATALOGUE["path_length"].rounded(9.4734)
+        (0.5453, 9.47)
+        """
+        return round(value, 4 if self.unit == "fraction" else 2)
+
     def display(self, value: float) -> str:
         """Write a value for people: fractions in percent, two decimals.
 
@@ -86,7 +94,7 @@ _METRICS = (
         "remote grounding success",
         "fraction",
         "higher",
-        "the object that the agent names is the target object",
+        "the object that the agent names is the target object, or the box that it draws matches",
         headline=True,
     ),
     Metric(
@@ -97,6 +105,38 @@ _METRICS = (
         "higher",
         "remote grounding success, weighted as SPL is; the benchmark's primary metric",
         headline=True,
+    ),
+    Metric(
+        "iou",
+        "IoU",
+        "intersection over union",
+        "fraction",
+        "higher",
+        "of the answer's box with the target's in the same view; 0 where the answer is no box",
+    ),
+    Metric(
+        "iou_25",
+        "IoU>=.25",
+        "boxes with an IoU of at least one quarter",
+        "fraction",
+        "higher",
+        "the answer is a box whose IoU is at least 0.25",
+    ),
+    Metric(
+        "iou_50",
+        "IoU>=.5",
+        "boxes with an IoU of at least one half",
+        "fraction",
+        "higher",
+        "the answer is a box whose IoU is at least 0.5, the benchmark's threshold",
+    ),
+    Metric(
+        "iou_75",
+        "IoU>=.75",
+        "boxes with an IoU of at least three quarters",
+        "fraction",
+        "higher",
+        "the answer is a box whose IoU is at least 0.75",
     ),
     Metric(
         "navigation_error",
@@ -174,6 +214,9 @@ _METRICS = (
 
 CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metric in _METRICS})
 """Every metric by its key, in the order in which tables show them."""
+
+BOX_METRICS = frozenset({"iou", "iou_25", "iou_50", "iou_75"})
+"""What is scored only where some answers are boxes."""
 
 PRIMARY_METRIC = "rgspl"
 """What the benchmark ranks by (REVERIE challenge rules, 2020 to 2022)."""

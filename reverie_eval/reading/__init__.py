@@ -4,7 +4,7 @@
 columns, ``document`` and ``records`` read everything else value by value and say what is wrong.
 """
 
-from reverie_eval.reading.predictions import Predictions, Submission
+from reverie_eval.reading.predictions import NO_BOXES, BoxAnswers, Predictions, Submission
 from reverie_eval.reading.read import read_predictions
 
-__all__ = ["Predictions", "Submission", "read_predictions"]
+__all__ = ["NO_BOXES", "BoxAnswers", "Predictions", "Submission", "read_predictions"]

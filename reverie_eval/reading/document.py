@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
 _NOT_JSON = {
-    b"PK\x03\x04": "a zip archive",
+    b"PK\x03\x04": "a zip archive within another",
     b"\xfd7zXZ": "an xz archive",
     b"\x1f\x8b": "gzipped twice",
     b"version https://git-lfs": "a pointer of git-lfs, not the file itself",

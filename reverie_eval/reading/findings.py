@@ -20,6 +20,10 @@ Difference = Literal[
     "text ids",
     "abstentions",
     "navigation only",
+    "scaled boxes",
+    "cut boxes",
+    "boxes outside",
+    "cameras off the grid",
 ]
 """How a file may differ from the official form and still say the same."""
 
@@ -67,4 +71,9 @@ _WORDS: dict[Difference, str] = {
     "text ids": "{:,} object ids written as text",
     "abstentions": "{:,} answers that name no object, not written as -1",
     "navigation only": "{:,} records, none with an answer: navigation only",
+    "scaled boxes": "{:,} boxes scaled from another size of picture to 640 x 480",
+    "cut boxes": "{:,} boxes that reach beyond the picture, cut to it",
+    "boxes outside": "{:,} boxes that lie wholly outside the picture, which match nothing",
+    "cameras off the grid": "{:,} boxes drawn by a camera that is none of the 36 views, carried "
+    "over to the nearest view",
 }

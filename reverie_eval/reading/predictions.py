@@ -22,6 +22,29 @@ ID_PREFIX = "reverie_"
 
 
 @dataclass(frozen=True, eq=False)
+class BoxAnswers:
+    """The answers that are boxes, one row each."""
+
+    row: IntArray
+    """Shape (n_boxes,): which record, or after alignment which episode, is answered so."""
+    xywh: FloatArray
+    """Shape (n_boxes, 4): pixels of a 640 x 480 picture, within it; area 0 if drawn outside."""
+    camera: FloatArray
+    """Shape (n_boxes, 2): heading and elevation that the picture was taken to, radians."""
+    is_cut: BoolArray
+    """Shape (n_boxes,): whether the box reached beyond the picture before it was cut."""
+
+    def take(self, rows: IntArray) -> "BoxAnswers":
+        """Return some of the boxes, in the given order."""
+        return BoxAnswers(self.row[rows], self.xywh[rows], self.camera[rows], self.is_cut[rows])
+
+
+NO_BOXES = BoxAnswers(
+    np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 2)), np.zeros(0, dtype=np.bool_)
+)
+
+
+@dataclass(frozen=True, eq=False)
 class Predictions:
     """One row per record that could be read, in the order of the file."""
 
@@ -50,6 +73,11 @@ class Predictions:
         """Shape (n_records,): whether the object id is written as text."""
         is_number = np.zeros(len(self.instr_ids), dtype=np.bool_)
         return self.aside.answer_is_text if self.aside else is_number
+
+    @property
+    def boxes(self) -> "BoxAnswers":
+        """The answers that are boxes."""
+        return self.aside.boxes if self.aside else NO_BOXES
 
     def place(self, record: int) -> Place:
         """Return where a record is in the file."""
@@ -89,5 +117,6 @@ class Aside:
     """Shape (n_poses,): whether a reader of each hop's first viewpoint would miss the pose."""
     answer_is_text: BoolArray
     """Shape (n_records,): whether the object id is written as text."""
+    boxes: BoxAnswers
     read_as: Sequence[str]
     """What was read although it is not the official form, a phrase each."""

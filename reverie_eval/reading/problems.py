@@ -9,15 +9,17 @@ from collections.abc import Sequence
 
 from reverie_eval.errors import Problem
 from reverie_eval.reading.findings import Place, PosePath
-from reverie_eval.wording import counted
+from reverie_eval.wording import counted, some
 
 WHOLE_FILE = "file"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
 OBJECT_FORM = "an object id (a whole number from 0), or -1 where the agent names no object"
 
+BOX_FORM = "[x, y, width, height] in pixels from the upper left corner"
+
 _short = reprlib.Repr()
 _short.maxstring = _short.maxother = 60
-_short.maxlevel, _short.maxlist, _short.maxdict = 2, 3, 2
+_short.maxlevel, _short.maxlist, _short.maxdict = 2, 4, 2
 
 
 def _found(value: object) -> str:
@@ -85,6 +87,17 @@ def too_deep() -> Problem:
 def damaged_gzip(reason: str) -> Problem:
     """Build the problem for a gzip file that does not unpack."""
     return _in_file("damaged-gzip", f"does not unpack ({reason}); compress or copy it again")
+
+
+def damaged_zip(reason: str) -> Problem:
+    """Build the problem for a zip archive that does not unpack."""
+    return _in_file("damaged-zip", f"does not unpack ({reason}); send the result file itself")
+
+
+def not_one_file(names: Sequence[str]) -> Problem:
+    """Build the problem for a zip archive that holds no file, or several."""
+    found = f"{counted(len(names), 'file')}: {some(names)}" if names else "no file"
+    return _in_file("several-files", f"is a zip archive with {found}; pack the result file alone")
 
 
 def too_large(limit: int) -> Problem:
@@ -192,6 +205,62 @@ def wrong_instr_id(place: Place, found: object) -> Problem:
 def wrong_object(place: Place, key: str, found: object) -> Problem:
     """Build the problem for an answer that is no object id."""
     return _in_row("wrong-type", place, f"got {_found(found)}; expected {OBJECT_FORM}", f".{key}")
+
+
+def two_answers(place: Place, key: str, found: object) -> Problem:
+    """Build the problem for a record that names an object and draws a box."""
+    return _in_row(
+        "two-answers",
+        place,
+        f"got {_found(found)} beside predBox; an episode has one answer: leave one out, or write "
+        f"{key} -1",
+        f".{key}",
+    )
+
+
+def wrong_box(place: Place, key: str, found: object) -> Problem:
+    """Build the problem for a box that is no four numbers."""
+    return _in_row("wrong-type", place, f"got {_found(found)}; expected {BOX_FORM}", f".{key}")
+
+
+def box_not_finite(place: Place, key: str, found: Sequence[object]) -> Problem:
+    """Build the problem for a box with NaN or an infinity in it."""
+    message = f"got {_found(list(found))}; expected {BOX_FORM}, finite numbers"
+    return _in_row("not-finite", place, message, f".{key}")
+
+
+def empty_box(place: Place, key: str, found: Sequence[object]) -> Problem:
+    """Build the problem for a box without width or height."""
+    message = f"got {_found(list(found))}; expected {BOX_FORM}, with positive width and height"
+    return _in_row("empty-box", place, message, f".{key}")
+
+
+def wrong_view(place: Place, key: str, found: object) -> Problem:
+    """Build the problem for something that is none of the 36 views."""
+    message = (
+        f"got {_found(found)}; expected a view from 0 to 35: 0-11 look down, 12-23 are level, "
+        "24-35 look up, each row turning right from heading 0"
+    )
+    return _in_row("wrong-view", place, message, f".{key}")
+
+
+def no_view(place: Place, key: str, *, may_be_posed: bool) -> Problem:
+    """Build the problem for a box that is in no known picture."""
+    pose = ", or give heading and elevation in the last pose" if may_be_posed else ""
+    return _in_row(
+        "missing-field",
+        place,
+        f"has a predBox and no {key}; add the view that it is drawn in (0-35){pose}",
+    )
+
+
+def wrong_image_size(place: Place, key: str, found: object) -> Problem:
+    """Build the problem for something that is no size of a picture."""
+    message = (
+        f"got {_found(found)}; expected [width, height] of the picture that predBox is drawn in, "
+        "at least 1 each"
+    )
+    return _in_row("wrong-type", place, message, f".{key}")
 
 
 def wrong_trajectory(place: Place, found: object) -> Problem:

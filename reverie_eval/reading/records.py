@@ -12,18 +12,20 @@ import numpy as np
 
 from reverie_eval.arrays import offsets_of
 from reverie_eval.errors import SubmissionError
+from reverie_eval.geometry import is_on_grid
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.reading import problems
 from reverie_eval.reading.answers import ANSWER_KEYS, Answer, has_answer, read_answer
+from reverie_eval.reading.boxes import BOX_KEYS
 from reverie_eval.reading.document import RepeatingObject
 from reverie_eval.reading.findings import Findings, Place
-from reverie_eval.reading.predictions import ID_PREFIX, Aside, Predictions
+from reverie_eval.reading.predictions import ID_PREFIX, Aside, BoxAnswers, Predictions
 from reverie_eval.reading.trajectories import Pose, read_trajectory
 
 MAX_RECORDS = 200_000
 """Nearly twenty times the largest split, the 10,290 episodes of train."""
 
-FIELDS = frozenset({"instr_id", "trajectory", *ANSWER_KEYS})
+FIELDS = frozenset({"instr_id", "trajectory", *ANSWER_KEYS, *BOX_KEYS})
 """What a record is read for; everything else is ignored."""
 
 
@@ -61,15 +63,15 @@ def read_each(document: Any, found: Findings, *, answers_only: bool = False) -> 
     ]
     navigation_only = bool(records) and not any(has_answer(record) for _, record in records)
     found.differences["navigation only"] += len(records) * navigation_only
-    return [
-        ReadRecord(
-            place,
-            _read_instr_id(place, record, found),
-            [] if answers_only else read_trajectory(place, record, found),
-            Answer(ABSTAINED) if navigation_only else read_answer(place, record, found),
-        )
-        for place, record in records
-    ]
+    read = []
+    for place, record in records:
+        instr_id = _read_instr_id(place, record, found)
+        poses = None if answers_only else read_trajectory(place, record, found)
+        answer = Answer(ABSTAINED)
+        if not navigation_only:
+            answer = read_answer(place, record, poses, found)
+        read.append(ReadRecord(place, instr_id, poses or (), answer))
+    return read
 
 
 def _placed(document: Any, found: Findings) -> Iterable[tuple[Place, Any]]:
@@ -116,6 +118,8 @@ def _columns(records: Sequence[ReadRecord], found: Findings) -> Predictions:
     poses = [pose for record in records for pose in record.poses]
     lengths = np.array([len(record.poses) for record in records], dtype=np.int64)
     answers = [record.answer for record in records]
+    boxes = _box_columns(answers)
+    found.differences["cameras off the grid"] += int((~is_on_grid(boxes.camera)).sum())
     return Predictions(
         instr_ids=[record.instr_id for record in records],
         viewpoint_ids=[pose.viewpoint_id for pose in poses],
@@ -127,9 +131,20 @@ def _columns(records: Sequence[ReadRecord], found: Findings) -> Predictions:
             pose_paths=[pose.path for pose in poses],
             continues_hop=np.array([pose.continues_hop for pose in poses], dtype=np.bool_),
             answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
+            boxes=boxes,
             read_as=found.read_as(),
         ),
         problems=found.problems,
+    )
+
+
+def _box_columns(answers: Sequence[Answer]) -> BoxAnswers:
+    boxes = {row: answer.box for row, answer in enumerate(answers) if answer.box is not None}
+    return BoxAnswers(
+        row=np.array(list(boxes), dtype=np.int64),
+        xywh=np.array([box.xywh for box in boxes.values()]).reshape(-1, 4),
+        camera=np.array([box.camera for box in boxes.values()]).reshape(-1, 2),
+        is_cut=np.array([box.is_cut for box in boxes.values()], dtype=np.bool_),
     )
 
 

@@ -1,44 +1,35 @@
-"""Where a submission's bytes come from: a path, an open file, standard input, plain or gzip."""
+"""Where a submission's bytes come from: a path, an open file, standard input, plain or packed."""
 
 import errno
-import io
 import sys
-import zlib
 from os import PathLike
 from pathlib import Path
 from typing import BinaryIO, TextIO, TypeAlias
 
-from reverie_eval.errors import SubmissionError
-from reverie_eval.reading import problems
+from reverie_eval.reading.unpacking import unpack
 
 Source: TypeAlias = str | PathLike[str] | bytes | BinaryIO | TextIO
 """A path, ``-`` for standard input, the content itself, or an open file."""
 
 MAX_BYTES = 128 << 20
-"""Room for 3,521 trajectories of a thousand poses; also what a gzip file may unpack to."""
+"""Room for 3,521 trajectories of a thousand poses; also what a packed file may unpack to."""
 
-_GZIP_MAGIC = b"\x1f\x8b"
 _JSON_BEGINS = ("[", "{")
 
 
 def read_bytes(source: Source) -> bytes:
-    """Read a submission, unpacking gzip wherever it comes from.
+    """Read a submission, unpacking gzip or zip wherever it comes from.
 
     Raises
     ------
     SubmissionError
-        If it is larger than any submission, or a gzip file that does not unpack.
+        If it is larger than any submission, or does not unpack to one file.
     OSError
         If the file cannot be read.
     TypeError
         If it is nothing that bytes could come from.
     """
-    content = source if isinstance(source, bytes) else _read(source)
-    if content.startswith(_GZIP_MAGIC):
-        content = _unpack(content)
-    if len(content) > MAX_BYTES:
-        raise SubmissionError([problems.too_large(MAX_BYTES)])
-    return content
+    return unpack(source if isinstance(source, bytes) else _read(source), MAX_BYTES)
 
 
 def _read(source: str | PathLike[str] | BinaryIO | TextIO) -> bytes:
@@ -67,13 +58,3 @@ def _read_standard_input() -> bytes:
     if sys.stdin is None:  # closed by the shell: `<&-`
         raise OSError(errno.EBADF, "is closed", "standard input")
     return sys.stdin.buffer.read(MAX_BYTES + 1)
-
-
-def _unpack(content: bytes) -> bytes:
-    import gzip
-
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
-            return file.read(MAX_BYTES + 1)
-    except (EOFError, OSError, zlib.error) as error:
-        raise SubmissionError([problems.damaged_gzip(str(error))]) from error

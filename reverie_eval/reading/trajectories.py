@@ -4,16 +4,12 @@ What an element is, its structure tells, never a guess: a viewpoint id with numb
 pose; a list of viewpoint ids is a hop, walked from first to last; a text is a viewpoint id.
 """
 
-import math
 from collections.abc import Mapping, Sequence
-from numbers import Real
 from typing import Any, NamedTuple
 
 from reverie_eval.reading import problems
 from reverie_eval.reading.findings import Findings, Place, PosePath
-
-_NUMBERS = (float, int, Real)
-"""Common types first: asking an abstract class takes ten times as long."""
+from reverie_eval.reading.values import is_finite, is_list, is_number
 
 
 class Pose(NamedTuple):
@@ -33,10 +29,10 @@ def read_trajectory(place: Place, record: Mapping[str, Any], found: Findings) ->
         found.problems.append(problems.missing_field(place, "trajectory"))
         return []
     trajectory = record["trajectory"]
-    if not _is_list(trajectory):
+    if not is_list(trajectory):
         found.problems.append(problems.wrong_trajectory(place, trajectory))
         return []
-    if not any(not _is_list(element) or element for element in trajectory):
+    if not any(not is_list(element) or element for element in trajectory):
         found.problems.append(problems.empty_trajectory(place))
         return []
     only_hops = all(_is_hop(element) for element in trajectory)
@@ -59,7 +55,7 @@ def _read_element(place: Place, number: int, element: Any, found: Findings) -> l
         found.problems.append(problems.wrong_pose(place, (number,), element))
         return [Pose((number,), None)]
     viewpoint_id, *angles = element
-    if not all(map(_is_finite, angles)):
+    if not all(map(is_finite, angles)):
         found.problems.append(problems.not_finite(place, (number,), element))
         return [Pose((number, 0), viewpoint_id)]
     found.differences["no angles"] += not angles
@@ -76,30 +72,15 @@ def _read_hop(number: int, hop: Sequence[str], found: Findings) -> list[Pose]:
     ]
 
 
-def _is_list(value: Any) -> bool:
-    return isinstance(value, list | tuple)
-
-
 def _is_hop(element: Any) -> bool:
     """Whether this is a list of viewpoint ids and nothing else."""
-    return _is_list(element) and all(isinstance(part, str) for part in element)
+    return is_list(element) and all(isinstance(part, str) for part in element)
 
 
 def _is_pose(element: Any) -> bool:
     """Whether this is a viewpoint id, alone or with heading and elevation behind it."""
-    if not _is_list(element) or not element:
+    if not is_list(element) or not element:
         return False
     viewpoint_id, *angles = element
     is_whole = isinstance(viewpoint_id, str) and len(angles) != 1
-    return is_whole and all(map(_is_number, angles))
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, _NUMBERS) and not isinstance(value, bool)
-
-
-def _is_finite(angle: float) -> bool:
-    try:
-        return math.isfinite(angle)
-    except OverflowError:  # a whole number beyond the range of floats
-        return False
+    return is_whole and all(map(is_number, angles))

@@ -8,10 +8,13 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.scores import Scores
+
+if TYPE_CHECKING:
+    from reverie_eval.schemas.report import ScoreReport
 
 NOT_SCORED = "-"
 MARK = "*"
@@ -50,9 +53,28 @@ def table_of(results: Sequence[Scores]) -> Table:
     )
 
 
+def table_of_report(report: "ScoreReport", provenance: str) -> Table:
+    """Word a report as its scores were worded where it was made, with its notes."""
+    metrics = [m for m in CATALOGUE.values() if m.headline and m.key in report.scores]
+    return Table(
+        headings=[metric.heading for metric in metrics],
+        rows=[[metric.display(report.scores[metric.key]) for metric in metrics]],
+        captions=[
+            report.signature,
+            f"ground truth: {provenance}",
+            *(f"note: {note}" for note in report.notes),
+        ],
+        has_names=False,
+    )
+
+
 def plain(results: Sequence[Scores]) -> str:
     """Aligned columns without decoration, for a pipe or a file."""
-    table = table_of(results)
+    return laid_out(table_of(results))
+
+
+def laid_out(table: Table) -> str:
+    """Lay out a table that is in words already, as :func:`plain` does."""
     cells = [table.headings, *table.rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["  ".join(map(_justify(table), row, widths, range(len(row)))) for row in cells]
@@ -104,13 +126,18 @@ def json_report(results: Sequence[Scores]) -> str:
 
 
 def write_episodes(scores: Scores, file: TextIO) -> None:
-    """Write the episode table as CSV: a row per episode, a column per metric, unrounded."""
+    """Write the episode table as CSV: a row per episode, a column per metric, unrounded.
+
+    With answers that are boxes, a last column says what became of each.
+    """
     import csv
 
+    columns = {key: column.tolist() for key, column in scores.episodes.items()}
+    if scores.boxes is not None:
+        columns["box_outcome"] = scores.box_outcome
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(["instr_id", *scores.episodes])
-    columns = [column.tolist() for column in scores.episodes.values()]
-    writer.writerows(zip(scores.instr_ids, *columns, strict=True))
+    writer.writerow(["instr_id", *columns])
+    writer.writerows(zip(scores.instr_ids, *columns.values(), strict=True))
 
 
 def _name(scores: Scores) -> str:

@@ -14,7 +14,9 @@ from pydantic import (
 
 Name = Annotated[str, StringConstraints(min_length=1)]
 ObjectId = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
-ObjectKey = Annotated[str, StringConstraints(pattern=r"^(0|[1-9]\d{0,8})$")]
+OBJECT_KEY = r"^(0|[1-9]\d{0,8})$"
+"""What an object id looks like as the key of a JSON object."""
+ObjectKey = Annotated[str, StringConstraints(pattern=OBJECT_KEY)]
 ViewIndex = Annotated[int, Field(ge=0, lt=36)]
 Offset = Annotated[int, Field(ge=0, le=640)]
 Extent = Annotated[int, Field(ge=1, le=640)]

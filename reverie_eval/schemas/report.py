@@ -5,6 +5,27 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 
+class BoxReport(BaseModel):
+    """How the answers that are boxes did, and how much of it chance would have done."""
+
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
+
+    answers: int
+    """Number of answers that are boxes."""
+    right: int
+    """Number of them with an IoU of at least one half, wherever else the protocol looks."""
+    mean_iou: float
+    """Mean IoU over them; 0 where the view does not show the target."""
+    whole_image: float
+    """Share of them that would be right if the whole picture stood in their place."""
+    ambiguous_views: float
+    """Of those whose view shows the target, the share in which another object's box overlaps the
+    target's with an IoU of at least one half."""
+    misses: dict[str, int]
+    """Number of them that are wrong, by reason: the box is another than the target's (low IoU),
+    the view does not show the target, or no view does from where the agent stopped."""
+
+
 class ScoreReport(BaseModel):
     """Scores of one submission, with everything needed to explain the numbers later."""
 
@@ -25,6 +46,8 @@ class ScoreReport(BaseModel):
     """Number of episodes that the scores are means over."""
     scores: dict[str, float]
     """Means over episodes by metric key; fractions in [0, 1], lengths in metres, not rounded."""
+    boxes: BoxReport | None = None
+    """If some answers are boxes and the protocol scores grounding."""
     notes: list[str] = []
     """What a reader of the numbers should know, a sentence each."""
 

@@ -3,24 +3,22 @@
 import argparse
 import os
 import re
-import sys
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.ground_truth import Bundle, bundle_name
 from reverie_eval.wording import counted
-from reverie_eval_cli.arguments import add_split
+from reverie_eval_cli.arguments import add_dataset, add_object_positions, add_split
 from reverie_eval_cli.outputs import check_outputs
+from reverie_eval_cli.progress import with_progress
 
 SUMMARY = "compile the published dataset files of a split into a ground-truth bundle"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command takes."""
-    parser.add_argument(
-        "dataset", nargs="?", type=Path, help="a clone of the REVERIE dataset repository"
-    )
+    add_dataset(parser)
+    add_object_positions(parser)
     add_split(parser)
     parser.add_argument(
         "-o",
@@ -32,25 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--public", action="store_true", help="leave the answers out: a bundle to validate with"
-    )
-    elsewhere = parser.add_argument_group("where the files are, if not in DATASET")
-    elsewhere.add_argument(
-        "--annotations",
-        metavar="PATH",
-        type=Path,
-        help="REVERIE_SPLIT.json, or its folder; a private file with objId and full path too",
-    )
-    elsewhere.add_argument(
-        "--boxes", metavar="PATH", type=Path, help="the BBox folder, or one BBoxes.json"
-    )
-    elsewhere.add_argument(
-        "--connectivity", metavar="PATH", type=Path, help="the folder of connectivity files"
-    )
-    elsewhere.add_argument(
-        "--object-positions",
-        metavar="FILE",
-        type=Path,
-        help="objpos.json, the centres of all objects; the protocol challenge-2022 needs it",
     )
 
 
@@ -69,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         connectivity=arguments.connectivity,
         object_positions=arguments.object_positions,
     )
-    bundle = compile_split(files, arguments.split, track=_with_progress)
+    bundle = compile_split(files, arguments.split, track=with_progress)
     if arguments.public:
         bundle = bundle.public()
     output = _output(arguments, bundle)
@@ -94,13 +73,3 @@ def _output(arguments: argparse.Namespace, bundle: Bundle) -> Path:
     if output.exists() and not output.is_file():
         raise ReverieEvalError(f"{output} is no file that could be replaced")
     return output
-
-
-def _with_progress(files: Sequence[Path], description: str) -> Iterable[Path]:
-    """Show a progress bar while the files are read, on a terminal only."""
-    if not sys.stderr.isatty():
-        return files
-    from rich.console import Console
-    from rich.progress import track
-
-    return track(files, description=description, console=Console(stderr=True), transient=True)

@@ -1,0 +1,104 @@
+"""``reverie-eval boxes HOUSES CONNECTIVITY -o FOLDER``: build boxes from Matterport's files."""
+
+import argparse
+import math
+import os
+import sys
+from pathlib import Path
+
+from reverie_eval.wording import counted
+from reverie_eval_cli.progress import with_progress
+
+SUMMARY = "build boxes in the published layout from Matterport's .house files"
+
+_CAVEAT = (
+    "these are projections of oriented boxes; the released v1 files are not exactly such: "
+    "docs/boxes-from-houses.md"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command takes."""
+    parser.add_argument(
+        "houses", type=Path, help="the folder with Matterport's SCAN.house files, at any depth"
+    )
+    parser.add_argument(
+        "connectivity", type=Path, help="the folder with SCAN_connectivity.json files"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        metavar="FOLDER",
+        type=Path,
+        help="where to write SCAN_VIEWPOINT.json files; a new or an empty folder",
+    )
+    parser.add_argument(
+        "--max-distance",
+        metavar="METRES",
+        type=_metres,
+        default=3.0,
+        help="list objects whose centre is nearer to the camera (default: %(default)s; the "
+        "released files list up to 2.0)",
+    )
+    parser.add_argument(
+        "--occlusion",
+        choices=("none", "paper"),
+        default="none",
+        help="paper: take away boxes within the box of a nearer object (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--exclude",
+        nargs="*",
+        metavar="NAME",
+        help="raw category names to leave out, instead of wall, door, ceiling, floor and the "
+        "others that the released files never list",
+    )
+    parser.add_argument(
+        "--scans", nargs="+", metavar="SCAN", help="build these (default: all that have both files)"
+    )
+    parser.add_argument(
+        "--jobs", metavar="N", type=_processes, help="processes to share the work (default: cores)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Build the boxes and say how many."""
+    from reverie_eval.box_building.build import build_boxes
+    from reverie_eval.box_building.rules import EXCLUDED_NAMES, Rules
+    from reverie_eval.box_building.scans import find_scans
+
+    found = find_scans(arguments.houses, arguments.connectivity, arguments.scans)
+    for note in found.notes():
+        print(f"note: {note}", file=sys.stderr)
+    excluded = EXCLUDED_NAMES if arguments.exclude is None else frozenset(arguments.exclude)
+    built = build_boxes(
+        found.complete,
+        arguments.output,
+        Rules(arguments.max_distance, arguments.occlusion, excluded),
+        jobs=arguments.jobs or os.cpu_count() or 1,
+        track=lambda outcomes, total: with_progress(outcomes, "boxes", total),
+    )
+    counts = [
+        counted(len(found.complete), "scan"),
+        counted(built.viewpoints, "viewpoint"),
+        counted(built.listed, "listed object"),
+        f"{built.boxes:,} boxes",
+    ]
+    print(f"{arguments.output}: {', '.join(counts)}")
+    print(_CAVEAT)
+    return 0
+
+
+def _metres(text: str) -> float:
+    metres = float(text)
+    if not 0 < metres < math.inf:
+        raise argparse.ArgumentTypeError(f"{text} is no distance; give metres, more than 0")
+    return metres
+
+
+def _processes(text: str) -> int:
+    processes = int(text)
+    if processes < 1:
+        raise argparse.ArgumentTypeError(f"{text} processes cannot work; give 1 or more")
+    return processes

@@ -1,0 +1,33 @@
+"""The geometry of panoramas: views, projection, and boxes seen from another camera."""
+
+from reverie_eval.geometry.projection import into_camera, pixels_of, rays_of
+from reverie_eval.geometry.views import (
+    FIELD_OF_VIEW,
+    FOCAL_LENGTH,
+    HEIGHT,
+    N_VIEWS,
+    NEAR,
+    VIEW_AXES,
+    WIDTH,
+    axes,
+    is_on_grid,
+    snap,
+    view_angles,
+)
+
+__all__ = [
+    "FIELD_OF_VIEW",
+    "FOCAL_LENGTH",
+    "HEIGHT",
+    "NEAR",
+    "N_VIEWS",
+    "VIEW_AXES",
+    "WIDTH",
+    "axes",
+    "into_camera",
+    "is_on_grid",
+    "pixels_of",
+    "rays_of",
+    "snap",
+    "view_angles",
+]

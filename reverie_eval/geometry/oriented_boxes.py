@@ -1,0 +1,93 @@
+"""Boxes of any orientation in the world, many at once."""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Self
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, frozen
+
+CORNER_SIDES: FloatArray = frozen(np.array(list(product((-1.0, 1.0), repeat=3))))
+"""Shape (8, 3): on which side of the centre each corner lies, along each axis."""
+
+EDGES: IntArray = frozen(
+    np.array(
+        [
+            (a, b)
+            for a in range(len(CORNER_SIDES))
+            for b in range(a)
+            if np.count_nonzero(CORNER_SIDES[a] != CORNER_SIDES[b]) == 1
+        ]
+    )
+)
+"""Shape (12, 2): the two corners of each edge."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class OrientedBoxes:
+    """Boxes in a metric frame, the world's or a camera's."""
+
+    centre: FloatArray
+    """Shape (n, 3)."""
+    axes: FloatArray
+    """Shape (n, 3, 3): rows of unit vectors, at right angles to each other."""
+    radii: FloatArray
+    """Shape (n, 3): metres from the centre to the faces, along each axis; not negative."""
+
+    @classmethod
+    def along(
+        cls,
+        centre: FloatArray,
+        first_axis: FloatArray,
+        second_axis: FloatArray,
+        radii: FloatArray,
+    ) -> Self:
+        """Return boxes along two of their axes; the third is the cross product.
+
+        Parameters
+        ----------
+        centre, first_axis, second_axis : float arrays of shape (n, 3)
+            The axes may be of any length and need not be quite at right angles, as numbers
+            that were written with a few digits are not: the second is turned to be so.
+        radii : float array of shape (n, 3)
+            Half extents in metres.
+
+        Examples
+        --------
+        >>> up, rightish = np.array([[0.0, 0.0, 2.0]]), np.array([[1.0, 0.0, 0.1]])
+        >>> OrientedBoxes.along(np.zeros((1, 3)), up, rightish, np.ones((1, 3))).axes[0].tolist()
+        [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        """
+        first = _unit(first_axis)
+        second = _unit(second_axis - (second_axis * first).sum(axis=-1, keepdims=True) * first)
+        axes = np.stack([first, second, np.cross(first, second)], axis=-2)
+        return cls(centre, axes, radii)
+
+    def __len__(self) -> int:
+        return len(self.centre)
+
+    def __getitem__(self, which: IntArray | BoolArray) -> Self:
+        return type(self)(self.centre[which], self.axes[which], self.radii[which])
+
+    def seen_by(self, position: FloatArray, camera_axes: FloatArray) -> Self:
+        """Return the boxes in the frames of cameras, one for each box.
+
+        Parameters
+        ----------
+        position : float array of shape (3,)
+            Where the cameras stand.
+        camera_axes : float array of shape (n, 3, 3)
+            Right, up and forward of each camera, in rows.
+        """
+        centre: FloatArray = np.einsum("nj,nij->ni", self.centre - position, camera_axes)
+        return type(self)(centre, np.einsum("naj,nij->nai", self.axes, camera_axes), self.radii)
+
+    def corners(self) -> FloatArray:
+        """Shape (n, 8, 3): the corners, in the order of ``CORNER_SIDES``."""
+        half_edges = self.axes * self.radii[:, :, None]
+        return np.asarray(self.centre[:, None] + np.einsum("ca,nai->nci", CORNER_SIDES, half_edges))
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)))

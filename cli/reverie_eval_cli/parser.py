@@ -15,6 +15,8 @@ from reverie_eval_cli.commands import (
     boxes,
     completion,
     convert,
+    describe,
+    lint,
     schema,
     score,
     validate,
@@ -29,6 +31,8 @@ COMMANDS: Mapping[str, ModuleType] = MappingProxyType(
         "agent": agent,
         "compile": compile_command,
         "boxes": boxes,
+        "lint": lint,
+        "describe": describe,
         "schema": schema,
         "completion": completion,
     }

@@ -5,7 +5,7 @@ import json
 from typing import Any
 
 SUMMARY = "print the JSON Schema of submissions or of reports"
-NAMES = ("submission", "score-report", "validation-report")
+NAMES = ("submission", "score-report", "validation-report", "lint-report", "dataset-description")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +23,8 @@ def schema_text(name: str) -> str:
     """Return a schema as indented JSON."""
     from pydantic import TypeAdapter
 
+    from reverie_eval.schemas.description import DescriptionReport
+    from reverie_eval.schemas.lint import LintReport
     from reverie_eval.schemas.report import ScoreReport, ValidationReport
     from reverie_eval.schemas.submission import SUBMISSION
 
@@ -30,5 +32,7 @@ def schema_text(name: str) -> str:
         "submission": SUBMISSION,
         "score-report": TypeAdapter(ScoreReport),
         "validation-report": TypeAdapter(ValidationReport),
+        "lint-report": TypeAdapter(LintReport),
+        "dataset-description": TypeAdapter(DescriptionReport),
     }
     return json.dumps(adapters[name].json_schema(), indent=2)

@@ -1,0 +1,130 @@
+"""Distributions as panels: a row for each split, a column for each quantity. Needs matplotlib."""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from itertools import count
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from reverie_eval.arrays import FloatArray
+from reverie_eval.description import Answers, DatasetDescription, Distribution, Part
+from reverie_eval.reporting.figure_style import INK, colour_of, count_in_round_steps
+from reverie_eval.wording import counted
+
+_MOST_BARS = 80
+"""In a row of panels."""
+
+
+class Quantity(NamedTuple):
+    """What a column of panels shows the distribution of."""
+
+    name: str
+    """As the paper's mean of it is called in a description, if it has one."""
+    label: str
+    noun: str
+    """What each value belongs to."""
+    values: Callable[[Part], Distribution | None]
+
+
+def _of_answers(values: Callable[[Answers], Distribution]) -> Callable[[Part], Distribution | None]:
+    return lambda part: None if part.answers is None else values(part.answers)
+
+
+WORDS = (
+    Quantity(
+        "words per instruction", "words per instruction", "instruction", lambda part: part.words
+    ),
+)
+GOALS = (
+    Quantity(
+        "objects at the goal",
+        "visible objects at the goal",
+        "task",
+        _of_answers(lambda answers: answers.goal_objects),
+    ),
+    Quantity(
+        "boxes at the goal",
+        "boxes at the goal, in all views",
+        "task",
+        _of_answers(lambda answers: answers.goal_boxes),
+    ),
+)
+PATHS = (
+    Quantity(
+        "path steps",
+        "steps of the annotated path",
+        "task",
+        _of_answers(lambda answers: answers.path_steps),
+    ),
+    Quantity(
+        "path length",
+        "length of the annotated path (m)",
+        "task",
+        _of_answers(lambda answers: answers.path_length),
+    ),
+)
+
+
+def draw_distributions(
+    description: DatasetDescription, quantities: Sequence[Quantity]
+) -> Figure | None:
+    """Draw a row of panels for each split that has the quantities, a column for each of them."""
+    columns = [
+        {split: values for split, part in description.splits.items() if (values := of(part))}
+        for _, _, _, of in quantities
+    ]
+    splits = list(columns[0])
+    if not splits:
+        return None
+    figure = Figure(figsize=(8, 1.3 + 1.5 * len(splits)), layout="constrained")
+    grid = figure.subplots(len(splits), len(quantities), sharex="col", sharey="col", squeeze=False)
+    for column, quantity, panels in zip(columns, quantities, grid.T, strict=True):
+        edges = _bin_edges(column.values(), most=_MOST_BARS // len(quantities))
+        for split, axes in zip(splits, panels, strict=True):
+            _draw_distribution(axes, column[split], edges, colour_of(split))
+            number = counted(len(column[split].values), quantity.noun)
+            mean = f"mean {column[split].mean:.1f} of {number}"
+            axes.set_title(mean, loc="right", fontsize="medium")
+            _draw_paper(axes, quantity, description)
+        panels[-1].set_xlabel(quantity.label)
+        count_in_round_steps(panels[-1])
+    for split, axes in zip(splits, grid[:, 0], strict=True):
+        axes.set_title(split, loc="left", fontweight="bold")
+    figure.supylabel(f"share of {quantities[0].noun}s (%)", fontsize="medium")
+    lines, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(lines, labels, loc="outside lower right", ncols=2, frameon=False)
+    return figure
+
+
+def _draw_distribution(axes: Axes, values: Distribution, edges: FloatArray, colour: str) -> None:
+    """Draw a histogram with its mean."""
+    share = np.full_like(values.values, 100 / len(values.values))
+    axes.hist(values.values, edges.tolist(), weights=share, color=colour, rwidth=0.9)
+    axes.axvline(values.mean, color=INK, linestyle="--", linewidth=1.2, label="mean")
+
+
+def _draw_paper(axes: Axes, quantity: Quantity, description: DatasetDescription) -> None:
+    """Draw the paper's mean, if it gives one."""
+    for comparison in description.paper:
+        if comparison.quantity == quantity.name:
+            label = "mean of all splits in the paper"
+            axes.axvline(comparison.paper, color=INK, linestyle=":", linewidth=1.2, label=label)
+
+
+def _bin_edges(distributions: Collection[Distribution], most: int) -> FloatArray:
+    """Divide the range of all splits alike: whole numbers get a bar of their own if there is room.
+
+    Bars of whole numbers stand over them, so their edges lie half-way between.
+    """
+    values = np.concatenate([distribution.values for distribution in distributions])
+    first, last = np.floor(values.min()), np.floor(values.max()) + 1
+    width = next(width for width in _round_numbers() if (last - first) / width <= most)
+    shift = 0.5 if width == 1 and np.equal(values, np.floor(values)).all() else 0.0
+    return np.arange(np.floor(first / width) * width, last + width, width) - shift
+
+
+def _round_numbers() -> Iterator[int]:
+    """Count 1, 2, 5, 10, 20, 50, 100 and so on."""
+    return (digit * 10**exponent for exponent in count() for digit in (1, 2, 5))

@@ -1,6 +1,7 @@
-"""Counting and listing in sentences."""
+"""Counting, listing and dating in sentences."""
 
 from collections.abc import Iterable
+from datetime import UTC, datetime, timedelta
 
 
 def counted(number: int, noun: str) -> str:
@@ -12,6 +13,18 @@ def counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
+def printable(text: str) -> str:
+    r"""Write what would move a terminal's cursor, or hide there, as escapes.
+
+    >>> printable("Team \x1b[2J"), printable("Équipe 蓝")
+    ('Team \\x1b[2J', 'Équipe 蓝')
+    """
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
+
+
 def some(names: Iterable[object], limit: int = 3) -> str:
     """Name the first few of many.
 
@@ -21,3 +34,14 @@ def some(names: Iterable[object], limit: int = 3) -> str:
     listed = [str(name) for name in names]
     more = f" and {len(listed) - limit} more" if len(listed) > limit else ""
     return ", ".join(listed[:limit]) + more
+
+
+def dated(instant: datetime) -> str:
+    """Write an instant in local time and, where that is another, in UTC; rounded up to a second.
+
+    >>> dated(datetime(2027, 6, 1, 21, 59, 59, 1, tzinfo=UTC)).count("2027-06-01 22:00:00 UTC")
+    1
+    """
+    whole = instant.replace(microsecond=0) + timedelta(seconds=instant.microsecond > 0)
+    local, utc = whole.astimezone(), f"{whole.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"
+    return f"{local:%Y-%m-%d %H:%M:%S %Z} ({utc})" if local.utcoffset() else utc

@@ -1,22 +1,19 @@
 """The installed command as a process of its own: pipes, start-up, terminals, completion."""
 
-import io
 import os
-import pty
 import re
 import shutil
 import subprocess
 import sys
-import termios
 from pathlib import Path
 
 import pytest
 
 from tests.conftest import SAMPLES, unavailable
 from tests.flat import NOTE, SCORE, Outcome, Run, signature, words
+from tests.terminals import COMMAND, ESCAPES, on_terminal
 from tests.worlds import SPLIT
 
-COMMAND = Path(sys.executable).with_name("reverie-eval")
 BROKEN = SAMPLES / "broken.json"
 
 # The installed command.
@@ -90,34 +87,6 @@ def test_plain_scoring_imports_nothing_heavy(options: list[str]) -> None:
 
 # Terminals.
 
-ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
-
-
-def on_terminal(columns: int, *given: str) -> str:
-    """Run the installed command on a terminal of this width and return what it shows."""
-    leader, follower = pty.openpty()
-    termios.tcsetwinsize(follower, (24, columns))
-    environment = os.environ | {"TERM": "xterm-256color"}
-    for name in ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR"):
-        environment.pop(name, None)
-    with subprocess.Popen(
-        [COMMAND, *given], stdin=follower, stdout=follower, stderr=follower, env=environment
-    ):
-        os.close(follower)
-        with os.fdopen(leader, "rb", buffering=0) as screen:
-            return _everything(screen).decode().replace("\r\n", "\n")
-
-
-def _everything(screen: io.FileIO) -> bytes:
-    """Read until the other side has closed, which Linux calls an error."""
-    shown = b""
-    try:
-        while chunk := screen.read(4096):
-            shown += chunk
-    except OSError:
-        pass
-    return shown
-
 
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("columns", [20, 40, 80, 120])
@@ -173,7 +142,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
         pytest.param("reverie-eval agent sh", {"shortest"}, id="agent"),
         pytest.param("reverie-eval agent random --se", {"--seed"}, id="option of the agents"),
         pytest.param("reverie-eval schema sub", {"submission"}, id="schema"),
-        pytest.param("reverie-eval sub", {"submit.json"}, id="file"),
+        pytest.param("reverie-eval sub", {"submit", "submit.json"}, id="command or file"),
         pytest.param("reverie-eval validate sub", {"submit.json"}, id="file of a command"),
         pytest.param("reverie-eval completion z", {"zsh"}, id="shell"),
     ],

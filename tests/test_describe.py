@@ -12,7 +12,7 @@ from reverie_eval.version import __version__
 from tests.conftest import REPOSITORY
 from tests.described import SEEN, SPLITS, TABLE, Record, listed, task, write_dataset
 from tests.flat import Run
-from tests.test_command import on_terminal
+from tests.terminals import on_terminal
 
 
 @pytest.fixture

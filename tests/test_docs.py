@@ -98,13 +98,16 @@ def test_schemas_are_those_that_the_command_prints(
 
 
 def options_of(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Collect the options of a parser and of its commands, each by its last name; not help."""
+    """Collect the options of a parser and of its commands, each by its last name; not help.
+
+    A switch that can be turned off is listed by what turns it on.
+    """
     for action in parser._actions:  # noqa: SLF001  # argparse lists them nowhere else
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             for command in action.choices.values():
                 yield from options_of(command)
         elif action.option_strings and action.dest not in ("help", "version"):
-            yield action.option_strings[-1]
+            yield action.option_strings[0 if "--no-" in action.option_strings[-1] else -1]
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))

@@ -57,6 +57,41 @@ def add_ground_truth(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_clustering(parser: argparse.ArgumentParser) -> None:
+    """Add what episodes have in common that are not independent."""
+    parser.add_argument(
+        "--cluster",
+        choices=("target", "scan"),
+        default="target",
+        help="what is resampled together for intervals: the episodes of a target object, or of a "
+        "scan (default: %(default)s)",
+    )
+
+
+def add_server_folder(parser: argparse.ArgumentParser) -> None:
+    """Add the folder of an evaluation server."""
+    parser.add_argument("folder", type=Path, help="the server's folder, with reverie-eval.toml")
+
+
+def add_expiry(parser: argparse.ArgumentParser, default: int | None) -> None:
+    """Add when a token ends."""
+    ends = "never" if default is None else f"{default}"
+    parser.add_argument(
+        "--expires-days",
+        metavar="N",
+        type=positive_number,
+        default=default,
+        help=f"days until it is worth nothing (default: {ends})",
+    )
+
+
+def positive_number(text: str) -> int:
+    """Read a whole number of 1 or more."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of 1 or more")
+    return int(text)
+
+
 def add_output(parser: argparse.ArgumentParser) -> None:
     """Add the file that a submission is written to."""
     parser.add_argument(

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from reverie_eval import RejectedError, ReverieEvalError, SubmissionError
 from reverie_eval_cli.parser import PROGRAM, complete, parse
+from reverie_eval_cli.submissions import rejection
 
 _EXPECTED = (ReverieEvalError, OSError, MemoryError, KeyboardInterrupt)
 """What may end a command and is told in a line, without a traceback."""
@@ -47,8 +48,7 @@ def _show_any_name() -> None:
 def _reason(arguments: argparse.Namespace, error: BaseException) -> str:
     match error:
         case SubmissionError():
-            is_piped = arguments.submission == "-"
-            return f"{'standard input' if is_piped else arguments.submission}: {error}"
+            return rejection(arguments.submission, error)
         case ReverieEvalError():
             return f"{PROGRAM}: {error}"
         case OSError():

@@ -6,37 +6,32 @@ A first word that is a command's name is that command; anything else is a file t
 import argparse
 import os
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType, ModuleType
+from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 from reverie_eval import __version__
-from reverie_eval_cli.commands import (
-    agent,
-    boxes,
-    completion,
-    convert,
-    describe,
-    lint,
-    schema,
-    score,
-    validate,
-)
-from reverie_eval_cli.commands import compile as compile_command
+from reverie_eval_cli.commands import score
 
 PROGRAM = "reverie-eval"
-COMMANDS: Mapping[str, ModuleType] = MappingProxyType(
-    {
-        "validate": validate,
-        "convert": convert,
-        "agent": agent,
-        "compile": compile_command,
-        "boxes": boxes,
-        "lint": lint,
-        "describe": describe,
-        "schema": schema,
-        "completion": completion,
-    }
+COMMANDS = (
+    "validate",
+    "login",
+    "submit",
+    "leaderboard",
+    "verify",
+    "convert",
+    "agent",
+    "compile",
+    "boxes",
+    "lint",
+    "describe",
+    "serve",
+    "server",
+    "schema",
+    "completion",
 )
+"""Each is a module of its name, imported when it is wanted: a file is scored without them."""
 
 
 def parse(words: Sequence[str]) -> argparse.Namespace:
@@ -56,7 +51,7 @@ def complete() -> None:
     finished = line.split()[1:] if line.endswith(" ") else line.split()[1:-1]
     if finished and finished[0] in COMMANDS:
         argcomplete.autocomplete(_command_parser())
-    words = () if finished else tuple(COMMANDS)
+    words = () if finished else COMMANDS
     completer: Any = _WordsAndFiles(words)
     argcomplete.autocomplete(_score_parser(), default_completer=completer)
 
@@ -75,12 +70,9 @@ class _WordsAndFiles:
 
 
 def _score_parser() -> argparse.ArgumentParser:
-    commands = "\n".join(f"  {name:12}{module.SUMMARY}" for name, module in COMMANDS.items())
-    parser = argparse.ArgumentParser(
+    parser = _ScoreParser(
         prog=PROGRAM,
         description="Score a submission to the REVERIE benchmark.",
-        epilog=f"commands ({PROGRAM} COMMAND --help):\n{commands}\n\n"
-        "exit status: 0 done, 1 what was given was rejected, 2 it could not be tried",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
@@ -89,11 +81,36 @@ def _score_parser() -> argparse.ArgumentParser:
     return parser
 
 
+class _ScoreParser(argparse.ArgumentParser):
+    """Lists the commands in its help, which alone needs to know what they all do."""
+
+    def format_help(self) -> str:
+        """Return the help, the commands below it."""
+        commands = "\n".join(f"  {name:12}{one.SUMMARY}" for name, one in _modules().items())
+        self.epilog = (
+            f"commands ({PROGRAM} COMMAND --help):\n{commands}\n\n"
+            "exit status: 0 done, 1 what was given was rejected, 2 it could not be tried"
+        )
+        return super().format_help()
+
+
+def _modules() -> Mapping[str, ModuleType]:
+    return {name: import_module(f"reverie_eval_cli.commands.{name}") for name in COMMANDS}
+
+
 def _command_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=PROGRAM)
-    commands = parser.add_subparsers(required=True)
-    for name, module in COMMANDS.items():
-        command = commands.add_parser(name, description=module.SUMMARY, help=module.SUMMARY)
-        module.add_arguments(command)
-        command.set_defaults(run=module.run)
+    _add_commands(parser, _modules())
     return parser
+
+
+def _add_commands(parser: argparse.ArgumentParser, commands: Mapping[str, ModuleType]) -> None:
+    """Add commands; a module that has commands of its own is a group of them."""
+    adding = parser.add_subparsers(required=True, title="commands", metavar="COMMAND")
+    for name, module in commands.items():
+        command = adding.add_parser(name, description=module.SUMMARY, help=module.SUMMARY)
+        if hasattr(module, "commands"):
+            _add_commands(command, module.commands())
+        else:
+            module.add_arguments(command)
+            command.set_defaults(run=module.run)

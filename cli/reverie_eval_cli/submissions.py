@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from reverie_eval import SubmissionError
+
 
 def write_submission(records: Sequence[Mapping[str, Any]], output: str | None) -> None:
     """Write records to a file, or to standard output."""
@@ -15,3 +17,8 @@ def write_submission(records: Sequence[Mapping[str, Any]], output: str | None) -
         Path(output).write_text(text, encoding="utf-8")
     else:
         sys.stdout.write(text)
+
+
+def rejection(submission: str, error: SubmissionError) -> str:
+    """Say what is wrong with which submission."""
+    return f"{'standard input' if submission == '-' else submission}: {error}"

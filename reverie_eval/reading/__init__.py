@@ -5,6 +5,6 @@ columns, ``document`` and ``records`` read everything else value by value and sa
 """
 
 from reverie_eval.reading.predictions import NO_BOXES, BoxAnswers, Predictions, Submission
-from reverie_eval.reading.read import read_predictions
+from reverie_eval.reading.read import read_predictions, read_text
 
-__all__ = ["NO_BOXES", "BoxAnswers", "Predictions", "Submission", "read_predictions"]
+__all__ = ["NO_BOXES", "BoxAnswers", "Predictions", "Submission", "read_predictions", "read_text"]

@@ -96,7 +96,8 @@ def damaged_zip(reason: str) -> Problem:
 
 def not_one_file(names: Sequence[str]) -> Problem:
     """Build the problem for a zip archive that holds no file, or several."""
-    found = f"{counted(len(names), 'file')}: {some(names)}" if names else "no file"
+    listed = some(map(_found, names))
+    found = f"{counted(len(names), 'file')}: {listed}" if names else "no file"
     return _in_file("several-files", f"is a zip archive with {found}; pack the result file alone")
 
 

@@ -14,7 +14,7 @@ Source: TypeAlias = str | PathLike[str] | bytes | BinaryIO | TextIO
 MAX_BYTES = 128 << 20
 """Room for 3,521 trajectories of a thousand poses; also what a packed file may unpack to."""
 
-_JSON_BEGINS = ("[", "{")
+_JSON_BRACKETS = (("[", "]"), ("{", "}"))
 
 
 def read_bytes(source: Source) -> bytes:
@@ -49,7 +49,8 @@ def _read_file(path: str | PathLike[str]) -> bytes:
         with Path(path).open("rb") as file:
             return file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
-        if str(path).lstrip()[:1] in _JSON_BEGINS:
+        text = str(path).strip()
+        if (text[:1], text[-1:]) in _JSON_BRACKETS:
             raise TypeError("to score JSON text, give it as bytes: text.encode()") from error
         raise
 

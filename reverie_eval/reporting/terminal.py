@@ -16,7 +16,11 @@ _PRIMARY = CATALOGUE[PRIMARY_METRIC].heading
 
 def show(results: Sequence[Scores], console: Console) -> None:
     """Print the score table with its signature."""
-    table = table_of(results)
+    show_table(table_of(results), console)
+
+
+def show_table(table: Table, console: Console) -> None:
+    """Print a table that is in words already, as :func:`show` does."""
     across = _across(table)
     unbounded = console.options.update_width(_ANY_WIDTH)
     fits = console.measure(across, options=unbounded).maximum <= console.width

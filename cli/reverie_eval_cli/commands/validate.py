@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     except SubmissionError as error:
         if arguments.format == "text":
             raise
-        print(_problems_as_json(arguments.split, error))
+        print(problems_as_json(arguments.split, error))
         return 1
     print(_as_json(checked) if arguments.format == "json" else _as_text(checked, arguments))
     return 0
@@ -55,7 +55,8 @@ def _as_json(checked: Validation) -> str:
     return report.model_dump_json(indent=2)
 
 
-def _problems_as_json(split: str, error: SubmissionError) -> str:
+def problems_as_json(split: str, error: SubmissionError) -> str:
+    """Write what is wrong with a submission as a validation report."""
     from reverie_eval.schemas.report import ProblemReport, ValidationReport
 
     problems = [ProblemReport.model_validate(problem) for problem in error.problems]

@@ -1,0 +1,236 @@
+"""How fast the server scores uploads, on the published REVERIE files.
+
+``python benchmarks/server.py`` starts a real server process, with its database and uploads on this
+disk and every commit durable, and sends it val_unseen.mixed1 as plain JSON; each upload differs
+from all others in one digit of a heading, so that each is scored. Latencies depend on the machine.
+The figure with a bar is throughput as a ratio to a bare FastAPI route under the same uvicorn
+settings that only reads the same bodies and calls ``orjson.loads``. Both run in turn, several
+times, and the median of the ratios counts. The uploads come from many teams in turn, as they would
+before a deadline. Needs the published files (see ``fixtures/published.py``).
+"""
+
+import gzip
+import http.client
+import itertools
+import re
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import local
+from typing import Any, NamedTuple
+from urllib.parse import urlsplit
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from fixtures.published import published_folder, unpack_dataset
+from reverie_eval.ground_truth.compile import compile_split
+from reverie_eval.ground_truth.dataset import DatasetFiles
+from reverie_eval.server.folder import upgrade_folder
+from reverie_eval.server.service.people import add_person, add_team, mint
+from reverie_eval.server.service.receipts import make_key
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.state import utc_now
+from reverie_eval.server.store.database import Database
+
+SPLIT = "val_unseen"
+SUBMISSION = f"{SPLIT}.mixed1"
+ROUNDS = 5
+UPLOADS = 120
+"""In each round, of each kind."""
+TEAMS = 100
+CONCURRENCY = (1, 8, 32)
+COMPARED_AT = 8
+BAR = 0.5
+
+SETTINGS = """
+[splits.val_unseen]
+bundle = "val_unseen.npz"
+visibility = "{visibility}"
+quota = {{ day = 1000000, month = 1000000, year = 1000000 }}
+
+[limits]
+requests_per_minute = 1000000
+"""
+
+SERVER = """
+import sys
+from pathlib import Path
+from reverie_eval.server.run import run_server
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.state import ServerState
+state = ServerState.open(load_settings(Path(sys.argv[1])))
+run_server(state, "127.0.0.1", 0, announce=lambda url: print(url, flush=True))
+"""
+
+BARE = """
+import orjson
+import uvicorn
+from fastapi import FastAPI, Request
+from reverie_eval.server.listening import listen, url_of
+from reverie_eval.server.run import configuration
+app = FastAPI()
+@app.post("/")
+async def read(request: Request) -> int:
+    return len(orjson.loads(await request.body()))
+listening = listen("127.0.0.1", 0)
+print(url_of(listening), flush=True)
+uvicorn.Server(configuration(app)).run(sockets=[listening])
+"""
+
+
+class Target(NamedTuple):
+    """Where uploads go, and what comes back for one that was taken."""
+
+    url: str
+    path: str
+    status: int
+    tokens: Iterator[str] = itertools.repeat("")
+    """One for each upload."""
+
+
+class Load(NamedTuple):
+    """What a round of uploads took."""
+
+    seconds: float
+    latencies: Sequence[float]
+
+    @property
+    def throughput(self) -> float:
+        """Uploads per second."""
+        return len(self.latencies) / self.seconds
+
+
+def main() -> int:
+    """Print every figure; exit with 1 if one misses its bar."""
+    folder = published_folder()
+    if folder is None:
+        print("the published REVERIE files are not here (REVERIE_DATA names their folder)")
+        return 2
+    with gzip.open(folder / "reference" / "submissions" / f"{SUBMISSION}.json.gz") as packed:
+        bodies = variants(packed.read())
+    with TemporaryDirectory() as temporary:
+        work = Path(temporary)
+        dataset = unpack_dataset(folder, work)
+        bundle = compile_split(DatasetFiles.find(SPLIT, dataset), SPLIT)
+        ratios = []
+        for visibility in ("private", "open"):
+            server = work / visibility
+            server.mkdir()
+            bundle.save(server / f"{SPLIT}.npz")
+            tokens = itertools.cycle(make_server(server, visibility))
+            with running(SERVER, server) as url, running(BARE) as bare_url:
+                scored = Target(url, f"/api/v1/splits/{SPLIT}/submissions?name=mixed1", 201, tokens)
+                ratios.append(compare(visibility, scored, Target(bare_url, "/", 200), bodies))
+    return int(min(ratios) < BAR)
+
+
+def compare(visibility: str, scored: Target, bare: Target, bodies: Iterator[bytes]) -> float:
+    """Print a server's latencies and its throughput against the bare route's; return the ratio."""
+    for target in (scored, bare):
+        upload(target, itertools.islice(bodies, 32), COMPARED_AT)
+    for concurrency in CONCURRENCY:
+        latencies = sorted(
+            latency
+            for _ in range(ROUNDS)
+            for latency in upload(scored, itertools.islice(bodies, UPLOADS), concurrency).latencies
+        )
+        median, p99 = (1000 * quantile(latencies, share) for share in (0.5, 0.99))
+        print(
+            f"{visibility} split, {concurrency:2} at once: median {median:6.1f} ms, p99 "
+            f"{p99:6.1f} ms, of {len(latencies)} uploads"
+        )
+    pairs = [
+        tuple(
+            upload(target, itertools.islice(bodies, UPLOADS), COMPARED_AT).throughput
+            for target in (scored, bare)
+        )
+        for _ in range(ROUNDS)
+    ]
+    ours, theirs = (statistics.median(column) for column in zip(*pairs, strict=True))
+    ratio = statistics.median(scored / bare for scored, bare in pairs)
+    verdict = "ok" if ratio >= BAR else "MISSED"
+    print(
+        f"{visibility} split, {COMPARED_AT} at once: {ours:.1f} uploads/s, bare route "
+        f"{theirs:.1f}; ratio {ratio:.2f}   at least {BAR}   {verdict}"
+    )
+    return ratio
+
+
+def quantile(ordered: Sequence[float], share: float) -> float:
+    """Return the value that this share of the others does not exceed."""
+    return ordered[min(int(share * len(ordered)), len(ordered) - 1)]
+
+
+def variants(content: bytes) -> Iterator[bytes]:
+    """Return the submission again and again, never twice the same: one digit varies."""
+    places = [match.end() - 1 for match in re.finditer(rb'", *\d\.\d+', content)]
+    for digit in b"1234567890":
+        for place in places:
+            if content[place] != digit:
+                yield b"%b%c%b" % (content[:place], digit, content[place + 1 :])
+
+
+def make_server(folder: Path, visibility: str) -> Sequence[str]:
+    """Make the folder of a server with a quota that does not bite; return a token of each team."""
+    (folder / "reverie-eval.toml").write_text(SETTINGS.format(visibility=visibility))
+    (folder / f"{SPLIT}.npz").chmod(0o600)
+    make_key(folder / "signing-key.pem")
+    upgrade_folder(folder)
+    database = Database(load_settings(folder).database_url)
+    said: Any = {"now": utc_now(), "actor": "benchmark"}
+    tokens = []
+    with database.writing() as session:
+        for number in range(TEAMS):
+            add_team(session, f"Team {number}", **said)
+            person = add_person(session, f"Team {number}", f"P {number}", "participant", **said)
+            tokens.append(mint(session, person, "access", **said).text)
+    database.close()
+    return tokens
+
+
+@contextmanager
+def running(program: str, *arguments: Path) -> Iterator[str]:
+    """Run a server in a process of its own; return the URL that it prints."""
+    words = [sys.executable, "-c", program, *map(str, arguments)]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        assert process.stdout is not None  # noqa: S101  # it was asked for
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.terminate()
+
+
+def upload(target: Target, bodies: Iterator[bytes], concurrency: int) -> Load:
+    """Send bodies, so many at once, each sender over a connection of its own."""
+    address = urlsplit(target.url).netloc
+    own = local()
+
+    def send(body: bytes, token: str) -> float:
+        if not hasattr(own, "connection"):
+            own.connection = http.client.HTTPConnection(address)
+        headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
+        start = time.perf_counter()
+        own.connection.request("POST", target.path, body, headers)
+        reply = own.connection.getresponse()
+        reply.read()
+        if reply.status != target.status:
+            raise RuntimeError(f"status {reply.status} instead of {target.status}")
+        return time.perf_counter() - start
+
+    prepared = list(bodies)
+    with ThreadPoolExecutor(concurrency) as senders:
+        start = time.perf_counter()
+        latencies = list(senders.map(send, prepared, target.tokens))
+        return Load(time.perf_counter() - start, latencies)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

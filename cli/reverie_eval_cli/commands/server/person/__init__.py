@@ -1,0 +1,13 @@
+"""``reverie-eval server person add|list|revoke FOLDER``."""
+
+from collections.abc import Mapping
+from types import ModuleType
+
+SUMMARY = "add and list persons, and revoke their tokens"
+
+
+def commands() -> Mapping[str, ModuleType]:
+    """Return the commands."""
+    from reverie_eval_cli.commands.server.person import add, list_all, revoke
+
+    return {"add": add, "list": list_all, "revoke": revoke}

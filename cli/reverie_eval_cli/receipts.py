@@ -1,0 +1,85 @@
+"""Where a receipt is kept: beside the submission, and never over another file."""
+
+import errno
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from reverie_eval import ReverieEvalError
+
+if TYPE_CHECKING:
+    from reverie_eval.schemas.service import Receipt
+
+
+def check_place(place: str | None, sha256: str, split: str) -> None:
+    """Make sure, before anything is spent, that a receipt can be written where it is wanted.
+
+    Raises
+    ------
+    ReverieEvalError
+        If another file is there, or no folder.
+    """
+    if place is None:
+        return
+    path = Path(place)
+    if not path.parent.is_dir():
+        raise ReverieEvalError(f"{path.parent} is no folder that the receipt could be written to")
+    if path.exists():
+        there = _receipt_in(path)
+        if there is None or (there.sha256, there.split) != (sha256, split):
+            raise ReverieEvalError(f"{place} is there already; choose another file")
+
+
+def keep(receipt: "Receipt", place: str | None, submission: str) -> Path:
+    """Write a receipt, or find where it was written before.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    for path in [Path(place)] if place else _names(submission, receipt):
+        try:
+            with path.open("x", encoding="utf-8") as file:
+                file.write(receipt.model_dump_json(indent=2) + "\n")
+        except FileExistsError:
+            if _receipt_in(path) == receipt:
+                return path
+        else:
+            return path
+    raise FileExistsError(errno.EEXIST, "is there already", place)
+
+
+def read_receipt(path: Path) -> "Receipt":
+    """Read a receipt.
+
+    Raises
+    ------
+    ReverieEvalError
+        If the file is none.
+    """
+    from pydantic import ValidationError
+
+    from reverie_eval.schemas.service import Receipt
+
+    try:
+        return Receipt.model_validate_json(path.read_bytes())
+    except ValidationError:
+        raise ReverieEvalError(f"{path} is no receipt that this version knows") from None
+
+
+def _receipt_in(path: Path) -> "Receipt | None":
+    try:
+        return read_receipt(path)
+    except (ReverieEvalError, OSError):
+        return None
+
+
+def _names(submission: str, receipt: "Receipt") -> Iterator[Path]:
+    """Return ``FILE.receipt.json``, and what follows if that is taken."""
+    letters = "".join(filter(str.isalnum, receipt.submission_id))  # it comes from the server
+    base = f"submission-{letters}" if submission == "-" else submission
+    yield Path(f"{base}.receipt.json")
+    for number in itertools.count(2):
+        yield Path(f"{base}.{number}.receipt.json")

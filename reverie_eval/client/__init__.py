@@ -1,0 +1,22 @@
+"""Talk to an evaluation server: ``Client(url, token).submit(...)``."""
+
+from reverie_eval.client.client import Client
+from reverie_eval.client.errors import (
+    NotAServerError,
+    QuotaSpentError,
+    RefusedError,
+    ServiceError,
+    UnreachableError,
+)
+from reverie_eval.schemas.service import Method, SubmissionChange
+
+__all__ = [
+    "Client",
+    "Method",
+    "NotAServerError",
+    "QuotaSpentError",
+    "RefusedError",
+    "ServiceError",
+    "SubmissionChange",
+    "UnreachableError",
+]

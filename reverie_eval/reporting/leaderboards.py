@@ -1,0 +1,105 @@
+"""Leaderboards in words: a row per published result, its numbers and what to know of its method."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting.grids import Grid, aligned, rich_table
+from reverie_eval.schemas.service import Leaderboard, LeaderboardRow, Method
+from reverie_eval.wording import printable
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_FLAGS = {
+    "extra_data": "extra data",
+    "pre_exploration": "pre-exploration",
+    "ground_truth_objects": "ground-truth objects",
+    "ensemble": "ensemble",
+}
+_FINGERPRINT_SHOWN = 12
+_ANY_WIDTH = 1000
+
+
+def leaderboard_grid(board: Leaderboard) -> Grid:
+    """Word a leaderboard: headline metrics, and the one that it is sorted by."""
+    metrics = _metrics(board)
+    headings = ["rank", "team", "method", *(m.heading for m in metrics), "sent", "on", "with"]
+    rows = [
+        [
+            _rank(row),
+            *_names(row),
+            *_values(row, metrics),
+            "-" if row.submissions is None else str(row.submissions),
+            f"{row.published_at:%Y-%m-%d}",
+            ", ".join(flags_of(row.method)),
+        ]
+        for row in board.rows
+    ]
+    return Grid(headings, rows, frozenset({1, 2, len(headings) - 1}))
+
+
+def narrow_leaderboard_grid(board: Leaderboard) -> Grid:
+    """Word the same with all words in one last column, which can be wrapped."""
+    metrics = _metrics(board)
+    headings = ["rank", *(m.heading for m in metrics), "team: method"]
+    rows = [[_rank(row), *_values(row, metrics), _in_words(row)] for row in board.rows]
+    return Grid(headings, rows, frozenset({len(headings) - 1}))
+
+
+def show_leaderboard(board: Leaderboard, console: "Console") -> None:
+    """Print a leaderboard on a terminal: in one line a row, or with the words beside the numbers.
+
+    Where not even that fits, the terminal breaks the lines: nothing is left out.
+    """
+    grid = leaderboard_grid(board)
+    wide, narrow = rich_table(grid), rich_table(narrow_leaderboard_grid(board))
+    unbounded = console.options.update_width(_ANY_WIDTH)
+    if console.measure(wide, options=unbounded).maximum <= console.width:
+        console.print(wide)
+    elif console.measure(narrow, options=unbounded).minimum <= console.width:
+        console.print(narrow)
+    else:
+        console.print(aligned(grid), markup=False, highlight=False, soft_wrap=True)
+
+
+def leaderboard_captions(board: Leaderboard) -> Sequence[str]:
+    """Say what a leaderboard's numbers depend on."""
+    metric = CATALOGUE.get(board.metric)
+    label = metric.label if metric else board.metric
+    data = board.fingerprint[:_FINGERPRINT_SHOWN]
+    about = f"split:{board.split}|protocol:{board.protocol}|data:{data}, sorted by {label}"
+    empty = [] if board.rows else ["nothing is published yet"]
+    return [printable(about), *empty]
+
+
+def flags_of(method: Method) -> Sequence[str]:
+    """Name what a reader must know to compare a method with others."""
+    return [words for name, words in _FLAGS.items() if getattr(method, name)]
+
+
+def _metrics(board: Leaderboard) -> Sequence[Metric]:
+    return [
+        metric
+        for key, metric in CATALOGUE.items()
+        if (metric.headline or key == board.metric) and any(key in r.scores for r in board.rows)
+    ]
+
+
+def _rank(row: LeaderboardRow) -> str:
+    return "-" if row.rank is None else str(row.rank)
+
+
+def _names(row: LeaderboardRow) -> tuple[str, str]:
+    return printable(row.team) or "(anonymous)", printable(row.method.name)
+
+
+def _values(row: LeaderboardRow, metrics: Sequence[Metric]) -> Sequence[str]:
+    return [m.display(row.scores[m.key]) if m.key in row.scores else "-" for m in metrics]
+
+
+def _in_words(row: LeaderboardRow) -> str:
+    team, method = _names(row)
+    sent = [] if row.submissions is None else [f"{row.submissions} sent"]
+    about = [*sent, f"{row.published_at:%Y-%m-%d}", *flags_of(row.method)]
+    return f"{team}: {method} ({', '.join(about)})"

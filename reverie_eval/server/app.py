@@ -1,0 +1,62 @@
+"""The application: routes, errors, and what every reply has in common."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import APIRouter, FastAPI
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
+
+from reverie_eval.server.edge.bodies import BodyLimits
+from reverie_eval.server.edge.following import Following
+from reverie_eval.server.edge.headers import SecurityHeaders
+from reverie_eval.server.edge.labels import API
+from reverie_eval.server.edge.rates import RateLimits
+from reverie_eval.server.openapi import describe
+from reverie_eval.server.operations import Operations
+from reverie_eval.server.problems import add_error_handlers
+from reverie_eval.server.routes import access, operations, organising, sessions, splits, submissions
+from reverie_eval.server.settings import Settings
+from reverie_eval.server.state import ServerState
+from reverie_eval.version import __version__
+
+
+def create_app(server: ServerState) -> FastAPI:
+    """Make the application around an opened server."""
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        yield
+        server.database.close()
+
+    app = FastAPI(
+        title=server.settings.title,
+        description="Scores submissions to the REVERIE benchmark.",
+        version=__version__,
+        lifespan=lifespan,
+        openapi_url=f"{API}/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.server = server
+    app.state.operations = Operations.of(server)
+    api = APIRouter(prefix=API)
+    for part in (access, sessions, splits, submissions, organising):
+        api.include_router(part.router)
+    app.include_router(api)
+    app.include_router(operations.router)
+    add_error_handlers(app)
+    add_edge(app, server.settings)
+    describe(app)
+    return app
+
+
+def add_edge(app: FastAPI, settings: Settings) -> None:
+    """Put around the routes what every request passes, the innermost first."""
+    limits = settings.limits
+    app.add_middleware(BodyLimits, seconds=limits.seconds_for_body)
+    app.add_middleware(RateLimits, per_minute=limits.requests_per_minute)
+    app.add_middleware(Following, metrics=app.state.operations.metrics)
+    app.add_middleware(SecurityHeaders)
+    if settings.trusted_proxies:
+        trusted = [str(network) for network in settings.trusted_proxies]
+        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=trusted)

@@ -1,0 +1,218 @@
+"""What has to be right before a server starts, all looked at, each with its remedy."""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError, SQLAlchemyError
+
+from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
+from reverie_eval.receipts import ReceiptError, key_id_of
+from reverie_eval.server.service.boards import load_boards
+from reverie_eval.server.service.receipts import load_key, public_pem_of
+from reverie_eval.server.settings import SETTINGS_FILE, Settings, SettingsError, load_settings
+from reverie_eval.server.store.database import Database, known_revisions
+from reverie_eval.server.store.uploads import open_uploads
+from reverie_eval.version import __version__
+
+_DEFAULT_PASSWORDS = frozenset({"postgres", "password", "secret", "changeme", "change-me", "admin"})
+REFUSALS = (SQLAlchemyError, ModuleNotFoundError, ValueError)
+"""What using a database may come to: a value that cannot be read is a ValueError."""
+_OTHERS_MAY_READ = 0o077
+_LATER_VERSION = f"was made by a later version than {__version__}; install the latest reverie-eval"
+
+
+class FolderError(RejectedError):
+    """A server's folder is not in order; ``problems`` names everything with its remedy."""
+
+    subject = "server's folder"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What one look at a server came to."""
+
+    check: str
+    """What was looked at: ``signing key``."""
+    kind: Literal["ok", "note", "fault"]
+    what: str
+    """What was found; of a fault, what to do too."""
+
+
+def check_folder(folder: Path) -> Sequence[Finding]:
+    """Look at everything that a server needs to start."""
+    try:
+        settings = load_settings(folder)
+    except SettingsError as error:
+        return [Finding("settings", "fault", str(problem)) for problem in error.problems]
+    looks = (_at_settings, _at_ground_truth, _at_signing_key, _at_database, _at_uploads)
+    return [finding for look in looks for finding in look(settings)]
+
+
+def demand_sound(folder: Path) -> Settings:
+    """Return the settings of a folder that a server can start from.
+
+    Raises
+    ------
+    FolderError
+        Listing everything that is wrong.
+    """
+    findings = check_folder(folder)
+    faults = [finding for finding in findings if finding.kind == "fault"]
+    if faults:
+        raise FolderError([Problem("unsound", fault.check, fault.what) for fault in faults])
+    return load_settings(folder)
+
+
+def database_fault(settings: Settings) -> str | None:
+    """Return what keeps the database from being used by this version, and the remedy."""
+    try:
+        return _revision_fault(settings)
+    except REFUSALS as error:
+        return reason_of(error)
+
+
+def _revision_fault(settings: Settings) -> str | None:
+    with closing(Database(settings.database_url)) as database:
+        revision = database.revision()
+        is_current = revision is not None and database.is_current()
+    if is_current:
+        return None
+    if revision is None:
+        return (
+            "is empty or not there; restore a backup with `reverie-eval server restore`, or begin "
+            f"with none: `reverie-eval server upgrade {settings.folder}`"
+        )
+    if revision not in known_revisions():
+        return _LATER_VERSION
+    return (
+        "is of an earlier version; make a backup, then run "
+        f"`reverie-eval server upgrade {settings.folder}`"
+    )
+
+
+def demand_known(database: Database) -> str | None:
+    """Return the migration that a database is of; None if it is empty.
+
+    Raises
+    ------
+    FolderError
+        If it is of a version that is not known yet.
+    """
+    revision = database.revision()
+    if revision is not None and revision not in known_revisions():
+        raise FolderError([Problem("unsound", "database", _LATER_VERSION)])
+    return revision
+
+
+@contextmanager
+def database_errors() -> Iterator[None]:
+    """Word what a database refuses, for whoever is to mend it.
+
+    Raises
+    ------
+    ReverieEvalError
+        In place of the database's own.
+    """
+    try:
+        yield
+    except REFUSALS as error:
+        raise ReverieEvalError(f"the database refused: {reason_of(error)}") from None
+
+
+@contextmanager
+def opened(settings: Settings) -> Iterator[Database]:
+    """Open a server's database, whether or not it is serving.
+
+    Raises
+    ------
+    FolderError
+        If it is not of this version.
+    """
+    fault = database_fault(settings)
+    if fault is not None:
+        raise FolderError([Problem("unsound", "database", fault)])
+    with database_errors(), closing(Database(settings.database_url)) as database:
+        yield database
+
+
+def reason_of(error: Exception) -> str:
+    """Return what a database said, and what to do."""
+    match error:
+        case ModuleNotFoundError():
+            return f"{error}; install it: pip install 'reverie-eval[postgresql]'"
+        case ArgumentError():
+            return "is no SQLAlchemy URL; look at `database` in the settings"
+        case OperationalError(orig=said) if "locked" in str(said):
+            return f"{said}; some program keeps it from all others: end that, or try again"
+        case _:
+            remedy = "see that it is whole and runs, and `database` in the settings"
+            return f"{said_by(error)}; {remedy}"
+
+
+def said_by(error: Exception) -> str:
+    """Return what a database said, on one line, without the statement."""
+    said = error.orig if isinstance(error, DBAPIError) else error
+    return " ".join(str(said).split())
+
+
+def _at_settings(settings: Settings) -> Iterator[Finding]:
+    file = settings.folder / SETTINGS_FILE
+    is_private = not file.stat().st_mode & _OTHERS_MAY_READ
+    yield Finding("settings", "ok", f"{file}, splits: {', '.join(settings.splits)}")
+    try:
+        url = make_url(settings.database)
+    except ArgumentError:
+        return
+    if url.password and not is_private and "REVERIE_EVAL_DATABASE" not in os.environ:
+        told = f"others can read the database's password; run `chmod 600 {file}`"
+        yield Finding("settings", "fault", told)
+    if url.password and url.password in {*_DEFAULT_PASSWORDS, url.username}:
+        told = "the database's password is one that everybody tries first; choose another"
+        yield Finding("settings", "fault", told)
+
+
+def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
+    try:
+        boards = load_boards(settings)
+    except SettingsError as error:
+        yield from (Finding("ground truth", "fault", str(problem)) for problem in error.problems)
+        return
+    for name, board in boards.items():
+        truth = board.truth
+        what = f"{name}: {truth.header.dataset}, {board.split.visibility}, {truth.fingerprint[:12]}"
+        yield Finding("ground truth", "ok", what)
+
+
+def _at_signing_key(settings: Settings) -> Iterator[Finding]:
+    try:
+        key = load_key(settings.path(settings.signing_key))
+    except ReceiptError as error:
+        yield Finding("signing key", "fault", str(error))
+    else:
+        yield Finding("signing key", "ok", key_id_of(public_pem_of(key)))
+
+
+def _at_database(settings: Settings) -> Iterator[Finding]:
+    fault = database_fault(settings)
+    if fault is not None:
+        yield Finding("database", "fault", fault)
+        return
+    yield Finding("database", "ok", make_url(settings.database_url).render_as_string())
+
+
+def _at_uploads(settings: Settings) -> Iterator[Finding]:
+    try:
+        next(open_uploads(settings.uploads, settings.folder).names(), None)
+    except ModuleNotFoundError as error:
+        told = f"{error}; install it: pip install 'reverie-eval[s3]'"
+        yield Finding("uploads", "fault", told)
+    except Exception as error:  # noqa: BLE001  # stores far away fail in ways of their own
+        told = f"{settings.uploads}: {error}; see that it can be reached with these credentials"
+        yield Finding("uploads", "fault", told)
+    else:
+        yield Finding("uploads", "ok", settings.uploads)

@@ -1,0 +1,104 @@
+"""What routes ask for of an upload: the submission, and what is said of its method."""
+
+from collections.abc import AsyncIterator
+from typing import Annotated, Any, NamedTuple
+
+from fastapi import Depends, Header, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
+
+from reverie_eval.reading.unpacking import unpack
+from reverie_eval.schemas.service import Method
+from reverie_eval.server.callers import Caller, Server
+from reverie_eval.server.examples import FORM, SUBMISSION
+from reverie_eval.server.operations import Upkeep
+from reverie_eval.server.uploading import Upload, receive
+
+_SAID: dict[str, Any] = Method.model_json_schema()["properties"]
+_PACKED = {"schema": {"type": "string", "format": "binary"}}
+
+METHOD_PARAMETERS = [
+    {
+        "name": name,
+        "in": "query",
+        "description": f"{schema.get('description', 'Of the method.')} Or a field of the form.",
+        "schema": schema,
+    }
+    for name, schema in _SAID.items()
+]
+"""What is said of a method in the query, for the API's description."""
+
+FILE_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "description": "The result file: JSON, gzipped JSON or a zip archive with one file, which "
+        "its content tells; or a form with the field `file`.",
+        "content": {
+            "application/json": {"schema": {"title": "Submission"}, "example": SUBMISSION},
+            "application/gzip": _PACKED,
+            "application/zip": _PACKED,
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {"file": {"type": "string", "format": "binary"}, **_SAID},
+                },
+                "example": FORM,
+            },
+        },
+    }
+}
+"""The body of an upload, for the API's description."""
+
+
+async def received(
+    request: Request, server: Server, upkeep: Upkeep, _: Caller
+) -> AsyncIterator[Upload]:
+    """Take the upload off the wire, once it is known who sends it and there is room for it."""
+    async with upkeep.admission.hold():
+        upload = await receive(request, server.settings.limits)
+        async with upkeep.admission.score():
+            yield upload
+
+
+Received = Annotated[Upload, Depends(received)]
+
+
+def content_of(upload: Received, server: Server) -> bytes:
+    """Return the submission's JSON text."""
+    return unpack(upload.packed, server.settings.limits.unpacked_mebibytes << 20)
+
+
+def method_of(request: Request, upload: Received) -> Method:
+    """Return what was said of the method, in the query or in the form, which wins."""
+    said = {**request.query_params, **upload.fields}
+    try:
+        return Method.model_validate(
+            {name: value for name, value in said.items() if value != "" and name != "file"}
+        )
+    except ValidationError as error:
+        raise RequestValidationError(error.errors()) from None
+
+
+Content = Annotated[bytes, Depends(content_of)]
+
+
+class Entry(NamedTuple):
+    """A submission to be scored, with what was said of it."""
+
+    content: bytes
+    method: Method
+    key: str | None
+    """The Idempotency-Key, if there was one."""
+
+
+def entry_of(
+    content: Content,
+    method: Annotated[Method, Depends(method_of)],
+    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
+) -> Entry:
+    """Return what is to be scored."""
+    return Entry(content, method, idempotency_key)
+
+
+Entered = Annotated[Entry, Depends(entry_of)]

@@ -1,0 +1,275 @@
+"""Examples for the API's description: one exchange, told through."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval.protocol import DEFAULT_PROTOCOL
+from reverie_eval.schemas.organising import (
+    AuditReport,
+    GrantReport,
+    MintedReport,
+    NewGrant,
+    NewPerson,
+    NewTeam,
+    NewToken,
+    PersonReport,
+    TeamReport,
+    TokenReport,
+)
+from reverie_eval.schemas.report import ProblemReport, ScoreReport, ValidationReport
+from reverie_eval.schemas.service import (
+    Accepted,
+    HealthReport,
+    Invitation,
+    Leaderboard,
+    LeaderboardRow,
+    Me,
+    Method,
+    MethodChange,
+    PhaseReport,
+    QuotaReport,
+    QuotaWindow,
+    Receipt,
+    ServerReport,
+    SessionReport,
+    SignIn,
+    SplitReport,
+    SubmissionChange,
+    SubmissionReport,
+    Welcome,
+)
+from reverie_eval.schemas.wire import Https
+from reverie_eval.version import __version__
+
+_NOON = datetime(2027, 6, 1, 12, tzinfo=UTC)
+_TOMORROW = datetime(2027, 6, 2, 12, tzinfo=UTC)
+_NEXT_MONTH = datetime(2027, 7, 1, 12, tzinfo=UTC)
+_NEXT_YEAR = datetime(2028, 5, 31, 12, tzinfo=UTC)
+_TOKEN = "rv_" + "3Zk0b9Xw" + 35 * "."  # nobody's
+_INVITATION = "rv_" + "Yq71mPaa" + 35 * "."
+_ID = "5f2b0c9a4d7e1f36"
+_SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
+_FINGERPRINT = "6f9511abdb3f6c1d8e0a2b4c5d7f9e1032547698badcfe10f0e1d2c3b4a59687"
+_SIGNATURE = (
+    f"split:test|protocol:{DEFAULT_PROTOCOL}|data:6f9511abdb3f|n:6292|version:{__version__}"
+)
+_PEOPLE = {"person": "Ada", "team": "Blue"}
+
+_HEADLINE = [key for key, metric in CATALOGUE.items() if metric.headline]
+_SCORES = dict(zip(_HEADLINE, (13.47, 0.5451, 0.6198, 0.4712, 0.3605, 0.3102), strict=True))
+
+_QUOTA = QuotaReport(
+    remaining=1,
+    next_at=None,
+    seconds_to_next=0,
+    windows=[
+        QuotaWindow(name="day", limit=2, remaining=1, resets_at=_TOMORROW),
+        QuotaWindow(name="month", limit=10, remaining=9, resets_at=_NEXT_MONTH),
+        QuotaWindow(name="year", limit=40, remaining=39, resets_at=_NEXT_YEAR),
+    ],
+)
+_SPENT = QuotaReport(
+    remaining=0,
+    next_at=_TOMORROW,
+    seconds_to_next=24 * 3600,
+    windows=[
+        QuotaWindow(name="day", limit=2, remaining=0, resets_at=_TOMORROW),
+        QuotaWindow(name="month", limit=10, remaining=8, resets_at=_NEXT_MONTH),
+        QuotaWindow(name="year", limit=40, remaining=38, resets_at=_NEXT_YEAR),
+    ],
+)
+_METHOD = Method(
+    name="Walker",
+    description="Looks twice before it walks.",
+    paper=Https("https://example.org/walker.pdf"),
+    code=Https("https://example.org/walker"),
+    extra_data=True,
+)
+_REPORT = ScoreReport(
+    signature=_SIGNATURE,
+    split="test",
+    protocol=DEFAULT_PROTOCOL,
+    dataset="reverie-v1",
+    fingerprint=_FINGERPRINT,
+    version=__version__,
+    episodes=6292,
+    scores=_SCORES,
+)
+_RECEIPT = Receipt(
+    server="REVERIE evaluation server",
+    submission_id=_ID,
+    team="Blue",
+    sha256=_SHA256,
+    received_at=_NOON,
+    split="test",
+    signature=_SIGNATURE,
+    scores=_SCORES,
+    quota=_QUOTA,
+    key_id="0d1c2b3a4f5e6d7c",
+    proof="p2l5c2JhZGx5IHNpZ25lZA==",
+)
+_SUBMISSION = SubmissionReport(
+    id=_ID,
+    split="test",
+    **_PEOPLE,
+    sha256=_SHA256,
+    received_at=_NOON,
+    method=_METHOD,
+    report=_REPORT,
+    receipt=_RECEIPT,
+    status="published",
+    published_at=_TOMORROW,
+    withdrawn_at=None,
+    anonymous_until=_NEXT_MONTH,
+)
+_TOKEN_REPORT = TokenReport(
+    hint=_INVITATION[:11],
+    kind="invite",
+    person="Ada",
+    created_at=_NOON,
+    expires_at=_NEXT_MONTH,
+    revoked_at=None,
+)
+
+_SAID = (
+    HealthReport(status="ok"),
+    ServerReport(
+        title="REVERIE evaluation server",
+        version=__version__,
+        banner="Down for maintenance on 12 June, 08:00-09:00 UTC.",
+        paused=False,
+        key_id="0d1c2b3a4f5e6d7c",
+        required_metadata=["description"],
+    ),
+    Me(**_PEOPLE, role="participant"),
+    Invitation(invitation=_INVITATION),
+    Welcome(**_PEOPLE, token=_TOKEN),
+    SignIn(token=_TOKEN),
+    SessionReport(**_PEOPLE, role="participant", csrf_token=_ID, expires_at=_TOMORROW),
+    SplitReport(
+        name="test",
+        episodes=6292,
+        visibility="private",
+        protocol=DEFAULT_PROTOCOL,
+        dataset="reverie-v1",
+        fingerprint=_FINGERPRINT,
+        public_fingerprint=_SHA256,
+        phases=[PhaseReport(name="2027", opens=_NOON, closes=_NEXT_YEAR, is_open=True)],
+        quota=_QUOTA,
+    ),
+    ValidationReport(split="test", valid=True, notes=["3 jumps between viewpoints"]),
+    _SUBMISSION,
+    _RECEIPT,
+    Accepted(
+        submission=_SUBMISSION.model_copy(
+            update={"status": "unpublished", "published_at": None, "anonymous_until": None}
+        ),
+        quota=_QUOTA,
+        is_repeat=False,
+    ),
+    SubmissionChange(
+        method=MethodChange(name="Walker 2"), published=True, anonymous_until=_NEXT_MONTH
+    ),
+    Leaderboard(
+        split="test",
+        protocol=DEFAULT_PROTOCOL,
+        metric=PRIMARY_METRIC,
+        fingerprint=_FINGERPRINT,
+        rows=[
+            LeaderboardRow(
+                rank=1,
+                submission_id=_ID,
+                team="",
+                method=_METHOD,
+                published_at=_TOMORROW,
+                submissions=None,
+                scores=_SCORES,
+            )
+        ],
+    ),
+    NewTeam(name="Blue"),
+    TeamReport(name="Blue", people=["Ada", "Ben"], created_at=_NOON),
+    NewPerson(team="Blue", name="Ada"),
+    PersonReport(name="Ada", team="Blue", role="participant", created_at=_NOON),
+    NewToken(person="Ada", expires_at=_NEXT_MONTH),
+    _TOKEN_REPORT,
+    MintedReport(**_TOKEN_REPORT.model_dump(), token=_INVITATION),
+    NewGrant(
+        team="Blue", split="test", extra=2, reason="our disk was full", expires_at=_NEXT_MONTH
+    ),
+    GrantReport(
+        team="Blue",
+        split="test",
+        extra=2,
+        reason="our disk was full",
+        created_at=_NOON,
+        expires_at=_NEXT_MONTH,
+    ),
+    AuditReport(
+        id=17,
+        at=_NOON,
+        actor="Olga",
+        action="granted",
+        subject="Blue",
+        details={"split": "test", "extra": 2, "reason": "our disk was full"},
+        previous=_SHA256,
+        digest=_FINGERPRINT,
+    ),
+)
+
+EXAMPLES = {type(said).__name__: said.model_dump(mode="json", exclude_unset=True) for said in _SAID}
+"""By the model's name."""
+
+BOARD_CSV = (
+    "rank,submission_id,team,published_at,...\n1,5f2b0c9a4d7e1f36,Blue,2027-06-02T12:00:00Z,...\n"
+)
+EPISODES_CSV = "instr_id,path_length,success,...\n4774_267_1,12.5,1.0,...\n"
+METRICS = "# TYPE reverie_eval_requests_total counter\n..."
+KEY_PEM = "-----BEGIN PUBLIC KEY-----\nMCow...\n-----END PUBLIC KEY-----\n"
+SUBMISSION = [
+    {"instr_id": "4774_267_1", "trajectory": [["a68b5ae6571e", 3.14, 0.0]], "predObjId": 402}
+]
+
+FORM = {"file": "(the result file)", "name": "Walker", "extra_data": True}
+
+DETAILS: dict[str, dict[str, Any]] = {
+    "submission-rejected": {
+        "detail": "1 problem; nothing was scored and nothing was spent",
+        "problems": [
+            ProblemReport(
+                code="unknown-viewpoint",
+                where="[3].trajectory[0]",
+                message="there is no viewpoint 0c0f3d11 in this building; see connectivity/",
+            )
+        ],
+    },
+    "malformed-request": {
+        "detail": "the request is not of the documented form",
+        "problems": [ProblemReport(code="wrong-value", where="name", message="Field required")],
+    },
+    "not-signed-in": {"detail": "send your token: `Authorization: Bearer rv_...`"},
+    "not-allowed": {"detail": "only the organiser may do this"},
+    "csrf": {"detail": "send the session's csrf_token as X-CSRF-Token"},
+    "not-found": {"detail": f"there is no submission '{_ID}' of your team"},
+    "conflict": {"detail": "a withdrawn submission is not published; restore it first"},
+    "not-open": {
+        "detail": "test takes no submissions now; the next phase opens 2027-07-01T12:00:00+00:00"
+    },
+    "quota-spent": {
+        "detail": "no submission is left; the next is possible from 2027-06-02T12:00:00+00:00. "
+        "Nothing was scored, and `validate` stays free",
+        "quota": _SPENT,
+    },
+    "too-many-requests": {"detail": "too many requests; try again in 7 seconds"},
+    "too-large": {"detail": "the upload is larger than 32 MiB; gzip it"},
+    "too-slow": {"detail": "the upload did not arrive within 60 seconds; gzip it, or try again"},
+    "busy": {
+        "detail": "too many uploads at once; nothing was spent, send yours again in 10 seconds"
+    },
+    "internal": {
+        "detail": "the server failed, not your file; nothing was spent. Try again",
+        "request_id": "5f0c1be2a97d4e36",
+    },
+}
+"""What is said beside the code of a problem, by the code."""

@@ -1,0 +1,145 @@
+"""Whether the server can do its work, found out by doing it.
+
+A known submission is read, scored, rounded and signed for every split; the database takes a
+change, which is not kept; the uploads can be reached. What was found is said again for some
+seconds, so that asking often costs nothing. The reply names what failed; why, the log says.
+"""
+
+import asyncio
+import json
+import logging
+import time
+from collections.abc import Callable, Iterator, MutableMapping
+from contextlib import suppress
+from functools import cached_property, partial
+from tempfile import TemporaryFile
+
+from anyio import move_on_after
+from anyio.to_thread import run_sync
+from sqlalchemy import update
+
+from reverie_eval.agents import run_agent
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.receipts import verify
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.schemas.service import HealthReport, QuotaReport
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.tables import Team
+from reverie_eval.server.store.uploads import FolderUploads, Uploads
+
+SECONDS_KEPT = 10
+SECONDS_TO_ANSWER = 20
+"""After which something hangs."""
+
+_LOGGER = logging.getLogger("reverie_eval.server")
+_AGENT = "stop"
+"""The reference agent that never moves: what it scores can be said beforehand."""
+_NO_DIGEST = "0" * 64
+
+
+class UnhealthyError(Exception):
+    """Something does not do what it should."""
+
+
+class Health:
+    """Looks after a server, at most every few seconds."""
+
+    def __init__(self, server: ServerState) -> None:
+        self._looks = dict(_looks(server))
+        self._turn = asyncio.Lock()
+        self._report = HealthReport(status="ok")
+        self._until = 0.0
+
+    async def report(self) -> HealthReport:
+        """Return what was found, lately or now."""
+        async with self._turn:
+            if time.monotonic() >= self._until:
+                self._report = await self._examine()
+                self._until = time.monotonic() + SECONDS_KEPT
+            return self._report
+
+    async def _examine(self) -> HealthReport:
+        is_well: dict[str, bool] = {}
+        with move_on_after(SECONDS_TO_ANSWER):
+            await run_sync(self._look, is_well, abandon_on_cancel=True)
+        failed = [name for name in self._looks if not is_well.get(name)]
+        return HealthReport(status="unhealthy" if failed else "ok", failed=failed)
+
+    def _look(self, is_well: MutableMapping[str, bool]) -> None:
+        """Note of everything, as soon as it is known, whether it is well."""
+        for name, look in self._looks.items():
+            try:
+                look()
+            except Exception:
+                _LOGGER.exception("unhealthy", extra={"fields": {"failed": name}})
+                is_well[name] = False
+            else:
+                is_well[name] = True
+
+
+def _looks(server: ServerState) -> Iterator[tuple[str, Callable[[], None]]]:
+    for board in server.boards.values():
+        yield f"scoring of {board.name}", Canary(server, board).score
+    yield "database", partial(_write, server)
+    yield "uploads", partial(_reach, server.uploads)
+
+
+class Canary:
+    """A known submission to a split."""
+
+    def __init__(self, server: ServerState, board: Board) -> None:
+        self._server = server
+        self._board = board
+
+    @cached_property
+    def _content(self) -> bytes:
+        return json.dumps(run_agent(_AGENT, self._board.truth, 0)).encode()
+
+    def score(self) -> None:
+        """Do with it what is done with every upload, but keep it.
+
+        Raises
+        ------
+        UnhealthyError
+            If it scores what it cannot have scored.
+        """
+        reading = self._board.read(self._content)
+        report = self._board.report(self._board.score(reading), reading)
+        scores = report.scores
+        if scores["path_length"] or scores["success"] != scores["oracle_success"]:
+            raise UnhealthyError
+        rounded = {key: CATALOGUE[key].rounded(value) for key, value in scores.items()}
+        if self._board.is_private and rounded != scores:
+            raise UnhealthyError
+        self._sign(report)
+
+    def _sign(self, report: ScoreReport) -> None:
+        signer = self._server.signer
+        receipt = signer.sign(
+            submission_id=_AGENT,
+            team="",
+            sha256=_NO_DIGEST,
+            received_at=self._server.clock(),
+            split=self._board.name,
+            signature=report.signature,
+            scores=report.scores,
+            quota=QuotaReport(remaining=0, next_at=None, seconds_to_next=0, windows=[]),
+        )
+        verify(receipt, signer.public_pem)
+
+
+def _write(server: ServerState) -> None:
+    """Let the database take its turn, its lock and a change, of no row."""
+    with server.database.writing() as session:
+        session.execute(update(Team).where(Team.id < 0).values(name=Team.name))
+
+
+def _reach(uploads: Uploads) -> None:
+    """Ask for what is not there, and write, where that is a folder, what has no name."""
+    with suppress(FileNotFoundError):
+        uploads.get(_NO_DIGEST)
+    if isinstance(uploads, FolderUploads):
+        uploads.folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=uploads.folder) as file:
+            file.write(_NO_DIGEST.encode())

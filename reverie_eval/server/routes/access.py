@@ -1,0 +1,52 @@
+"""What the server is, who one is, how to get in, and the key that receipts are checked with."""
+
+from fastapi import APIRouter
+from fastapi.responses import PlainTextResponse
+
+from reverie_eval.schemas.service import Invitation, Me, ServerReport, Welcome
+from reverie_eval.server.callers import Caller, Server
+from reverie_eval.server.examples import KEY_PEM
+from reverie_eval.server.openapi import problems
+from reverie_eval.server.service.people import exchange
+from reverie_eval.version import __version__
+
+router = APIRouter(tags=["access"])
+
+
+@router.get("/server")
+def show_server(server: Server) -> ServerReport:
+    """Say what the server is, and what its organiser has to say to everybody."""
+    settings = server.settings
+    return ServerReport(
+        title=settings.title,
+        version=__version__,
+        banner=settings.banner,
+        paused=settings.paused,
+        key_id=server.signer.key_id,
+        required_metadata=list(settings.required_metadata),
+    )
+
+
+@router.get("/me", responses=problems("not-signed-in"))
+def show_me(person: Caller) -> Me:
+    """Say who you are."""
+    return Me(person=person.name, team=person.team.name, role=person.role)
+
+
+@router.post("/tokens", status_code=201, responses=problems("not-signed-in"))
+def accept_invitation(invitation: Invitation, server: Server) -> Welcome:
+    """Turn an invitation into a token, once."""
+    with server.database.writing() as session:
+        minted = exchange(session, invitation.invitation, server.clock())
+        person = minted.token.person
+        return Welcome(person=person.name, team=person.team.name, token=minted.text)
+
+
+@router.get(
+    "/key",
+    response_class=PlainTextResponse,
+    responses={200: {"content": {"text/plain": {"example": KEY_PEM}}}},
+)
+def show_key(server: Server) -> str:
+    """Return the public key that receipts are checked with, in PEM form."""
+    return server.signer.public_pem

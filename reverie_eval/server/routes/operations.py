@@ -1,0 +1,58 @@
+"""``/healthz`` and ``/metrics``: for whoever keeps the server running."""
+
+import ipaddress
+
+from fastapi import APIRouter, Depends, Request, Response, status
+
+from reverie_eval.schemas.service import HealthReport
+from reverie_eval.server.callers import Anybody, Server
+from reverie_eval.server.callers import organiser as demand_organiser
+from reverie_eval.server.edge.labels import address_of
+from reverie_eval.server.errors import NotSignedInError
+from reverie_eval.server.examples import METRICS
+from reverie_eval.server.metrics import MEDIA_TYPE
+from reverie_eval.server.openapi import problems
+from reverie_eval.server.operations import Upkeep
+
+router = APIRouter(tags=["operations"])
+
+
+def metrics_reader(request: Request, server: Server, person: Anybody) -> None:
+    """Let organisers read the metrics, and whom the settings name."""
+    if person is not None:
+        demand_organiser(person)
+    elif not _is_named(address_of(request.scope), server.settings.metrics_readers):
+        raise NotSignedInError("send an organiser's token: `Authorization: Bearer rv_...`")
+
+
+@router.get("/healthz", responses={503: {"model": HealthReport}})
+async def show_health(upkeep: Upkeep, response: Response) -> HealthReport:
+    """Say whether the server can score, keep and sign: it has just tried."""
+    report = await upkeep.health.report()
+    if report.status != "ok":
+        response.status_code = status.HTTP_503_SERVICE_UNAVAILABLE
+    return report
+
+
+@router.get(
+    "/metrics",
+    dependencies=[Depends(metrics_reader)],
+    response_class=Response,
+    responses={
+        200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": METRICS}}},
+        **problems("not-signed-in", "not-allowed"),
+    },
+)
+def show_metrics(upkeep: Upkeep) -> Response:
+    """Return what the server counts, for Prometheus."""
+    return Response(upkeep.metrics.text(), media_type=MEDIA_TYPE)
+
+
+def _is_named(
+    address: str, networks: tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
+) -> bool:
+    try:
+        parsed = ipaddress.ip_address(address)
+    except ValueError:
+        return False
+    return any(parsed in network for network in networks)

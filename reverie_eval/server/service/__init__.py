@@ -1,0 +1,1 @@
+"""What the server decides: who may do what, what counts, and what leaves it."""

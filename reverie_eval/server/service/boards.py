@@ -1,0 +1,142 @@
+"""The splits that a server scores, with their ground truth in memory."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from types import MappingProxyType
+
+from reverie_eval.errors import GroundTruthError, Problem, SubmissionError
+from reverie_eval.evaluation import Reading
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.ground_truth.bundle import Bundle
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.protocol import protocol_named
+from reverie_eval.reading import Predictions, problems, read_text
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.scores import Scores
+from reverie_eval.server.settings import Settings, SettingsError, Split
+
+MAX_CONTAINERS = 2_000_000
+"""Lists and objects of an upload, a fifth of what is read at home: forty times what the largest
+split's usual file holds, and some 200 MiB while it is read."""
+
+_OTHERS_MAY_READ = 0o077
+
+
+@dataclass(frozen=True)
+class Board:
+    """One split: what the organiser set, and its ground truth."""
+
+    name: str
+    split: Split
+    truth: GroundTruth
+    public_fingerprint: str
+    """Of the bundle without its answers, which participants may have."""
+
+    @property
+    def is_private(self) -> bool:
+        """Whether only rounded means may leave the server."""
+        return self.split.visibility == "private"
+
+    def is_open(self, now: datetime) -> bool:
+        """Whether submissions are taken at this time."""
+        return any(phase.is_open(now) for phase in self.split.phases)
+
+    def read(self, content: bytes) -> Reading:
+        """Read a submission's JSON text and hold it against the split.
+
+        Raises
+        ------
+        SubmissionError
+            Listing everything that is wrong; nothing in it tells of answers.
+        """
+        reading = Reading.of(_predictions(content), self.truth)
+        return reading.discreet() if self.is_private else reading
+
+    def check(self, content: bytes) -> Reading:
+        """Do what :meth:`read` does, without the answers at hand."""
+        return Reading.of(_predictions(content), replace(self.truth, answers=None))
+
+    def score(self, reading: Reading) -> Scores:
+        """Judge a submission by the split's protocol."""
+        return reading.score(protocol_named(self.split.protocol))
+
+    def measures_as(self, report: ScoreReport) -> bool:
+        """Whether a report's numbers come from this ground truth by this protocol."""
+        return (report.fingerprint, report.protocol) == (
+            self.truth.fingerprint,
+            self.split.protocol,
+        )
+
+    def report(self, scores: Scores, reading: Reading) -> ScoreReport:
+        """Return what may leave the server: of a private split rounded means, and no more.
+
+        The headline metrics alone, to two decimals as people read them. Every further figure, and
+        every further digit, would tell more of single episodes. What a report says besides is
+        taken up here field by field, so that what it learns to say later is kept back.
+        """
+        report = scores.to_report()
+        if not self.is_private:
+            return report
+        rounded = {key: CATALOGUE[key].rounded(report.scores[key]) for key in _shown(scores)}
+        return ScoreReport(
+            signature=report.signature,
+            split=report.split,
+            protocol=report.protocol,
+            dataset=report.dataset,
+            fingerprint=report.fingerprint,
+            version=report.version,
+            episodes=report.episodes,
+            scores=rounded,
+            notes=list(reading.validation().notes),
+        )
+
+
+def _predictions(content: bytes) -> Predictions:
+    containers = content.count(b"[") + content.count(b"{")
+    if containers > MAX_CONTAINERS:
+        raise SubmissionError([problems.too_many_containers(containers, MAX_CONTAINERS)])
+    return read_text(content)
+
+
+def _shown(scores: Scores) -> list[str]:
+    return [metric.key for metric in scores.headline]
+
+
+def load_boards(settings: Settings) -> Mapping[str, Board]:
+    """Load every split's ground truth, by the split's name.
+
+    Raises
+    ------
+    SettingsError
+        Naming each split that cannot be scored, and why.
+    """
+    boards, problems = {}, []
+    for name, split in settings.splits.items():
+        path = settings.path(split.bundle)
+        try:
+            boards[name] = _load(name, split, path)
+        except (GroundTruthError, OSError) as error:
+            missing = "; put it there, or make it with `reverie-eval compile`"
+            reason = f"{error.strerror}{missing}" if isinstance(error, OSError) else error
+            where = f"splits.{name}.bundle"
+            problems.append(Problem("no-ground-truth", where, f"{path}: {reason}"))
+    if problems:
+        raise SettingsError(problems)
+    return MappingProxyType(boards)
+
+
+def _load(name: str, split: Split, path: Path) -> Board:
+    bundle = Bundle.load(path)
+    truth = GroundTruth.from_bundle(bundle, origin=str(path))
+    answers = truth.secret
+    if truth.split != name:
+        raise GroundTruthError(f"this is the ground truth of {truth.split}, not of {name}")
+    if not answers.serves(protocol_named(split.protocol)):
+        raise GroundTruthError(f"was compiled without what {split.protocol} measures by")
+    mode = path.stat().st_mode
+    if split.visibility == "private" and mode & _OTHERS_MAY_READ:
+        raise GroundTruthError(f"others can read these answers; run `chmod 600 {path}`")
+    public_fingerprint = bundle.public().header.fingerprint
+    return Board(name, split, replace(truth, origin=name), public_fingerprint)

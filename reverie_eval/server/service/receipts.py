@@ -1,0 +1,108 @@
+"""Receipts: what a server says of a result, signed so that anybody can check it later."""
+
+import base64
+import os
+from datetime import datetime
+from pathlib import Path
+
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.kdf.hkdf import HKDF
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    load_pem_private_key,
+)
+
+from reverie_eval import receipts
+from reverie_eval.receipts import ReceiptError, canonical, key_id_of
+from reverie_eval.schemas.service import QuotaReport, Receipt
+
+
+class Signer:
+    """Signs receipts with a server's key."""
+
+    def __init__(self, key: Ed25519PrivateKey, server: str) -> None:
+        self._key = key
+        self._server = server
+        self.public_pem = public_pem_of(key)
+        self.key_id = key_id_of(self.public_pem)
+
+    def secret_for(self, purpose: str) -> bytes:
+        """Derive a secret of 32 bytes from the private key: for one purpose, and none tells others.
+
+        References
+        ----------
+        RFC 5869, HKDF with SHA-256; the purpose is its ``info``.
+        """
+        derivation = HKDF(hashes.SHA256(), length=32, salt=None, info=purpose.encode())
+        return derivation.derive(self._key.private_bytes_raw())
+
+    def sign(
+        self,
+        *,
+        submission_id: str,
+        team: str,
+        sha256: str,
+        received_at: datetime,
+        split: str,
+        signature: str,
+        scores: dict[str, float],
+        quota: QuotaReport,
+    ) -> Receipt:
+        """Say and sign what a submission scored, and what it left of the quota."""
+        said = Receipt(
+            server=self._server,
+            submission_id=submission_id,
+            team=team,
+            sha256=sha256,
+            received_at=received_at,
+            split=split,
+            signature=signature,
+            scores=scores,
+            quota=quota,
+            key_id=self.key_id,
+            proof="",
+        )
+        proof = base64.b64encode(self._key.sign(canonical(said))).decode()
+        return said.model_copy(update={"proof": proof})
+
+
+def make_key(path: Path) -> None:
+    """Write a new private key that nobody else can read."""
+    key = Ed25519PrivateKey.generate()
+    pem = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(pem)
+
+
+def load_key(path: Path) -> Ed25519PrivateKey:
+    """Read a private key.
+
+    Raises
+    ------
+    ReceiptError
+        If there is none that can be used, or others can read it.
+    """
+    try:
+        if path.stat().st_mode & 0o077:
+            raise ReceiptError(f"others can read {path}; run `chmod 600 {path}`")
+        key = load_pem_private_key(path.read_bytes(), password=None)
+    except FileNotFoundError:
+        raise ReceiptError(f"{path} is missing; restore it from the backup of the server") from None
+    except OSError as error:
+        raise ReceiptError(f"{path} cannot be read: {error.strerror}") from None
+    except (ValueError, UnsupportedAlgorithm):
+        raise ReceiptError(f"{path} is no private key in PEM form") from None
+    except TypeError:  # the library wants a password
+        raise ReceiptError(f"{path} is locked with a password; store it without one") from None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise ReceiptError(f"{path} is no Ed25519 key")
+    return key
+
+
+def public_pem_of(key: Ed25519PrivateKey) -> str:
+    """Return the public half, as the server publishes it."""
+    return receipts.public_pem_of(key.public_key())

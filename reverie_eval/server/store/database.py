@@ -1,0 +1,147 @@
+"""The database: SQLite in a file, or PostgreSQL.
+
+Writers take turns, on both: SQLite locks its file when a transaction begins, PostgreSQL takes one
+advisory lock. Scoring happens before, so a turn is a few inserts long, and whatever is decided in
+it - quotas, the chain of the audit log - is decided on what is really there.
+"""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from alembic import command
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, create_engine, event, text
+from sqlalchemy.orm import Session
+
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.wording import some
+
+MIGRATIONS = Path(__file__).parent / "migrations"
+
+_WRITER_LOCK = 0x5EEDED
+"""Any number; PostgreSQL's advisory locks are known by theirs."""
+
+_SQLITE_PRAGMAS = (
+    "journal_mode = WAL",  # readers go on while somebody writes
+    "synchronous = FULL",  # what was acknowledged survives a power cut
+    "foreign_keys = ON",
+    "busy_timeout = 30000",  # milliseconds to wait for one's turn
+)
+
+
+class Database:
+    """Sessions to read and to write in."""
+
+    def __init__(self, url: str) -> None:
+        self.engine = create_engine(url, pool_pre_ping=True, hide_parameters=True)
+        self._turn = Lock()
+        """Of this process's writers. To wait in SQLite is to ask again and again: who waits longest
+        asks least often, and comes last."""
+        if self.is_sqlite:
+            event.listen(self.engine, "connect", _prepare_sqlite)
+            event.listen(self.engine, "begin", _begin_sqlite)
+
+    @property
+    def is_sqlite(self) -> bool:
+        """Whether this is a file."""
+        return self.engine.dialect.name == "sqlite"
+
+    @contextmanager
+    def reading(self) -> Iterator[Session]:
+        """Open a session that changes nothing."""
+        with Session(self.engine) as session:
+            yield session
+
+    @contextmanager
+    def writing(self) -> Iterator[Session]:
+        """Open a session that is committed at its end, or leaves no trace; one at a time."""
+        engine = self.engine.execution_options(writes=True)
+        with self._turn, Session(engine, expire_on_commit=False) as session, session.begin():
+            self._take_turn(session.connection())
+            yield session
+
+    def upgrade(self) -> None:
+        """Bring the tables to what this version needs, from any released version or none."""
+        with self.migrating() as connection:
+            migrate(connection, "head")
+
+    @contextmanager
+    def migrating(self) -> Iterator[Connection]:
+        """Open a transaction in which tables may be replaced, committed at its end or undone.
+
+        To change a table, SQLite has it copied and dropped, which it refuses while other rows
+        refer to it. So foreign keys are checked at the end here, not at every step.
+        """
+        with self._turn, self.engine.connect() as connection:
+            if self.is_sqlite:
+                connection.detach()  # for nobody else, without the checks
+                connection.connection.cursor().execute("PRAGMA foreign_keys = OFF")
+            with connection.execution_options(writes=True).begin():
+                self._take_turn(connection)
+                yield connection
+                if self.is_sqlite:
+                    _demand_foreign_keys(connection)
+
+    def _take_turn(self, connection: Connection) -> None:
+        if not self.is_sqlite:  # which has locked its file when the transaction began
+            connection.execute(text(f"SELECT pg_advisory_xact_lock({_WRITER_LOCK})"))
+
+    def revision(self) -> str | None:
+        """Return the migration that the tables are of; None if there are no tables."""
+        if self.is_sqlite and not Path(str(self.engine.url.database)).is_file():
+            return None  # to connect would make the file
+        with self.engine.connect() as connection:
+            return MigrationContext.configure(connection).get_current_revision()
+
+    def is_current(self) -> bool:
+        """Whether the tables are what this version needs."""
+        return self.revision() == ScriptDirectory(str(MIGRATIONS)).get_current_head()
+
+    def close(self) -> None:
+        """Let go of all connections."""
+        self.engine.dispose()
+
+
+def migrate(connection: Connection, revision: str) -> None:
+    """Bring the tables to a migration, in the connection's transaction."""
+    command.upgrade(_alembic(connection), revision)
+
+
+def known_revisions() -> frozenset[str]:
+    """Return the migrations of this version and of all before it."""
+    revisions = ScriptDirectory(str(MIGRATIONS)).walk_revisions()
+    return frozenset(script.revision for script in revisions)
+
+
+def _alembic(connection: Connection) -> Config:
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    config.attributes["connection"] = connection
+    return config
+
+
+def _prepare_sqlite(connection: sqlite3.Connection, _: Any) -> None:
+    connection.isolation_level = None  # BEGIN is ours, below, not the driver's
+    for pragma in _SQLITE_PRAGMAS:
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _demand_foreign_keys(connection: Connection) -> None:
+    broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
+    if broken:
+        tables = some(sorted({row[0] for row in broken}))
+        raise ReverieEvalError(
+            f"the database is damaged: rows of {tables} refer to what is not there; nothing was "
+            "changed, restore a backup"
+        )
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    writes = connection.get_execution_options().get("writes")
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

@@ -1,0 +1,83 @@
+"""All rows in a form that any database takes: how a server moves from one to another.
+
+Tables come before those that refer to them. The columns are those of the migration that the
+database is of, whatever this version's tables look like. Instants are ISO 8601, in UTC.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import UTC, datetime
+from itertools import groupby
+from operator import itemgetter
+from typing import Any
+
+from sqlalchemy import Connection, DateTime, MetaData, Table, func, insert, select, text
+
+from reverie_eval.server.store.database import Database, migrate
+
+_MIGRATIONS_OWN = "alembic_version"
+
+
+Row = Sequence[Any]
+"""The name of a table, and a value for each of its columns, by name."""
+
+
+def dump(database: Database) -> Iterator[Row]:
+    """Return every row as it was at one moment, while others go on writing."""
+    with _snapshot(database) as connection:
+        for table in _tables(connection):
+            rows = connection.execute(select(table).order_by(*table.primary_key)).mappings()
+            for row in rows:
+                yield table.name, {name: _portable(value) for name, value in row.items()}
+
+
+def load(database: Database, revision: str, rows: Iterable[Row]) -> None:
+    """Fill a database that has no tables, and bring them to this version; all or nothing."""
+    with database.migrating() as connection:
+        migrate(connection, revision)
+        tables = {table.name: table for table in _tables(connection)}
+        for name, group in groupby(rows, key=itemgetter(0)):
+            connection.execute(insert(tables[name]), list(_typed(tables[name], group)))
+        if not database.is_sqlite:
+            for table in tables.values():
+                _continue_numbers(connection, table)
+        migrate(connection, "head")
+
+
+def _snapshot(database: Database) -> Connection:
+    """Return a connection that sees one moment; SQLite's readers always do."""
+    connection = database.engine.connect()
+    if database.is_sqlite:
+        return connection
+    return connection.execution_options(isolation_level="REPEATABLE READ")
+
+
+def _tables(connection: Connection) -> list[Table]:
+    metadata = MetaData()
+    metadata.reflect(connection, only=lambda name, _: name != _MIGRATIONS_OWN)
+    return metadata.sorted_tables
+
+
+def _portable(value: Any) -> Any:
+    if not isinstance(value, datetime):
+        return value
+    aware = value if value.tzinfo else value.replace(tzinfo=UTC)
+    return aware.astimezone(UTC).isoformat()
+
+
+def _typed(table: Table, rows: Iterable[Row]) -> Iterator[dict[str, Any]]:
+    instants = {column.name for column in table.columns if isinstance(column.type, DateTime)}
+    for _, row in rows:
+        yield {
+            name: datetime.fromisoformat(value) if value and name in instants else value
+            for name, value in row.items()
+        }
+
+
+def _continue_numbers(connection: Connection, table: Table) -> None:
+    """Let PostgreSQL's next number follow the highest that was loaded."""
+    serial = text("SELECT pg_get_serial_sequence(:table, 'id')")
+    sequence = connection.scalar(serial, {"table": table.name})
+    if sequence is not None:
+        highest = connection.scalar(select(func.max(table.c.id)))
+        following = text("SELECT setval(:sequence, :number, false)")
+        connection.execute(following, {"sequence": sequence, "number": (highest or 0) + 1})

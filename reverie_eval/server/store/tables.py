@@ -1,0 +1,156 @@
+"""The rows of the database."""
+
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+
+Role = Literal["participant", "organiser"]
+TokenKind = Literal["access", "invite"]
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """An instant; SQLite keeps no time zones, so it is always kept in UTC."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """Turn any time zone into UTC; a time without one is no instant."""
+        if value is not None and value.tzinfo is None:
+            raise ValueError(f"{value} has no time zone")
+        return None if value is None else value.astimezone(UTC)
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """Say that it is UTC; PostgreSQL answers in the time zone of its own settings."""
+        if value is None or value.tzinfo is None:
+            return value and value.replace(tzinfo=UTC)
+        return value.astimezone(UTC)
+
+
+class Base(DeclarativeBase):
+    """Base of all rows."""
+
+    type_annotation_map = {  # noqa: RUF012  # read by the library's metaclass
+        datetime: UtcDateTime(),
+        dict[str, Any]: JSON,
+        Role: String(16),
+        TokenKind: String(16),
+    }
+
+
+class Team(Base):
+    """Who submits together and shares a quota."""
+
+    __tablename__ = "team"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(100), unique=True)
+    created_at: Mapped[datetime]
+    people: Mapped[list["Person"]] = relationship(back_populates="team")
+
+
+class Person(Base):
+    """Somebody in a team, with a quota of their own."""
+
+    __tablename__ = "person"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"), index=True)
+    name: Mapped[str] = mapped_column(String(100), unique=True)
+    role: Mapped[Role]
+    created_at: Mapped[datetime]
+    team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)
+
+
+class Token(Base):
+    """What a person shows; only its digest is kept."""
+
+    __tablename__ = "token"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    person_id: Mapped[int] = mapped_column(ForeignKey("person.id"), index=True)
+    kind: Mapped[TokenKind]
+    digest: Mapped[str] = mapped_column(String(64), unique=True)
+    hint: Mapped[str] = mapped_column(String(16))
+    """Its first letters, to tell tokens apart."""
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime | None]
+    revoked_at: Mapped[datetime | None]
+    """When it was revoked, or when an invitation was used."""
+    person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)
+
+
+class BrowserSession(Base):
+    """Somebody who signed in with a browser, as whoever the token belongs to."""
+
+    __tablename__ = "browser_session"
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    """What the cookie carries, signed: to read this is not enough to make one."""
+    token_id: Mapped[int] = mapped_column(ForeignKey("token.id"), index=True)
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
+    token: Mapped[Token] = relationship(lazy="joined", innerjoin=True)
+
+
+class Submission(Base):
+    """A scored submission; there is no other kind."""
+
+    __tablename__ = "submission"
+    __table_args__ = (
+        Index("one_per_file", "team_id", "split", "sha256", unique=True),
+        Index("one_per_key", "person_id", "idempotency_key", unique=True),
+        Index("by_split", "split", "received_at"),
+    )
+
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    split: Mapped[str] = mapped_column(String(64))
+    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"), index=True)
+    person_id: Mapped[int] = mapped_column(ForeignKey("person.id"), index=True)
+    sha256: Mapped[str] = mapped_column(String(64))
+    """Of the submission as it was unpacked, under which it is kept."""
+    size: Mapped[int]
+    received_at: Mapped[datetime]
+    idempotency_key: Mapped[str | None] = mapped_column(String(200))
+    method: Mapped[dict[str, Any]]
+    """What the team says of its method."""
+    report: Mapped[dict[str, Any]]
+    """The score report; of a private split with rounded means only."""
+    receipt: Mapped[dict[str, Any]]
+    published_at: Mapped[datetime | None]
+    withdrawn_at: Mapped[datetime | None]
+    anonymous_until: Mapped[datetime | None]
+    team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
+    person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)
+
+
+class Grant(Base):
+    """Further submissions that the organiser gave a team."""
+
+    __tablename__ = "quota_grant"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"), index=True)
+    split: Mapped[str] = mapped_column(String(64))
+    extra: Mapped[int]
+    reason: Mapped[str] = mapped_column(String(500))
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime]
+    team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
+
+
+class AuditEntry(Base):
+    """What somebody did; each entry's digest covers the one before."""
+
+    __tablename__ = "audit"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    at: Mapped[datetime]
+    actor: Mapped[str] = mapped_column(String(200))
+    action: Mapped[str] = mapped_column(String(64))
+    subject: Mapped[str] = mapped_column(String(200))
+    details: Mapped[dict[str, Any]]
+    previous: Mapped[str] = mapped_column(String(64))
+    digest: Mapped[str] = mapped_column(String(64), unique=True)

@@ -1,0 +1,125 @@
+"""Uploads, kept whole under their SHA-256, in a folder or an S3-compatible store.
+
+A file is there before the row that speaks of it is committed. A crash between the two leaves a
+file that nobody asks for, never a row without its file.
+"""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from threading import Lock
+from typing import Any, Protocol
+from urllib.parse import urlsplit
+
+
+class Uploads(Protocol):
+    """Where uploads are kept."""
+
+    def put(self, sha256: str, content: bytes) -> None:
+        """Keep an upload; keeping it again changes nothing."""
+
+    def get(self, sha256: str) -> bytes:
+        """Return an upload; FileNotFoundError if it is not there."""
+
+    def names(self) -> Iterator[str]:
+        """Return the names of all that is there; those of whole uploads are ``SHA-256.json``."""
+
+
+def open_uploads(place: str, folder: Path) -> Uploads:
+    """Open the uploads at a folder below the server's, or at ``s3://bucket/prefix``."""
+    address = urlsplit(place)
+    if address.scheme == "s3":
+        return S3Uploads(address.netloc, address.path.strip("/"))
+    return FolderUploads(folder / place)
+
+
+class FolderUploads:
+    """Uploads in a folder, fanned out by the first two letters of their digest."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._making = Lock()
+
+    def put(self, sha256: str, content: bytes) -> None:
+        """Write the file whole and through to the disk, or not at all."""
+        path = self._path(sha256)
+        with self._making:
+            _make_folder(path.parent)
+        if not path.exists():
+            _write_whole(path, content)
+        _sync_folder(path.parent)  # also where another request has just written it
+
+    def get(self, sha256: str) -> bytes:
+        """Read the file."""
+        return self._path(sha256).read_bytes()
+
+    def names(self) -> Iterator[str]:
+        """List the files, those too that a crash has left half-written."""
+        return (path.name for path in self.folder.rglob("*") if path.is_file())
+
+    def _path(self, sha256: str) -> Path:
+        return self.folder / sha256[:2] / f"{sha256}.json"
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    """Write a file through to the disk under another name, and only then give it its own."""
+    with NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
+        try:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+            Path(file.name).replace(path)
+        except BaseException:
+            Path(file.name).unlink(missing_ok=True)
+            raise
+
+
+def _make_folder(folder: Path) -> None:
+    """Make a folder and those above it, each written through to the disk."""
+    if not folder.is_dir():
+        _make_folder(folder.parent)
+        folder.mkdir(exist_ok=True)
+        _sync_folder(folder.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Write the folder's entries through to the disk, the new name among them."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+class S3Uploads:
+    """Uploads in an S3-compatible store; credentials and endpoint as boto3 finds them."""
+
+    def __init__(self, bucket: str, prefix: str) -> None:
+        import boto3
+
+        self._bucket = bucket
+        self._prefix = f"{prefix}/" if prefix else ""
+        self._client: Any = boto3.client("s3")
+
+    def put(self, sha256: str, content: bytes) -> None:
+        """Write the object; the store does so whole or not at all."""
+        self._client.put_object(Bucket=self._bucket, Key=self._key(sha256), Body=content)
+
+    def get(self, sha256: str) -> bytes:
+        """Read the object."""
+        try:
+            answer = self._client.get_object(Bucket=self._bucket, Key=self._key(sha256))
+        except self._client.exceptions.NoSuchKey:
+            raise FileNotFoundError(sha256) from None
+        content: bytes = answer["Body"].read()
+        return content
+
+    def names(self) -> Iterator[str]:
+        """List the objects."""
+        pages = self._client.get_paginator("list_objects_v2")
+        for page in pages.paginate(Bucket=self._bucket, Prefix=self._prefix):
+            yield from (found["Key"].rpartition("/")[2] for found in page.get("Contents", ()))
+
+    def _key(self, sha256: str) -> str:
+        return f"{self._prefix}{sha256[:2]}/{sha256}.json"

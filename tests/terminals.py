@@ -1,0 +1,67 @@
+"""The installed command on a terminal: what it shows, and what is typed when it asks."""
+
+import io
+import os
+import pty
+import re
+import subprocess
+import sys
+import termios
+from collections.abc import Mapping
+from pathlib import Path
+
+COMMAND = Path(sys.executable).with_name("reverie-eval")
+ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+
+
+def on_terminal(
+    columns: int,
+    *given: str,
+    answers: Mapping[str, str] | None = None,
+    variables: Mapping[str, str] | None = None,
+) -> str:
+    """Run the installed command on a terminal of this width and return what it shows.
+
+    Parameters
+    ----------
+    columns : int
+        How wide the terminal is.
+    given : str
+        The command's words.
+    answers : mapping, optional
+        What is typed when the terminal shows a question, in this order.
+    variables : mapping, optional
+        Of the environment, in addition.
+    """
+    leader, follower = pty.openpty()
+    termios.tcsetwinsize(follower, (24, columns))
+    environment = os.environ | {"TERM": "xterm-256color", **(variables or {})}
+    for name in ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR"):
+        environment.pop(name, None)
+    with subprocess.Popen(
+        [COMMAND, *given],
+        stdin=follower,
+        stdout=follower,
+        stderr=follower,
+        env=environment,
+        start_new_session=True,  # or a password would be asked for on the developer's terminal
+    ):
+        os.close(follower)
+        with os.fdopen(leader, "r+b", buffering=0) as screen:
+            shown = b""
+            for question, answer in (answers or {}).items():
+                shown += _until(screen, question.encode())
+                screen.write(f"{answer}\n".encode())
+            shown += _until(screen, None)
+    return shown.decode().replace("\r\n", "\n")
+
+
+def _until(screen: io.FileIO, text: bytes | None) -> bytes:
+    """Read until a text is shown or the other side has closed, which Linux calls an error."""
+    shown = b""
+    try:
+        while (text is None or text not in shown) and (piece := screen.read(4096)):
+            shown += piece
+    except OSError:
+        pass
+    return shown

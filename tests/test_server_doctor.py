@@ -1,0 +1,261 @@
+"""The doctor: every kind of damage is found and named, and nothing else is."""
+
+import shutil
+import sqlite3
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from sqlalchemy.orm import Session
+
+from reverie_eval.server import doctor
+from reverie_eval.server.doctor import examine
+from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.receipts import make_key
+from reverie_eval.server.store.tables import AuditEntry
+from tests.flat import Run
+from tests.serving import OTHER, OWNER, PRIVATE, Serving, settings_of, submission_for
+
+Damage = Callable[[Path], object]
+
+
+@pytest.fixture
+def kept(server: Serving, folder: Path) -> Path:
+    """Return the folder of a server that has kept three submissions, and is stopped."""
+    for who, split in ((OWNER, "val_unseen"), (OWNER, PRIVATE), (OTHER, PRIVATE)):
+        assert server.upload(who, submission_for(split), split).status_code == 201
+        server.clock.turn(hours=1)
+    server.state.database.close()
+    return folder
+
+
+def test_a_sound_server_is_well(kept: Path, run: Run) -> None:
+    outcome = run("server", "doctor", str(kept))
+    assert outcome.status == 0
+    assert " fault " not in outcome.out
+    assert " note " not in outcome.out
+    for told in ("2 uploads whole, of 2", "3 receipts verified", "entries in an unbroken chain"):
+        assert told in outcome.out
+
+
+def sql(statement: str) -> Damage:
+    """Return what changes rows behind the server's back, checks off."""
+
+    def damage(folder: Path) -> None:
+        with closing(sqlite3.connect(folder / "server.db")) as database, database:
+            assert database.execute(statement).rowcount > 0
+
+    return damage
+
+
+def upload(folder: Path) -> Path:
+    """Return the file of an upload."""
+    return min((folder / "uploads").rglob("*.json"))
+
+
+def replace_key(folder: Path) -> None:
+    (folder / "signing-key.pem").unlink()
+    make_key(folder / "signing-key.pem")
+
+
+def put_a_folder(folder: Path) -> None:
+    file = upload(folder)
+    file.unlink()
+    file.mkdir()
+
+
+def spoil_pages(folder: Path) -> None:
+    with closing(sqlite3.connect(folder / "server.db")) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        (page,) = database.execute(
+            "SELECT rootpage FROM sqlite_schema WHERE name = 'submission'"
+        ).fetchone()
+    content = bytearray((folder / "server.db").read_bytes())
+    content[(page - 1) * 4096 : (page - 1) * 4096 + 64] = b"\xff" * 64
+    (folder / "server.db").write_bytes(content)
+
+
+FIRST = "id = (SELECT min(id) FROM submission)"
+DAMAGES = [
+    pytest.param(lambda folder: upload(folder).unlink(), "uploads", "is missing", id="no upload"),
+    pytest.param(
+        lambda folder: upload(folder).write_bytes(b"[]"),
+        "uploads",
+        "not what was sent",
+        id="upload",
+    ),
+    pytest.param(put_a_folder, "uploads", "cannot be read", id="upload that is no file"),
+    pytest.param(replace_key, "receipts", "this is key", id="another key"),
+    pytest.param(
+        sql(f"UPDATE submission SET report = json_set(report, '$.scores.spl', 1.0) WHERE {FIRST}"),
+        "receipts",
+        "says something else",
+        id="score",
+    ),
+    pytest.param(
+        sql(f"UPDATE submission SET receipt = json_set(receipt, '$.scores.spl', 1) WHERE {FIRST}"),
+        "receipts",
+        "changed",
+        id="receipt's score",
+    ),
+    pytest.param(
+        sql(f"UPDATE submission SET receipt = json_set(receipt, '$.proof', '') WHERE {FIRST}"),
+        "receipts",
+        "changed",
+        id="receipt's proof",
+    ),
+    pytest.param(
+        sql("UPDATE submission SET team_id = 3 - team_id WHERE split = 'val_unseen'"),
+        "receipts",
+        "says something else",
+        id="another team's",
+    ),
+    pytest.param(
+        sql(f"UPDATE submission SET received_at = '2026-01-01 00:00:00.000000' WHERE {FIRST}"),
+        "receipts",
+        "says something else",
+        id="time",
+    ),
+    pytest.param(
+        sql(
+            "UPDATE submission SET report = json_set(report, '$.fingerprint', hex(zeroblob(32)))"
+            f" WHERE {FIRST}"
+        ),
+        "reports",
+        "does not name its ground truth",
+        id="fingerprint",
+    ),
+    pytest.param(
+        sql(f"UPDATE submission SET report = '{{' WHERE {FIRST}"),
+        "submissions",
+        "cannot be read",
+        id="report that is no JSON",
+    ),
+    pytest.param(
+        sql(f"UPDATE submission SET receipt = '[]' WHERE {FIRST}"),
+        "submissions",
+        "cannot be read",
+        id="receipt that is none",
+    ),
+    pytest.param(
+        sql(f"UPDATE submission SET received_at = 'once' WHERE {FIRST}"),
+        "submissions",
+        "cannot be read",
+        id="time that is none",
+    ),
+    pytest.param(
+        sql(f"DELETE FROM submission WHERE {FIRST}"),
+        "audit log",
+        "was accepted and is not there any more",
+        id="submission removed",
+    ),
+    pytest.param(
+        sql(f"UPDATE submission SET id = 'f00' WHERE {FIRST}"),
+        "audit log",
+        "f00 was never accepted",
+        id="submission slipped in",
+    ),
+    pytest.param(
+        sql("UPDATE audit SET actor = 'nobody' WHERE id = 2"),
+        "audit log",
+        "entry 2 was changed",
+        id="audit entry changed",
+    ),
+    pytest.param(
+        sql("UPDATE audit SET at = datetime(at, '+1 second') || '.000000' WHERE id = 2"),
+        "audit log",
+        "entry 2 was changed",
+        id="audit entry dated otherwise",
+    ),
+    pytest.param(
+        sql("DELETE FROM audit WHERE id = 2"),
+        "audit log",
+        "entry 3 was changed, or one before it was removed",
+        id="audit entry removed",
+    ),
+    pytest.param(
+        sql("DELETE FROM audit WHERE id = 1"),
+        "audit log",
+        "entry 2 was changed, or one before it was removed",
+        id="first audit entry removed",
+    ),
+    pytest.param(
+        sql("DELETE FROM audit WHERE id = (SELECT max(id) FROM audit)"),
+        "audit log",
+        "was never accepted",
+        id="last audit entry removed",
+    ),
+    pytest.param(
+        sql("UPDATE audit SET details = '{' WHERE id = 2"),
+        "audit log",
+        "restore the last backup",
+        id="audit entry that is no JSON",
+    ),
+    pytest.param(
+        sql("DELETE FROM team WHERE id = 1"), "database", "has lost its team", id="team removed"
+    ),
+    pytest.param(spoil_pages, "database", "is malformed; restore the last", id="page"),
+]
+
+
+@pytest.mark.parametrize(("damage", "where", "told"), DAMAGES)
+def test_damage_is_named(damage: Damage, where: str, told: str, kept: Path, run: Run) -> None:
+    damage(kept)
+    outcome = run("server", "doctor", str(kept))
+    assert outcome.status == 1
+    faults = [line for line in outcome.out.splitlines() if line.startswith(where)]
+    assert any(" fault " in line and told in line for line in faults), outcome.out
+
+
+def test_damage_to_several_is_named_all_at_once(kept: Path, run: Run) -> None:
+    upload(kept).unlink()
+    sql("UPDATE audit SET actor = 'nobody' WHERE id = 2")(kept)
+    replace_key(kept)
+    outcome = run("server", "doctor", str(kept))
+    faults = [line.split("  ")[0] for line in outcome.out.splitlines() if " fault " in line]
+    assert faults == ["uploads", *["receipts"] * 3, "audit log"]
+
+
+def test_a_stray_file_is_no_fault(kept: Path, run: Run) -> None:
+    (kept / "uploads" / "ab").mkdir(exist_ok=True)
+    (kept / "uploads" / "ab" / ".half").touch()
+    outcome = run("server", "doctor", str(kept))
+    assert (outcome.status, " note " in outcome.out) == (0, True)
+    assert "1 file of no submission: .half" in outcome.out
+
+
+def test_other_ground_truth_since_then_is_no_fault(kept: Path, run: Run) -> None:
+    shutil.copy(kept / "bundles" / "val_seen.npz", kept / "bundles" / "spare.npz")
+    settings = kept / "reverie-eval.toml"
+    only_seen = settings.read_text().partition("[splits.val_unseen]")[0]
+    settings.write_text(only_seen)
+    outcome = run("server", "doctor", str(kept))
+    assert outcome.status == 0
+    assert "1 submission to val_unseen scored by ground truth" in outcome.out
+
+
+def test_little_space_is_a_fault(kept: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=(1 << 30) - 1))
+    assert "1.0 GiB free; make room" in run("server", "doctor", str(kept)).out
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1 << 30))
+    assert run("server", "doctor", str(kept)).status == 0
+
+
+def test_nothing_written_meanwhile_looks_amiss(
+    server_on: Serving, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The doctor sees one moment, on either database: here a submission comes while it looks."""
+    url = server_on.state.settings.database
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", url)
+    assert server_on.upload(OWNER).status_code == 201
+
+    def entries_before_another(session: Session) -> Sequence[AuditEntry]:
+        found = entries(session)
+        assert server_on.upload(OWNER, server_on.distinct()).status_code == 201
+        return found
+
+    monkeypatch.setattr(doctor, "entries", entries_before_another)
+    assert [finding for finding in examine(folder) if finding.kind == "fault"] == []
+    assert settings_of(folder, url).database == url

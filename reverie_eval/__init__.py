@@ -6,6 +6,7 @@
 True
 """
 
+from reverie_eval.comparison import Comparison, compare
 from reverie_eval.errors import (
     DatasetError,
     GroundTruthError,
@@ -16,6 +17,7 @@ from reverie_eval.errors import (
     SubmissionError,
 )
 from reverie_eval.evaluation import diagnose, evaluate, evaluate_protocols, validate
+from reverie_eval.evaluator import Evaluator
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.protocol import PROTOCOLS
@@ -25,7 +27,9 @@ from reverie_eval.version import __version__
 __all__ = [
     "CATALOGUE",
     "PROTOCOLS",
+    "Comparison",
     "DatasetError",
+    "Evaluator",
     "GroundTruth",
     "GroundTruthError",
     "Problem",
@@ -36,6 +40,7 @@ __all__ = [
     "SubmissionError",
     "Validation",
     "__version__",
+    "compare",
     "diagnose",
     "evaluate",
     "evaluate_protocols",

@@ -70,7 +70,7 @@ class EpisodeTable(Mapping[str, Array]):
 
     @_column
     def oracle_success(self) -> Array:
-        return metrics.oracle_success(self._at_goal, self._facts.offsets)
+        return metrics.oracle_success(self.at_goal, self._facts.offsets)
 
     @_column
     def spl(self) -> Array:
@@ -147,7 +147,7 @@ class EpisodeTable(Mapping[str, Array]):
         return metrics.jumps(self._facts.is_jump, self._facts.offsets)
 
     @cached_property
-    def _at_goal(self) -> BoolArray:
+    def at_goal(self) -> BoolArray:
         """Whether each pose is at a viewpoint that counts as success."""
         match self._protocol.goal:
             case "visible":
@@ -159,7 +159,7 @@ class EpisodeTable(Mapping[str, Array]):
 
     @cached_property
     def _succeeded(self) -> BoolArray:
-        return metrics.success(self._at_goal, self._facts.offsets)
+        return metrics.success(self.at_goal, self._facts.offsets)
 
     @cached_property
     def _grounded(self) -> BoolArray:

@@ -224,4 +224,12 @@ class Reading:
         table = EpisodeTable(self._facts, rules, self.scored)
         boxes = self._facts.boxes if "iou" in table else None
         remarks = [*self.remarks, *self.insights]
-        return Scores(self.ground_truth, rules, table, remarks, self.qualifier, boxes)
+        return Scores(
+            ground_truth=self.ground_truth,
+            protocol=rules,
+            episodes=table,
+            remarks=remarks,
+            qualifier=self.qualifier,
+            boxes=boxes,
+            submission=self.submission,
+        )

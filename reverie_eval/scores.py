@@ -1,14 +1,18 @@
 """Scores: the episode table, the score table made from it, and the signature that names both."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from reverie_eval.alignment import AlignedSubmission
+from reverie_eval.anatomy import OUTCOMES, Anatomy, anatomy_of, outcomes_of
 from reverie_eval.arrays import Array, BoolArray
-from reverie_eval.box_outcomes import OUTCOMES, BoxOutcomes
+from reverie_eval.box_outcomes import OUTCOMES as BOX_OUTCOMES
+from reverie_eval.box_outcomes import BoxOutcomes
 from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.intervals import Clustering, Intervals
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.protocol import Protocol
 from reverie_eval.version import __version__
@@ -17,7 +21,9 @@ from reverie_eval.wording import counted
 if TYPE_CHECKING:
     import pandas as pd
 
-    from reverie_eval.schemas.report import BoxReport, ScoreReport
+    from reverie_eval.episode import Episode
+    from reverie_eval.reporting.plots import Plots
+    from reverie_eval.schemas.report import BoxReport, IntervalReport, ScoreReport
 
 _FINGERPRINT_SHOWN = 12
 
@@ -40,6 +46,10 @@ class Scores(Mapping[str, float]):
     """What else the numbers depend on, as the signature has it: ``track:grounding``."""
     boxes: BoxOutcomes | None = None
     """What became of answers that are boxes, if there are any and the protocol scores them."""
+    intervals: Intervals | None = None
+    """Of every metric, if they were asked for."""
+    submission: AlignedSubmission | None = None
+    """Where the agent went and what it answered; shown episode by episode, and in no report."""
 
     def __getitem__(self, key: str) -> float:
         return float(self.episodes[key].mean())
@@ -92,14 +102,104 @@ class Scores(Mapping[str, float]):
         """What became of each episode's box: one of ``OUTCOMES``, empty where there is none."""
         outcome = np.full(len(self.instr_ids), "", dtype=object)
         if self.boxes is not None:
-            outcome[self.boxes.row] = np.array(OUTCOMES, dtype=object)[self.boxes.outcome]
+            outcome[self.boxes.row] = np.array(BOX_OUTCOMES, dtype=object)[self.boxes.outcome]
         return outcome.tolist()
+
+    def with_intervals(
+        self,
+        by: Clustering = "target",
+        *,
+        confidence: float | None = None,
+        resamples: int | None = None,
+        seed: int | None = None,
+    ) -> Self:
+        """Return the same with confidence intervals, which tables and reports then show.
+
+        Parameters
+        ----------
+        by : "target" or "scan"
+            What episodes have in common that are not independent: whole clusters are resampled.
+        confidence : float, optional
+            In (0, 1); 0.95 if not given.
+        resamples : int, optional
+            10,000 if not given.
+        seed : int, optional
+            0 if not given: the same scores have the same intervals.
+
+        Raises
+        ------
+        ProtocolError
+            If there is no such clustering.
+        """
+        drawn = Intervals.of(
+            self.episodes,
+            self.ground_truth,
+            by,
+            confidence=confidence,
+            resamples=resamples,
+            seed=seed,
+        )
+        return replace(self, intervals=drawn)
+
+    @property
+    def outcomes(self) -> Sequence[str]:
+        """What became of each episode: one of ``anatomy.OUTCOMES``.
+
+        Raises
+        ------
+        ProtocolError
+            If success, oracle success or RGS is not scored.
+        """
+        return [list(OUTCOMES)[number] for number in outcomes_of(self.episodes)]
+
+    @property
+    def anatomy(self) -> Anatomy:
+        """How many episodes came to which outcome; errors are those of ``outcomes``."""
+        return anatomy_of(self.episodes)
+
+    def breakdown(self, by: str) -> "pd.DataFrame":
+        """Score parts of the episodes: a row per ``scan``, ``category`` or another of ``SLICINGS``.
+
+        Fractions in [0, 1], lengths in metres; errors are those of :func:`slices.breakdown`.
+        """
+        from reverie_eval.slices import breakdown
+
+        return breakdown(self, by)
+
+    def episode(self, instr_id: str) -> "Episode":
+        """Return one episode: what the agent was told, where it went, and what came of it.
+
+        Raises
+        ------
+        ReverieEvalError
+            If the split has no such episode.
+        """
+        from reverie_eval.episode import episode_of
+
+        return episode_of(self, instr_id)
+
+    @property
+    def plot(self) -> "Plots":
+        """Figures of these scores: ``scores.plot.funnel()``; they need matplotlib."""
+        from reverie_eval.reporting.plots import Plots
+
+        return Plots(self)
 
     @property
     def headline(self) -> Sequence[Metric]:
         """The metrics that a score table shows, in its order."""
         scored = (CATALOGUE[key] for key in self.episodes)
         return [metric for metric in scored if metric.headline]
+
+    def to_dict(self) -> dict[str, float]:
+        """Return plain numbers by name, as loggers of experiments take them.
+
+        With intervals, each metric has its ``_low`` and ``_high`` beside it.
+        """
+        flat = dict(self)
+        for key, interval in (self.intervals or {}).items():
+            flat |= {f"{key}_low": interval.low, f"{key}_high": interval.high}
+        return flat
 
     def to_report(self) -> "ScoreReport":
         """Return the score report, the JSON of the command line."""
@@ -115,6 +215,7 @@ class Scores(Mapping[str, float]):
             episodes=len(self.instr_ids),
             scores=dict(self),
             boxes=None if self.boxes is None else _box_report(self.boxes),
+            intervals=None if self.intervals is None else _interval_report(self.intervals),
             notes=list(self.notes),
         )
 
@@ -135,24 +236,9 @@ class Scores(Mapping[str, float]):
 
     def _repr_html_(self) -> str:
         """Show the score table in a notebook."""
-        import html
+        from reverie_eval.reporting.score_html import scores_html
 
-        headings = "".join(
-            f'<th title="{html.escape(m.name)}: {html.escape(m.definition)}">{m.heading}</th>'
-            for m in self.headline
-        )
-        values = "".join(f"<td>{m.display(self[m.key])}</td>" for m in self.headline)
-        lines = [
-            self.signature,
-            f"ground truth: {self.ground_truth.provenance}",
-            *self.notes,
-        ]
-        signature, *others = map(html.escape, lines)
-        caption = "<br>".join([f"<code>{signature}</code>", *others])
-        return (
-            f'<table><caption style="caption-side: bottom; text-align: left">{caption}</caption>'
-            f"<thead><tr>{headings}</tr></thead><tbody><tr>{values}</tr></tbody></table>"
-        )
+        return scores_html(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +273,19 @@ def _box_report(boxes: BoxOutcomes) -> "BoxReport":
         whole_image=boxes.whole_image_share,
         ambiguous_views=boxes.ambiguous_share,
         misses=dict(boxes.misses),
+    )
+
+
+def _interval_report(intervals: Intervals) -> "IntervalReport":
+    from reverie_eval.schemas.report import IntervalReport
+
+    return IntervalReport(
+        by=intervals.by,
+        clusters=intervals.n_clusters,
+        confidence=intervals.confidence,
+        resamples=intervals.resamples,
+        seed=intervals.seed,
+        intervals={key: (interval.low, interval.high) for key, interval in intervals.items()},
     )
 
 

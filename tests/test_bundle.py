@@ -20,6 +20,8 @@ from reverie_eval.ground_truth.bundle import (
     ANSWER_ARRAYS,
     OPTIONAL_ANSWER_ARRAYS,
     PUBLIC_ARRAYS,
+    PUBLIC_TEXTS,
+    pack,
 )
 from reverie_eval.ground_truth.locate import DEMO_BUNDLES
 from tests.worlds import SPLIT
@@ -47,7 +49,8 @@ def content_of(bundle: Bundle) -> tuple[object, ...]:
     """Return everything that a bundle holds, in a form that compares."""
     arrays = {name: (array.dtype.str, array.tolist()) for name, array in bundle.arrays.items()}
     others = {split: ids.tolist() for split, ids in bundle.other_splits.items()}
-    return bundle.header, arrays, others
+    texts = {name: text.tobytes() for name, text in bundle.texts.items()}
+    return bundle.header, arrays, others, texts
 
 
 def with_other_answers(bundle: Bundle) -> Bundle:
@@ -55,7 +58,8 @@ def with_other_answers(bundle: Bundle) -> Bundle:
     answers = {name: bundle.arrays[name][::-1].copy() + 1 for name in PRIVATE}
     arrays = {**bundle.arrays, **answers}
     sources = {**bundle.header.sources, "annotations": "other", "boxes": "others"}
-    return Bundle.build(SPLIT, "demo", sources, arrays, bundle.other_splits)
+    texts = {**bundle.texts, "target_category": pack(["answers"])}
+    return Bundle.build(SPLIT, "demo", sources, arrays, bundle.other_splits, texts=texts)
 
 
 # Saving and loading.
@@ -238,6 +242,44 @@ def test_a_public_bundle_has_these_arrays_and_no_other() -> None:
         "edge",
     }
     assert not PRIVATE & PUBLIC_ARRAYS.keys()
+    assert set(PUBLIC_TEXTS) == {"instruction"}
+
+
+def test_a_public_bundle_has_the_instructions_and_no_categories(bundle: Bundle) -> None:
+    assert set(bundle.texts) == {"instruction", "target_category"}
+    assert set(bundle.public().texts) == {"instruction"}
+
+
+# Texts.
+
+
+def test_texts_are_those_of_the_annotations(demo_world: Path, regenerated: Path) -> None:
+    file = demo_world / "tasks" / "REVERIE" / "data" / "REVERIE_val_unseen.json"
+    tasks = json.loads(file.read_text())
+    truth = GroundTruth.load(regenerated / "val_unseen.npz")
+    assert truth.episodes.instructions == tuple(
+        text for task in tasks for text in task["instructions"]
+    )
+    assert len(truth.secret.target_categories) == len(tasks)
+    assert "bed" in truth.secret.target_categories
+
+
+def test_texts_do_not_count_in_the_fingerprint(bundle: Bundle) -> None:
+    arrays, others = bundle.arrays, bundle.other_splits
+    without = Bundle.build(SPLIT, "demo", bundle.header.sources, arrays, others)
+    assert without.header.fingerprint == bundle.header.fingerprint
+
+
+@pytest.mark.parametrize(
+    "packed", [b"", b"[", b'["one"]', b"[1]", b"\xff"], ids=["nothing", "cut", "few", "no", "bytes"]
+)
+def test_damaged_texts_say_so_when_they_are_wanted(bundle: Bundle, packed: bytes) -> None:
+    texts = {"instruction": np.frombuffer(packed, np.uint8)}
+    truth = GroundTruth.from_bundle(replace(bundle, texts=texts))
+    with pytest.raises(GroundTruthError, match="texts of this ground truth are damaged"):
+        _ = truth.episodes.instructions
+    with pytest.raises(GroundTruthError, match="compiled without categories"):
+        _ = truth.secret.target_categories
 
 
 def test_the_bytes_of_a_public_bundle_do_not_depend_on_answers(

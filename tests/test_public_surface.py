@@ -15,7 +15,9 @@ from tests.conftest import REPOSITORY
 NAMES = [
     "CATALOGUE",
     "PROTOCOLS",
+    "Comparison",
     "DatasetError",
+    "Evaluator",
     "GroundTruth",
     "GroundTruthError",
     "Problem",
@@ -26,6 +28,7 @@ NAMES = [
     "SubmissionError",
     "Validation",
     "__version__",
+    "compare",
     "diagnose",
     "evaluate",
     "evaluate_protocols",

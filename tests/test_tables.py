@@ -65,6 +65,7 @@ def test_json(run: Run) -> None:
         "episodes": 5,
         "scores": dict(evaluate("submit.json", split=SPLIT, ground_truth="full.npz")),
         "boxes": None,
+        "intervals": None,
         "notes": [NOTE.removeprefix("note: ")],
     }
 

@@ -15,6 +15,8 @@ from reverie_eval_cli.commands import score
 
 PROGRAM = "reverie-eval"
 COMMANDS = (
+    "compare",
+    "report",
     "validate",
     "login",
     "submit",

@@ -7,7 +7,7 @@ from typing import Self
 
 from reverie_eval.description.distribution import Distribution
 from reverie_eval.description.tasks import AnswerFacts, TaskFacts
-from reverie_eval.description.words import FREQUENT
+from reverie_eval.words import FREQUENT
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reverie_eval.description.words import words_of
 from reverie_eval.ground_truth.graph import NavigationGraph
 from reverie_eval.schemas.dataset import ObjectBoxes, Task
+from reverie_eval.words import words_of
 
 Boxes = Mapping[str, Mapping[str, ObjectBoxes]]
 """The listed objects by viewpoint id and object id."""

@@ -9,7 +9,7 @@ import hashlib
 import os
 import tokenize
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -53,6 +53,8 @@ OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
         "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
     }
 )
+PUBLIC_TEXTS = frozenset({"instruction"})
+"""What everybody may read; ``target_category`` is an answer."""
 _HEADER = "header"
 _DAMAGE = (
     *(ValueError, TypeError, AttributeError, KeyError, EOFError, SyntaxError),
@@ -60,6 +62,7 @@ _DAMAGE = (
 )
 """What zipfile and numpy raise for files with bytes that should not be there."""
 _OTHER_SPLIT = "other_split/"
+_TEXT = "text/"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +91,8 @@ class Bundle:
     arrays: Mapping[str, Array]
     other_splits: Mapping[str, Array] = field(default_factory=dict)
     """The instr_ids of the dataset's other splits: a help for messages, no part of the scores."""
+    texts: Mapping[str, Array] = field(default_factory=dict)
+    """What people read of episodes and targets, as :func:`pack` wrote it: no part of the scores."""
 
     @classmethod
     def build(
@@ -97,12 +102,14 @@ class Bundle:
         sources: Mapping[str, str],
         arrays: Mapping[str, Array],
         other_splits: Mapping[str, Array],
+        *,
+        texts: Mapping[str, Array] = MappingProxyType({}),
     ) -> Self:
         """Make a bundle of these arrays, each in the type that the format states."""
         formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **OPTIONAL_ANSWER_ARRAYS}
         typed = {name: frozen(array.astype(formats[name])) for name, array in arrays.items()}
         header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed))
-        return cls(header, typed, other_splits)
+        return cls(header, typed, other_splits, texts)
 
     @property
     def is_public(self) -> bool:
@@ -113,9 +120,9 @@ class Bundle:
         """Return the bundle without its answers."""
         arrays = {name: self.arrays[name] for name in PUBLIC_ARRAYS}
         sources = {"connectivity": self.header.sources["connectivity"]}
-        return self.build(
-            self.header.split, self.header.dataset, sources, arrays, self.other_splits
-        )
+        texts = {name: text for name, text in self.texts.items() if name in PUBLIC_TEXTS}
+        split, dataset = self.header.split, self.header.dataset
+        return self.build(split, dataset, sources, arrays, self.other_splits, texts=texts)
 
     def save(self, path: Path) -> None:
         """Write the bundle; the file appears whole or not at all."""
@@ -124,11 +131,14 @@ class Bundle:
         }
         members |= self.arrays
         members |= {_OTHER_SPLIT + split: ids for split, ids in self.other_splits.items()}
+        members |= {_TEXT + name: text for name, text in self.texts.items()}
         unfinished = path.with_name(f".{path.name}.{os.getpid()}")
         if not path.parent.is_dir():
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
         try:
             with unfinished.open("wb") as file:
+                if path.exists():  # who could not read it still cannot
+                    unfinished.chmod(path.stat().st_mode)
                 _write_members(file, members)
             unfinished.replace(path)
         finally:
@@ -147,14 +157,39 @@ class Bundle:
         """
         members = _read_members(path)
         header = _read_header(path, members.pop(_HEADER, None))
-        other_splits = {
-            name.removeprefix(_OTHER_SPLIT): members.pop(name)
-            for name in list(members)
-            if name.startswith(_OTHER_SPLIT)
-        }
+        other_splits, texts = _take(members, _OTHER_SPLIT), _take(members, _TEXT)
         if not _is_complete(members) or fingerprint_of(members) != header.fingerprint:
             raise GroundTruthError(f"{path} is damaged: its content does not match its header")
-        return cls(header, {name: frozen(array) for name, array in members.items()}, other_splits)
+        arrays = {name: frozen(array) for name, array in members.items()}
+        return cls(header, arrays, other_splits, texts)
+
+
+def pack(texts: Sequence[str]) -> Array:
+    """Lay texts out as a bundle keeps them: JSON, in bytes."""
+    return np.frombuffer(msgspec.json.encode(texts), np.uint8)
+
+
+def unpack(packed: Array, count: int) -> tuple[str, ...]:
+    """Return the texts that :func:`pack` laid out.
+
+    Raises
+    ------
+    GroundTruthError
+        If they are not so many texts.
+    """
+    try:
+        texts = msgspec.json.decode(packed.tobytes(), type=tuple[str, ...])
+    except msgspec.DecodeError:
+        texts = ()
+    if len(texts) != count:
+        raise GroundTruthError("the texts of this ground truth are damaged; compile it again")
+    return texts
+
+
+def _take(members: dict[str, Array], prefix: str) -> dict[str, Array]:
+    """Take the members of a kind out of a bundle's, by their names without the prefix."""
+    names = [name for name in members if name.startswith(prefix)]
+    return {name.removeprefix(prefix): members.pop(name) for name in names}
 
 
 def _is_complete(arrays: Mapping[str, Array]) -> bool:

@@ -8,15 +8,17 @@ from types import MappingProxyType
 
 import numpy as np
 
-from reverie_eval.ground_truth.bundle import Bundle
+from reverie_eval.ground_truth.bundle import Bundle, pack
 from reverie_eval.ground_truth.candidates import candidate_arrays, candidate_distances, check_boxes
 from reverie_eval.ground_truth.dataset import DatasetFiles, Sources, Track, untracked
 from reverie_eval.ground_truth.navigation import read_navigation_graph
 from reverie_eval.ground_truth.tasks import (
     answer_arrays,
+    answer_texts,
     check_targets,
     check_tasks,
     episode_arrays,
+    episode_texts,
     has_answers,
 )
 
@@ -73,8 +75,10 @@ def compile_split(
     positions = sources.object_positions()
     sources.raise_problems()
     arrays = graph.to_arrays() | episode_arrays(tasks, graph)
+    texts = episode_texts(tasks)
     if answered:
         arrays |= answer_arrays(tasks, graph) | candidate_arrays(boxes, graph)
+        texts |= answer_texts(tasks, boxes)
     if answered and positions is not None:
         arrays["candidate_distance"] = candidate_distances(arrays, positions, graph)
     size = split, len(tasks), len(arrays["instr_id"])
@@ -86,4 +90,5 @@ def compile_split(
         other_splits={
             name: np.array(ids) for name, ids in sources.other_splits().items() if name != split
         },
+        texts={name: pack(text) for name, text in texts.items()},
     )

@@ -30,6 +30,18 @@ def answer_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, Ar
     }
 
 
+def episode_texts(tasks: Sequence[Task]) -> dict[str, list[str]]:
+    """Return what everybody may read of the episodes."""
+    return {"instruction": [text.strip() for task in tasks for text in task.instructions]}
+
+
+def answer_texts(
+    tasks: Sequence[Task], boxes: Mapping[str, Mapping[str, ObjectBoxes]]
+) -> dict[str, list[str]]:
+    """Return what the annotators call the targets, where the annotated paths end."""
+    return {"target_category": [boxes[task.path[-1]][str(task.objId)].name for task in tasks]}
+
+
 def has_answers(sources: Sources, tasks: Sequence[Task]) -> bool:
     """Whether the annotations name targets; some with and some without is a problem."""
     silent = [task for task in tasks if task.objId is None]

@@ -11,7 +11,7 @@ import numpy as np
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, find_sorted, last_of
 from reverie_eval.errors import GroundTruthError
 from reverie_eval.ground_truth.boxes import CandidateBoxes
-from reverie_eval.ground_truth.bundle import Bundle, BundleHeader
+from reverie_eval.ground_truth.bundle import Bundle, BundleHeader, unpack
 from reverie_eval.ground_truth.graph import NavigationGraph
 from reverie_eval.protocol import SUCCESS_DISTANCE, Protocol
 from reverie_eval.wording import counted
@@ -29,6 +29,18 @@ class Episodes:
     """The task of each episode; episodes of one task share path and target."""
     start: IntArray
     """The viewpoint where each episode starts."""
+    packed_instructions: Array | None = None
+
+    @cached_property
+    def instructions(self) -> tuple[str, ...]:
+        """What the agent was told in each episode.
+
+        Raises
+        ------
+        GroundTruthError
+            If the bundle has none.
+        """
+        return _unpacked(self.packed_instructions, "instructions", len(self.instr_ids))
 
     @cached_property
     def index(self) -> Mapping[str, int]:
@@ -57,6 +69,18 @@ class Answers:
     """Annotated paths of the tasks, end to end."""
     path_offsets: IntArray
     """Shape (n_tasks + 1,): where each task's path begins in ``path``."""
+    packed_categories: Array | None = None
+
+    @cached_property
+    def target_categories(self) -> tuple[str, ...]:
+        """What the annotators call each task's target, as they wrote it; empty where they do not.
+
+        Raises
+        ------
+        GroundTruthError
+            If the bundle has none.
+        """
+        return _unpacked(self.packed_categories, "categories", len(self.path_offsets) - 1)
 
     def is_visible(self, target_object: IntArray, viewpoint: IntArray) -> BoolArray:
         """Whether each object is visible from each viewpoint, a viewpoint of its own scan."""
@@ -87,6 +111,14 @@ class Answers:
     @cached_property
     def _candidates(self) -> IntArray:
         return _candidate_key(self.candidate_viewpoint, self.candidate_object)
+
+
+def _unpacked(packed: Array | None, what: str, count: int) -> tuple[str, ...]:
+    if packed is None:
+        raise GroundTruthError(
+            f"this ground truth was compiled without {what}; compile it again with this version"
+        )
+    return unpack(packed, count)
 
 
 def _candidate_key(viewpoint: IntArray, object_id: IntArray) -> IntArray:
@@ -133,8 +165,9 @@ class GroundTruth:
                 instr_ids=tuple(arrays["instr_id"].tolist()),
                 task=task,
                 start=arrays["task_start"][task],
+                packed_instructions=bundle.texts.get("instruction"),
             ),
-            answers=None if bundle.is_public else _answers(arrays),
+            answers=None if bundle.is_public else _answers(bundle),
             other_splits=bundle.other_splits,
             origin=origin,
         )
@@ -183,7 +216,8 @@ class GroundTruth:
         return self.answers
 
 
-def _answers(arrays: Mapping[str, Array]) -> Answers:
+def _answers(bundle: Bundle) -> Answers:
+    arrays = bundle.arrays
     task = arrays["episode_task"]
     boxes = CandidateBoxes(
         candidate=arrays["box_candidate"],
@@ -201,4 +235,5 @@ def _answers(arrays: Mapping[str, Array]) -> Answers:
         boxes=boxes,
         path=arrays["path"],
         path_offsets=arrays["path_offsets"],
+        packed_categories=bundle.texts.get("target_category"),
     )

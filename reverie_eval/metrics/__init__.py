@@ -1,7 +1,13 @@
 """The metrics: pure functions from arrays to arrays, one row per episode."""
 
 from reverie_eval.metrics.boxes import Overlap, box_iou, box_match, box_overlap
-from reverie_eval.metrics.catalogue import BOX_METRICS, CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.metrics.catalogue import (
+    BINARY_METRICS,
+    BOX_METRICS,
+    CATALOGUE,
+    PRIMARY_METRIC,
+    Metric,
+)
 from reverie_eval.metrics.fidelity import cls, dtw, ndtw, sdtw
 from reverie_eval.metrics.grounding import ABSTAINED, candidate_match
 from reverie_eval.metrics.navigation import (
@@ -17,6 +23,7 @@ from reverie_eval.metrics.navigation import (
 
 __all__ = [
     "ABSTAINED",
+    "BINARY_METRICS",
     "BOX_METRICS",
     "CATALOGUE",
     "PRIMARY_METRIC",

@@ -218,5 +218,8 @@ CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metri
 BOX_METRICS = frozenset({"iou", "iou_25", "iou_50", "iou_75"})
 """What is scored only where some answers are boxes."""
 
+BINARY_METRICS = frozenset({"success", "oracle_success", "rgs", "iou_25", "iou_50", "iou_75"})
+"""What an episode has or has not: values are 0 and 1."""
+
 PRIMARY_METRIC = "rgspl"
 """What the benchmark ranks by (REVERIE challenge rules, 2020 to 2022)."""

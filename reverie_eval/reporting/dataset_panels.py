@@ -1,7 +1,6 @@
 """Distributions as panels: a row for each split, a column for each quantity. Needs matplotlib."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
-from itertools import count
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from matplotlib.figure import Figure
 
 from reverie_eval.arrays import FloatArray
 from reverie_eval.description import Answers, DatasetDescription, Distribution, Part
+from reverie_eval.reporting.bins import bin_edges
 from reverie_eval.reporting.figure_style import INK, colour_of, count_in_round_steps
 from reverie_eval.wording import counted
 
@@ -114,17 +114,5 @@ def _draw_paper(axes: Axes, quantity: Quantity, description: DatasetDescription)
 
 
 def _bin_edges(distributions: Collection[Distribution], most: int) -> FloatArray:
-    """Divide the range of all splits alike: whole numbers get a bar of their own if there is room.
-
-    Bars of whole numbers stand over them, so their edges lie half-way between.
-    """
-    values = np.concatenate([distribution.values for distribution in distributions])
-    first, last = np.floor(values.min()), np.floor(values.max()) + 1
-    width = next(width for width in _round_numbers() if (last - first) / width <= most)
-    shift = 0.5 if width == 1 and np.equal(values, np.floor(values)).all() else 0.0
-    return np.arange(np.floor(first / width) * width, last + width, width) - shift
-
-
-def _round_numbers() -> Iterator[int]:
-    """Count 1, 2, 5, 10, 20, 50, 100 and so on."""
-    return (digit * 10**exponent for exponent in count() for digit in (1, 2, 5))
+    """Divide the range of all splits alike."""
+    return bin_edges(np.concatenate([each.values for each in distributions]), most)

@@ -1,11 +1,12 @@
 """Score tables as text: plain, Markdown, LaTeX, CSV and JSON, each with its signature.
 
-A table has a row per protocol. With more than one, a first column names them, and values that
-differ from the first row's are marked.
+A table has a row per protocol, and two more for the ends of confidence intervals where there are
+any. With more than one row, a first column names them, and values that differ from the first
+protocol's are marked.
 """
 
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TextIO
@@ -37,19 +38,20 @@ def table_of(results: Sequence[Scores]) -> Table:
     first = results[0]
     metrics = [metric for metric in CATALOGUE.values() if metric.headline and metric.key in first]
     several = len(results) > 1
-    rows = [[_cell(metric, scores, first) for metric in metrics] for scores in results]
-    names = [[_name(scores)] if several else [] for scores in results]
-    marked = any(cell.endswith(MARK) for row in rows for cell in row)
+    has_names = several or first.intervals is not None
+    named = [row for scores in results for row in _rows(scores, first, metrics)]
+    marked = any(cell.endswith(MARK) for _, *cells in named for cell in cells)
     return Table(
-        headings=["protocol"] * several + [metric.heading for metric in metrics],
-        rows=[name + row for name, row in zip(names, rows, strict=True)],
+        headings=["protocol" if several else ""] * has_names + [m.heading for m in metrics],
+        rows=named if has_names else [cells for _, *cells in named],
         captions=[
             *([f"{MARK} differs from {_name(first)}", ""] if marked else []),
             *(scores.signature for scores in results),
+            *([] if first.intervals is None else [first.intervals.caption]),
             f"ground truth: {first.ground_truth.provenance}",
             *(f"note: {note}" for note in first.notes),
         ],
-        has_names=several,
+        has_names=has_names,
     )
 
 
@@ -113,9 +115,12 @@ def csv_table(results: Sequence[Scores]) -> str:
 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*CATALOGUE, "signature"])
+    has_intervals = results[0].intervals is not None
+    ends = [f"{key}_{end}" for key in CATALOGUE for end in ("low", "high")] * has_intervals
+    writer.writerow([*CATALOGUE, *ends, "signature"])
     for scores in results:
-        writer.writerow([*(scores.get(key, "") for key in CATALOGUE), scores.signature])
+        flat = scores.to_dict()
+        writer.writerow([*(flat.get(key, "") for key in (*CATALOGUE, *ends)), scores.signature])
     return text.getvalue().rstrip("\n")
 
 
@@ -138,6 +143,21 @@ def write_episodes(scores: Scores, file: TextIO) -> None:
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["instr_id", *columns])
     writer.writerows(zip(scores.instr_ids, *columns.values(), strict=True))
+
+
+def _rows(scores: Scores, first: Scores, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
+    """Word the means and, if there are any, their intervals, each row with its name."""
+    yield [_name(scores), *(_cell(metric, scores, first) for metric in metrics)]
+    if scores.intervals is None:
+        return
+    for end in ("low", "high"):
+        bounds = [getattr(scores.intervals.get(metric.key), end, None) for metric in metrics]
+        cells = map(_bound, metrics, bounds)
+        yield [f"{scores.intervals.label} {end}", *cells]
+
+
+def _bound(metric: Metric, bound: float | None) -> str:
+    return NOT_SCORED if bound is None else metric.display(bound)
 
 
 def _name(scores: Scores) -> str:

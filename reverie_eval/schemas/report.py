@@ -26,6 +26,23 @@ class BoxReport(BaseModel):
     the view does not show the target, or no view does from where the agent stopped."""
 
 
+class IntervalReport(BaseModel):
+    """Confidence intervals of the means, by a bootstrap over clusters of episodes."""
+
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
+
+    by: Literal["target", "scan"]
+    """What the episodes of a cluster have in common."""
+    clusters: int
+    """Number of clusters, from which each resample drew as many."""
+    confidence: float
+    """The share of such intervals that hold the true mean."""
+    resamples: int
+    seed: int
+    intervals: dict[str, tuple[float, float]]
+    """Low and high by metric key, in the units of the scores."""
+
+
 class ScoreReport(BaseModel):
     """Scores of one submission, with everything needed to explain the numbers later."""
 
@@ -48,6 +65,8 @@ class ScoreReport(BaseModel):
     """Means over episodes by metric key; fractions in [0, 1], lengths in metres, not rounded."""
     boxes: BoxReport | None = None
     """If some answers are boxes and the protocol scores grounding."""
+    intervals: IntervalReport | None = None
+    """If they were asked for."""
     notes: list[str] = []
     """What a reader of the numbers should know, a sentence each."""
 

@@ -5,7 +5,14 @@ import json
 from typing import Any
 
 SUMMARY = "print the JSON Schema of submissions or of reports"
-NAMES = ("submission", "score-report", "validation-report", "lint-report", "dataset-description")
+NAMES = (
+    "submission",
+    "score-report",
+    "validation-report",
+    "comparison-report",
+    "lint-report",
+    "dataset-description",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +30,7 @@ def schema_text(name: str) -> str:
     """Return a schema as indented JSON."""
     from pydantic import TypeAdapter
 
+    from reverie_eval.schemas.comparison import ComparisonReport
     from reverie_eval.schemas.description import DescriptionReport
     from reverie_eval.schemas.lint import LintReport
     from reverie_eval.schemas.report import ScoreReport, ValidationReport
@@ -32,6 +40,7 @@ def schema_text(name: str) -> str:
         "submission": SUBMISSION,
         "score-report": TypeAdapter(ScoreReport),
         "validation-report": TypeAdapter(ValidationReport),
+        "comparison-report": TypeAdapter(ComparisonReport),
         "lint-report": TypeAdapter(LintReport),
         "dataset-description": TypeAdapter(DescriptionReport),
     }

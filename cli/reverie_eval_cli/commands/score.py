@@ -9,7 +9,7 @@ from reverie_eval import PROTOCOLS, ReverieEvalError, Scores, diagnose, evaluate
 from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.protocol import ALIASES, DEFAULT_PROTOCOL
 from reverie_eval.reporting.tables import FORMATS, write_episodes
-from reverie_eval_cli.arguments import add_ground_truth, add_split, add_submission
+from reverie_eval_cli.arguments import add_clustering, add_ground_truth, add_split, add_submission
 from reverie_eval_cli.outputs import check_outputs
 
 _ALL = "all"
@@ -40,6 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also show what evaluators that read only the first viewpoint of a hop would give",
     )
+    parser.add_argument("--ci", action="store_true", help="also show 95 %% confidence intervals")
+    add_clustering(parser)
     parser.add_argument(
         "--format", choices=FORMATS, default="table", help="of the scores (default: %(default)s)"
     )
@@ -57,6 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         [arguments.output, arguments.episodes], [arguments.submission, arguments.ground_truth]
     )
     results = _evaluate(arguments)
+    if arguments.ci:
+        results = [scores.with_intervals(arguments.cluster) for scores in results]
     if arguments.episodes:
         with Path(arguments.episodes).open("w", encoding="utf-8", newline="") as file:
             write_episodes(results[0], file)

@@ -1,0 +1,123 @@
+"""How fast a result is read: intervals, an evaluator in a training loop, and the report.
+
+``python benchmarks/reading_results.py`` prints each figure beside the bar it has to stay under, on
+the published val_unseen. Every figure is a median; ratios are measured in turn. Needs the published
+files (see ``fixtures/published.py``).
+"""
+
+import gzip
+import json
+import statistics
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, get_args
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import reverie_eval as rv
+from benchmarks.scoring import HEADLINE, REVERIE_EVAL, SUBMISSION, ratio_of_medians, run, seconds
+from fixtures.published import published_folder, unpack_dataset
+from reverie_eval.intervals import Clustering
+
+SPLIT = "val_unseen"
+RESAMPLES = 10_000
+
+
+def main() -> int:
+    """Print every figure; exit with 1 if one is over its bar."""
+    folder = published_folder()
+    if folder is None:
+        print("the published REVERIE files are not here (REVERIE_DATA names their folder)")
+        return 2
+    with TemporaryDirectory() as temporary:
+        work = Path(temporary)
+        bundle, submission = work / f"{SPLIT}.npz", work / f"{SUBMISSION}.json"
+        dataset = unpack_dataset(folder, work)
+        run(REVERIE_EVAL, "compile", dataset, "--split", SPLIT, "-o", bundle)
+        with gzip.open(folder / "reference" / "submissions" / f"{SUBMISSION}.json.gz") as packed:
+            submission.write_bytes(packed.read())
+        figures = [*interval_figures(submission, bundle), *evaluator_figures(submission, bundle)]
+        figures.append(("report with maps, s", report_seconds(submission, bundle, work), 10.0))
+    for name, figure, bar in figures:
+        verdict = "ok" if figure <= bar else "OVER"
+        print(f"{name:57} {figure:7.2f}   at most {bar:5.1f}   {verdict}")
+    return int(any(figure > bar for _, figure, bar in figures))
+
+
+def interval_figures(submission: Path, bundle: Path) -> Sequence[tuple[str, float, float]]:
+    """Time the intervals of all metrics; what they are drawn from is computed before."""
+    scores = rv.evaluate(submission, split=SPLIT, ground_truth=bundle)
+    name = f"{RESAMPLES:,} resamples of {len(dict(scores))} metrics, by"
+    return [
+        (
+            f"{name} {by}, s",
+            median_seconds(lambda by=by: scores.with_intervals(by, resamples=RESAMPLES)),
+            0.5,
+        )
+        for by in get_args(Clustering)
+    ]
+
+
+def evaluator_figures(submission: Path, bundle: Path) -> Sequence[tuple[str, float, float]]:
+    """Time a call of an evaluator against scoring the file's bytes, for all that an agent gives."""
+    content = submission.read_bytes()
+    evaluator = rv.Evaluator(split=SPLIT, ground_truth=bundle)
+    truth = evaluator.ground_truth
+
+    def plainly() -> Mapping[str, float]:
+        return score_table(rv.evaluate(content, split=SPLIT, ground_truth=truth))
+
+    records = json.loads(content)
+    given = {
+        "bytes": content,
+        "Python records": records,
+        "records with numpy's float32": with_numpy(records),
+    }
+    return [
+        (
+            f"evaluator on {name} / plain scoring",
+            ratio_of_medians(lambda one=one: score_table(evaluator(one)), plainly, rounds=51),
+            2.0,
+        )
+        for name, one in given.items()
+    ]
+
+
+def with_numpy(records: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
+    """Return records as agents have them whose angles come from an array."""
+    return [
+        {
+            **record,
+            "trajectory": [
+                (viewpoint, np.float32(heading), np.float32(elevation))
+                for viewpoint, heading, elevation in record["trajectory"]
+            ],
+            "predObjId": np.int64(record["predObjId"]),
+        }
+        for record in records
+    ]
+
+
+def score_table(scores: rv.Scores) -> Mapping[str, float]:
+    """Compute what a score table shows, which is not done before it is asked for."""
+    return {key: scores[key] for key in HEADLINE}
+
+
+def report_seconds(submission: Path, bundle: Path, work: Path) -> float:
+    """Time the command that writes the report, start-up included."""
+    arguments = (submission, "--split", SPLIT, "--ground-truth", bundle)
+    page = work / "report.html"
+    return median_seconds(lambda: run(REVERIE_EVAL, "report", *arguments, "-o", page), rounds=3)
+
+
+def median_seconds(action: Callable[[], object], rounds: int = 11) -> float:
+    """Time an action, after a round to warm up."""
+    return statistics.median([seconds(action) for _ in range(rounds + 1)][1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,194 @@
+"""A map as SVG: a string that stands for itself, readable in light and dark, on screen and paper.
+
+Nothing here knows of pages or of matplotlib; the same map has the same bytes.
+"""
+
+from collections.abc import Iterator, Sequence
+from html import escape
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, FloatArray
+from reverie_eval.reporting.map_frame import Frame, arrows
+from reverie_eval.reporting.maps import EpisodeMap, Route
+from reverie_eval.reporting.resources import text_of
+
+WIDTH, HEIGHT = 400, 300
+MAP_STYLE = text_of("map.css")
+"""What :func:`map_element` needs once on its page."""
+
+_STAR = np.array(
+    [
+        (radius * np.sin(turn), -radius * np.cos(turn))
+        for turn, radius in zip(np.arange(10) * np.pi / 5, [7.5, 3.2] * 5, strict=True)
+    ]
+)
+
+
+def map_svg(episode_map: EpisodeMap) -> str:
+    """Draw a map as a picture of its own, with all that it needs inside.
+
+    Returns
+    -------
+    str
+        An ``svg`` element, to be put on a page or written to a file.
+    """
+    return _svg(episode_map, ' xmlns="http://www.w3.org/2000/svg"', f"<style>{MAP_STYLE}</style>")
+
+
+def map_element(episode_map: EpisodeMap) -> str:
+    """Draw a map for a page that has ``MAP_STYLE`` among its styles."""
+    return _svg(episode_map, "", "")
+
+
+def map_key(names: Sequence[str]) -> str:
+    """Explain the signs of a map, in HTML.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the submissions whose routes are shown; for one, an empty name will do.
+    """
+    middle = np.array([20.0, 8.0])
+    routes = [
+        (_route_sign(number), f"{escape(name) or 'the agent'}, stop")
+        for number, name in enumerate(names, 1)
+    ]
+    signs = [
+        *routes,
+        (_place("start", middle), "start"),
+        (_path("route jump", ["M4 8H36"]), "a jump where no edge is"),
+        (_path("annotated", ["M6 8H34"]), "annotated path"),
+        (_goal(middle), "its end"),
+        (_place("success", middle), "a stop here is a success"),
+        (_path("viewpoint elsewhere", ["M12 8h0M28 8h0"]), "on another level"),
+    ]
+    explained = "".join(f"<span>{_sign(shapes)} {meaning}</span>" for shapes, meaning in signs)
+    return f'<p class="map-key">{explained}</p>'
+
+
+def _svg(episode_map: EpisodeMap, attributes: str, style: str) -> str:
+    frame = Frame.around(episode_map, WIDTH, HEIGHT)
+    return "".join(
+        [
+            f'<svg class="episode-map" role="img" viewBox="0 0 {WIDTH} {HEIGHT}"{attributes}>',
+            f"<title>{escape(f'Map of episode {episode_map.instr_id}')}</title>",
+            f"<desc>{escape(episode_map.description)}</desc>",
+            style,
+            f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>',
+            *_graph(episode_map, frame),
+            *_annotation(episode_map, frame),
+            *(
+                part
+                for number, route in enumerate(episode_map.routes, 1)
+                for part in _route(episode_map, route, number, frame)
+            ),
+            *_ends(episode_map, frame),
+            *_scale(frame),
+            "</svg>",
+        ]
+    )
+
+
+def _graph(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
+    """Draw the scan's navigation graph, other storeys faintly and below."""
+    place = frame.place(episode_map.position)
+    viewpoints = np.arange(len(place))
+    hidden = episode_map.is_elsewhere
+    across = hidden[episode_map.edges].any(axis=1)
+    parts = ((" elsewhere", hidden, across), ("", ~hidden, ~across))
+    for kind, of_viewpoints, of_edges in parts:
+        yield _path(f"edge{kind}", map(_line, place[episode_map.edges[of_edges]]))
+        yield _path(f"viewpoint{kind}", (f"M{_xy(place[v])}h0" for v in viewpoints[of_viewpoints]))
+
+
+def _annotation(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
+    place = frame.place(episode_map.position)
+    yield _path("annotated", [_line(place[episode_map.annotated_path])])
+    for viewpoint in episode_map.success:
+        yield _place(
+            "success", place[viewpoint], f"a stop here is a success: {_id(episode_map, viewpoint)}"
+        )
+
+
+def _route(episode_map: EpisodeMap, route: Route, number: int, frame: Frame) -> Iterator[str]:
+    """Draw where an agent went: a line on its lane, with an arrow on every leg."""
+    lane, is_jump = frame.lane_of(episode_map, route), episode_map.is_jump(route)
+    if len(lane):
+        yield _path(f"route route-{number}", _walked(lane, is_jump))
+        yield _path(f"arrow route-{number}", (f"{_line(tip)}z" for tip in arrows(lane, 9.0)))
+    if is_jump.any():
+        yield _path(f"route jump route-{number}", map(_line, lane[is_jump]))
+
+
+def _walked(lane: FloatArray, is_jump: BoolArray) -> Iterator[str]:
+    """Join the legs that were walked to one line, interrupted where the agent jumped."""
+    goes_on = np.concatenate([[False], ~is_jump[:-1]])
+    for leg in np.flatnonzero(~is_jump):
+        yield _line(lane[leg]).replace("M", "L" if goes_on[leg] else "M")
+
+
+def _ends(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
+    place = frame.place(episode_map.position)
+    yield _place("start", place[episode_map.start], f"start: {_id(episode_map, episode_map.start)}")
+    yield _goal(
+        place[episode_map.goal], f"end of the annotated path: {_id(episode_map, episode_map.goal)}"
+    )
+    for number, route in enumerate(episode_map.routes, 1):
+        whose = f" of {route.name}" if route.name else ""
+        shift = np.array([6.0 * (number - 1), 0.0])
+        title = f"stop{whose}: {_id(episode_map, route.stop)}"
+        yield _stop(place[route.stop] + shift, number, title)
+
+
+def _scale(frame: Frame) -> Iterator[str]:
+    """Draw a bar of so many metres in the lower left corner."""
+    length = frame.bar * frame.scale
+    yield f'<path class="scale" d="M10 {HEIGHT - 14}v4h{length:.1f}v-4"/>'
+    yield f'<text class="scale" x="14" y="{HEIGHT - 16}">{frame.bar} m</text>'
+
+
+def _place(kind: str, place: FloatArray, title: str = "") -> str:
+    radius = {"start": 5.5, "success": 7}[kind]
+    x, y = place
+    return f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="{radius}">{_title(title)}</circle>'
+
+
+def _goal(place: FloatArray, title: str = "") -> str:
+    return f'<path class="goal" d="{_line(_STAR + place)}z">{_title(title)}</path>'
+
+
+def _stop(place: FloatArray, number: int, title: str = "") -> str:
+    x, y = place - 4.5
+    shape = f'<rect class="stop route-{number}" x="{x:.1f}" y="{y:.1f}" width="9" height="9">'
+    return f"{shape}{_title(title)}</rect>"
+
+
+def _route_sign(number: int) -> str:
+    line = _path(f"route route-{number}", ["M2 8H30"])
+    return line + _stop(np.array([33.0, 8.0]), number)
+
+
+def _sign(shapes: str) -> str:
+    return f'<svg class="episode-map sign" viewBox="0 0 40 16" aria-hidden="true">{shapes}</svg>'
+
+
+def _title(text: str) -> str:
+    return f"<title>{escape(text)}</title>" if text else ""
+
+
+def _id(episode_map: EpisodeMap, viewpoint: int) -> str:
+    return episode_map.viewpoint_ids[viewpoint]
+
+
+def _path(kind: str, pieces: "Iterator[str] | Sequence[str]") -> str:
+    return f'<path class="{kind}" d="{"".join(pieces)}"/>'
+
+
+def _line(points: FloatArray) -> str:
+    return "M" + "L".join(map(_xy, points))
+
+
+def _xy(point: FloatArray) -> str:
+    x, y = point
+    return f"{x:.1f} {y:.1f}"

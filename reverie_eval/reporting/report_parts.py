@@ -1,0 +1,204 @@
+"""The parts of a report in words and numbers, before a template lays them out."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from reverie_eval.anatomy import OUTCOMES
+from reverie_eval.errors import GroundTruthError
+from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.scores import Scores
+from reverie_eval.slices import SLICINGS, Slicing
+
+_SLICED = ("success", "rgspl")
+"""What parts of the episodes are told by."""
+_OWN_SECTION = "scan"
+FEW = 10
+"""Episodes; scans with fewer are not called the worst for what may be chance."""
+
+FROM_THE_BEST: Mapping[str, str] = MappingProxyType(dict(reversed(list(OUTCOMES.items()))))
+"""The outcomes with what they mean, in a report's order."""
+
+Named = Mapping[str, Scores]
+"""The submissions of a report by name, the one that it is about first."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreCell:
+    """A metric's mean, and its interval if there is one."""
+
+    metric: Metric
+    value: str
+    interval: str
+    is_primary: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """So many episodes of all."""
+
+    count: int
+    of: int
+    """All that could be: of the stage before, or of everything."""
+    percent: float
+    """Of all episodes."""
+
+    @property
+    def passed(self) -> str:
+        """Which part of ``of`` it is, in percent, if there is any."""
+        return f"{_percent(self.count, self.of)} %" if self.of else "-"
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A named row with something for each submission."""
+
+    name: str
+    meaning: str
+    shares: Sequence[Share]
+
+
+@dataclass(frozen=True, slots=True)
+class PartRow:
+    """A part of the episodes: its size, the first's scores, everybody's main one in percent."""
+
+    name: str
+    episodes: int
+    cells: Sequence[str]
+    main: Sequence[float]
+
+
+@dataclass(frozen=True, slots=True)
+class SliceTable:
+    """The parts that a slicing cuts the episodes into."""
+
+    slicing: Slicing
+    metrics: Sequence[Metric]
+    rows: Sequence[PartRow]
+
+
+def score_rows(scores: Named) -> Mapping[str, Sequence[ScoreCell]]:
+    """Word every submission's headline metrics."""
+    return {name: list(_score_cells(each)) for name, each in scores.items()}
+
+
+def _score_cells(scores: Scores) -> Iterator[ScoreCell]:
+    for metric in scores.headline:
+        interval = scores.intervals and scores.intervals.get(metric.key)
+        bounds = [interval.low, interval.high] if interval else []
+        yield ScoreCell(
+            metric=metric,
+            value=metric.display(scores[metric.key]),
+            interval=" to ".join(map(metric.display, bounds)),
+            is_primary=metric.key == PRIMARY_METRIC,
+        )
+
+
+def finding(scores: Scores) -> str:
+    """Say in a sentence or two how far the agent comes, and where most is lost."""
+    counts, total = scores.anatomy.counts, len(scores.instr_ids)
+    right, wrong = counts["right"], total - counts["right"]
+    share = f"{right:,} of {total:,} episodes ({_percent(right, total)} %)"
+    whole = f"{share} {OUTCOMES['right']}."
+    if not wrong:
+        return whole
+    failures = {outcome: count for outcome, count in counts.items() if outcome != "right"}
+    worst = max(failures, key=lambda outcome: failures[outcome])
+    most = f"{failures[worst]:,} of the other {wrong:,} ({_percent(failures[worst], wrong)} %)"
+    return f"{whole} The most frequent failure: {most} {OUTCOMES[worst]}."
+
+
+def funnel_lines(scores: Named) -> Sequence[Line]:
+    """Say how many episodes came how far, and which part of the stage before that is."""
+    funnels = [each.anatomy.funnel for each in scores.values()]
+    stages = list(funnels[0])
+    before = dict(zip(stages, [stages[0], *stages], strict=False))
+    return [
+        Line(
+            stage,
+            "",
+            [Share(each[stage], each[before[stage]], _share(each, stage)) for each in funnels],
+        )
+        for stage in stages
+    ]
+
+
+def _share(funnel: Mapping[str, int], stage: str) -> float:
+    return 100 * funnel[stage] / funnel[next(iter(funnel))]
+
+
+def outcome_lines(scores: Named) -> Sequence[Line]:
+    """Count what became of the episodes, the best first."""
+    counts = [each.anatomy.counts for each in scores.values()]
+    totals = [len(each.instr_ids) for each in scores.values()]
+    return [
+        Line(
+            outcome,
+            meaning,
+            [
+                Share(count[outcome], total, 100 * count[outcome] / total)
+                for count, total in zip(counts, totals, strict=True)
+            ],
+        )
+        for outcome, meaning in FROM_THE_BEST.items()
+    ]
+
+
+def outcome_changes(first: Scores, other: Scores) -> Sequence[Sequence[int]]:
+    """Count the episodes by outcome of the first (rows) and of the other, both from the best."""
+    number = {outcome: row for row, outcome in enumerate(FROM_THE_BEST)}
+    table = np.zeros((len(number), len(number)), dtype=np.int64)
+    rows = [number[outcome] for outcome in first.outcomes]
+    np.add.at(table, (rows, [number[outcome] for outcome in other.outcomes]), 1)
+    counts: list[list[int]] = table.tolist()
+    return counts
+
+
+def slice_tables(scores: Named) -> tuple[Sequence[SliceTable], Sequence[str]]:
+    """Score parts of the episodes; cuts that make one part are left out.
+
+    Returns
+    -------
+    tables, notes
+        And a note on every cut that the ground truth does not serve.
+    """
+    tables, notes = [], []
+    for slicing in SLICINGS.values():
+        if slicing.key == _OWN_SECTION:
+            continue
+        try:
+            table = slice_table(scores, slicing)
+        except GroundTruthError as error:
+            notes.append(f"not cut by {slicing.key}: {error}")
+        else:
+            tables += [table] if len(table.rows) > 1 else []
+    return tables, notes
+
+
+def slice_table(scores: Named, slicing: Slicing) -> SliceTable:
+    """Score the parts of one cut."""
+    first, *others = [each.breakdown(slicing.key) for each in scores.values()]
+    metrics = [CATALOGUE[key] for key in _SLICED]
+    rows = [
+        PartRow(
+            name=str(part),
+            episodes=int(row["episodes"]),
+            cells=[metric.display(row[metric.key]) for metric in metrics],
+            main=[100 * float(frame[PRIMARY_METRIC].get(part, 0)) for frame in (first, *others)],
+        )
+        for part, row in first.iterrows()
+    ]
+    return SliceTable(slicing, metrics, rows)
+
+
+def scans_from_the_worst(scores: Named) -> SliceTable:
+    """Score the scans, those with the lowest primary metric first; small ones come last."""
+    table = slice_table(scores, SLICINGS[_OWN_SECTION])
+    rows = sorted(table.rows, key=lambda row: (row.episodes < FEW, row.main[0], row.name))
+    return SliceTable(table.slicing, table.metrics, rows)
+
+
+def _percent(count: int, of: int) -> str:
+    return f"{100 * count / of:.1f}"

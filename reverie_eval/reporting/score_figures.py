@@ -1,0 +1,100 @@
+"""Figures of a submission's scores, for notebooks and slides. Needs matplotlib."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.reporting.distributions import histogram_of
+from reverie_eval.reporting.figure_style import INK, count_in_round_steps
+from reverie_eval.scores import Scores
+
+BLUE, ORANGE, GREY = "#0072B2", "#E69F00", "#B3BAC4"
+"""The first two from the palette of Okabe and Ito, "Color Universal Design", 2008."""
+_SHOWN_PARTS = 15
+_COMPARED = {"success": ORANGE, "rgspl": BLUE}
+
+
+def draw_funnel(scores: Scores, axes: Axes) -> None:
+    """Draw how many episodes came how far, a bar for each stage."""
+    funnel = scores.anatomy.funnel
+    counts = list(funnel.values())
+    total = counts[0]
+    axes.barh(list(funnel), counts, height=0.7, color=BLUE)
+    for row, count in enumerate(counts):
+        share = f"{count:,}  ({100 * count / total:.1f} %)"
+        _label(axes, count, row, share, inside=count > total / 2)
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlim(0, total)
+    axes.set_xlabel("episodes")
+    count_in_round_steps(axes)
+    _title(axes, f"how far the agent comes on {scores.split}")
+
+
+def draw_slices(scores: Scores, by: str, axes: Axes) -> None:
+    """Draw success and primary metric of each part, with its number of episodes."""
+    table = scores.breakdown(by)
+    shown = table.head(_SHOWN_PARTS)
+    keys = [key for key in _COMPARED if key in shown]
+    height = 0.8 / len(keys)
+    rows = np.arange(len(shown))
+    for number, key in enumerate(keys):
+        place = rows + height * (number - (len(keys) - 1) / 2)
+        label, colour = CATALOGUE[key].label, _COMPARED[key]
+        axes.barh(place, 100 * shown[key], height=0.9 * height, color=colour, label=label)
+    names = [f"{part}  (n = {count:,})" for part, count in shown["episodes"].items()]
+    axes.set_yticks(rows, names)
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("%")
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    left_out = f": the {len(shown)} largest of {len(table)}" if len(table) > len(shown) else ""
+    _title(axes, f"by {by}{left_out}")
+
+
+def draw_distribution(scores: Scores, key: str, axes: Axes) -> None:
+    """Draw a metric's values as bars, and walked lengths over the shortest."""
+    if key == "path_length":
+        _draw_walks(scores, axes)
+        return
+    histogram = histogram_of({"": scores}, key)
+    edges, share = histogram.edges, histogram.share[""]
+    axes.bar(edges[:-1], share, np.diff(edges), align="edge", color=BLUE, edgecolor="white")
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_xlabel(histogram.label)
+    axes.set_ylabel(f"share of {histogram.nouns} (%)")
+    metric = histogram.metric
+    mean = metric.display(float(np.mean(histogram.values[""])))
+    _title(axes, f"{metric.heading}: mean {mean} of {histogram.count:,} {histogram.nouns}")
+
+
+def _draw_walks(scores: Scores, axes: Axes) -> None:
+    walked, shortest = scores.episodes["path_length"], scores.episodes["shortest_length"]
+    succeeded = scores.episodes["success"] > 0
+    kinds = (("stopped elsewhere", GREY, ~succeeded), ("stopped at the goal", BLUE, succeeded))
+    for label, colour, part in kinds:
+        axes.scatter(shortest[part], walked[part], s=9, alpha=0.6, color=colour, label=label)
+    end = float(shortest.max())
+    axes.plot([0, end], [0, end], color=INK, linestyle="--", linewidth=1.2, label="shortest")
+    axes.set_xlim(left=0)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("shortest length (m)")
+    axes.set_ylabel("walked length (m)")
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    _title(axes, f"a dot for each of {len(walked):,} episodes")
+
+
+def _label(axes: Axes, length: float, row: int, text: str, *, inside: bool) -> None:
+    axes.annotate(
+        text,
+        (length, row),
+        xytext=(-6 if inside else 6, 0),
+        textcoords="offset points",
+        horizontalalignment="right" if inside else "left",
+        verticalalignment="center",
+        color="white" if inside else INK,
+    )
+
+
+def _title(axes: Axes, title: str) -> None:
+    axes.set_title(title, loc="left", fontweight="bold", fontsize="medium")

@@ -1,0 +1,208 @@
+"""Slices: the same scores over parts of the episodes, to see where a method is strong or weak.
+
+Whatever a slice is cut by is known of the episode beforehand (its building, its target, its words),
+or of the trajectory (jumps). Numbers are cut into ranges that are the same for every submission.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from reverie_eval.arrays import Array, IntArray
+from reverie_eval.errors import ProtocolError
+from reverie_eval.words import words_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from reverie_eval.scores import Scores
+
+UNKNOWN = "not said"
+"""The part of episodes of which nothing is known."""
+
+_ORDINALS = {"first": 1, "second": 2, "third": 3, "fourth": 4, "fifth": 5}
+_NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5}
+_LEVEL = re.compile(
+    rf"\b(?:level|floor) (\d|{'|'.join(_NUMBERS)})\b"
+    rf"|\b(?:(\d)(?:st|nd|rd|th)|({'|'.join(_ORDINALS)})) (?:level|floor)\b"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Slicing:
+    """A way to cut the episodes into parts."""
+
+    key: str
+    meaning: str
+    """What an episode's part is."""
+    parts: "Callable[[Scores], Sequence[str]]"
+    """The part of each episode."""
+    order: Sequence[str] = ()
+    """Of the parts; without it, the one with most episodes comes first."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Ranges:
+    """Ranges of numbers, in words; each begins with one of ``starts``, the first with less."""
+
+    starts: Sequence[int]
+    unit: str
+    are_whole: bool = False
+    """Whether the numbers are counts, from 1."""
+
+    @property
+    def labels(self) -> Sequence[str]:
+        """The ranges' names, the lowest first."""
+        between = [self._name(start, end) for start, end in pairwise(self.starts)]
+        first, last = self.starts[0], self.starts[-1]
+        lowest = self._name(1, first) if self.are_whole else f"below {first}"
+        return [f"{name} {self.unit}".rstrip() for name in (lowest, *between, f"{last} or more")]
+
+    def _name(self, start: int, end: int) -> str:
+        last = end - 1 if self.are_whole else end
+        return f"{start}" if last == start else f"{start} to {last}"
+
+    def of(self, values: Array) -> Sequence[str]:
+        """Name the range of each value; a value on a border is in the upper range."""
+        return [self.labels[number] for number in np.digitize(values, self.starts)]
+
+
+_LENGTHS = _Ranges((6, 8, 10, 12, 15), "m")
+_WORDS = _Ranges((12, 16, 20, 25), "words", are_whole=True)
+_SIGHTS = _Ranges((2, 3, 4, 6), "", are_whole=True)
+_JUMPS = ("no jump", "jumps")
+
+
+def _scan(scores: "Scores") -> Sequence[str]:
+    graph = scores.ground_truth.graph
+    return [graph.scan_of(start) for start in scores.ground_truth.episodes.start]
+
+
+def _length(scores: "Scores") -> Sequence[str]:
+    truth = scores.ground_truth
+    return _LENGTHS.of(truth.graph.distance_between(truth.episodes.start, truth.secret.goal))
+
+
+def _words(scores: "Scores") -> Sequence[str]:
+    instructions = scores.ground_truth.episodes.instructions
+    return _WORDS.of(np.array([len(words_of(instruction)) for instruction in instructions]))
+
+
+def _category(scores: "Scores") -> Sequence[str]:
+    truth = scores.ground_truth
+    categories = [name.strip().lower() or UNKNOWN for name in truth.secret.target_categories]
+    return [categories[task] for task in truth.episodes.task]
+
+
+def _level(scores: "Scores") -> Sequence[str]:
+    return [level_named(text) for text in scores.ground_truth.episodes.instructions]
+
+
+def level_named(instruction: str) -> str:
+    """Return the level of the building that an instruction names.
+
+    The dataset has no levels of its own; annotators were shown one, and many wrote it down.
+
+    >>> level_named("Go to the bathroom on level 2"), level_named("the first floor kitchen")
+    ('level 2', 'level 1')
+    >>> level_named("clean the floor")
+    'not said'
+    """
+    found = _LEVEL.search(instruction.lower())
+    if found is None:
+        return UNKNOWN
+    word = next(filter(None, found.groups()))
+    return f"level {_ORDINALS.get(word) or _NUMBERS.get(word) or word}"
+
+
+def _visibility(scores: "Scores") -> Sequence[str]:
+    return _SIGHTS.of(_viewpoints_that_see(scores))
+
+
+def _viewpoints_that_see(scores: "Scores") -> IntArray:
+    """Count the viewpoints from which each episode's target is visible."""
+    truth, answers = scores.ground_truth, scores.ground_truth.secret
+    scan = truth.graph.viewpoint_scan.astype(np.int64)
+    seen = (scan[answers.candidate_viewpoint] << 32) | answers.candidate_object
+    objects, counts = np.unique(seen, return_counts=True)
+    targets = (scan[truth.episodes.start] << 32) | answers.target_object
+    sights: IntArray = counts[np.searchsorted(objects, targets)]
+    return sights
+
+
+def _jumps(scores: "Scores") -> Sequence[str]:
+    if "jumps" not in scores:
+        raise ProtocolError("this track does not look at trajectories, and so at no jumps")
+    return [_JUMPS[int(jumps > 0)] for jumps in scores.episodes["jumps"]]
+
+
+SLICINGS: Mapping[str, Slicing] = MappingProxyType(
+    {
+        slicing.key: slicing
+        for slicing in (
+            Slicing("scan", "the building", _scan),
+            Slicing("length", "the shortest length to the goal", _length, _LENGTHS.labels),
+            Slicing("words", "the words of the instruction", _words, _WORDS.labels),
+            Slicing("category", "what the annotators call the target", _category),
+            Slicing("level", "the level that the instruction names", _level),
+            Slicing(
+                "visibility",
+                "the number of viewpoints that see the target",
+                _visibility,
+                _SIGHTS.labels,
+            ),
+            Slicing("jumps", "moves of the trajectory that no edge joins", _jumps, _JUMPS),
+        )
+    }
+)
+"""The ways to cut, by key."""
+
+
+def slicing_named(key: str) -> Slicing:
+    """Return a way to cut.
+
+    Raises
+    ------
+    ProtocolError
+        If there is none of that name.
+    """
+    if key not in SLICINGS:
+        raise ProtocolError(
+            f"episodes are not cut by {key!r}; choose one of: {', '.join(SLICINGS)}"
+        )
+    return SLICINGS[key]
+
+
+def breakdown(scores: "Scores", by: str) -> "pd.DataFrame":
+    """Score each part of the episodes for itself.
+
+    Returns
+    -------
+    DataFrame
+        A row per part that has episodes, with their number and the mean of every headline metric,
+        in the metrics' own units.
+
+    Raises
+    ------
+    ProtocolError
+        If there is no such way to cut, or the track does not score what it needs.
+    GroundTruthError
+        If the ground truth was compiled without what it needs.
+    """
+    import pandas as pd
+
+    slicing = slicing_named(by)
+    parts = pd.Series(slicing.parts(scores), name=by)
+    columns = {metric.key: scores.episodes[metric.key] for metric in scores.headline}
+    grouped = pd.DataFrame(columns).groupby(parts.to_numpy())
+    table = grouped.mean()
+    table.insert(0, "episodes", grouped.size())
+    table = table.rename_axis(index=by)
+    if slicing.order:
+        return table.reindex([part for part in slicing.order if part in table.index])
+    return table.sort_values("episodes", ascending=False, kind="stable")

@@ -1,0 +1,83 @@
+"""A home of two storeys with an episode of every outcome: what episodes, maps and reports show.
+
+The cellar is the ground floor's size and 3 m below; stairs lead up between.
+"""
+
+from pathlib import Path
+
+from reverie_eval import Scores, evaluate
+from reverie_eval.ground_truth.compile import compile_split
+from reverie_eval.ground_truth.dataset import DatasetFiles
+from tests.oracle import Scan, Task, Viewpoint, World
+from tests.worlds import SPLIT, write_world
+
+LAMP, SOFA = 3, 4
+HOME = World(
+    {
+        "home": Scan(
+            {
+                "cellar": Viewpoint((0.0, 0.0, 0.0)),
+                "rack": Viewpoint((4.0, 0.0, 0.0)),
+                "shelf": Viewpoint((8.0, 0.0, 0.1)),
+                "stairs": Viewpoint((10.0, 0.0, 1.6)),
+                "hall": Viewpoint((10.0, 4.0, 3.0), views={SOFA: [12]}),
+                "room": Viewpoint((10.0, 10.0, 3.0), views={LAMP: [12], SOFA: [12]}),
+                "porch": Viewpoint((10.0, 14.0, 3.2), views={LAMP: [13]}),
+            },
+            frozenset(
+                {
+                    ("cellar", "rack"),
+                    ("rack", "shelf"),
+                    ("shelf", "stairs"),
+                    ("stairs", "hall"),
+                    ("hall", "room"),
+                    ("room", "porch"),
+                }
+            ),
+        )
+    },
+    [
+        Task("1_3", "home", ["hall", "room"], LAMP, instructions=3),
+        Task("2_4", "home", ["porch", "room", "hall"], SOFA, instructions=2),
+    ],
+)
+WALKS = {
+    "1_3_0": (["hall", "room"], LAMP),  # right
+    "1_3_1": (["hall", "room", "porch"], SOFA),  # wrong object, 4 m beyond the path's end
+    "1_3_2": (["hall"], LAMP),  # right from afar, 6 m from the path's end
+    "2_4_0": (["porch", "room", "porch"], LAMP),  # passed by: the sofa is seen from the room
+    "2_4_1": (["porch"], -1),  # never near
+}
+OTHER_WALKS = {
+    **WALKS,
+    "1_3_0": (["hall", "stairs", "shelf"], -1),  # never near, and down the stairs
+    "2_4_0": (["porch"], LAMP),  # never near
+    "2_4_1": (["porch", "room", "hall"], SOFA),  # right
+}
+
+
+def home_scores(
+    folder: Path,
+    walks: dict[str, tuple[list[str], int]] = WALKS,
+    protocol: str = "official-v1",
+    **replaced: str,
+) -> Scores:
+    """Score walks through the home; words in its files may be replaced by others."""
+    write_world(HOME, folder)
+    for file in (folder / "tasks" / "REVERIE" / "data").iterdir():
+        text = file.read_text()
+        for word, other in replaced.items():
+            text = text.replace(word.replace("_", " "), other)
+        file.write_text(text)
+    files = DatasetFiles.find(SPLIT, folder)
+    bundle = folder / "home.npz"
+    compile_split(files, SPLIT).save(bundle)
+    return evaluate(records(walks), split=SPLIT, ground_truth=bundle, protocol=protocol)
+
+
+def records(walks: dict[str, tuple[list[str], int]]) -> list[dict[str, object]]:
+    """Return walks as a submission."""
+    return [
+        {"instr_id": id_, "trajectory": [[place, 0, 0] for place in walk], "predObjId": answer}
+        for id_, (walk, answer) in walks.items()
+    ]

@@ -1,0 +1,225 @@
+"""Comparisons: hand-worked differences, what they are made of, sentences, and the command."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from reverie_eval import Comparison, ProtocolError, Scores, compare, evaluate
+from reverie_eval.comparison import names_of, p_text
+from reverie_eval.intervals import Intervals, clusters_of
+from reverie_eval.metrics import BINARY_METRICS
+from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
+from tests.conftest import SAMPLES
+from tests.flat import Run
+
+SPLIT = "val_unseen"
+GOOD, MEDIOCRE, DRAWN, BROKEN = (
+    str(SAMPLES / f"{name}.json") for name in ("good", "mediocre", "drawn", "broken")
+)
+
+
+def scores_of(sample: str, **how: str) -> Scores:
+    return evaluate(sample, split=SPLIT, **how)  # type: ignore[arg-type]
+
+
+def altered(scores: Scores, changes: Mapping[str, Mapping[int, float]]) -> Scores:
+    """Return scores with other values in some episodes."""
+    episodes = {key: column.copy() for key, column in scores.episodes.items()}
+    for key, values in changes.items():
+        episodes[key][list(values)] = list(values.values())
+    return replace(scores, episodes=episodes)
+
+
+def test_a_difference_by_hand() -> None:
+    """Two episodes won and one lost of 84; 0.25 is a value that needs no rounding."""
+    first = scores_of(GOOD)
+    blank = altered(first, {"rgs": dict.fromkeys(range(84), 0.0), "rgspl": {0: 0.5}})
+    a = altered(blank, {"rgs": {5: 1.0}})
+    b = altered(blank, {"rgs": {7: 1.0, 70: 1.0}, "rgspl": {0: 0.75}})
+    found = Comparison.of({"a": a, "b": b})["b"]
+    assert found["rgs"].mean == pytest.approx(1 / 84)
+    assert (found["rgs"].higher, found["rgs"].lower, found["rgs"].mcnemar_p) == (2, 1, 1.0)
+    assert found["rgspl"].mean == pytest.approx(0.25 / 84)
+    assert (found["rgspl"].higher, found["rgspl"].lower) == (1, 0)
+    assert found["rgspl"].mcnemar_p is None
+    assert found["rgspl"].p_value == 1.0  # one swap of two comes as far
+    assert found["success"].mean == found["success"].interval.low == 0.0
+
+
+def test_differences_are_made_of_paired_values() -> None:
+    scores = {name: scores_of(file) for name, file in (("m", MEDIOCRE), ("g", GOOD), ("d", DRAWN))}
+    comparison = Comparison.of(scores, "scan", seed=4)
+    first = scores["m"]
+    keys = [key for key in first if key in scores["d"]]
+    cluster = clusters_of(first.ground_truth, "scan")
+    changes = {
+        name: np.column_stack([scores[name].episodes[key] - first.episodes[key] for key in keys])
+        for name in ("g", "d")
+    }
+    p_value = holm(np.stack([randomisation_p(each, cluster, seed=4) for each in changes.values()]))
+    for row, (name, change) in enumerate(changes.items()):
+        columns = dict(zip(keys, change.T, strict=True))
+        interval = Intervals.of(columns, first.ground_truth, "scan", seed=4)
+        assert list(comparison[name]) == keys
+        for column, key in enumerate(keys):
+            found = comparison[name][key]
+            assert found.mean == change[:, column].mean()
+            assert found.interval == interval[key]
+            assert found.p_value == p_value[row, column]
+            assert found.higher == (change[:, column] > 0).sum()
+            assert (found.mcnemar_p is not None) == (key in BINARY_METRICS)
+
+
+def test_p_values_are_corrected_for_the_number_of_comparisons() -> None:
+    pair = compare(MEDIOCRE, DRAWN, split=SPLIT)["drawn"]["rgs"]
+    among_three = compare(MEDIOCRE, DRAWN, MEDIOCRE, split=SPLIT, names=["m", "drawn", "same"])
+    assert among_three["drawn"]["rgs"].p_value == pytest.approx(2 * pair.p_value)
+    assert among_three["drawn"]["rgs"].mcnemar_p == pytest.approx(
+        2 * mcnemar_p(np.array([pair.higher]), np.array([pair.lower]))[0]
+    )
+
+
+def test_metrics_that_not_all_have_are_left_out() -> None:
+    comparison = compare(GOOD, DRAWN, split=SPLIT)
+    assert "iou" in comparison.scores["drawn"]
+    assert "iou" not in comparison["drawn"]
+
+
+def test_sentences() -> None:
+    comparison = compare(GOOD, MEDIOCRE, GOOD, split=SPLIT, names=["good", "mediocre", "again"])
+    sure, unsure = comparison.sentence("mediocre"), comparison.sentence("again")
+    assert sure.startswith("mediocre is worse than good by 22.70 RGSPL, 95 % interval -34.")
+    assert sure.endswith("p < 0.001") or "p = 0.00" in sure
+    assert unsure == (
+        "these data cannot tell again and good apart in RGSPL: difference 0.00, 95 % interval 0.00 "
+        "to 0.00, p = 1.000"
+    )
+    assert compare(MEDIOCRE, GOOD, split=SPLIT).sentence("good").startswith("good is better than")
+
+
+@pytest.mark.parametrize(
+    ("how", "metric"), [({"track": "grounding"}, "RGS"), ({"protocol": "r2r-style"}, "SPL")]
+)
+def test_without_rgspl_the_sentence_is_about_another(how: dict[str, str], metric: str) -> None:
+    scores = [scores_of(GOOD, **how) for _ in range(2)]
+    assert f"apart in {metric}:" in compare(*scores).sentence("submission 2")
+
+
+def test_what_is_sure_has_interval_and_test_on_its_side() -> None:
+    comparison = compare(MEDIOCRE, GOOD, split=SPLIT)
+    difference = comparison["good"]["rgspl"]
+    assert comparison.is_sure("good")
+    low = replace(difference.interval, low=0.0)
+    for changed in (replace(difference, p_value=0.05), replace(difference, interval=low)):
+        other = replace(comparison, _differences={"good": {"rgspl": changed}})
+        assert not other.is_sure("good")
+
+
+def test_where_they_differ() -> None:
+    comparison = compare(GOOD, MEDIOCRE, split=SPLIT)
+    frame, difference = comparison.episodes("success"), comparison["mediocre"]["success"]
+    assert list(frame.columns) == ["good", "mediocre"]
+    assert len(frame) == difference.higher + difference.lower
+    assert (frame["good"] - frame["mediocre"]).abs().eq(1).all()
+    first = comparison.scores["good"].to_pandas()["success"]
+    pd.testing.assert_series_equal(frame["good"], first[frame.index], check_names=False)
+
+
+def test_a_frame_has_a_row_per_submission_and_metric() -> None:
+    frame = compare(GOOD, MEDIOCRE, DRAWN, split=SPLIT).to_pandas()
+    row = frame.xs("drawn").loc["rgs"].to_dict()
+    assert row["value"] - row["first"] == pytest.approx(row["difference"])
+    assert row["low"] < row["difference"] < row["high"]
+    assert set(frame.index.get_level_values("submission")) == {"mediocre", "drawn"}
+
+
+def test_what_does_not_compare_is_refused() -> None:
+    official, other = scores_of(GOOD), scores_of(GOOD, protocol="duet")
+    with pytest.raises(ProtocolError, match=r"do not compare: .*protocol:duet.*protocol:official"):
+        compare(official, other)
+    with pytest.raises(ProtocolError, match="two submissions or more"):
+        compare(official)
+    with pytest.raises(ProtocolError, match="a name of its own; got x, x"):
+        compare(official, official, names=["x", "x"])
+    with pytest.raises(ProtocolError, match="name the split"):
+        compare(official, GOOD)
+    with pytest.raises(ProtocolError, match="not clustered by 'room'; choose one of: target, scan"):
+        compare(GOOD, GOOD, split=SPLIT, by="room")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        pytest.param(["runs/a.json", "b.json.gz"], ["a", "b"], id="files"),
+        pytest.param(["val.a.json.zip", "val.b.zip"], ["val.a", "val.b"], id="dots"),
+        pytest.param(["1/a.json", "2/a.json"], ["1/a.json", "2/a.json"], id="folders differ"),
+        pytest.param(["a.json", "a.json"], ["submission 1", "submission 2"], id="one file twice"),
+        pytest.param([b"[]", "a.json"], ["submission 1", "submission 2"], id="not all files"),
+    ],
+)
+def test_what_submissions_are_called(files: list[object], names: list[str]) -> None:
+    assert list(names_of(files)) == names
+
+
+@pytest.mark.parametrize(
+    ("p_value", "text"), [(0.0009, "p < 0.001"), (0.001, "p = 0.001"), (1.0, "p = 1.000")]
+)
+def test_p_values_as_papers_write_them(p_value: float, text: str) -> None:
+    assert p_text(p_value) == text
+
+
+TABLE = """\
+                      TL m     SR %    OSR %    SPL %    RGS %  RGSPL %
+good                  9.84    80.95    88.10    72.88    65.48    57.22
+mediocre              8.72    41.67    55.95    35.89    40.48    34.52
+
+mediocre - good      -1.12   -39.29   -32.14   -36.99   -25.00   -22.70
+"""
+
+
+def test_the_command_prints_scores_differences_and_a_sentence(run: Run) -> None:
+    status, out, err = run("compare", GOOD, MEDIOCRE, "--split", SPLIT)
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert [line.split() for line in lines[:5]] == [line.split() for line in TABLE.splitlines()]
+    rows = {line.split("  ")[0]: line for line in lines[5:10]}
+    assert list(rows) == ["95 % low", "95 % high", "p", "won : lost", "McNemar's p"]
+    assert rows["won : lost"].split("  ")[-1].strip() == "-"
+    assert "4 : 37" in rows["won : lost"]
+    assert "mediocre is worse than good by 22.70 RGSPL" in out
+    assert scores_of(GOOD).signature in out
+    assert "29 targets, seed 0" in out
+    assert "note on mediocre: 3 jumps in 3 episodes" in out
+
+
+def test_the_command_writes_json_and_csv(run: Run, tmp_path: object) -> None:
+    comparison = compare(GOOD, MEDIOCRE, split=SPLIT, by="scan")
+    options = ("compare", GOOD, MEDIOCRE, "--split", SPLIT, "--cluster", "scan")
+    report = json.loads(run(*options, "--format", "json").out)
+    difference = comparison["mediocre"]["rgspl"]
+    assert report["differences"]["mediocre"]["rgspl"]["interval"] == {
+        "low": difference.interval.low,
+        "high": difference.interval.high,
+    }
+    assert report["sentences"] == {"mediocre": comparison.sentence("mediocre")}
+    assert report["submissions"]["good"]["scores"] == dict(comparison.scores["good"])
+    rows = run(*options, "--format", "csv").out.splitlines()
+    assert len(rows) == 1 + len(comparison["mediocre"])
+    assert rows[1].startswith(f"mediocre,path_length,{comparison.scores['good']['path_length']!r},")
+
+
+def test_the_command_writes_where_they_differ(run: Run, tmp_path: object) -> None:
+    file = f"{tmp_path}/differ.csv"
+    assert run("compare", GOOD, MEDIOCRE, "--split", SPLIT, "--episodes", file).status == 0
+    written = pd.read_csv(file, index_col="instr_id")
+    pd.testing.assert_frame_equal(written, compare(GOOD, MEDIOCRE, split=SPLIT).episodes())
+
+
+def test_all_files_that_are_wrong_are_told_and_nothing_is_compared(run: Run) -> None:
+    status, out, err = run("compare", BROKEN, GOOD, BROKEN, "--split", SPLIT)
+    assert (status, out) == (1, "")
+    assert err.count(f"{BROKEN}: submission rejected, 24 problems") == 2

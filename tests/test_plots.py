@@ -1,0 +1,171 @@
+"""Figures of scores with matplotlib: what is drawn, and where."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+import reverie_eval as rv
+from reverie_eval.reporting.distributions import histogram_of
+from tests.conftest import SAMPLES
+from tests.home import home_scores
+
+mpl.use("agg")
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    """Close what was drawn."""
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
+    """Score an episode of every outcome."""
+    return home_scores(tmp_path_factory.mktemp("home"))
+
+
+def widths(axes: Axes) -> list[float]:
+    """Return how long the bars are."""
+    return [bar.get_width() for bar in axes.patches]  # type: ignore[attr-defined]
+
+
+def test_the_funnel(scores: rv.Scores) -> None:
+    axes = scores.plot.funnel()
+    assert widths(axes) == [5, 3, 2, 1]
+    stages = [label.get_text() for label in axes.get_yticklabels()]
+    assert stages == ["all episodes", "came to the goal", "stopped there", "named the target"]
+    assert [text.get_text() for text in axes.texts] == [
+        "5  (100.0 %)",
+        "3  (60.0 %)",
+        "2  (40.0 %)",
+        "1  (20.0 %)",
+    ]
+
+
+def test_slices(scores: rv.Scores) -> None:
+    """Of three episodes with 6 m to go two stop at the goal, and two answer right."""
+    axes = scores.plot.slices("length")
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == ["6 to 8 m  (n = 3)", "10 to 12 m  (n = 2)"]
+    success, rgspl = np.split(np.array(widths(axes)), 2)
+    assert success.tolist() == pytest.approx([200 / 3, 0])
+    assert rgspl.tolist() == pytest.approx([200 / 3, 0])
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["SR", "RGSPL"]  # type: ignore[union-attr]
+
+
+def test_a_distribution_in_bars(scores: rv.Scores) -> None:
+    """Stops are 0, 4.005, 6, 10.005 and 10.005 m from the end."""
+    axes = scores.plot.distribution("navigation_error")
+    heights = {bar.get_x(): bar.get_height() for bar in axes.patches if bar.get_height()}  # type: ignore[attr-defined]
+    assert heights == pytest.approx({0: 20, 4: 20, 6: 20, 10: 40})
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (
+        "navigation error (m)",
+        "share of episodes (%)",
+    )
+
+
+def test_walked_over_shortest(scores: rv.Scores) -> None:
+    axes = scores.plot.distribution("path_length")
+    dots = [np.asarray(each.get_offsets()) for each in axes.collections]
+    assert [len(each) for each in dots] == [3, 2]
+    assert sorted(dots[1][:, 0].tolist()) == [6, 6]
+    assert sorted(dots[1][:, 1].tolist()) == pytest.approx([6, 6 + np.sqrt(16.04)])
+
+
+def test_the_distribution_of_boxes_leaves_out_other_answers() -> None:
+    scores = rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")
+    assert scores.boxes is not None
+    histogram = histogram_of({"": scores}, "iou")
+    assert histogram.count == len(scores.boxes) == 81
+    assert histogram.values[""].mean() == pytest.approx(scores.boxes.mean_iou)
+    assert histogram.share[""].sum() == pytest.approx(100)
+    axes = scores.plot.distribution("iou")
+    assert axes.get_title(loc="left") == "IoU %: mean 55.48 of 81 boxes"
+    assert axes.get_ylabel() == "share of boxes (%)"
+
+
+def test_submissions_share_their_bars(scores: rv.Scores) -> None:
+    other = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
+    histogram = histogram_of({"a": scores, "b": other}, "navigation_error")
+    for name, each in (("a", scores), ("b", other)):
+        values = each.episodes["navigation_error"]
+        counts = [
+            100 * ((values >= low) & (values < high)).mean()
+            for low, high in zip(histogram.edges, histogram.edges[1:], strict=False)
+        ]
+        assert histogram.share[name].tolist() == pytest.approx(counts)
+
+
+def test_an_episode(scores: rv.Scores) -> None:
+    axes = scores.episode("2_4_0").plot()
+    assert axes.get_title(loc="left") == "2_4_0: go there"
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels == [
+        "a stop here is a success",
+        "the agent, stop",
+        "start",
+        "end of the annotated path",
+    ]
+    assert len(axes.lines[3].get_xdata()) == 2  # type: ignore[arg-type]  # success viewpoints
+
+
+@pytest.mark.parametrize("draw", ["funnel", "slices", "distribution", "episode"])
+def test_axes_that_are_given_are_drawn_on(draw: str, scores: rv.Scores) -> None:
+    figure, given = plt.subplots()
+    drawn = {
+        "funnel": lambda: scores.plot.funnel(ax=given),
+        "slices": lambda: scores.plot.slices("scan", ax=given),
+        "distribution": lambda: scores.plot.distribution("success", ax=given),
+        "episode": lambda: scores.episode("1_3_0").plot(ax=given),
+    }[draw]()
+    assert drawn is given
+    assert given.has_data()
+    assert plt.get_fignums() == [figure.number]
+
+
+def test_a_metric_that_is_not_scored(scores: rv.Scores) -> None:
+    with pytest.raises(KeyError, match="iou is not scored; path_length, success"):
+        scores.plot.distribution("iou")
+
+
+def test_a_way_to_cut_that_there_is_not(scores: rv.Scores) -> None:
+    with pytest.raises(rv.ProtocolError, match="not cut by 'room'"):
+        scores.plot.slices("room")
+
+
+WITHOUT_MATPLOTLIB = """
+import sys
+sys.modules["matplotlib"] = None
+import reverie_eval as rv
+scores = rv.evaluate(sys.argv[1], split="val_unseen")
+scores.episode(scores.instr_ids[0])._repr_html_()
+try:
+    {call}
+except rv.ReverieEvalError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "scores.plot.funnel()",
+        "scores.plot.slices('scan')",
+        "scores.plot.distribution('success')",
+        "scores.episode(scores.instr_ids[0]).plot()",
+    ],
+)
+def test_without_matplotlib(call: str) -> None:
+    program = WITHOUT_MATPLOTLIB.format(call=call)
+    said = subprocess.check_output(
+        [sys.executable, "-c", program, str(Path(SAMPLES, "good.json"))], text=True
+    )
+    assert said == "figures need matplotlib; install it with: pip install 'reverie-eval[figures]'\n"

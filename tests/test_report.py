@@ -1,0 +1,418 @@
+"""The HTML report: what is in it, that it is sound, and that a browser is content with it."""
+
+import re
+from html import escape
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import html5lib
+import numpy as np
+import pytest
+
+import reverie_eval as rv
+from reverie_eval.reporting import report_parts
+from reverie_eval.reporting.failures import lost, near_misses, on_different_ways, won
+from reverie_eval.reporting.report import report_html
+from reverie_eval.reporting.report_parts import PartRow, SliceTable
+from reverie_eval.slices import SLICINGS
+from tests.conftest import SAMPLES
+from tests.flat import Run
+from tests.home import OTHER_WALKS, WALKS, home_scores
+
+HTML = "{http://www.w3.org/1999/xhtml}"
+SVG = "{http://www.w3.org/2000/svg}"
+POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+    "form-action 'none'"
+)
+MARKUP = "<script>alert(1)</script>"
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
+    """Score an episode of every outcome."""
+    return home_scores(tmp_path_factory.mktemp("home")).with_intervals()
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
+    """Score another submission for the same episodes."""
+    return home_scores(tmp_path_factory.mktemp("home"), OTHER_WALKS).with_intervals()
+
+
+@pytest.fixture(scope="module")
+def single(home: rv.Scores) -> str:
+    """Write the report of one submission."""
+    return report_html({"mine": home})
+
+
+@pytest.fixture(scope="module")
+def both(home: rv.Scores, other: rv.Scores) -> str:
+    """Write the report of two."""
+    return report_html({"mine": home, "theirs": other})
+
+
+@pytest.fixture(scope="module")
+def spoiled(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Write a report with markup in every text that comes from a file."""
+    folder = tmp_path_factory.mktemp("<b>home")
+    mine = home_scores(folder, go_there=MARKUP).with_intervals()
+    theirs = home_scores(folder / "again", OTHER_WALKS, go_there=MARKUP).with_intervals()
+    return report_html({"<i>mine": mine, "<i>theirs": theirs})
+
+
+def parsed(page: str) -> ET.Element:
+    """Parse a page; fails on anything that is not sound HTML."""
+    parser = html5lib.HTMLParser(strict=True)
+    root: ET.Element = parser.parse(page)
+    return root
+
+
+def section(page: str, identifier: str) -> ET.Element:
+    """Return a section of a page."""
+    return next(each for each in parsed(page).iter() if each.get("id") == identifier)
+
+
+def cells(table: ET.Element) -> list[list[str]]:
+    """Return the words of a table's body, its bars left out."""
+    return [
+        [" ".join("".join(cell.itertext()).split()) for cell in row if cell.get("class") != "bars"]
+        for row in table.iter(f"{HTML}tr")
+        if row.find(f"{HTML}td") is not None
+    ]
+
+
+def tables(page: str, identifier: str) -> list[list[list[str]]]:
+    """Return the words of a section's tables."""
+    return [cells(table) for table in section(page, identifier).iter(f"{HTML}table")]
+
+
+# What is in it.
+
+
+def test_scores_with_their_intervals(single: str, home: rv.Scores) -> None:
+    ((row,),) = tables(single, "scores")
+    assert [cell[:5] for cell in row[1:]] == ["40.00", "60.00", "31.99", "40.00", "40.00"]
+    assert home.intervals is not None
+    rgspl = home.intervals["rgspl"]
+    assert row[-1] == f"40.00{100 * rgspl.low:.2f} to {100 * rgspl.high:.2f}"
+    text = "".join(section(single, "scores").itertext())
+    assert home.signature in text
+    assert home.intervals.caption in text
+    assert "protocol official-v1: the dataset's own script" in text
+
+
+def test_the_finding(single: str) -> None:
+    assert (
+        "1 of 5 episodes (20.0\u00a0%) stopped at the goal and named the target. The most frequent "
+        "failure: 1 of the other 4 (25.0\u00a0%) never came to the goal."
+    ) in single
+
+
+def test_funnel_and_outcomes(single: str) -> None:
+    funnel, outcomes = tables(single, "outcomes")
+    assert funnel == [
+        ["all episodes", "5", "100.0 %"],
+        ["came to the goal", "3", "60.0 %"],
+        ["stopped there", "2", "66.7 %"],
+        ["named the target", "1", "50.0 %"],
+    ]
+    assert [row[1:] for row in outcomes] == [["1", "20.0 %"]] * 5
+    assert [row[0].split("stopped")[0].split("came")[0] for row in outcomes] == [
+        "right",
+        "right from afar",
+        "wrong object",
+        "passed by",
+        "never nearnever ",
+    ]
+
+
+def test_an_agent_that_never_comes_near(tmp_path: Path) -> None:
+    stays = {instr_id: (walk[:1], -1) for instr_id, (walk, _) in WALKS.items()}
+    page = report_html({"stop": home_scores(tmp_path, stays)})
+    assert tables(page, "outcomes")[0] == [
+        ["all episodes", "5", "100.0 %"],
+        ["came to the goal", "0", "0.0 %"],
+        ["stopped there", "0", "-"],
+        ["named the target", "0", "-"],
+    ]
+    parsed(page)
+
+
+def test_bars_are_as_long_as_they_say(single: str) -> None:
+    rows = list(section(single, "outcomes").iter(f"{HTML}tr"))
+    bars = [each.get("width") for row in rows for each in row.iter(f"{SVG}rect")]
+    assert bars[:4] == ["100.00%", "60.00%", "40.00%", "20.00%"]
+    stack = next(section(single, "outcomes").iter(f"{SVG}svg"))
+    pieces = [(each.get("x"), each.get("width")) for each in stack.iter(f"{SVG}rect")]
+    assert pieces == [(f"{20 * n:.2f}%", "20.00%") for n in range(5)]
+
+
+def test_slices(single: str) -> None:
+    headings = [each.text for each in section(single, "parts").iter(f"{HTML}h3")]
+    assert headings == ["By length", "By visibility"][:1]  # both targets are seen from two places
+    ((near, far),) = tables(single, "parts")
+    assert near == ["6 to 8 m", "3", "66.67", "66.67"]
+    assert far == ["10 to 12 m", "2", "0.00", "0.00"]
+
+
+def test_scans_come_from_the_worst() -> None:
+    scores = rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")
+    ((*rows,),) = tables(report_html({"drawn": scores}), "scans")
+    assert [row[0] for row in rows] == ["DemoRectory", "DemoMansion"]
+    assert float(rows[0][-1]) < float(rows[1][-1])
+
+
+def test_small_scans_come_last(home: rv.Scores) -> None:
+    rows = [PartRow("a", 9, [], [0.0]), PartRow("b", 10, [], [50.0]), PartRow("c", 10, [], [40.0])]
+    table = SliceTable(SLICINGS["scan"], [], rows)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report_parts, "slice_table", lambda *_: table)
+        ordered = report_parts.scans_from_the_worst({"mine": home}).rows
+    assert [row.name for row in ordered] == ["c", "b", "a"]
+
+
+def test_many_parts_are_folded() -> None:
+    page = report_html({"good": rv.evaluate(SAMPLES / "good.json", split="val_unseen")})
+    categories = rv.evaluate(SAMPLES / "good.json", split="val_unseen").breakdown("category")
+    folded = len(categories) - 10
+    (details,) = section(page, "parts").iter(f"{HTML}details")
+    assert details.findtext(f"{HTML}summary") == f"and {folded} more"
+    assert len(cells(details)) == folded
+
+
+def test_distributions_are_drawn(single: str) -> None:
+    titles = [each.text for each in section(single, "distributions").iter(f"{HTML}h3")]
+    assert titles == ["Walked and shortest length", "Distance at stop"]
+    text = "".join(section(single, "distributions").itertext())
+    assert "20.0 % are above" in text  # 1_3_1 alone makes a detour
+    assert "median 6.00 m. 20.0 % of episodes stop right there" in text
+    charts = list(section(single, "distributions").iter(f"{SVG}svg"))
+    dots = {each.get("class"): each.get("d", "") for each in charts[0].iter(f"{SVG}path")}
+    assert [dots[kind].count("M") for kind in ("dot miss", "dot hit")] == [3, 2]
+
+
+def test_overlaps_of_boxes_are_drawn_where_there_are_some() -> None:
+    page = report_html({"drawn": rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")})
+    titles = [each.text for each in section(page, "distributions").iter(f"{HTML}h3")]
+    assert titles[-1] == "Overlap of boxes"
+    assert "58.0 % of 81 boxes reach 50 % and are right" in page
+
+
+def test_a_map_for_each_failure(single: str) -> None:
+    shown = section(single, "episodes")
+    kinds = [each.text for each in shown.iter(f"{HTML}h3")]
+    assert kinds == ["never near", "passed by", "wrong object", "right from afar"]
+    titles = [each.findtext(f"{SVG}title") for each in shown.iter(f"{SVG}svg") if each.get("role")]
+    episodes = ("2_4_1", "2_4_0", "1_3_1", "1_3_2")
+    assert titles == [f"Map of episode {each}" for each in episodes]
+
+
+def test_without_failures_there_are_no_maps() -> None:
+    scores = rv.evaluate(perfect(), split="val_unseen")
+    page = report_html({"perfect": scores})
+    assert "84 of 84 episodes (100.0\u00a0%) stopped at the goal and named the target." in page
+    assert "All episodes are right." in page
+    assert "Map of episode" not in page
+
+
+def perfect() -> list[dict[str, object]]:
+    """Walk every annotated path of the demo world and name every target."""
+    truth = rv.evaluate(SAMPLES / "good.json", split="val_unseen").ground_truth
+    answers, ids = truth.secret, truth.graph.viewpoint_ids
+    return [
+        {
+            "instr_id": instr_id,
+            "trajectory": [[ids[node], 0, 0] for node in path_of(truth, row)],
+            "predObjId": int(answers.target_object[row]),
+        }
+        for row, instr_id in enumerate(truth.episodes.instr_ids)
+    ]
+
+
+def path_of(truth: rv.GroundTruth, row: int) -> list[int]:
+    """Return an episode's annotated path."""
+    task = truth.episodes.task[row]
+    offsets = truth.secret.path_offsets
+    path: list[int] = truth.secret.path[offsets[task] : offsets[task + 1]].tolist()
+    return path
+
+
+# Which episodes are shown.
+
+
+@pytest.mark.parametrize("sample", ["good", "mediocre", "drawn"])
+def test_failures_are_the_nearest_of_their_kind(sample: str) -> None:
+    scores = rv.evaluate(SAMPLES / f"{sample}.json", split="val_unseen")
+    outcome, error = np.array(scores.outcomes), scores.episodes["navigation_error"]
+    for kind, chosen in near_misses(scores).items():
+        episodes = [scores.episode(instr_id) for instr_id in chosen]
+        assert {episode.outcome for episode in episodes} <= {kind}
+        ways = {(episode.start, episode.goal) for episode in episodes}
+        assert len(ways) == len(chosen) <= 3
+        if kind in ("passed by", "right from afar") and chosen:
+            nearest = float(error[outcome == kind].min())
+            assert episodes[0].values["navigation_error"] == nearest
+    assert near_misses(scores) == near_misses(scores)
+
+
+def test_a_wrong_box_that_overlaps_most_is_nearest() -> None:
+    scores = rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")
+    wrong = np.array(scores.outcomes) == "wrong object"
+    first = scores.episode(near_misses(scores)["wrong object"][0])
+    assert first.values["iou"] == scores.episodes["iou"][wrong].max() > 0
+
+
+def test_won_and_lost(home: rv.Scores, other: rv.Scores) -> None:
+    comparison = rv.compare(home, other, names=["mine", "theirs"])
+    assert won(comparison, "theirs") == ["2_4_1"]
+    assert lost(comparison, "theirs") == ["1_3_0"]
+    assert on_different_ways(home, ["1_3_0", "1_3_1", "2_4_1"]) == ["1_3_0", "2_4_1"]
+
+
+def test_the_clearest_change_comes_first() -> None:
+    mediocre, good = (
+        rv.evaluate(SAMPLES / f"{name}.json", split="val_unseen") for name in ("mediocre", "good")
+    )
+    comparison = rv.compare(mediocre, good, names=["mediocre", "good"])
+    for chosen, sign in ((won(comparison, "good"), 1), (lost(comparison, "good"), -1)):
+        episodes = [(mediocre.episode(each).values, good.episode(each).values) for each in chosen]
+        assert {sign * (after["rgs"] - before["rgs"]) for before, after in episodes} == {1.0}
+        changes = [sign * (after["rgspl"] - before["rgspl"]) for before, after in episodes]
+        assert changes == sorted(changes, reverse=True)
+        assert len(set(changes)) > 1
+    assert len(won(comparison, "good")) == comparison["good"]["rgs"].higher
+
+
+# Two submissions.
+
+
+def test_a_comparison(both: str, home: rv.Scores, other: rv.Scores) -> None:
+    comparison = rv.compare(home, other, names=["mine", "theirs"])
+    grid, changes = tables(both, "comparison")
+    assert [row[0] for row in grid[:3]] == ["mine", "theirs", "theirs - mine"]
+    assert comparison.sentence("theirs").replace(" %", "\u00a0%") in both
+    assert changes == [
+        ["right", "0", "0", "0", "0", "1"],
+        ["right from afar", "0", "1", "0", "0", "0"],
+        ["wrong object", "0", "0", "1", "0", "0"],
+        ["passed by", "0", "0", "0", "0", "1"],
+        ["never near", "1", "0", "0", "0", "0"],
+    ]
+
+
+def test_the_comparison_s_table_is_the_notebook_s(
+    both: str, home: rv.Scores, other: rv.Scores
+) -> None:
+    comparison = rv.compare(home, other, names=["mine", "theirs"])
+    shown = comparison._repr_html_()  # what Jupyter calls
+    (table,) = (each for each in parsed(f"<!DOCTYPE html>{shown}").iter(f"{HTML}table"))
+    assert cells(table) == tables(both, "comparison")[0]
+    assert f"<strong>{escape(comparison.sentence('theirs'))}.</strong>" in shown
+
+
+def test_the_notebook_s_comparison_is_sound_html() -> None:
+    files = [SAMPLES / "mediocre.json", SAMPLES / "good.json"]
+    shown = rv.compare(*files, split="val_unseen")._repr_html_()
+    assert "<td>&lt; 0.001</td>" in shown
+    parsed(f"<!DOCTYPE html>{shown}")
+
+
+def test_both_are_side_by_side(both: str) -> None:
+    funnel, outcomes = tables(both, "outcomes")
+    assert funnel[1] == ["came to the goal", "3", "60.0 %", "2", "40.0 %"]
+    assert outcomes[0][1:] == ["1", "20.0 %", "1", "20.0 %"]
+    assert tables(both, "parts")[0][0] == ["6 to 8 m", "3", "66.67", "66.67", "33.33"]
+
+
+def test_episodes_won_and_lost_are_overlaid(both: str) -> None:
+    shown = section(both, "changes")
+    headings = [each.text for each in shown.iter(f"{HTML}h3")]
+    assert headings == [
+        "1 episode: only theirs answers right",
+        "1 episode: only mine answers right",
+    ]
+    maps = [each for each in shown.iter(f"{SVG}svg") if each.get("role")]
+    assert [each.findtext(f"{SVG}title") for each in maps] == [
+        "Map of episode 2_4_1",
+        "Map of episode 1_3_0",
+    ]
+    stops = [[each.get("class") for each in one.iter(f"{SVG}rect")] for one in maps]
+    assert stops == [["ground", "stop route-1", "stop route-2"]] * 2
+
+
+# Sound, safe, and the same again.
+
+
+@pytest.mark.parametrize("page", ["single", "both", "spoiled"])
+def test_it_is_sound_html(page: str, request: pytest.FixtureRequest) -> None:
+    root = parsed(request.getfixturevalue(page))
+    identifiers = [each.get("id") for each in root.iter() if each.get("id")]
+    assert len(set(identifiers)) == len(identifiers)
+    targets = {each.get("href", "") for each in root.iter(f"{HTML}a")}
+    assert targets == {f"#{each}" for each in identifiers}
+
+
+@pytest.mark.parametrize("page", ["single", "both", "spoiled"])
+def test_it_loads_nothing(page: str, request: pytest.FixtureRequest) -> None:
+    text = request.getfixturevalue(page)
+    root = parsed(text)
+    assert not re.search(r"https?:|url\(|@import", text)
+    assert not {each.tag for each in root.iter()} & {
+        f"{HTML}{name}" for name in ("script", "iframe", "object", "embed", "img", "form", "base")
+    }
+    (link,) = root.iter(f"{HTML}link")
+    assert link.attrib == {"rel": "icon", "href": "data:,"}
+    policies = [
+        each.get("content")
+        for each in root.iter(f"{HTML}meta")
+        if each.get("http-equiv") == "Content-Security-Policy"
+    ]
+    assert policies == [POLICY]
+    assert not [name for each in root.iter() for name in each.attrib if name.startswith("on")]
+
+
+def test_every_text_is_escaped(spoiled: str) -> None:
+    text = "".join(parsed(spoiled).itertext())
+    assert MARKUP in text
+    assert "<i>theirs against <i>mine" in text
+    assert "<b>home" in text
+    assert not re.search(r"<script|<i>|<b>home", spoiled)
+
+
+def test_the_same_scores_have_the_same_page(both: str, home: rv.Scores, other: rv.Scores) -> None:
+    assert report_html({"mine": home, "theirs": other}) == both
+
+
+# The command.
+
+REPORT = ("report", str(SAMPLES / "good.json"), "--split", "val_unseen")
+
+
+def test_the_command_writes_a_file(tmp_path: Path, run: Run) -> None:
+    page = tmp_path / "report.html"
+    assert run(*REPORT, "-o", str(page)) == (0, "", "")
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen").with_intervals()
+    assert page.read_text() == report_html({"good": scores})
+
+
+def test_the_command_prints(run: Run) -> None:
+    status, out, err = run(*REPORT[:2], str(SAMPLES / "mediocre.json"), *REPORT[2:])
+    assert (status, err) == (0, "")
+    assert "<title>good and mediocre on val_unseen: reverie-eval report</title>" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "reason"),
+    [
+        pytest.param(
+            [str(SAMPLES / "broken.json")], 1, "broken.json: submission rejected", id="2nd"
+        ),
+        pytest.param(["--protocol", "r2r-style"], 2, "outcomes need what", id="no outcomes"),
+        pytest.param(["-o", str(SAMPLES / "good.json")], 2, "is used already", id="over its input"),
+    ],
+)
+def test_the_command_refuses(words: list[str], status: int, reason: str, run: Run) -> None:
+    outcome = run(*REPORT[:2], *words, *REPORT[2:])
+    assert (outcome.status, outcome.out) == (status, "")
+    assert reason in outcome.err

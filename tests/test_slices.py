@@ -1,0 +1,131 @@
+"""Slices: parts of the episodes, by hand and against the whole."""
+
+import re
+
+import numpy as np
+import pytest
+
+from reverie_eval import GroundTruth, GroundTruthError, ProtocolError, Scores, evaluate
+from reverie_eval.ground_truth import Bundle
+from reverie_eval.ground_truth.locate import DEMO_BUNDLES
+from reverie_eval.slices import SLICINGS, level_named
+from tests.conftest import SAMPLES
+from tests.oracle import Scan, Task, Viewpoint, World
+from tests.worlds import ground_truth_of
+
+LAMP, SOFA, PLANT = 3, 4, 5
+HOUSE = World(
+    {
+        "house": Scan(
+            {
+                "a": Viewpoint((0.0, 0.0, 0.0), views={LAMP: [12]}),
+                "b": Viewpoint((3.0, 4.0, 0.0), views={LAMP: [12], SOFA: [1, 2]}),
+                "c": Viewpoint((9.0, 4.0, 0.0), views={LAMP: [12], PLANT: []}),
+                "d": Viewpoint((14.0, 4.0, 0.0), views={LAMP: [0]}),
+            },
+            frozenset({("a", "b"), ("b", "c"), ("c", "d")}),
+        ),
+        "hut": Scan(
+            {"x": Viewpoint((0.0, 0.0, 0.0)), "y": Viewpoint((6.0, 0.0, 0.0), views={LAMP: [5]})},
+            frozenset({("x", "y")}),
+        ),
+    },
+    [
+        Task("1_3", "house", ["a", "b", "c", "d"], LAMP, instructions=2),  # 16 m, seen from 4
+        Task("2_4", "house", ["a", "b"], SOFA, instructions=1),  # 5 m, seen from 1
+        Task("3_3", "hut", ["x", "y"], LAMP, instructions=1),  # 6 m, seen from 1
+    ],
+)
+WALKS = {
+    "1_3_0": (["a", "b", "c", "d"], LAMP),
+    "1_3_1": (["a", "c"], LAMP),  # a jump
+    "2_4_0": (["a"], SOFA),
+    "3_3_0": (["x", "y"], -1),
+}
+
+
+@pytest.fixture(scope="module")
+def scores() -> Scores:
+    records = [
+        {"instr_id": name, "trajectory": [[place, 0, 0] for place in walk], "predObjId": answer}
+        for name, (walk, answer) in WALKS.items()
+    ]
+    return evaluate(records, split="val_unseen", ground_truth=ground_truth_of(HOUSE))
+
+
+@pytest.mark.parametrize(
+    ("by", "expected"),
+    [
+        pytest.param("scan", {"house": (3, 2 / 3, 1), "hut": (1, 1, 0)}, id="scan"),
+        pytest.param(
+            "length",
+            {"below 6 m": (1, 0, 1), "6 to 8 m": (1, 1, 0), "15 or more m": (2, 1, 1)},
+            id="length",
+        ),
+        pytest.param("visibility", {"1": (2, 0.5, 0.5), "4 to 5": (2, 1, 1)}, id="visibility"),
+        pytest.param("jumps", {"no jump": (3, 2 / 3, 2 / 3), "jumps": (1, 1, 1)}, id="jumps"),
+    ],
+)
+def test_parts_by_hand(
+    by: str, expected: dict[str, tuple[int, float, float]], scores: Scores
+) -> None:
+    found = scores.breakdown(by)
+    assert found.index.name == by
+    assert list(found.columns) == ["episodes", *(metric.key for metric in scores.headline)]
+    assert list(found.index) == list(expected)
+    values = found[["episodes", "success", "rgs"]].to_numpy()
+    assert values.tolist() == [pytest.approx(part) for part in expected.values()]
+
+
+@pytest.mark.parametrize("by", SLICINGS)
+def test_parts_add_up_to_the_whole(by: str) -> None:
+    scores = evaluate(SAMPLES / "mediocre.json", split="val_unseen")
+    found = scores.breakdown(by)
+    assert found["episodes"].sum() == len(scores.instr_ids)
+    for metric in scores.headline:
+        whole = np.average(found[metric.key], weights=found["episodes"])
+        assert whole == pytest.approx(scores[metric.key])
+
+
+def test_parts_by_words_and_category_are_those_of_the_demo_world(demo: GroundTruth) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen", ground_truth=demo)
+    lengths = [len(re.findall(r"\w+", text)) for text in demo.episodes.instructions]
+    words = scores.breakdown("words")["episodes"]
+    assert words["1 to 11 words"] == sum(length <= 11 for length in lengths)
+    assert words["12 to 15 words"] == sum(12 <= length <= 15 for length in lengths)
+    categories = scores.breakdown("category")["episodes"]
+    named = [demo.secret.target_categories[task] for task in demo.episodes.task]
+    assert categories.to_dict() == {name: named.count(name) for name in set(named)}
+    assert list(categories) == sorted(categories, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("instruction", "level"),
+    [
+        ("Go to the bedroom on level 2 with the red door", "level 2"),
+        ("Go to Level 1", "level 1"),
+        ("water the plant on floor three", "level 3"),
+        ("the first level bathroom", "level 1"),
+        ("the 3rd floor office", "level 3"),
+        ("sweep the floor of the second bedroom", "not said"),
+        ("level the picture", "not said"),
+        ("floor 12 is no house's", "not said"),
+    ],
+)
+def test_the_level_that_an_instruction_names(instruction: str, level: str) -> None:
+    assert level_named(instruction) == level
+
+
+def test_what_cannot_be_cut_says_why(scores: Scores) -> None:
+    with pytest.raises(ProtocolError, match="not cut by 'room'; choose one of: scan, length"):
+        scores.breakdown("room")
+    bundle = Bundle.load(DEMO_BUNDLES / "val_unseen.npz")
+    without = GroundTruth.from_bundle(Bundle(bundle.header, bundle.arrays))
+    old = evaluate(SAMPLES / "good.json", split="val_unseen", ground_truth=without)
+    with pytest.raises(GroundTruthError, match="compiled without categories; compile it again"):
+        old.breakdown("category")
+    with pytest.raises(GroundTruthError, match="compiled without instructions"):
+        old.breakdown("words")
+    grounding = evaluate(SAMPLES / "good.json", split="val_unseen", track="grounding")
+    with pytest.raises(ProtocolError, match="jumps"):
+        grounding.breakdown("jumps")

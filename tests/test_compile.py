@@ -313,6 +313,11 @@ def test_the_published_test_file_gives_a_public_bundle(demo_world: Path) -> None
     assert bundle.header.sources.keys() == {"annotations", "connectivity"}
 
 
+def test_a_private_file_s_bundle_knows_the_other_splits_of_the_clone(demo_world: Path) -> None:
+    bundle = compiled(demo_world, "test", annotations=demo_world / "private")
+    assert bundle.other_splits.keys() == {"train", "val_seen", "val_unseen"}
+
+
 def test_a_private_test_file_gives_a_bundle_that_scores(demo_world: Path) -> None:
     truth = GroundTruth.from_bundle(
         compiled(demo_world, "test", annotations=demo_world / "private")

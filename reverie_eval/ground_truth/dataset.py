@@ -55,6 +55,8 @@ class DatasetFiles:
     connectivity: Path
     object_positions: Path | None = None
     """``objpos.json``, for the protocol that measures the distance to the object."""
+    published_annotations: Path | None = None
+    """The clone's folder of annotations: where other splits' are if a private file lies alone."""
 
     @classmethod
     def find(
@@ -104,20 +106,23 @@ class DatasetFiles:
         problems = [_missing_input(*item) for item in found.items() if not _exists(item[1])]
         if problems or not (annotations and boxes and connectivity):
             raise DatasetError(problems)
-        return cls(annotations, boxes, connectivity, object_positions)
+        return cls(annotations, boxes, connectivity, object_positions, _below(root, _DATA))
 
     def all_annotations(self) -> Mapping[str, Path]:
         """Return the annotation files in the same folder, this one's among them, by split."""
         paths = {self.annotations, *self.annotations.parent.glob(_ANY_SPLIT)}
-        return {path.stem.removeprefix("REVERIE_"): path for path in sorted(paths)}
+        return {_split_of(path): path for path in sorted(paths)}
 
     def other_annotations(self) -> Mapping[str, Path]:
-        """Return the annotation files of other splits in the same folder."""
-        return {
-            split: path
-            for split, path in self.all_annotations().items()
-            if path != self.annotations
-        }
+        """Return the annotation files of other splits, in the same folder and in the clone."""
+        published = self.published_annotations
+        paths = [] if published is None else sorted(published.glob(_ANY_SPLIT))
+        others = {_split_of(path): path for path in paths} | self.all_annotations()
+        return {split: path for split, path in others.items() if path != self.annotations}
+
+
+def _split_of(annotations: Path) -> str:
+    return annotations.stem.removeprefix("REVERIE_")
 
 
 class Sources:

@@ -268,7 +268,7 @@ DETAILS: dict[str, dict[str, Any]] = {
         "detail": "too many uploads at once; nothing was spent, send yours again in 10 seconds"
     },
     "internal": {
-        "detail": "the server failed, not your file; nothing was spent. Try again",
+        "detail": "the server failed, not your file. Send it again, no file is counted twice",
         "request_id": "5f0c1be2a97d4e36",
     },
 }

@@ -5,8 +5,9 @@ Relative paths are below the server's folder, where the file lies. Variables win
 never arguments.
 """
 
+import os
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeAlias
@@ -206,6 +207,12 @@ class Settings(BaseSettings):
         """The URL, with a file of SQLite below the server's folder."""
         scheme, separator, name = self.database.partition("sqlite:///")
         return f"sqlite:///{self.path(name)}" if separator and not scheme else self.database
+
+
+def variables_set() -> Sequence[str]:
+    """Return the names of the variables that are set and change a setting."""
+    settings = tuple(f"{VARIABLES}{name}".lower() for name in Settings.model_fields)
+    return sorted(name for name in os.environ if name.lower().split("__")[0] in settings)
 
 
 def load_settings(folder: Path) -> Settings:

@@ -4,7 +4,6 @@ Exit status: 0 everything is in the backup, 1 an upload was missing or damaged.
 """
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
@@ -25,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the backup and say what is in it, and what is not."""
     from reverie_eval.server.backup import write_backup
+    from reverie_eval.server.settings import variables_set
 
     report = write_backup(arguments.folder, arguments.output)
     rows = report.manifest.rows
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     print("it holds answers and the signing key: keep it where nobody else can read it")
     for setting, name in report.moved.items():
         _note(f"{setting} is outside of the folder; a restore puts it at {name} in the folder")
-    variables = sorted(name for name in os.environ if name.startswith("REVERIE_EVAL_"))
+    variables = variables_set()
     if variables:
         _note(f"variables are not in a backup; set here: {', '.join(variables)}")
     lacking = report.manifest.lacking

@@ -156,6 +156,18 @@ def test_slices(single: str) -> None:
     assert far == ["10 to 12 m", "2", "0.00", "0.00"]
 
 
+def test_a_part_without_episodes_of_the_other_has_no_score_of_it() -> None:
+    """Only the mediocre sample's trajectories have jumps."""
+    scores = {
+        name: rv.evaluate(SAMPLES / f"{name}.json", split="val_unseen")
+        for name in ("mediocre", "good")
+    }
+    table = report_parts.slice_table(scores, SLICINGS["jumps"])
+    rows = {row.name: row.main for row in table.rows}
+    assert rows["jumps"][1] is None
+    assert rows["no jump"][1] == pytest.approx(100 * scores["good"]["rgspl"])
+
+
 def test_scans_come_from_the_worst() -> None:
     scores = rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")
     ((*rows,),) = tables(report_html({"drawn": scores}), "scans")

@@ -117,7 +117,7 @@ class DatasetFiles:
         """Return the annotation files of other splits, in the same folder and in the clone."""
         published = self.published_annotations
         paths = [] if published is None else sorted(published.glob(_ANY_SPLIT))
-        others = {_split_of(path): path for path in paths} | self.all_annotations()
+        others = {**{_split_of(path): path for path in paths}, **self.all_annotations()}
         return {split: path for split, path in others.items() if path != self.annotations}
 
 

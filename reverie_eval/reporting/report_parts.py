@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from reverie_eval.errors import GroundTruthError
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
 from reverie_eval.scores import Scores
 from reverie_eval.slices import SLICINGS, Slicing
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _SLICED = ("success", "rgspl")
 """What parts of the episodes are told by."""
@@ -62,12 +66,15 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class PartRow:
-    """A part of the episodes: its size, the first's scores, everybody's main one in percent."""
+    """A part of the episodes: its size, the first's scores, everybody's main one in percent.
+
+    Of the others None where the part has no episode of theirs.
+    """
 
     name: str
     episodes: int
     cells: Sequence[str]
-    main: Sequence[float]
+    main: Sequence[float | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,17 +193,22 @@ def slice_table(scores: Named, slicing: Slicing) -> SliceTable:
             name=str(part),
             episodes=int(row["episodes"]),
             cells=[metric.display(row[metric.key]) for metric in metrics],
-            main=[100 * float(frame[PRIMARY_METRIC].get(part, 0)) for frame in (first, *others)],
+            main=[_main_of(frame, part) for frame in (first, *others)],
         )
         for part, row in first.iterrows()
     ]
     return SliceTable(slicing, metrics, rows)
 
 
+def _main_of(table: "pd.DataFrame", part: object) -> float | None:
+    value = table[PRIMARY_METRIC].to_dict().get(part)
+    return None if value is None else 100 * value
+
+
 def scans_from_the_worst(scores: Named) -> SliceTable:
     """Score the scans, those with the lowest primary metric first; small ones come last."""
     table = slice_table(scores, SLICINGS[_OWN_SECTION])
-    rows = sorted(table.rows, key=lambda row: (row.episodes < FEW, row.main[0], row.name))
+    rows = sorted(table.rows, key=lambda row: (row.episodes < FEW, row.main[0] or 0, row.name))
     return SliceTable(table.slicing, table.metrics, rows)
 
 

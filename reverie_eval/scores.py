@@ -76,16 +76,7 @@ class Scores(Mapping[str, float]):
 
         The idea is sacreBLEU's (Post, "A Call for Clarity in Reporting BLEU Scores", WMT 2018).
         """
-        fingerprint = self.ground_truth.fingerprint[:_FINGERPRINT_SHOWN]
-        parts = [
-            f"split:{self.split}",
-            f"protocol:{self.protocol.name}",
-            *([self.qualifier] if self.qualifier else []),
-            f"data:{fingerprint}",
-            f"n:{len(self.instr_ids)}",
-            f"version:{__version__}",
-        ]
-        return "|".join(parts)
+        return signature_of(self.ground_truth, self.protocol, self.qualifier)
 
     @property
     def notes(self) -> Sequence[str]:
@@ -261,6 +252,19 @@ class Validation:
         some_silent = 0 < silent < len(self.abstained)  # of all, a remark speaks
         notes = [f"no object named in {silent:,} of {total}"] if some_silent else []
         return [*notes, *self.remarks, *_jump_notes(self.jumps)]
+
+
+def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str = "") -> str:
+    """Return the signature of whatever this version scores by these rules on this ground truth."""
+    parts = [
+        f"split:{truth.split}",
+        f"protocol:{protocol.name}",
+        *([qualifier] if qualifier else []),
+        f"data:{truth.fingerprint[:_FINGERPRINT_SHOWN]}",
+        f"n:{len(truth.episodes.instr_ids)}",
+        f"version:{__version__}",
+    ]
+    return "|".join(parts)
 
 
 def _box_report(boxes: BoxOutcomes) -> "BoxReport":

@@ -14,7 +14,14 @@ from reverie_eval.ground_truth.dataset import DatasetFiles
 from reverie_eval_cli.main import main
 from tests.flat import Outcome, Run, write_flat
 
-pytest_plugins = ["tests.participants", "tests.serving", "tests.kept", "tests.processes"]
+pytest_plugins = [
+    "tests.participants",
+    "tests.serving",
+    "tests.kept",
+    "tests.processes",
+    "tests.browser",
+    "tests.episode_pages",
+]
 
 REPOSITORY = Path(__file__).parents[1]
 SAMPLES = REPOSITORY / "fixtures" / "submissions"

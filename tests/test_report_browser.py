@@ -1,15 +1,13 @@
 """A real browser opens the report: without complaint, on any width, in light and dark."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
 import pytest
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from reverie_eval.reporting.report import report_html
-from tests.conftest import unavailable
 from tests.home import OTHER_WALKS, home_scores
 
 
@@ -21,33 +19,20 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> str:
     return report_html({"mine": home_scores(mine).with_intervals(), "theirs": other})
 
 
-@pytest.fixture(scope="module")
-def chromium() -> str:
-    """Return where a Chromium is."""
-    found = next(
-        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-    )
-    if found is None:
-        unavailable("there is no Chromium here")
-    return found
-
-
 @pytest.fixture
-def opened(chromium: str, both: str, tmp_path: Path) -> Iterator[tuple[Page, list[str]]]:
+def opened(browser: Browser, both: str, tmp_path: Path) -> Iterator[tuple[Page, list[str]]]:
     """Open the report, and listen to what the browser has to say and to ask for."""
     file = tmp_path / "report.html"
     file.write_text(both)
     heard: list[str] = []
-    with sync_playwright() as engine:
-        browser = engine.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        page = browser.new_page()
-        page.on("console", lambda message: heard.append(message.text))
-        page.on("pageerror", lambda error: heard.append(str(error)))
-        page.on("request", lambda request: heard.append(request.url))
-        page.goto(file.as_uri())
-        heard.remove(file.as_uri())
-        yield page, heard
-        browser.close()
+    page = browser.new_page()
+    page.on("console", lambda message: heard.append(message.text))
+    page.on("pageerror", lambda error: heard.append(str(error)))
+    page.on("request", lambda request: heard.append(request.url))
+    page.goto(file.as_uri())
+    heard.remove(file.as_uri())
+    yield page, heard
+    page.close()
 
 
 def test_a_browser_has_no_complaint_and_asks_for_nothing(opened: tuple[Page, list[str]]) -> None:

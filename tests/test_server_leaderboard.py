@@ -2,39 +2,17 @@
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.server.store.tables import Submission
 from tests.description import Description
+from tests.entries import entered
 from tests.serving import NOON, OPEN, OTHER, OWNER, PRIVATE, Serving
 
 BOARD = f"/splits/{OPEN}/leaderboard"
-Scores = Mapping[str, float]
-
-
-def entered(
-    server: Serving,
-    scores: Scores | None = None,
-    who: str = OWNER,
-    split: str = OPEN,
-    **change: Any,
-) -> str:
-    """Put a submission on the board, with these scores if they are given; return its id."""
-    submission: str = server.upload(who, server.distinct(split), split).json()["submission"]["id"]
-    if scores is not None:
-        with server.state.database.writing() as session:
-            row = session.get_one(Submission, submission)
-            row.report = {**row.report, "scores": scores}
-    reply = server.ask(
-        who, "PATCH", f"/submissions/{submission}", json={"published": True, **change}
-    )
-    assert reply.status_code == 200, reply.text
-    server.clock.turn(seconds=1)
-    return submission
 
 
 def rows_of(server: Serving, metric: str = "rgspl") -> list[dict[str, Any]]:
@@ -175,16 +153,20 @@ def test_the_board_as_csv(server: Serving) -> None:
         "ground_truth_objects",
         "ensemble",
     ]
+    more = ["standing", "reviews", "source", "signature"]
+    known = ("ranked", "", "", server.state.boards[OPEN].signature)
     assert table_of(server) == [
-        [*about, *said, "success", "rgspl"],
+        [*about, *said, *more, "success", "rgspl"],
         [
             *("1", first, "Blue", f"{at}0Z", "1"),
             *('Our, "best"', *links.values(), *flags, "true"),
+            *known,
             *("0.5", "0.25"),
         ],
         [
             *("", second, "", f"{at}1Z", ""),
             *("Walker", "", "", *flags, "false"),
+            *known,
             *("0.75", ""),
         ],
     ]

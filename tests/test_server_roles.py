@@ -6,8 +6,11 @@ from typing import Any
 import pytest
 from fastapi.routing import iter_route_contexts
 
+from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
 from reverie_eval.server.service.people import mint, revoke
+from reverie_eval.server.service.reported import add_reported
+from reverie_eval.server.service.reviews import review
 from tests.description import API, Description
 from tests.serving import GOOD, NOON, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
 
@@ -49,6 +52,15 @@ DELETE /organiser/tokens/{hint}                   401    403   403    403       
 GET    /organiser/grants                          401    403   403    403        200      401         401
 POST   /organiser/grants                          401    403   403    403        201      401         401
 GET    /organiser/audit                           401    403   403    403        200      401         401
+GET    /organiser/reviews                         401    403   403    403        200      401         401
+POST   /organiser/reviews                         401    403   403    403        201      401         401
+DELETE /organiser/reviews/{review_id}             401    403   403    403        200      401         401
+GET    /organiser/reported                        401    403   403    403        200      401         401
+POST   /organiser/reported                        401    403   403    403        201      401         401
+DELETE /organiser/reported/{result_id}            401    403   403    403        200      401         401
+GET    /organiser/notice                          401    403   403    403        200      401         401
+PUT    /organiser/notice                          401    403   403    403        200      401         401
+GET    /organiser/attempts                        401    403   403    403        200      401         401
 """  # noqa: E501  # a row is a line
 OUTSIDE = ("/healthz", "/metrics")
 """Routes that are not of the API."""
@@ -70,6 +82,16 @@ BODIES: Mapping[str, dict[str, Any]] = {
             "expires_at": "2026-04-01T00:00:00Z",
         }
     },
+    "POST /organiser/reported": {
+        "json": {
+            "split": PRIVATE,
+            "method": {"name": "Pointer"},
+            "team": "Qi et al.",
+            "scores": {"success": 0.1},
+            "source": "https://example.org/paper",
+        }
+    },
+    "PUT /organiser/notice": {"json": {"banner": "Back at noon."}},
 }
 
 
@@ -96,11 +118,25 @@ def path_parts(server: Serving) -> Mapping[str, str]:
     with server.state.database.writing() as session:
         owner = session.merge(server.person(OWNER))
         spare = mint(session, owner, "access", now=NOON, actor="test")
+        said = review(session, ids[OPEN], "verified", "we ran it", now=NOON, actor="test")
+        result = add_reported(
+            session,
+            OPEN,
+            Method(name="Navigator"),
+            team="Qi et al.",
+            scores={"success": 0.1},
+            source="https://example.org/paper",
+            splits=[OPEN],
+            now=NOON,
+            actor="test",
+        )
     return {
         "split": OPEN,
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],
         "hint": spare.token.hint,
+        "review_id": str(said.id),
+        "result_id": str(result.id),
     }
 
 
@@ -113,6 +149,9 @@ def test_who_may_do_what(
     statuses = {}
     for role, token in tokens.items():
         body = BODIES.get(row, {})
+        if row == "POST /organiser/reviews":
+            said = {"verdict": "flagged", "reason": "looked at its answers"}
+            body = {"json": {"submission_id": path_parts["submission_id"], **said}}
         if row == "POST /tokens":
             body = {"json": {"invitation": token or "rv_none"}}
         if row == "POST /session":
@@ -128,10 +167,12 @@ def test_who_may_do_what(
 
 
 def test_every_route_has_its_row(server: Serving) -> None:
+    """Every route but the pages', whose rows are beside those who look at them."""
     app = create_app(server.state)
     routes = {
         f"{method} {(route.path or '').removeprefix(API)}"
         for route in iter_route_contexts(app.routes)
         for method in (route.methods or set()) - {"HEAD"}
+        if route.path in OUTSIDE or (route.path or "").startswith(API)
     }
     assert routes == set(ROWS) - {"GET /submissions/{private_id}/episodes"}

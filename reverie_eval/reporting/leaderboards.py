@@ -11,12 +11,13 @@ from reverie_eval.wording import printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-_FLAGS = {
+FLAGS = {
     "extra_data": "extra data",
     "pre_exploration": "pre-exploration",
     "ground_truth_objects": "ground-truth objects",
     "ensemble": "ensemble",
 }
+"""What a reader must know to compare a method with others, in words."""
 _FINGERPRINT_SHOWN = 12
 _ANY_WIDTH = 1000
 
@@ -75,7 +76,7 @@ def leaderboard_captions(board: Leaderboard) -> Sequence[str]:
 
 def flags_of(method: Method) -> Sequence[str]:
     """Name what a reader must know to compare a method with others."""
-    return [words for name, words in _FLAGS.items() if getattr(method, name)]
+    return [words for name, words in FLAGS.items() if getattr(method, name)]
 
 
 def _metrics(board: Leaderboard) -> Sequence[Metric]:

@@ -9,20 +9,14 @@ from html import escape
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray
+from reverie_eval.reporting import map_shapes as shapes
 from reverie_eval.reporting.map_frame import Frame, arrows
 from reverie_eval.reporting.maps import EpisodeMap, Route
 from reverie_eval.reporting.resources import text_of
 
 WIDTH, HEIGHT = 400, 300
-MAP_STYLE = text_of("map.css")
+MAP_STYLE = text_of("shared/map.css")
 """What :func:`map_element` needs once on its page."""
-
-_STAR = np.array(
-    [
-        (radius * np.sin(turn), -radius * np.cos(turn))
-        for turn, radius in zip(np.arange(10) * np.pi / 5, [7.5, 3.2] * 5, strict=True)
-    ]
-)
 
 
 def map_svg(episode_map: EpisodeMap) -> str:
@@ -47,7 +41,7 @@ def map_key(names: Sequence[str]) -> str:
     Parameters
     ----------
     names : sequence of str
-        Of the submissions whose routes are shown; for one, an empty name will do.
+        Of the submissions whose routes are shown, if any are; for one, an empty name will do.
     """
     middle = np.array([20.0, 8.0])
     routes = [
@@ -56,14 +50,14 @@ def map_key(names: Sequence[str]) -> str:
     ]
     signs = [
         *routes,
-        (_place("start", middle), "start"),
-        (_path("route jump", ["M4 8H36"]), "a jump where no edge is"),
-        (_path("annotated", ["M6 8H34"]), "annotated path"),
-        (_goal(middle), "its end"),
-        (_place("success", middle), "a stop here is a success"),
-        (_path("viewpoint elsewhere", ["M12 8h0M28 8h0"]), "on another level"),
+        (shapes.circle("start", middle), "start"),
+        *([(shapes.path("route jump", ["M4 8H36"]), "a jump where no edge is")] if names else []),
+        (shapes.path("annotated", ["M6 8H34"]), "annotated path"),
+        (shapes.goal(middle), "its end"),
+        (shapes.circle("success", middle), "a stop here is a success"),
+        (shapes.path("viewpoint elsewhere", ["M12 8h0M28 8h0"]), "on another level"),
     ]
-    explained = "".join(f"<span>{_sign(shapes)} {meaning}</span>" for shapes, meaning in signs)
+    explained = "".join(f"<span>{_sign(drawn)} {meaning}</span>" for drawn, meaning in signs)
     return f'<p class="map-key">{explained}</p>'
 
 
@@ -84,7 +78,7 @@ def _svg(episode_map: EpisodeMap, attributes: str, style: str) -> str:
                 for part in _route(episode_map, route, number, frame)
             ),
             *_ends(episode_map, frame),
-            *_scale(frame),
+            *shapes.scale(frame),
             "</svg>",
         ]
     )
@@ -98,15 +92,18 @@ def _graph(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
     across = hidden[episode_map.edges].any(axis=1)
     parts = ((" elsewhere", hidden, across), ("", ~hidden, ~across))
     for kind, of_viewpoints, of_edges in parts:
-        yield _path(f"edge{kind}", map(_line, place[episode_map.edges[of_edges]]))
-        yield _path(f"viewpoint{kind}", (f"M{_xy(place[v])}h0" for v in viewpoints[of_viewpoints]))
+        yield shapes.path(f"edge{kind}", map(shapes.line, place[episode_map.edges[of_edges]]))
+        yield shapes.path(
+            f"viewpoint{kind}",
+            (f"M{shapes.coordinates(place[v])}h0" for v in viewpoints[of_viewpoints]),
+        )
 
 
 def _annotation(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
     place = frame.place(episode_map.position)
-    yield _path("annotated", [_line(place[episode_map.annotated_path])])
+    yield shapes.path("annotated", [shapes.line(place[episode_map.annotated_path])])
     for viewpoint in episode_map.success:
-        yield _place(
+        yield shapes.circle(
             "success", place[viewpoint], f"a stop here is a success: {_id(episode_map, viewpoint)}"
         )
 
@@ -115,80 +112,44 @@ def _route(episode_map: EpisodeMap, route: Route, number: int, frame: Frame) -> 
     """Draw where an agent went: a line on its lane, with an arrow on every leg."""
     lane, is_jump = frame.lane_of(episode_map, route), episode_map.is_jump(route)
     if len(lane):
-        yield _path(f"route route-{number}", _walked(lane, is_jump))
-        yield _path(f"arrow route-{number}", (f"{_line(tip)}z" for tip in arrows(lane, 9.0)))
+        yield shapes.path(f"route route-{number}", _walked(lane, is_jump))
+        yield shapes.path(
+            f"arrow route-{number}", (f"{shapes.line(tip)}z" for tip in arrows(lane, 9.0))
+        )
     if is_jump.any():
-        yield _path(f"route jump route-{number}", map(_line, lane[is_jump]))
+        yield shapes.path(f"route jump route-{number}", map(shapes.line, lane[is_jump]))
 
 
 def _walked(lane: FloatArray, is_jump: BoolArray) -> Iterator[str]:
     """Join the legs that were walked to one line, interrupted where the agent jumped."""
     goes_on = np.concatenate([[False], ~is_jump[:-1]])
     for leg in np.flatnonzero(~is_jump):
-        yield _line(lane[leg]).replace("M", "L" if goes_on[leg] else "M")
+        yield shapes.line(lane[leg]).replace("M", "L" if goes_on[leg] else "M")
 
 
 def _ends(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
     place = frame.place(episode_map.position)
-    yield _place("start", place[episode_map.start], f"start: {_id(episode_map, episode_map.start)}")
-    yield _goal(
+    yield shapes.circle(
+        "start", place[episode_map.start], f"start: {_id(episode_map, episode_map.start)}"
+    )
+    yield shapes.goal(
         place[episode_map.goal], f"end of the annotated path: {_id(episode_map, episode_map.goal)}"
     )
     for number, route in enumerate(episode_map.routes, 1):
         whose = f" of {route.name}" if route.name else ""
         shift = np.array([6.0 * (number - 1), 0.0])
         title = f"stop{whose}: {_id(episode_map, route.stop)}"
-        yield _stop(place[route.stop] + shift, number, title)
-
-
-def _scale(frame: Frame) -> Iterator[str]:
-    """Draw a bar of so many metres in the lower left corner."""
-    length = frame.bar * frame.scale
-    yield f'<path class="scale" d="M10 {HEIGHT - 14}v4h{length:.1f}v-4"/>'
-    yield f'<text class="scale" x="14" y="{HEIGHT - 16}">{frame.bar} m</text>'
-
-
-def _place(kind: str, place: FloatArray, title: str = "") -> str:
-    radius = {"start": 5.5, "success": 7}[kind]
-    x, y = place
-    return f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="{radius}">{_title(title)}</circle>'
-
-
-def _goal(place: FloatArray, title: str = "") -> str:
-    return f'<path class="goal" d="{_line(_STAR + place)}z">{_title(title)}</path>'
-
-
-def _stop(place: FloatArray, number: int, title: str = "") -> str:
-    x, y = place - 4.5
-    shape = f'<rect class="stop route-{number}" x="{x:.1f}" y="{y:.1f}" width="9" height="9">'
-    return f"{shape}{_title(title)}</rect>"
+        yield shapes.stop(place[route.stop] + shift, number, title)
 
 
 def _route_sign(number: int) -> str:
-    line = _path(f"route route-{number}", ["M2 8H30"])
-    return line + _stop(np.array([33.0, 8.0]), number)
+    line = shapes.path(f"route route-{number}", ["M2 8H30"])
+    return line + shapes.stop(np.array([33.0, 8.0]), number)
 
 
-def _sign(shapes: str) -> str:
-    return f'<svg class="episode-map sign" viewBox="0 0 40 16" aria-hidden="true">{shapes}</svg>'
-
-
-def _title(text: str) -> str:
-    return f"<title>{escape(text)}</title>" if text else ""
+def _sign(drawn: str) -> str:
+    return f'<svg class="episode-map sign" viewBox="0 0 40 16" aria-hidden="true">{drawn}</svg>'
 
 
 def _id(episode_map: EpisodeMap, viewpoint: int) -> str:
     return episode_map.viewpoint_ids[viewpoint]
-
-
-def _path(kind: str, pieces: "Iterator[str] | Sequence[str]") -> str:
-    return f'<path class="{kind}" d="{"".join(pieces)}"/>'
-
-
-def _line(points: FloatArray) -> str:
-    return "M" + "L".join(map(_xy, points))
-
-
-def _xy(point: FloatArray) -> str:
-    x, y = point
-    return f"{x:.1f} {y:.1f}"

@@ -1,7 +1,7 @@
 """An episode from above, as data: what a map of it shows, whoever draws it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -104,6 +104,10 @@ class EpisodeMap:
             success=places(first.success_viewpoints),
             start=place[first.start],
         )
+
+    def without_routes(self) -> Self:
+        """Return the same with what was annotated alone."""
+        return replace(self, routes=())
 
     @property
     def goal(self) -> int:

@@ -15,6 +15,7 @@ from reverie_eval.scores import Scores
 _COLUMNS = ("success", "oracle_success", "spl", "path_length", "rgs", "rgspl")
 _SPECIAL = str.maketrans(
     {letter: f"\\{letter}" for letter in "&%$#_{}"}
+    | {letter: f"{{{letter}}}" for letter in "[]*"}  # which say something after a row's end
     | {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"}
 )
 """What means something else in LaTeX."""
@@ -124,7 +125,7 @@ def results_table(results: Mapping[str, Scores | Sequence[Scores]]) -> ResultsTa
     splits = list(dict.fromkeys(scores.split for scores in every))
     metrics = [CATALOGUE[key] for key in _COLUMNS if any(key in scores for scores in every)]
     columns = [
-        _column(metric, [by_split.get(split, {}) for by_split in by_method.values()])
+        column(metric, [by_split.get(split, {}) for by_split in by_method.values()])
         for split in splits
         for metric in metrics
     ]
@@ -167,7 +168,7 @@ def _demand_comparable(every: Sequence[Scores]) -> None:
         raise ProtocolError(f"these scores do not compare: {', '.join(signatures)}")
 
 
-def _column(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[Cell]:
+def column(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[Cell]:
     """Word a column, and mark the best of what it shows: digits that nobody sees decide nothing."""
     texts = [metric.display(it[metric.key]) if metric.key in it else NOT_SCORED for it in values]
     best = _best(metric, [float(text) for text in texts if text != NOT_SCORED])

@@ -5,7 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from reverie_eval.schemas.wire import Instant, Name, Said
+from reverie_eval.schemas.service import Method, PublicReview
+from reverie_eval.schemas.wire import Https, Instant, Name, Said
 
 
 class NewTeam(Said):
@@ -101,3 +102,82 @@ class AuditReport(Said):
     details: dict[str, Any]
     previous: str
     digest: str
+
+
+class NewReview(Said):
+    """Something to be said of a submission, for everybody to read."""
+
+    submission_id: Annotated[str, Field(max_length=32)]
+    verdict: Literal["verified", "baseline", "flagged", "disqualified"]
+    """Verified, flagged and disqualified take each other's place; baseline stands beside them."""
+    reason: Annotated[str, Field(min_length=1, max_length=500)]
+    """Public; a line."""
+
+
+class ReviewEntry(PublicReview):
+    """What was said of a submission, lifted or not."""
+
+    id: int
+    submission_id: str
+    lifted_at: datetime | None
+
+
+class NewReported(Said):
+    """A result that a paper reports, for the board of a split."""
+
+    split: str
+    method: Method
+    team: Name
+    """Who reports it, as the board is to call them."""
+    scores: Annotated[dict[str, float], Field(min_length=1)]
+    """By the keys of metrics: fractions from 0 to 1, and metres."""
+    source: Https
+
+
+class ReportedEntry(Said):
+    """A result that a paper reports and no server has scored."""
+
+    id: int
+    split: str
+    method: Method
+    team: str
+    scores: dict[str, float]
+    source: str
+    added_by: str
+    created_at: datetime
+
+
+class NewNotice(Said):
+    """What is to be said to everybody, and whether submissions are taken."""
+
+    banner: Annotated[str, Field(max_length=500)] = ""
+    """A line; empty for the settings' own."""
+    paused: bool = False
+
+
+class NoticeReport(Said):
+    """What is said to everybody now, the settings' own where nothing was posted."""
+
+    banner: str
+    paused: bool
+    """Also while the settings say so, whatever was posted."""
+    posted_by: str | None
+    """Null while the settings alone hold."""
+    created_at: datetime | None
+
+
+class AttemptReport(Said):
+    """An upload and what it came to."""
+
+    id: int
+    at: datetime
+    person: str
+    team: str
+    split: str
+    outcome: str
+    """`scored`, `repeat`, or the code of the problem."""
+    problems: int
+    """How many there were with the file."""
+    size: int
+    """Bytes, unpacked if it came to that."""
+    milliseconds: int

@@ -199,12 +199,22 @@ class SubmissionChange(Said):
     """Until when the leaderboard does not name the team; null names it now."""
 
 
+class PublicReview(Said):
+    """What the organiser says of a published result."""
+
+    verdict: Literal["verified", "baseline", "flagged", "disqualified"]
+    reason: str
+    reviewer: str
+    created_at: datetime
+
+
 class LeaderboardRow(Said):
     """A published result."""
 
     rank: int | None
     """Equal for equal values of the metric that the board is sorted by; null without a value."""
-    submission_id: str
+    submission_id: str | None
+    """Null for a result that is reported, not scored."""
     team: str
     """Empty while the team chose to be anonymous."""
     method: Method
@@ -213,6 +223,16 @@ class LeaderboardRow(Said):
     """How many submissions of the team stand behind this row; null while it is anonymous, whose
     rows the number would bring together."""
     scores: dict[str, float]
+    intervals: dict[str, tuple[float, float]] = Field(default_factory=dict)
+    """Low and high of the headline metrics' 95 % intervals; for open splits alone."""
+    signature: str = ""
+    """Everything that the scores depend on; empty for a result that is reported."""
+    standing: Literal["ranked", "disqualified", "reported", "other-rules"] = "ranked"
+    """Whether it takes part in the ranking, or why it does not: the organiser has disqualified it,
+    a paper reports it, or it was scored by another protocol or ground truth than the split's."""
+    source: str = ""
+    """Where a reported result is from."""
+    reviews: list[PublicReview] = Field(default_factory=list)
 
 
 class Leaderboard(Said):
@@ -223,7 +243,11 @@ class Leaderboard(Said):
     metric: str
     """What the rows are sorted by; rows without it are not ranked and come last."""
     fingerprint: str
+    signature: str = ""
+    """Of every ranked row, but for the version that scored it."""
     rows: list[LeaderboardRow]
+    apart: list[LeaderboardRow] = Field(default_factory=list)
+    """What is shown beside the ranking and takes no part in it."""
 
 
 class ProblemDocument(Said):

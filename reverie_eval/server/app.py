@@ -13,8 +13,17 @@ from reverie_eval.server.edge.labels import API
 from reverie_eval.server.edge.rates import RateLimits
 from reverie_eval.server.openapi import describe
 from reverie_eval.server.operations import Operations
+from reverie_eval.server.pages import add_pages
 from reverie_eval.server.problems import add_error_handlers
-from reverie_eval.server.routes import access, operations, organising, sessions, splits, submissions
+from reverie_eval.server.routes import (
+    access,
+    judging,
+    operations,
+    organising,
+    sessions,
+    splits,
+    submissions,
+)
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
@@ -40,10 +49,11 @@ def create_app(server: ServerState) -> FastAPI:
     app.state.server = server
     app.state.operations = Operations.of(server)
     api = APIRouter(prefix=API)
-    for part in (access, sessions, splits, submissions, organising):
+    for part in (access, sessions, splits, submissions, organising, judging):
         api.include_router(part.router)
     app.include_router(api)
     app.include_router(operations.router)
+    add_pages(app)
     add_error_handlers(app)
     add_edge(app, server.settings)
     describe(app)

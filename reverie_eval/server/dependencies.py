@@ -1,6 +1,6 @@
 """What routes ask for of an upload: the submission, and what is said of its method."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from typing import Annotated, Any, NamedTuple
 
 from fastapi import Depends, Header, Request
@@ -72,10 +72,19 @@ def content_of(upload: Received, server: Server) -> bytes:
 def method_of(request: Request, upload: Received) -> Method:
     """Return what was said of the method, in the query or in the form, which wins."""
     said = {**request.query_params, **upload.fields}
+    return method_from({name: value for name, value in said.items() if name != "file"})
+
+
+def method_from(said: Mapping[str, Any]) -> Method:
+    """Return what was said of a method, of which an empty text says nothing.
+
+    Raises
+    ------
+    RequestValidationError
+        Naming each field that is wrong.
+    """
     try:
-        return Method.model_validate(
-            {name: value for name, value in said.items() if value != "" and name != "file"}
-        )
+        return Method.model_validate({name: value for name, value in said.items() if value != ""})
     except ValidationError as error:
         raise RequestValidationError(error.errors()) from None
 
@@ -86,19 +95,19 @@ Content = Annotated[bytes, Depends(content_of)]
 class Entry(NamedTuple):
     """A submission to be scored, with what was said of it."""
 
-    content: bytes
+    packed: bytes
     method: Method
     key: str | None
     """The Idempotency-Key, if there was one."""
 
 
 def entry_of(
-    content: Content,
+    upload: Received,
     method: Annotated[Method, Depends(method_of)],
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
 ) -> Entry:
     """Return what is to be scored."""
-    return Entry(content, method, idempotency_key)
+    return Entry(upload.packed, method, idempotency_key)
 
 
 Entered = Annotated[Entry, Depends(entry_of)]

@@ -6,14 +6,21 @@ from typing import Any
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
 from reverie_eval.protocol import DEFAULT_PROTOCOL
 from reverie_eval.schemas.organising import (
+    AttemptReport,
     AuditReport,
     GrantReport,
     MintedReport,
     NewGrant,
+    NewNotice,
     NewPerson,
+    NewReported,
+    NewReview,
     NewTeam,
     NewToken,
+    NoticeReport,
     PersonReport,
+    ReportedEntry,
+    ReviewEntry,
     TeamReport,
     TokenReport,
 )
@@ -132,6 +139,11 @@ _TOKEN_REPORT = TokenReport(
     revoked_at=None,
 )
 
+_WHY = "We ran the published code and got the same file."
+_PAPER = Https("https://arxiv.org/abs/1904.10151")
+_REPORTED = Method(name="Interactive Navigator-Pointer", paper=_PAPER)
+_PUBLISHED = {"success": 0.1153, "spl": 0.0947, "rgs": 0.0562}
+
 _SAID = (
     HealthReport(status="ok"),
     ServerReport(
@@ -215,6 +227,46 @@ _SAID = (
         details={"split": "test", "extra": 2, "reason": "our disk was full"},
         previous=_SHA256,
         digest=_FINGERPRINT,
+    ),
+    NewReview(submission_id=_ID, verdict="verified", reason=_WHY),
+    ReviewEntry(
+        id=3,
+        submission_id=_ID,
+        verdict="verified",
+        reason=_WHY,
+        reviewer="Olga",
+        created_at=_NOON,
+        lifted_at=None,
+    ),
+    NewReported(
+        split="test", method=_REPORTED, team="Qi et al., 2020", scores=_PUBLISHED, source=_PAPER
+    ),
+    ReportedEntry(
+        id=1,
+        split="test",
+        method=_REPORTED,
+        team="Qi et al., 2020",
+        scores=_PUBLISHED,
+        source=str(_PAPER),
+        added_by="Olga",
+        created_at=_NOON,
+    ),
+    NewNotice(banner="Down for maintenance until 09:00 UTC.", paused=True),
+    NoticeReport(
+        banner="Down for maintenance until 09:00 UTC.",
+        paused=True,
+        posted_by="Olga",
+        created_at=_NOON,
+    ),
+    AttemptReport(
+        id=41,
+        at=_NOON,
+        **_PEOPLE,
+        split="test",
+        outcome="submission-rejected",
+        problems=12,
+        size=4_204_511,
+        milliseconds=38,
     ),
 )
 

@@ -1,6 +1,7 @@
 """From errors to replies: the one place that knows status codes.
 
-Every reply that is no success is a problem document (RFC 9457) with a stable ``code``.
+Every reply that is no success is a problem document (RFC 9457) with a stable ``code``; a page says
+the same in words.
 """
 
 import logging
@@ -17,6 +18,7 @@ from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import ProblemDocument, QuotaReport
 from reverie_eval.server import errors
 from reverie_eval.server.edge.exchange import exchange_of
+from reverie_eval.server.pages.faults import fault_page, is_page
 from reverie_eval.server.service.reports import quota_report
 from reverie_eval.server.state import state_of
 
@@ -140,7 +142,13 @@ def _reply(
         quota=quota,
         request_id=request_id,
     )
-    headers = {} if retry_after is None else {"Retry-After": str(retry_after)}
-    if status is HTTPStatus.UNAUTHORIZED:
-        headers["WWW-Authenticate"] = "Bearer"
-    return JSONResponse(document.model_dump(mode="json"), status, headers, MEDIA_TYPE)
+    reply = fault_page(request, document) if is_page(request) else _document(document)
+    if retry_after is not None:
+        reply.headers["Retry-After"] = str(retry_after)
+    return reply
+
+
+def _document(document: ProblemDocument) -> Response:
+    is_unknown = document.status == HTTPStatus.UNAUTHORIZED
+    headers = {"WWW-Authenticate": "Bearer"} if is_unknown else {}
+    return JSONResponse(document.model_dump(mode="json"), document.status, headers, MEDIA_TYPE)

@@ -8,9 +8,14 @@ from typing import Self
 from fastapi import Request
 
 from reverie_eval.errors import Problem
+from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.boards import Board, load_boards
+from reverie_eval.server.service.episodes import EpisodeService
+from reverie_eval.server.service.leaderboard import Ranking, leaderboard
+from reverie_eval.server.service.notices import Notices, Standing
 from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.service.sessions import Sessions
+from reverie_eval.server.service.standings import Standings
 from reverie_eval.server.service.submissions import Clock, SubmissionService
 from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.store.database import Database
@@ -32,7 +37,10 @@ class ServerState:
     uploads: Uploads
     signer: Signer
     submissions: SubmissionService
+    notices: Notices
     sessions: Sessions
+    standings: Standings
+    episodes: EpisodeService
     clock: Clock
 
     @classmethod
@@ -53,17 +61,44 @@ class ServerState:
             remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
             raise SettingsError([Problem("old-database", "database", remedy)])
         uploads = open_uploads(settings.uploads, settings.folder)
+        notices = Notices(database, Standing(settings.banner, settings.paused))
         submissions = SubmissionService(
             boards,
             database,
             uploads,
             signer,
             clock,
+            notices=notices,
+            attempts=Attempts(database, clock),
             required_metadata=settings.required_metadata,
-            paused=settings.paused,
+            most_bytes=settings.limits.unpacked_mebibytes << 20,
         )
         sessions = Sessions(signer.secret_for("browser sessions"))
-        return cls(settings, boards, database, uploads, signer, submissions, sessions, clock)
+        return cls(
+            settings,
+            boards,
+            database,
+            uploads,
+            signer,
+            submissions,
+            notices,
+            sessions,
+            Standings(),
+            EpisodeService(boards, submissions),
+            clock,
+        )
+
+    def ranking(self, split: str, metric: str) -> Ranking:
+        """Return a split's board as it is now; errors are those of :func:`leaderboard`.
+
+        Raises
+        ------
+        NotFoundError
+            If the server has no such split.
+        """
+        board = self.submissions.board(split)
+        with self.database.reading() as session:
+            return leaderboard(session, self.standings, board, metric, self.clock())
 
 
 def state_of(request: Request) -> ServerState:

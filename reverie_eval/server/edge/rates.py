@@ -15,8 +15,9 @@ from reverie_eval.server.errors import TooManyError
 
 FAILED_COST = 10
 """Requests that an attempt with a wrong token, session or invitation counts for."""
-EXEMPT = frozenset({"/healthz"})
-"""Its answer is kept for some seconds; whoever watches the server must not be turned away."""
+EXEMPT = ("/healthz", "/static/")
+"""The one's answer is kept for some seconds, and whoever watches the server must not be turned
+away; the others are the pages' own files, which browsers keep."""
 
 _NOT_SIGNED_IN = 401
 _IPV6_SITE = 64
@@ -39,7 +40,7 @@ class RateLimits:
         TooManyError
             If it is.
         """
-        if scope["type"] != "http" or scope["path"] in EXEMPT:
+        if scope["type"] != "http" or scope["path"].startswith(EXEMPT):
             await self._app(scope, receive, send)
             return
         address, credential = site_of(address_of(scope)), credential_of(scope)

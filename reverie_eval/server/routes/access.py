@@ -16,12 +16,12 @@ router = APIRouter(tags=["access"])
 @router.get("/server")
 def show_server(server: Server) -> ServerReport:
     """Say what the server is, and what its organiser has to say to everybody."""
-    settings = server.settings
+    settings, standing = server.settings, server.notices.now()
     return ServerReport(
         title=settings.title,
         version=__version__,
-        banner=settings.banner,
-        paused=settings.paused,
+        banner=standing.banner,
+        paused=standing.paused,
         key_id=server.signer.key_id,
         required_metadata=list(settings.required_metadata),
     )

@@ -13,7 +13,7 @@ from reverie_eval.server.dependencies import FILE_BODY, METHOD_PARAMETERS, Conte
 from reverie_eval.server.examples import BOARD_CSV
 from reverie_eval.server.openapi import problems
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.leaderboard import SORTABLE, as_csv, leaderboard
+from reverie_eval.server.service.leaderboard import SORTABLE, as_csv, as_json
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Person
 
@@ -67,7 +67,7 @@ def submit(
     What is said of the method goes into the query or into the form beside the file. The same file,
     or the same Idempotency-Key, gets the first reply again, with status 200, and spends nothing.
     """
-    accepted = server.submissions.submit(person, split, entry.content, entry.method, entry.key)
+    accepted = server.submissions.submit(person, split, entry.packed, entry.method, entry.key)
     response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
     return accepted
 
@@ -78,13 +78,19 @@ def validate(split: SplitName, _: Caller, content: Content, server: Server) -> V
     return server.submissions.validate(split, content)
 
 
-@router.get("/{split}/leaderboard", responses=problems("malformed-request", "not-found"))
+@router.get(
+    "/{split}/leaderboard",
+    response_model=Leaderboard,
+    responses=problems("malformed-request", "not-found"),
+)
 def show_leaderboard(
     split: SplitName, server: Server, metric: SortedBy = PRIMARY_METRIC
-) -> Leaderboard:
-    """Rank the published submissions by any metric."""
-    with server.database.reading() as session:
-        return leaderboard(session, server.submissions.board(split), metric, server.clock())
+) -> Response:
+    """Rank the published submissions by any metric.
+
+    What is disqualified, reported by a paper, or scored by other rules is apart, without a rank.
+    """
+    return Response(as_json(server.ranking(split, metric)), media_type="application/json")
 
 
 @router.get(
@@ -99,8 +105,7 @@ def download_leaderboard(
     split: SplitName, server: Server, metric: SortedBy = PRIMARY_METRIC
 ) -> Response:
     """Return the leaderboard as CSV."""
-    board = show_leaderboard(split, server, metric)
-    return PlainTextResponse(as_csv(board), media_type="text/csv")
+    return PlainTextResponse(as_csv(server.ranking(split, metric)), media_type="text/csv")
 
 
 def _report(server: ServerState, board: Board, person: Person | None) -> SplitReport:

@@ -38,6 +38,23 @@ def entries(session: Session, after: int = 0, limit: int | None = None) -> Seque
     return session.scalars(chosen.limit(limit)).all()
 
 
+def latest_entries(
+    session: Session, limit: int, before: int | None = None, *, actor: str = "", subject: str = ""
+) -> Sequence[AuditEntry]:
+    """Return the latest entries, or the latest before one of them; the latest first.
+
+    Of somebody alone, or of what was done to something, if they are named.
+    """
+    chosen = select(AuditEntry).order_by(AuditEntry.id.desc()).limit(limit)
+    if before is not None:
+        chosen = chosen.where(AuditEntry.id < before)
+    if actor:
+        chosen = chosen.where(AuditEntry.actor == actor)
+    if subject:
+        chosen = chosen.where(AuditEntry.subject == subject)
+    return session.scalars(chosen).all()
+
+
 def broken_links(session: Session) -> Iterator[int]:
     """Return the entries that are not what was once written, or follow one that is missing."""
     previous = _BEFORE_THE_FIRST

@@ -14,7 +14,7 @@ from reverie_eval.metrics import CATALOGUE
 from reverie_eval.protocol import protocol_named
 from reverie_eval.reading import Predictions, problems, read_text
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.scores import Scores
+from reverie_eval.scores import Scores, signature_of
 from reverie_eval.server.settings import Settings, SettingsError, Split
 
 MAX_CONTAINERS = 2_000_000
@@ -38,6 +38,11 @@ class Board:
     def is_private(self) -> bool:
         """Whether only rounded means may leave the server."""
         return self.split.visibility == "private"
+
+    @property
+    def signature(self) -> str:
+        """Everything that the scores depend on that are given now."""
+        return signature_of(self.truth, protocol_named(self.split.protocol))
 
     def is_open(self, now: datetime) -> bool:
         """Whether submissions are taken at this time."""

@@ -8,9 +8,8 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service.audit import record
+from reverie_eval.server.service.lines import demand_reason
 from reverie_eval.server.store.tables import Grant, Team
-
-_LONGEST_REASON = 500
 
 
 def all_grants(session: Session) -> Sequence[Grant]:
@@ -41,8 +40,7 @@ def grant(
     """
     if extra < 1:
         raise MalformedError(f"{extra} further submissions are none; give 1 or more")
-    if not reason.strip() or not reason.isprintable() or len(reason) > _LONGEST_REASON:
-        raise MalformedError("say why, in a line that will be read years later")
+    why = demand_reason(reason)
     if expires_at <= now:
         raise MalformedError("what is given would have expired already; choose a later time")
     if split not in splits:
@@ -54,14 +52,12 @@ def grant(
         team=found,
         split=split,
         extra=extra,
-        reason=reason,
+        reason=why,
         created_at=now,
         expires_at=expires_at,
     )
     session.add(given)
     session.flush()
     until = expires_at.isoformat(timespec="seconds")
-    record(
-        session, now, actor, "granted", team, split=split, extra=extra, reason=reason, until=until
-    )
+    record(session, now, actor, "granted", team, split=split, extra=extra, reason=why, until=until)
     return given

@@ -7,11 +7,17 @@ repeat, is anything left of the quota - is decided on what is there when it is t
 import hashlib
 import secrets
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
+from functools import lru_cache
+from types import MappingProxyType
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from reverie_eval.errors import ProtocolError
+from reverie_eval.reading.unpacking import unpack
 from reverie_eval.schemas.report import ValidationReport
 from reverie_eval.schemas.service import (
     Accepted,
@@ -28,8 +34,10 @@ from reverie_eval.server.errors import (
     NotOpenError,
     QuotaSpentError,
 )
+from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import record
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.quotas import QuotaUsage, quota_usage
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.reports import quota_report, submission_report
@@ -38,6 +46,9 @@ from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 Clock = Callable[[], datetime]
+
+RECENT = 8
+"""Submissions whose episodes are kept at hand: somebody who looks at one looks at the next."""
 
 
 class SubmissionService:
@@ -51,16 +62,21 @@ class SubmissionService:
         signer: Signer,
         clock: Clock,
         *,
-        required_metadata: Collection[str] = (),
-        paused: bool = False,
+        notices: Notices,
+        attempts: Attempts,
+        required_metadata: Collection[str],
+        most_bytes: int,
     ) -> None:
         self._boards = boards
         self._database = database
         self._uploads = uploads
         self._signer = signer
         self._clock = clock
+        self._notices = notices
+        self._attempts = attempts
         self._required_metadata = required_metadata
-        self._paused = paused
+        self._scored = lru_cache(RECENT)(self._score_again)
+        self._most_bytes = most_bytes
 
     def board(self, split: str) -> Board:
         """Return a split's board; NotFoundError if the server has no such split."""
@@ -90,9 +106,9 @@ class SubmissionService:
             )
 
     def submit(
-        self, person: Person, split: str, content: bytes, method: Method, key: str | None
+        self, person: Person, split: str, packed: bytes, method: Method, key: str | None
     ) -> Accepted:
-        """Score a submission and keep it.
+        """Unpack a submission, score it and keep it; whatever comes of that is noted.
 
         A file that the team has sent to the split before, and a key that the person has used for
         it, get the earlier receipt, whatever has changed since: what is left of the quota, whether
@@ -112,13 +128,23 @@ class SubmissionService:
             If something is not said of the method that the organiser asks for.
         """
         board = self.board(split)
-        sha256 = hashlib.sha256(content).hexdigest()
+        with self._attempts.noting(person, split, len(packed)) as noted:
+            content = unpack(packed, self._most_bytes)
+            noted.size = len(content)
+            accepted = self._submit(person, board, content, method, key)
+            noted.outcome = "repeat" if accepted.is_repeat else "scored"
+        return accepted
+
+    def _submit(
+        self, person: Person, board: Board, content: bytes, method: Method, key: str | None
+    ) -> Accepted:
+        split, sha256 = board.name, hashlib.sha256(content).hexdigest()
         with self._database.reading() as session:
             known = self._known(session, person, split, sha256, key)
             if known is not None:
                 return self._repeated(session, known, board, person)
             self._demand_metadata(method)
-            self._demand_open(board)
+            self._demand_open(session, board)
             self._demand_quota(session, person, board, self._clock())
         reading = board.read(content)
         report = board.report(board.score(reading), reading)
@@ -206,9 +232,11 @@ class SubmissionService:
         if missing:
             raise MalformedError(f"the organiser asks for more on the method: {', '.join(missing)}")
 
-    def _demand_open(self, board: Board) -> None:
-        if self._paused:
-            raise NotOpenError("the organiser has paused submissions; see the banner")
+    def _demand_open(self, session: Session, board: Board) -> None:
+        standing = self._notices.standing(session)
+        if standing.paused:
+            why = f": {standing.banner}" if standing.banner else ""
+            raise NotOpenError(f"the organiser has paused submissions{why}")
         now = self._clock()
         if not board.is_open(now):
             opening = [p.opens for p in board.split.phases if p.opens and p.opens > now]
@@ -227,9 +255,16 @@ class SubmissionService:
     def _usage(self, session: Session, person: Person, board: Board, now: datetime) -> QuotaUsage:
         return quota_usage(session, board.split.effective_quota, board.name, person, now)
 
-    def mine(self, person: Person) -> Sequence[SubmissionReport]:
-        """Return what somebody's team has submitted, the newest first; the organiser sees all."""
-        chosen = select(Submission).order_by(Submission.received_at.desc())
+    def mine(
+        self, person: Person, split: str | None = None, most: int | None = None
+    ) -> Sequence[SubmissionReport]:
+        """Return what somebody's team has submitted, the newest first; the organiser sees all.
+
+        Of all splits or of one, and all of it or no more than so many.
+        """
+        chosen = select(Submission).order_by(Submission.received_at.desc()).limit(most)
+        if split is not None:
+            chosen = chosen.where(Submission.split == split)
         if person.role != "organiser":
             chosen = chosen.where(Submission.team_id == person.team_id)
         with self._database.reading() as session:
@@ -268,7 +303,16 @@ class SubmissionService:
                 f"{board.name} is scored by other data or another protocol now than this "
                 "submission was; see its signature"
             )
-        return board.score(board.read(self._uploads.get(known.sha256)))
+        return self._scored(known.split, known.sha256)
+
+    def _score_again(self, split: str, sha256: str) -> Scores:
+        """Score what was uploaded; the ground truth is the same for as long as the server runs.
+
+        What the values were computed from is let go: it may be a hundred times as large.
+        """
+        board = self.board(split)
+        scores = board.score(board.read(self._uploads.get(sha256)))
+        return replace(scores, episodes=MappingProxyType(dict(scores.episodes)))
 
     def change(
         self, person: Person, submission_id: str, change: SubmissionChange
@@ -285,8 +329,11 @@ class SubmissionService:
             If something is not said of the method any more that the organiser asks for.
         """
         now = self._clock()
+        intervals = self._intervals(person, submission_id) if change.published else None
         with self._database.writing() as session:
             row = _of_team(session, person, submission_id)
+            if intervals is not None:
+                row.report = {**row.report, "intervals": intervals}
             if change.method is not None:
                 said = change.method.model_dump(mode="json", exclude_unset=True)
                 method = Method.model_validate({**row.method, **said})
@@ -303,6 +350,23 @@ class SubmissionService:
             changed = change.model_dump(mode="json", exclude_unset=True)
             record(session, now, person.name, "changed", row.id, **changed)
             return submission_report(row)
+
+    def _intervals(self, person: Person, submission_id: str) -> Mapping[str, Any] | None:
+        """Draw confidence intervals, of open splits alone.
+
+        They take longer than scoring does, so they wait until there are readers.
+        """
+        known = self.one(person, submission_id)
+        board = self.board(known.split)
+        is_drawn = known.report.intervals is not None
+        if board.is_private or is_drawn or not board.measures_as(known.report):
+            return None
+        scores = board.score(board.read(self._uploads.get(known.sha256)))
+        try:
+            drawn = scores.with_intervals().to_report().intervals
+        except ProtocolError:  # all episodes are of one target, which tells nothing of others
+            return None
+        return None if drawn is None else drawn.model_dump(mode="json")
 
 
 def _of_team(session: Session, person: Person, submission_id: str) -> Submission:

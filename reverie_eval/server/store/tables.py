@@ -8,6 +8,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 Role = Literal["participant", "organiser"]
 TokenKind = Literal["access", "invite"]
+Verdict = Literal["verified", "baseline", "flagged", "disqualified"]
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -37,6 +38,7 @@ class Base(DeclarativeBase):
         dict[str, Any]: JSON,
         Role: String(16),
         TokenKind: String(16),
+        Verdict: String(16),
     }
 
 
@@ -154,3 +156,67 @@ class AuditEntry(Base):
     details: Mapped[dict[str, Any]]
     previous: Mapped[str] = mapped_column(String(64))
     digest: Mapped[str] = mapped_column(String(64), unique=True)
+
+
+class Review(Base):
+    """What the organiser says of a submission, for everybody to read, until it is lifted."""
+
+    __tablename__ = "review"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submission.id"), index=True)
+    verdict: Mapped[Verdict]
+    reason: Mapped[str] = mapped_column(String(500))
+    reviewer: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+    lifted_at: Mapped[datetime | None]
+    submission: Mapped[Submission] = relationship()
+
+
+class ReportedResult(Base):
+    """A result that a paper reports and no server has scored, entered by the organiser."""
+
+    __tablename__ = "reported_result"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    split: Mapped[str] = mapped_column(String(64), index=True)
+    method: Mapped[dict[str, Any]]
+    team: Mapped[str] = mapped_column(String(100))
+    """Who reports it, as the board is to call them."""
+    scores: Mapped[dict[str, Any]]
+    """By metric key, fractions in [0, 1] and metres, as precise as they were reported."""
+    source: Mapped[str] = mapped_column(String(500))
+    added_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+    removed_at: Mapped[datetime | None]
+
+
+class Notice(Base):
+    """What the organiser tells everybody, and whether submissions are taken; the latest holds."""
+
+    __tablename__ = "notice"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    banner: Mapped[str] = mapped_column(String(500))
+    paused: Mapped[bool]
+    posted_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+
+
+class Attempt(Base):
+    """An upload and what it came to, for the organiser to see that all is well."""
+
+    __tablename__ = "attempt"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    at: Mapped[datetime] = mapped_column(index=True)
+    person_id: Mapped[int] = mapped_column(ForeignKey("person.id"), index=True)
+    split: Mapped[str] = mapped_column(String(64))
+    outcome: Mapped[str] = mapped_column(String(64))
+    """``scored``, ``repeat``, or the code of the problem."""
+    problems: Mapped[int]
+    """How many there were with the file."""
+    size: Mapped[int]
+    """Bytes, unpacked."""
+    milliseconds: Mapped[int]
+    person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)

@@ -1,0 +1,209 @@
+"""How fast the pages of a long board are, and how heavy: a board of 10,000 results.
+
+``python benchmarks/pages.py`` starts a real server process on the demo world, with its database in
+a file of SQLite, and asks over one connection, one request after the other, as one reader does. The
+first request after something was published reads the board anew; its time is printed, and has no
+bar. Weight is everything that a browser fetches for the page, as it is sent, without the chart's
+data; beside it stands what that unpacks to. Latencies depend on the machine.
+"""
+
+import http.client
+import os
+import re
+import secrets
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
+from typing import Any
+from urllib.parse import urlsplit
+
+from sqlalchemy import insert, select
+
+from reverie_eval.schemas.service import Method
+from reverie_eval.server.folder import make_folder
+from reverie_eval.server.service.audit import record
+from reverie_eval.server.service.people import add_person, add_team
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.state import ServerState, utc_now
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Person, Submission
+
+SAMPLE = Path(__file__).parents[1] / "fixtures" / "submissions" / "good.json"
+SPLIT = "val_unseen"
+ENTRIES = 10_000
+TEAMS = 300
+REQUESTS = 60
+"""Of each kind."""
+
+MOST_MILLISECONDS = 100.0
+MOST_KILOBYTES = 300.0
+
+SERVER = """
+import sys
+from pathlib import Path
+from reverie_eval.server.run import run_server
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.state import ServerState
+state = ServerState.open(load_settings(Path(sys.argv[1])))
+run_server(state, "127.0.0.1", 0, announce=lambda url: print(url, flush=True))
+"""
+
+BOARD = f"/boards/{SPLIT}"
+API = f"/api/v1/splits/{SPLIT}/leaderboard"
+TIMED = (
+    ("first page", BOARD, True),
+    ("page 50", f"{BOARD}?page=50", True),
+    ("sorted by SPL", f"{BOARD}?metric=spl", True),
+    ("sorted by TL", f"{BOARD}?metric=path_length", True),
+    ("filtered", f"{BOARD}?text=77&extra_data=without", True),
+    ("all metrics", f"{BOARD}?columns=all", True),
+    ("chart's data", f"{BOARD}/chart", False),
+    ("JSON", API, False),
+    ("CSV", f"{API}.csv", False),
+)
+"""What is asked for, and whether it has a bar."""
+
+
+def main() -> int:
+    """Print every figure; exit with 1 if one misses its bar."""
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "server"
+        make_folder(folder)
+        fill(folder)
+        with running(folder) as url:
+            connection = http.client.HTTPConnection(urlsplit(url).netloc)
+            medians = [timed(connection, *each) for each in TIMED]
+            touch(folder)
+            print(f"first page after a change: {1000 * ask(connection, BOARD)[0]:.1f} ms")
+            kilobytes = weight(connection)
+    return int(max(medians) >= MOST_MILLISECONDS or kilobytes >= MOST_KILOBYTES)
+
+
+def fill(folder: Path) -> None:
+    """Put results on the board, as if each had been submitted and published."""
+    state = ServerState.open(load_settings(folder))
+    board = state.submissions.board(SPLIT)
+    report = board.score(board.read(SAMPLE.read_bytes())).with_intervals().to_report()
+    random, now = Random(0), utc_now()  # noqa: S311  # figures, no secrets
+    said: Any = {"now": now, "actor": "benchmark"}
+    with state.database.writing() as session:
+        for number in range(TEAMS):
+            add_team(session, f"Team {number} of the University", **said)
+            name = f"Team {number} of the University"
+            add_person(session, name, f"P {number}", "participant", **said)
+        people = session.scalars(select(Person)).all()
+        rows = [
+            _row(number, people[number % TEAMS], _varied(report.model_dump(mode="json"), random))
+            | {"published_at": now - timedelta(hours=number)}
+            for number in range(ENTRIES)
+        ]
+        session.execute(insert(Submission), rows)
+    state.database.close()
+
+
+def _varied(report: dict[str, Any], random: Random) -> dict[str, Any]:
+    scores = {key: value * random.uniform(0.5, 1) for key, value in report["scores"].items()}
+    return {**report, "scores": scores}
+
+
+def _row(number: int, person: Person, report: dict[str, Any]) -> dict[str, Any]:
+    method = Method.model_validate(
+        {
+            "name": f"Method {number} with memory",
+            "description": "A transformer over the navigation graph. " * 5,
+            "paper": "https://arxiv.org/abs/1904.10151",
+            "code": "https://github.com/YuankaiQi/REVERIE",
+            "extra_data": number % 3 == 0,
+            "ground_truth_objects": number % 5 == 0,
+        }
+    )
+    return {
+        "id": secrets.token_hex(8),
+        "split": SPLIT,
+        "team_id": person.team_id,
+        "person_id": person.id,
+        "sha256": secrets.token_hex(32),
+        "size": 1_000_000,
+        "received_at": utc_now(),
+        "method": method.model_dump(mode="json"),
+        "report": report,
+        "receipt": {"proof": "x" * 1000},
+    }
+
+
+def touch(folder: Path) -> None:
+    """Record something that may change a board, from another process than the server's."""
+    database = Database(load_settings(folder).database_url)
+    with database.writing() as session:
+        record(session, utc_now(), "benchmark", "changed", "a submission")
+    database.close()
+
+
+@contextmanager
+def running(folder: Path) -> Iterator[str]:
+    """Run a server in a process of its own; return the URL that it prints."""
+    words = [sys.executable, "-c", SERVER, str(folder)]
+    often = {**os.environ, "REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=often
+    ) as process:
+        assert process.stdout is not None  # noqa: S101  # it was asked for
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.terminate()
+
+
+def timed(connection: http.client.HTTPConnection, name: str, path: str, has_bar: bool) -> float:  # noqa: FBT001  # as the table has it
+    """Print how long a page takes; return the median in milliseconds, 0 where there is no bar."""
+    ask(connection, path)
+    times = [1000 * ask(connection, path)[0] for _ in range(REQUESTS)]
+    median = statistics.median(times)
+    verdict = ""
+    if has_bar:
+        verdict = f"   below {MOST_MILLISECONDS:g}   {_verdict(median < MOST_MILLISECONDS)}"
+    print(f"{name}, {ENTRIES:,} entries: median {median:.1f} ms, max {max(times):.1f} ms{verdict}")
+    return median if has_bar else 0.0
+
+
+def weight(connection: http.client.HTTPConnection) -> float:
+    """Print what a browser fetches for the heaviest usual page; return kilobytes."""
+    _, html = ask(connection, f"{BOARD}?page=2")
+    needed = re.findall(r'(?:src|href)="(/static/[^"]+)"', html.decode())
+    sent = sum(len(ask(connection, path, packed=True)[1]) for path in (f"{BOARD}?page=2", *needed))
+    whole = len(html) + sum(len(ask(connection, path)[1]) for path in needed)
+    print(
+        f"weight of a board's page: {sent / 1000:.1f} kB, {whole / 1000:.1f} kB unpacked, of which "
+        f"HTML {len(html) / 1000:.1f} kB   below {MOST_KILOBYTES:g}   "
+        f"{_verdict(sent / 1000 < MOST_KILOBYTES)}"
+    )
+    return sent / 1000
+
+
+def ask(
+    connection: http.client.HTTPConnection, path: str, *, packed: bool = False
+) -> tuple[float, bytes]:
+    """Return how many seconds a reply took, and the reply."""
+    start = time.perf_counter()
+    headers = {"Accept-Encoding": "gzip"} if packed else {}
+    connection.request("GET", path, headers=headers)
+    reply = connection.getresponse()
+    body = reply.read()
+    if reply.status != http.client.OK:
+        raise RuntimeError(f"status {reply.status} for {path}")
+    return time.perf_counter() - start, body
+
+
+def _verdict(is_met: bool) -> str:  # noqa: FBT001
+    return "ok" if is_met else "MISSED"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

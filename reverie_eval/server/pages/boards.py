@@ -1,0 +1,136 @@
+"""The leaderboards, their charts, and copies for papers."""
+
+from collections.abc import Sequence
+from math import ceil, inf
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+
+from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.reporting.leaderboards import FLAGS
+from reverie_eval.server.callers import Server
+from reverie_eval.server.pages.board_query import BoardQuery
+from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.visitors import Visitor
+from reverie_eval.server.service.charts import chart_of
+from reverie_eval.server.service.citing import as_bibtex, as_latex
+from reverie_eval.server.service.leaderboard import Ranking
+from reverie_eval.server.service.standings import Row
+
+PER_PAGE = 100
+
+router = APIRouter()
+
+Asked = Annotated[BoardQuery, Query()]
+
+
+@router.get("/")
+def show_home(server: Server) -> Response:
+    """Lead to the first split's board."""
+    return RedirectResponse(f"/boards/{next(iter(server.boards))}")
+
+
+@router.get("/boards/{split}")
+def show_board(
+    split: str, request: Request, server: Server, visitor: Visitor, query: Asked
+) -> Response:
+    """Rank what teams have published."""
+    ranking = server.ranking(split, query.ranked_by)
+    shown = _sorted(query.shown.of(ranking.rows, ranking), query)
+    pages = max(1, ceil(len(shown) / PER_PAGE))
+    number = min(query.page, pages)
+    first = PER_PAGE * (number - 1)
+    rows, apart = shown[first : first + PER_PAGE], query.shown.of(ranking.apart, ranking)
+    return page(
+        request,
+        "board.html",
+        visitor,
+        board=ranking.board,
+        ranking=ranking,
+        query=query,
+        columns=_columns(query, [*rows, *apart]),
+        flags=FLAGS,
+        rows=rows,
+        apart=apart[:PER_PAGE],
+        reviewed=[row for row in rows if row.entry.reviews],
+        has_intervals=any(query.metric in row.entry.intervals for row in rows),
+        counts={"ranked": len(ranking.rows), "shown": len(shown), "apart": len(apart)},
+        clear=BoardQuery(metric=query.metric, columns=query.columns).link(),
+        first=first,
+        page_number=number,
+        pages=pages,
+        numbers=_numbers(number, pages),
+    )
+
+
+@router.get("/boards/{split}/chart")
+def show_chart(split: str, server: Server, query: Asked) -> Response:
+    """Return what the charts draw."""
+    ranking = server.ranking(split, query.ranked_by)
+    return JSONResponse(chart_of(ranking, query.shown.of(ranking.rows, ranking), query.x, query.y))
+
+
+@router.get("/boards/{split}/latex")
+def show_latex(split: str, request: Request, server: Server, query: Asked) -> Response:
+    """Return the rows of a page as a table for LaTeX."""
+    ranking = server.ranking(split, query.ranked_by)
+    rows = _page_of(ranking, query)
+    metrics = [metric for metric in _columns(query, rows) if _is_scored(metric, rows)]
+    return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
+
+
+@router.get("/boards/{split}/bibtex")
+def show_bibtex(split: str, request: Request, server: Server, query: Asked) -> Response:
+    """Return entries for BibTeX: the board's, and one for each row of a page."""
+    ranking = server.ranking(split, query.ranked_by)
+    rows = _page_of(ranking, query)
+    address = _address(request, query)
+    return PlainTextResponse(as_bibtex(ranking, rows, server.settings.title, address))
+
+
+def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:
+    """Sort by a metric of which neither direction is better; ranked rows are sorted already."""
+    if query.ranked_by == query.metric:
+        return rows
+    return sorted(rows, key=lambda row: row.entry.scores.get(query.metric, inf))
+
+
+def _page_of(ranking: Ranking, query: BoardQuery) -> Sequence[Row]:
+    first = PER_PAGE * (query.page - 1)
+    return _sorted(query.shown.of(ranking.rows, ranking), query)[first : first + PER_PAGE]
+
+
+def _columns(query: BoardQuery, rows: Sequence[Row]) -> Sequence[Metric]:
+    """Return what is shown: the primary metric first, then the others in the catalogue's order."""
+    is_all = query.columns == "all"
+    keys = {key for key, metric in CATALOGUE.items() if metric.headline} | {query.metric}
+    if is_all:
+        keys |= {key for row in rows for key in row.entry.scores}
+    return [CATALOGUE[PRIMARY_METRIC]] + [
+        metric for key, metric in CATALOGUE.items() if key in keys and key != PRIMARY_METRIC
+    ]
+
+
+def _numbers(here: int, pages: int) -> Sequence[int | None]:
+    """Return what pages to lead to: both ends and those near; None where some are left out.
+
+    >>> _numbers(7, 20)
+    [1, None, 5, 6, 7, 8, 9, None, 20]
+    """
+    near = {number for number in range(here - 2, here + 3) if 1 <= number <= pages}
+    numbers: list[int | None] = []
+    for number in sorted({1, pages} | near):
+        if numbers and numbers[-1] != number - 1:
+            numbers.append(None)
+        numbers.append(number)
+    return numbers
+
+
+def _is_scored(metric: Metric, rows: Sequence[Row]) -> bool:
+    return any(metric.key in row.entry.scores for row in rows)
+
+
+def _address(request: Request, query: BoardQuery) -> str:
+    board = str(request.url_for("show_board", **request.path_params))
+    return f"{board}{query.link()}".removesuffix("?")

@@ -1,0 +1,243 @@
+"""The episode browser: which episodes there are, and each on its map."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Annotated
+from urllib.parse import quote, urlencode
+
+import numpy as np
+from fastapi import APIRouter, Depends, Query, Request
+from fastapi.responses import Response
+from markupsafe import Markup
+
+from reverie_eval.episode import Episode
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.reporting.map_page import page_map
+from reverie_eval.reporting.map_svg import map_key
+from reverie_eval.reporting.maps import EpisodeMap
+from reverie_eval.reporting.report_parts import FROM_THE_BEST
+from reverie_eval.reporting.walks import Step, remark_on, steps_of
+from reverie_eval.server.callers import Server
+from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.visitors import Visitor
+from reverie_eval.server.service.episodes import Browsing, Run, Wanted
+from reverie_eval.server.store.tables import BrowserSession, Person
+
+router = APIRouter()
+
+PER_PAGE = 50
+MOST_STEPS = 200
+"""Of a walk that are listed."""
+
+
+@dataclass(frozen=True)
+class Selection(Wanted):
+    """What the address of a page says: which episodes, and whose ways through them."""
+
+    submission: str = ""
+    other: str = ""
+
+    @property
+    def submissions(self) -> Sequence[str]:
+        """Both, if there are two."""
+        return list(dict.fromkeys(filter(None, (self.submission, self.other))))
+
+    def link(self, split: str, instr_id: str = "", **changes: str | int) -> str:
+        """Return where this is shown, of all episodes or of one, or what it is changed to."""
+        said = {key: value for key, value in (asdict(self) | changes).items() if value}
+        place = "/".join(quote(part, safe="") for part in (split, instr_id) if part)
+        return f"/episodes/{place}?{urlencode(said)}".removesuffix("?")
+
+
+Selected = Annotated[Selection, Depends()]
+
+
+def browsed(split: str, server: Server, visitor: Visitor, selection: Selected) -> Browsing:
+    """Return what the address asks for, of what the visitor may see."""
+    return server.episodes.browse(_person(visitor), split, selection.submissions)
+
+
+Browsed = Annotated[Browsing, Depends(browsed)]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What became of so many episodes."""
+
+    name: str
+    meaning: str
+    counts: Sequence[int]
+    """One for each submission."""
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbours:
+    """The episodes before and after one, among those that were chosen."""
+
+    previous: str | None
+    next: str | None
+    number: int | None
+    """Its own place among them, from 1; None if it is not one of them."""
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """An agent's way through an episode, as a table shows it."""
+
+    name: str
+    run: Run
+    episode: Episode
+    said: str
+    """What it answered, and how far it went."""
+    steps: Sequence[tuple[Step, str]]
+    """With what is to be said of each."""
+    unlisted: int
+    """How many more there are."""
+
+
+@router.get("/episodes")
+def show_splits(request: Request, server: Server, visitor: Visitor) -> Response:
+    """Show which splits' episodes can be looked at."""
+    person = _person(visitor)
+    splits = [
+        (board, server.episodes.choices(person, board.name)) for board in server.episodes.boards
+    ]
+    return page(request, "episodes.html", visitor, splits=splits)
+
+
+@router.get("/episodes/{split}")  # noqa: FAST003  # of Browsed
+def show_episodes(
+    browsing: Browsed,
+    request: Request,
+    visitor: Visitor,
+    selection: Selected,
+    number: Annotated[int, Query(alias="page", ge=1)] = 1,
+) -> Response:
+    """List the episodes of an open split, with what became of them."""
+    rows = browsing.rows(selection)
+    pages = max(1, -(-len(rows) // PER_PAGE))
+    number = min(number, pages)
+    return page(
+        request,
+        "episodes-list.html",
+        visitor,
+        browsing=browsing,
+        selection=selection,
+        names=_names(browsing.runs),
+        rows=rows[(number - 1) * PER_PAGE : number * PER_PAGE].tolist(),
+        count=len(rows),
+        number=number,
+        pages=pages,
+        per_page=PER_PAGE,
+        funnels=_funnels(browsing, selection),
+        parts=_parts(browsing, selection),
+        outcomes=FROM_THE_BEST,
+        scans=sorted(set(browsing.annotations.scan)),
+        categories=sorted(set(browsing.annotations.category)),
+    )
+
+
+@router.get("/episodes/{split}/{instr_id}")  # noqa: FAST003  # of Browsed
+def show_episode(
+    instr_id: str,
+    browsing: Browsed,
+    request: Request,
+    visitor: Visitor,
+    selection: Selected,
+) -> Response:
+    """Show an episode on the map of its scan, with up to two agents that went through it."""
+    episode = browsing.episode(instr_id)
+    names = _names(browsing.runs)
+    keys = list(browsing.runs[0].scores if browsing.runs else ())
+    walked = {
+        name: run.scores.episode(instr_id) for name, run in zip(names, browsing.runs, strict=True)
+    }
+    shown = EpisodeMap.of(walked) if walked else EpisodeMap.of({"": episode}).without_routes()
+    return page(
+        request,
+        "episode.html",
+        visitor,
+        browsing=browsing,
+        selection=selection,
+        episode=episode,
+        map=shown,
+        picture=_markup(page_map(shown)),
+        key=_markup(map_key(names)),
+        walks=_walks(browsing.runs, walked, shown),
+        neighbours=_neighbours(browsing, selection, instr_id),
+        sights=_sights(episode, shown),
+        levels=range(1, int(shown.storey.max()) + 2),
+        outcomes=FROM_THE_BEST,
+        headline=[key for key in keys if CATALOGUE[key].headline],
+        further=[key for key in keys if not CATALOGUE[key].headline],
+        kept={field.name: getattr(selection, field.name) for field in fields(Wanted)},
+    )
+
+
+def _person(visitor: BrowserSession | None) -> Person | None:
+    return visitor.token.person if visitor else None
+
+
+def _markup(drawn: str) -> Markup:
+    """Take a picture for what it is: every text was escaped where it was drawn."""
+    return Markup(drawn)  # noqa: S704
+
+
+def _names(runs: Sequence[Run]) -> Sequence[str]:
+    """Call submissions as their teams do, and by their ids where that is not clear."""
+    methods = [run.submission.method.name for run in runs]
+    if len(set(methods)) == len(methods):
+        return methods
+    return [f"{name} ({run.submission.id})" for name, run in zip(methods, runs, strict=True)]
+
+
+def _parts(browsing: Browsing, selection: Selection) -> Sequence[Part]:
+    """Count what became of the episodes, for every submission."""
+    found = [browsing.anatomy(run, selection) for run in browsing.runs]
+    counted = [anatomy.counts for anatomy in found if anatomy is not None]
+    if not counted:
+        return []
+    return [
+        Part(name, meaning, [counts[name] for counts in counted])
+        for name, meaning in FROM_THE_BEST.items()
+    ]
+
+
+def _funnels(browsing: Browsing, selection: Selection) -> Sequence[Mapping[str, int]]:
+    found = [browsing.anatomy(run, selection) for run in browsing.runs]
+    return [anatomy.funnel for anatomy in found if anatomy is not None]
+
+
+def _neighbours(browsing: Browsing, selection: Selection, instr_id: str) -> Neighbours:
+    rows, row = browsing.rows(selection), browsing.row(instr_id)
+    ids = browsing.annotations.scores.instr_ids
+    before, after = rows[rows < row], rows[rows > row]
+    return Neighbours(
+        previous=ids[before[-1]] if len(before) else None,
+        next=ids[after[0]] if len(after) else None,
+        number=len(before) + 1 if (rows == row).any() else None,
+        count=len(rows),
+    )
+
+
+def _walks(runs: Sequence[Run], walked: Mapping[str, Episode], shown: EpisodeMap) -> Sequence[Walk]:
+    walks = []
+    for run, route, (name, episode) in zip(runs, shown.routes, walked.items(), strict=True):
+        steps = steps_of(episode, shown, route)
+        last = len(steps) - 1
+        listed = [(step, remark_on(step, last)) for step in steps[:MOST_STEPS]]
+        said = episode.caption.removeprefix(f"{episode.outcome}: ")
+        walks.append(Walk(name, run, episode, said, listed, len(steps) - len(listed)))
+    return walks
+
+
+def _sights(episode: Episode, shown: EpisodeMap) -> Sequence[tuple[str, int, float]]:
+    """List where a stop is a success: the viewpoint, its level, metres to the path's end."""
+    graph = episode.graph
+    numbers = np.array([graph.index[id_] for id_ in episode.success_viewpoints], dtype=np.int64)
+    goal = np.full(len(numbers), graph.index[episode.goal])
+    metres = graph.distance_between(numbers, goal)
+    levels = shown.storey[shown.success] + 1
+    listed = zip(episode.success_viewpoints, levels.tolist(), metres.tolist(), strict=True)
+    return sorted(listed, key=lambda sight: sight[2])

@@ -1,0 +1,46 @@
+"""What a page becomes when there is a problem: the same problem document, in words."""
+
+from collections.abc import Callable
+from urllib.parse import quote, urlsplit
+
+from fastapi import Request
+from fastapi.responses import RedirectResponse, Response
+
+from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.callers import COOKIE, session_if_any
+from reverie_eval.server.edge.labels import API
+from reverie_eval.server.pages.rendering import STATIC, page
+from reverie_eval.server.state import state_of
+
+_NO_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
+_OUR_FAULT = 500
+
+
+def is_page(request: Request) -> bool:
+    """Whether a person asked, and not a program."""
+    return not request.url.path.startswith(_NO_PAGES)
+
+
+def show_faults_with(request: Request, draw: Callable[[ProblemDocument], Response]) -> None:
+    """Let a page with a form show from now on what is wrong, beside what was typed into it."""
+    request.state.draw_fault = draw
+
+
+def fault_page(request: Request, problem: ProblemDocument) -> Response:
+    """Show a problem; who has to sign in is led to where they can, and back again."""
+    if problem.code == "not-signed-in":
+        return RedirectResponse(f"/sign-in?back={quote(_came_from(request))}", 303)
+    if problem.status >= _OUR_FAULT:
+        return page(request, "fault.html", None, problem.status, problem=problem)
+    if hasattr(request.state, "draw_fault"):
+        drawn: Response = request.state.draw_fault(problem)
+        return drawn
+    session = session_if_any(request, state_of(request), request.cookies.get(COOKIE))
+    return page(request, "fault.html", session, problem.status, problem=problem)
+
+
+def _came_from(request: Request) -> str:
+    """Return the page to come back to: of a form, the path of the one that it is on."""
+    if request.method == "GET":
+        return f"{request.url.path}?{request.url.query}".removesuffix("?")
+    return urlsplit(request.headers.get("referer", "")).path or "/"

@@ -1,0 +1,126 @@
+"""From templates to pages: what every page shows, and how numbers and instants are written."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from fastapi import Request
+from fastapi.responses import HTMLResponse
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.server.pages.files import SHELVES
+from reverie_eval.server.state import state_of
+from reverie_eval.server.store.tables import BrowserSession, Person
+from reverie_eval.version import __version__
+from reverie_eval.wording import counted
+
+STATIC = "/static"
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self' data:; connect-src 'self'; form-action 'self'; base-uri 'none'; "
+    "frame-ancestors 'none'",
+    "Referrer-Policy": "same-origin",
+}
+"""What a page may do: nothing comes from another host, nothing runs that is written in the page."""
+_OUR_FAULT = 500
+"""The first status of those that say so; then the database may be what failed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the menu leads."""
+
+    name: str
+    url: str
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """What every page shows around its content."""
+
+    title: str
+    banner: str
+    places: Sequence[Place]
+    here: str
+    person: Person | None
+    csrf_token: str
+    version: str = __version__
+
+    @property
+    def csrf_field(self) -> Markup:
+        """What every form holds that changes something."""
+        return Markup('<input type="hidden" name="csrf_token" value="{}">').format(self.csrf_token)
+
+
+def page(
+    request: Request,
+    template: str,
+    session: BrowserSession | None = None,
+    status: int = 200,
+    **content: Any,
+) -> HTMLResponse:
+    """Render a page for whoever is signed in."""
+    site = _site(request, session, is_well=status < _OUR_FAULT)
+    html = _environment().get_template(template).render(site=site, **content)
+    return HTMLResponse(html, status, HEADERS)
+
+
+def _site(request: Request, session: BrowserSession | None, *, is_well: bool) -> Site:
+    server = state_of(request)
+    standing = server.notices.now() if is_well else server.notices.settled
+    boards = [Place(name, f"/boards/{name}") for name in server.boards]
+    person = None if session is None else session.token.person
+    own = [] if person is None else [Place("Submit", "/submit")]
+    desk = [Place("Desk", "/desk")] if person is not None and person.role == "organiser" else []
+    return Site(
+        title=server.settings.title,
+        banner=standing.banner,
+        places=[*boards, Place("Episodes", "/episodes"), *own, Place("Words", "/words"), *desk],
+        here=request.url.path,
+        person=person,
+        csrf_token="" if session is None else server.sessions.csrf_token(session),
+    )
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("reverie_eval.server.pages"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals |= {"static": static_url, "metrics": CATALOGUE}
+    environment.filters |= {
+        "counted": counted,
+        "instant": instant,
+        "metric": lambda value, key: CATALOGUE[key].display(value),
+    }
+    return environment
+
+
+@cache
+def static_url(name: str) -> str:
+    """Return the address of a file that never changes under that address."""
+    files_named = (files(package).joinpath(folder, name) for package, folder in SHELVES)
+    content = next(file for file in files_named if file.is_file()).read_bytes()
+    return f"{STATIC}/{name}?{hashlib.sha256(content).hexdigest()[:12]}"
+
+
+def instant(moment: datetime | None) -> Markup:
+    """Write an instant in UTC; a script adds the viewer's own time.
+
+    >>> instant(datetime(2027, 6, 1, 21, 5, tzinfo=UTC))
+    Markup('<time datetime="2027-06-01T21:05:00+00:00">2027-06-01 21:05 UTC</time>')
+    """
+    if moment is None:
+        return Markup("-")
+    utc = moment.astimezone(UTC)
+    return Markup('<time datetime="{}">{:%Y-%m-%d %H:%M} UTC</time>').format(utc.isoformat(), utc)

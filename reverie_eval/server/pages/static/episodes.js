@@ -1,0 +1,151 @@
+// Walks an episode's trajectories on its map, picks a storey, and leads on with the arrow keys.
+const figure = document.getElementById("walked");
+const map = figure?.querySelector("svg.walkable");
+const SVG = "http://www.w3.org/2000/svg";
+const SECONDS_A_STEP = 0.8;
+
+function element(name, attributes, parent) {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  parent.append(made);
+  return made;
+}
+
+// Levels.
+
+function chooseLevel(level) {
+  for (const part of map.querySelectorAll("[data-levels]")) {
+    const isOn = part.dataset.levels.split(" ").includes(level);
+    const isFaint = level === "" ? "elsewhere" in part.dataset : level !== "all" && !isOn;
+    if (isFaint) part.setAttribute("opacity", level === "" ? "0.35" : "0.15");
+    else part.removeAttribute("opacity");
+  }
+}
+
+// Steps.
+
+class Walk {
+  constructor(number, start) {
+    this.number = number;
+    this.legs = [...map.querySelectorAll(`.leg[data-route="${number}"]`)];
+    this.places = [start, ...this.legs.map((leg) => {
+      const way = leg.querySelector(".route");
+      return way.getPointAtLength(way.getTotalLength());
+    })];
+    this.rows = [...document.querySelectorAll(`.steps[data-route="${number}"] [data-step]`)];
+    this.walker = element("circle", { class: `walker route-${number}`, r: 6.5, cx: 0, cy: 0 }, map);
+    this.goTo(this.legs.length);
+    this.walker.classList.add("resting");
+  }
+
+  goTo(step) {
+    const own = Math.min(step, this.legs.length);
+    const { x, y } = this.places[own];
+    this.walker.style.transform = `translate(${x}px, ${y}px)`;
+    this.walker.classList.remove("resting");
+    this.legs.forEach((leg, index) => leg.classList.toggle("ahead", index >= own));
+    this.rows.forEach((row) => {
+      if (Number(row.dataset.step) === own) row.setAttribute("aria-current", "step");
+      else row.removeAttribute("aria-current");
+    });
+    return own;
+  }
+
+  says(step) {
+    const row = this.rows[Math.min(step, this.legs.length)];
+    if (!row) return "";
+    const [, viewpoint, remark, walked] = [...row.children].map((cell) => cell.textContent);
+    return `${viewpoint.slice(0, 12)}, ${walked} m walked${remark ? `, ${remark}` : ""}`;
+  }
+}
+
+function makeStepper(walks) {
+  const slider = document.getElementById("step");
+  const play = figure.querySelector("[data-do=play]");
+  const status = figure.querySelector(".at");
+  const last = Math.max(...walks.map((walk) => walk.legs.length));
+  let timer = 0;
+  slider.max = last;
+  slider.value = last;
+
+  function show(step) {
+    slider.value = step;
+    walks.forEach((walk) => walk.goTo(step));
+    const said = walks.map((walk) => walk.says(step)).filter(Boolean);
+    status.hidden = false;
+    status.textContent = `Step ${step} of ${last}: ${said.join("; beside it ")}`;
+    slider.setAttribute("aria-valuetext", status.textContent);
+  }
+
+  function stop() {
+    clearInterval(timer);
+    timer = 0;
+    play.textContent = "Play";
+    status.setAttribute("aria-live", "polite");
+  }
+
+  function start() {
+    status.setAttribute("aria-live", "off"); // the end is said, not every step on the way
+    play.textContent = "Pause";
+    if (Number(slider.value) >= last) show(0);
+    timer = setInterval(() => {
+      const next = Number(slider.value) + 1;
+      if (next >= last) stop();
+      show(Math.min(next, last));
+    }, SECONDS_A_STEP * 1000);
+  }
+
+  function move(by) {
+    stop();
+    show(Math.min(Math.max(Number(slider.value) + by, 0), last));
+  }
+
+  play.addEventListener("click", () => (timer ? stop() : start()));
+  figure.querySelector("[data-do=back]").addEventListener("click", () => move(-1));
+  figure.querySelector("[data-do=on]").addEventListener("click", () => move(1));
+  slider.addEventListener("input", () => move(0));
+  if (last === 0) figure.querySelector(".stepper").hidden = true;
+}
+
+// Rows of the tables point at places on the map.
+
+function makePointer() {
+  const ring = element("circle", { class: "pointer", r: 11, visibility: "hidden" }, map);
+  const places = new Map();
+  for (const part of map.querySelectorAll("g[data-viewpoint]")) {
+    const dot = part.querySelector(".viewpoint");
+    if (dot) places.set(part.dataset.viewpoint, dot.getPointAtLength(0));
+  }
+  for (const row of document.querySelectorAll(".steps tr[data-step], .sights tr[data-viewpoint]")) {
+    const place = places.get(row.querySelector(".viewpoint-id").textContent);
+    if (!place) continue;
+    row.addEventListener("pointerenter", () => {
+      ring.setAttribute("cx", place.x);
+      ring.setAttribute("cy", place.y);
+      ring.setAttribute("visibility", "visible");
+    });
+    row.addEventListener("pointerleave", () => ring.setAttribute("visibility", "hidden"));
+  }
+}
+
+// Arrow keys lead to the episodes before and after, where they mean nothing else.
+
+document.addEventListener("keydown", (event) => {
+  const direction = { ArrowLeft: "prev", ArrowRight: "next" }[event.key];
+  const isPlain = !(event.altKey || event.ctrlKey || event.metaKey || event.shiftKey);
+  if (!direction || !isPlain || event.defaultPrevented) return;
+  if (event.target.closest("input, select, textarea, [tabindex]")) return;
+  document.querySelector(`.pager a[rel=${direction}]`)?.click();
+});
+
+if (map) {
+  const circle = map.querySelector("circle.start");
+  const start = { x: circle.cx.baseVal.value, y: circle.cy.baseVal.value };
+  const numbers = [...map.querySelectorAll(".stop")].map((_, index) => index + 1);
+  const walks = numbers.map((number) => new Walk(number, start));
+  if (walks.length) makeStepper(walks);
+  const level = figure.querySelector("[data-do=level]");
+  level?.addEventListener("change", () => chooseLevel(level.value));
+  makePointer();
+  figure.querySelector(".map-tools").hidden = !figure.querySelector(".map-tools > *");
+}

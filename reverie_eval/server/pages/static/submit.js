@@ -1,0 +1,150 @@
+// Sends the form piece by piece: the file to be checked as soon as it is chosen, all of it to be
+// scored when asked. What the server's page says of it is put in place, so nothing typed is lost.
+const form = document.querySelector("form.upload");
+const { file } = form.elements;
+const drop = form.querySelector(".drop");
+const state = form.querySelector(".state");
+const sent = form.querySelector(".sent");
+const buttons = form.querySelectorAll("button[name=what]");
+const limit = Number(form.dataset.mebibytes) * 2 ** 20;
+const [checkButton] = buttons;
+
+let underWay = null;
+
+function say(words) {
+  state.textContent = words;
+}
+
+function show(found) {
+  const place = form.querySelector("#outcome");
+  place.replaceChildren(...found);
+  place.dispatchEvent(new Event("added", { bubbles: true }));
+}
+
+function fault(words) {
+  const box = document.createElement("div");
+  box.className = "fault";
+  box.setAttribute("role", "alert");
+  const line = document.createElement("p");
+  line.textContent = words;
+  box.append(line);
+  return box;
+}
+
+function rest() {
+  underWay = null;
+  sent.hidden = true;
+  form.removeAttribute("aria-busy");
+  for (const button of buttons) button.disabled = false;
+}
+
+function take(reply, what) {
+  const { pathname } = new URL(reply.responseURL);
+  if (pathname.startsWith("/sign-in")) {
+    location.assign("/sign-in?back=/submit");
+    return;
+  }
+  if (pathname !== location.pathname) {
+    say("Scored.");
+    location.assign(reply.responseURL);
+    return;
+  }
+  rest();
+  const page = reply.response;
+  const outcome = page?.querySelector("#outcome");
+  const other = page?.querySelectorAll("main .fault") ?? [];
+  show(outcome ? outcome.childNodes : other.length ? other : [fault("The server's answer cannot be read; try again.")]);
+  say("");
+  for (const field of form.querySelectorAll(".field")) renew(field, page);
+  if (what === "score") (form.querySelector("[aria-invalid=true]") ?? form.querySelector("#outcome")).focus();
+}
+
+// What the server said of a field, beside it.
+function renew(field, page) {
+  const input = field.querySelector("[id]:is(input, textarea)");
+  const now = page?.getElementById(input.id);
+  if (!now) return;
+  field.querySelector(".wrong")?.remove();
+  const wrong = now.parentElement.querySelector(".wrong");
+  if (wrong) field.append(wrong);
+  for (const name of ["aria-invalid", "aria-describedby"]) {
+    if (now.hasAttribute(name)) input.setAttribute(name, now.getAttribute(name));
+    else input.removeAttribute(name);
+  }
+}
+
+function send(what) {
+  underWay?.abort();
+  show([]);
+  if (file.files[0]?.size > limit) {
+    rest();
+    say("");
+    show([fault(`${file.files[0].name} is larger than ${form.dataset.mebibytes} MiB; gzip it. Nothing was sent.`)]);
+    return;
+  }
+  const content = new FormData(form);
+  content.set("what", what);
+  const request = new XMLHttpRequest();
+  underWay = request;
+  request.open("POST", form.action);
+  request.responseType = "document";
+  request.upload.addEventListener("progress", (event) => {
+    if (event.lengthComputable) sent.value = event.loaded / event.total;
+  });
+  request.upload.addEventListener("load", () => {
+    sent.removeAttribute("value");
+    say(what === "score" ? "Scoring ..." : "Checking ...");
+  });
+  request.addEventListener("load", () => take(request, what));
+  request.addEventListener("error", () => {
+    rest();
+    say("");
+    show([fault("The connection broke, or the file was changed meanwhile. Choose it again; what was counted is not counted twice.")]);
+  });
+  form.setAttribute("aria-busy", "true");
+  for (const button of buttons) button.disabled = true;
+  sent.value = 0;
+  sent.hidden = false;
+  say(`Sending ${file.files[0]?.name ?? ""} ...`);
+  request.send(content);
+}
+
+function check() {
+  if (file.files.length) send("check");
+  else show([]);
+}
+
+file.addEventListener("change", check);
+for (const choice of form.querySelectorAll("[name=split]")) choice.addEventListener("change", check);
+
+form.addEventListener("submit", (event) => {
+  event.preventDefault();
+  if (underWay) return;
+  const what = event.submitter?.value ?? "check";
+  if (what === "check" && !file.files.length) file.reportValidity();
+  else send(what);
+});
+
+for (const kind of ["dragenter", "dragover"]) {
+  addEventListener(kind, (event) => {
+    if (!event.dataTransfer?.types.includes("Files")) return;
+    event.preventDefault(); // beside the box, the browser would open the file and leave the page
+    drop.classList.add("over");
+  });
+}
+addEventListener("dragleave", (event) => {
+  if (!event.relatedTarget) drop.classList.remove("over");
+});
+addEventListener("drop", (event) => {
+  if (!event.dataTransfer?.files.length) return;
+  event.preventDefault();
+  drop.classList.remove("over");
+  const one = new DataTransfer();
+  one.items.add(event.dataTransfer.files[0]);
+  file.files = one.files;
+  check();
+});
+
+checkButton.textContent = "Check again";
+for (const each of form.querySelectorAll(".if-scripts")) each.hidden = false;
+addEventListener("pageshow", rest); // also on the way back, when the page comes out of a cache

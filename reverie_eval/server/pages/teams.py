@@ -1,0 +1,36 @@
+"""``/team``: one's own team, where signing in leads to."""
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+
+from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval.server.callers import Server
+from reverie_eval.server.pages.quotas import split_quotas
+from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.visitors import Member
+from reverie_eval.server.service.teams import team_of
+
+router = APIRouter()
+
+MOST_SUBMISSIONS = 200
+"""That the page shows; the API lists all."""
+
+
+@router.get("/team")
+def show_team(request: Request, server: Server, member: Member) -> Response:
+    """Show who is in the team, what it has left, and what it has submitted."""
+    person = member.token.person
+    with server.database.reading() as session:
+        team = team_of(session, person, MOST_SUBMISSIONS)
+    return page(
+        request,
+        "team.html",
+        member,
+        team=team,
+        person=person,
+        left=[(each.board.name, each.quota) for each in split_quotas(server, person)],
+        signed_in_with=member.token_id,
+        columns=[metric for metric in CATALOGUE.values() if metric.headline],
+        primary=PRIMARY_METRIC,
+        now=server.clock(),
+    )

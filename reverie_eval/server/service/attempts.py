@@ -1,0 +1,118 @@
+"""Every upload and what it came to, for the organiser to see that all is well.
+
+This is written when the upload has been dealt with, in a transaction of its own: that it could not
+be written is told to the log, and is nothing to the participant. Neither bodies nor what was said
+of them are kept.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from reverie_eval.errors import RejectedError, SubmissionError
+from reverie_eval.server import errors
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Attempt, Person
+
+DAYS_KEPT = 90
+MOST_KEPT = 50_000
+"""However many come in that time: rejected files cost nothing, so anybody can send many."""
+
+OUTCOMES = {
+    SubmissionError: "submission-rejected",
+    errors.QuotaSpentError: "quota-spent",
+    errors.NotOpenError: "not-open",
+    errors.ConflictError: "conflict",
+    errors.MalformedError: "malformed-request",
+}
+"""The codes of what an upload can come to besides a score."""
+OUR_FAULT = "internal"
+
+_LOGGER = logging.getLogger("reverie_eval.server")
+
+
+@dataclass(slots=True)
+class Noted:
+    """What is noted of an upload while it is dealt with."""
+
+    size: int
+    """Bytes, unpacked as soon as they are."""
+    outcome: str = "scored"
+
+
+class Attempts:
+    """Notes every upload of a server."""
+
+    def __init__(self, database: Database, clock: Callable[[], datetime]) -> None:
+        self._database = database
+        self._clock = clock
+
+    @contextmanager
+    def noting(self, person: Person, split: str, size: int) -> Iterator[Noted]:
+        """Note what an upload comes to inside, and how long it takes."""
+        noted, began, problems = Noted(size), time.perf_counter(), 0
+        try:
+            yield noted
+        except Exception as error:
+            noted.outcome = _outcome(error)
+            problems = len(error.problems) if isinstance(error, RejectedError) else 0
+            raise
+        finally:
+            milliseconds = round(1000 * (time.perf_counter() - began))
+            self._keep(
+                Attempt(
+                    at=self._clock(),
+                    person_id=person.id,
+                    split=split,
+                    outcome=noted.outcome,
+                    problems=problems,
+                    size=noted.size,
+                    milliseconds=milliseconds,
+                )
+            )
+
+    def _keep(self, attempt: Attempt) -> None:
+        try:
+            with self._database.writing() as session:
+                session.add(attempt)
+                session.flush()
+                _forget(session, attempt)
+        except Exception:
+            _LOGGER.exception("an upload was dealt with, but not noted")
+
+
+def latest_attempts(
+    session: Session, limit: int, before: int | None = None, outcome: str = ""
+) -> Sequence[Attempt]:
+    """Return the latest uploads, or the latest before one of them; the latest first.
+
+    Those alone that came to this, if an outcome is named.
+    """
+    chosen = select(Attempt).order_by(Attempt.id.desc()).limit(limit)
+    if before is not None:
+        chosen = chosen.where(Attempt.id < before)
+    if outcome:
+        chosen = chosen.where(Attempt.outcome == outcome)
+    return session.scalars(chosen).all()
+
+
+def attempts_since(session: Session, since: datetime) -> Sequence[Attempt]:
+    """Return the uploads since an instant, the latest first."""
+    return session.scalars(
+        select(Attempt).where(Attempt.at >= since).order_by(Attempt.id.desc())
+    ).all()
+
+
+def _outcome(error: Exception) -> str:
+    return next((code for kind, code in OUTCOMES.items() if isinstance(error, kind)), OUR_FAULT)
+
+
+def _forget(session: Session, latest: Attempt) -> None:
+    is_old = Attempt.at < latest.at - timedelta(days=DAYS_KEPT)
+    session.execute(delete(Attempt).where(is_old | (Attempt.id <= latest.id - MOST_KEPT)))

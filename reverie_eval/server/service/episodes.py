@@ -1,0 +1,225 @@
+"""Episodes to look at: of open splits, by themselves or as one's own submissions went through them.
+
+The annotations of an open split are published, so everybody may look at them. Where agents went is
+their team's to see and the organiser's. Of a private split there is nothing, for nobody.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from reverie_eval.alignment import AlignedSubmission
+from reverie_eval.anatomy import OUTCOMES, Anatomy, anatomy_of, outcomes_of
+from reverie_eval.arrays import BoolArray, IntArray
+from reverie_eval.episode import Episode
+from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.evaluation import Reading
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.reading.predictions import NO_BOXES
+from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.scores import Scores
+from reverie_eval.server.errors import NotFoundError, NotSignedInError
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.submissions import SubmissionService
+from reverie_eval.server.store.tables import Person
+from reverie_eval.slices import slicing_named
+
+MOST_LISTED = 200
+"""Submissions that one can choose among; older ones have their links."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which episodes somebody wants to see; empty is any."""
+
+    outcome: str = ""
+    """Of the first submission: one of ``anatomy.OUTCOMES``."""
+    other_outcome: str = ""
+    """Of the second."""
+    scan: str = ""
+    category: str = ""
+    """What the annotators call the target, in lower case."""
+    text: str = ""
+    """In the instruction or the id, in any case."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A submission, with what became of every episode."""
+
+    submission: SubmissionReport
+    scores: Scores
+
+    @cached_property
+    def outcome(self) -> Sequence[str]:
+        """What became of each episode; empty if the protocol does not score what it takes."""
+        try:
+            numbers = outcomes_of(self.scores.episodes)
+        except ProtocolError:
+            return ()
+        return [list(OUTCOMES)[number] for number in numbers]
+
+
+@dataclass(frozen=True)
+class Annotations:
+    """What is known of a split's episodes whoever goes through them."""
+
+    scores: Scores
+    """Of agents that stay where they start and name nothing."""
+    scan: Sequence[str]
+    category: Sequence[str]
+    """Empty if the ground truth was compiled without."""
+    instruction: Sequence[str]
+    """Empty if the ground truth was compiled without."""
+
+    @classmethod
+    def of(cls, board: Board) -> "Annotations":
+        """Gather them."""
+        truth = board.truth
+        scores = board.score(Reading(_standing(truth), truth, ()))
+        return cls(
+            scores=scores,
+            scan=slicing_named("scan").parts(scores),
+            category=_if_known(lambda: slicing_named("category").parts(scores)),
+            instruction=_if_known(lambda: truth.episodes.instructions),
+        )
+
+    @cached_property
+    def searched(self) -> Sequence[str]:
+        """Each episode's id and instruction, as they are searched."""
+        ids = self.scores.instr_ids
+        told = self.instruction or [""] * len(ids)
+        return [f"{id_} {text}".casefold() for id_, text in zip(ids, told, strict=True)]
+
+
+@dataclass(frozen=True)
+class Browsing:
+    """A split's episodes, and up to two submissions that went through them."""
+
+    board: Board
+    annotations: Annotations
+    runs: Sequence[Run]
+    choices: Sequence[SubmissionReport]
+    """What else the same person may look at."""
+
+    def rows(self, wanted: Wanted) -> IntArray:
+        """Return the rows of the episodes that are wanted, in their order."""
+        fits = self._is(self.annotations.scan, wanted.scan)
+        fits &= self._is(self.annotations.category, wanted.category)
+        for run, outcome in zip(self.runs, (wanted.outcome, wanted.other_outcome), strict=False):
+            fits &= self._is(run.outcome, outcome)
+        sought = " ".join(wanted.text.casefold().split())
+        fits &= np.array([sought in text for text in self.annotations.searched], dtype=bool)
+        return np.flatnonzero(fits)
+
+    def anatomy(self, run: Run, wanted: Wanted) -> Anatomy | None:
+        """Count what became of the episodes that are wanted, whatever became of them.
+
+        None if the protocol does not score what it takes.
+        """
+        if not run.outcome:
+            return None
+        rows = self.rows(replace(wanted, outcome="", other_outcome=""))
+        return anatomy_of({key: column[rows] for key, column in run.scores.episodes.items()})
+
+    def episode(self, instr_id: str) -> Episode:
+        """Return an episode without an agent that matters.
+
+        Raises
+        ------
+        NotFoundError
+            If the split has none of that id.
+        """
+        self.row(instr_id)
+        return self.annotations.scores.episode(instr_id)
+
+    def row(self, instr_id: str) -> int:
+        """Return an episode's row; errors are those of :meth:`episode`."""
+        row = self.board.truth.episodes.index.get(instr_id)
+        if row is None:
+            raise NotFoundError(f"{self.board.name} has no episode {instr_id!r}")
+        return row
+
+    def _is(self, parts: Sequence[str], wanted: str) -> BoolArray:
+        if not wanted:
+            return np.ones(len(self.annotations.scan), dtype=bool)
+        return np.array([part == wanted for part in parts] or [False])
+
+
+class EpisodeService:
+    """What of the episodes may be looked at."""
+
+    def __init__(self, boards: Mapping[str, Board], submissions: SubmissionService) -> None:
+        self.boards: Sequence[Board] = [board for board in boards.values() if not board.is_private]
+        """Of the open splits."""
+        self._submissions = submissions
+        self._annotations = lru_cache(len(boards))(self._annotated)
+
+    def browse(self, person: Person | None, split: str, submissions: Sequence[str]) -> Browsing:
+        """Look at a split's episodes, and at up to two submissions.
+
+        Parameters
+        ----------
+        person : Person or None
+            Who looks; without anybody, there is only what was annotated.
+        submissions : sequence of str
+            Their ids.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such open split, or a submission is not of it, or not the person's.
+        NotSignedInError
+            If nobody asks for a submission.
+        """
+        board = self._board(split)
+        runs = [self._run(person, split, submission) for submission in submissions]
+        choices = self.choices(person, split)
+        return Browsing(board, self._annotations(split), runs, choices)
+
+    def choices(self, person: Person | None, split: str) -> Sequence[SubmissionReport]:
+        """Return the submissions to an open split that somebody may look at, the newest first."""
+        if person is None:
+            return []
+        return self._submissions.mine(person, split, MOST_LISTED)
+
+    def _board(self, split: str) -> Board:
+        board = next((board for board in self.boards if board.name == split), None)
+        if board is None:
+            raise NotFoundError(
+                f"there are no episodes of {split!r} to look at; those of private splits never "
+                "leave the server"
+            )
+        return board
+
+    def _run(self, person: Person | None, split: str, submission_id: str) -> Run:
+        if person is None:
+            raise NotSignedInError("sign in to look at a submission of your team")
+        known = self._submissions.one(person, submission_id)
+        if known.split != split:
+            raise NotFoundError(f"there is no submission {submission_id!r} of your team")
+        return Run(known, self._submissions.episodes(person, submission_id))
+
+    def _annotated(self, split: str) -> Annotations:
+        return Annotations.of(self._board(split))
+
+
+def _standing(truth: GroundTruth) -> AlignedSubmission:
+    count = len(truth.episodes.instr_ids)
+    return AlignedSubmission(
+        viewpoint=truth.episodes.start,
+        offsets=np.arange(count + 1),
+        predicted_object=np.full(count, ABSTAINED),
+        answer_is_text=np.zeros(count, dtype=bool),
+        boxes=NO_BOXES,
+    )
+
+
+def _if_known(texts: Callable[[], Sequence[str]]) -> Sequence[str]:
+    try:
+        return texts()
+    except GroundTruthError:
+        return ()

@@ -1,0 +1,127 @@
+"""What the organiser says of submissions, for everybody to read, until it is lifted.
+
+A submission is judged as verified, flagged or disqualified; a later judgement takes the place of an
+earlier one. That it is a baseline says nothing of its worth, and stands beside any of them. Nothing
+is deleted: who said what, and when it was lifted, stays on record.
+"""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, joinedload
+
+from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.service.audit import record
+from reverie_eval.server.service.lines import demand_reason
+from reverie_eval.server.store.tables import Review, Submission, Verdict
+
+JUDGEMENTS: frozenset[Verdict] = frozenset({"verified", "flagged", "disqualified"})
+"""Of which one stands at a time."""
+
+
+def review(
+    session: Session,
+    submission_id: str,
+    verdict: Verdict,
+    reason: str,
+    *,
+    now: datetime,
+    actor: str,
+) -> Review:
+    """Say something of a submission, in place of what cannot stand beside it.
+
+    Raises
+    ------
+    MalformedError
+        If it is not said why.
+    NotFoundError
+        If there is no such submission.
+    """
+    why = demand_reason(reason)
+    demand_submission(session, submission_id)
+    for earlier in standing_reviews(session, submission_id):
+        if _excludes(verdict, earlier.verdict):
+            _lift(session, earlier, now, actor)
+    said = Review(
+        submission_id=submission_id,
+        verdict=verdict,
+        reason=why,
+        reviewer=actor,
+        created_at=now,
+    )
+    session.add(said)
+    session.flush()
+    record(session, now, actor, verdict, submission_id, reason=why)
+    return said
+
+
+def lift(session: Session, review_id: int, *, now: datetime, actor: str) -> Review:
+    """Take back what was said of a submission.
+
+    Raises
+    ------
+    NotFoundError
+        If nothing was.
+    ConflictError
+        If it was lifted already.
+    """
+    said = session.get(Review, review_id)
+    if said is None:
+        raise NotFoundError(f"there is no review {review_id}")
+    if said.lifted_at is not None:
+        raise ConflictError(f"review {review_id} was lifted already")
+    _lift(session, said, now, actor)
+    return said
+
+
+def standing_reviews(session: Session, submission_id: str) -> Sequence[Review]:
+    """Return what is said of a submission, the earliest first."""
+    chosen = select(Review).where(Review.submission_id == submission_id)
+    return session.scalars(chosen.where(Review.lifted_at.is_(None)).order_by(Review.id)).all()
+
+
+def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
+    """Return what is said of a split's submissions, by their ids, the earliest first."""
+    chosen = (
+        select(Review)
+        .join(Submission, Submission.id == Review.submission_id)
+        .where(Submission.split == split, Review.lifted_at.is_(None))
+        .order_by(Review.id)
+    )
+    by_submission: defaultdict[str, list[Review]] = defaultdict(list)
+    for said in session.scalars(chosen):
+        by_submission[said.submission_id].append(said)
+    return dict(by_submission)
+
+
+def all_reviews(session: Session) -> Sequence[Review]:
+    """Return everything that was ever said of a submission, the latest first."""
+    chosen = select(Review).options(joinedload(Review.submission)).order_by(Review.id.desc())
+    return session.scalars(chosen).all()
+
+
+def latest_submissions(session: Session, limit: int) -> Sequence[Submission]:
+    """Return the latest submissions of everybody, the latest first."""
+    chosen = select(Submission).order_by(Submission.received_at.desc(), Submission.id)
+    return session.scalars(chosen.limit(limit)).all()
+
+
+def demand_submission(session: Session, submission_id: str) -> Submission:
+    """Return a submission, whoever's it is; NotFoundError if there is none."""
+    # A database may not be able to look for every text: PostgreSQL has none with a zero byte.
+    row = session.get(Submission, submission_id) if submission_id.isalnum() else None
+    if row is None:
+        raise NotFoundError(f"there is no submission {submission_id!r}")
+    return row
+
+
+def _excludes(verdict: Verdict, earlier: Verdict) -> bool:
+    return verdict == earlier or {verdict, earlier} <= JUDGEMENTS
+
+
+def _lift(session: Session, said: Review, now: datetime, actor: str) -> None:
+    said.lifted_at = now
+    session.flush()
+    record(session, now, actor, "review lifted", said.submission_id, verdict=said.verdict)

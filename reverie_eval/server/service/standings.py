@@ -1,0 +1,221 @@
+"""What boards show, read once and kept until something is recorded that may change it.
+
+Whatever changes a board is in the audit log, whose entries are numbered in the order in which they
+were committed. So the number of the last one tells whether what is kept still holds, whichever
+process has changed something.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from threading import Lock
+from typing import Any, Literal
+
+import msgspec
+from sqlalchemy import ColumnElement, Text, cast, func, select
+from sqlalchemy.orm import Session
+
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.reported import reported_of
+from reverie_eval.server.service.reviews import reviews_of
+from reverie_eval.server.store.tables import AuditEntry, Submission, Team, Verdict
+
+Standing = Literal["ranked", "disqualified", "reported", "other-rules"]
+
+_CHANGES_NO_BOARD = "submitted"
+"""By far the most frequent entry: nothing is on a board before it is published."""
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedReview:
+    """What the organiser says of a result, for everybody to read."""
+
+    verdict: Verdict
+    reason: str
+    reviewer: str
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """A result on a board."""
+
+    submission_id: str | None
+    """None for what a paper reports."""
+    team_id: int | None
+    team: str
+    method: Mapping[str, Any]
+    """What :class:`~reverie_eval.schemas.service.Method` says, as it is kept."""
+    published_at: datetime
+    anonymous_until: datetime | None
+    scores: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Low and high, of headline metrics alone."""
+    signature: str = ""
+    standing: Standing = "ranked"
+    source: str = ""
+    """Where it is reported."""
+    entered_by: str = ""
+    reviews: Sequence[PublishedReview] = ()
+
+
+class _Intervals(msgspec.Struct):
+    intervals: dict[str, tuple[float, float]]
+
+
+class _Report(msgspec.Struct):
+    """What a board shows of a score report; the rest is not even decoded."""
+
+    signature: str
+    scores: dict[str, float]
+    intervals: _Intervals | None = None
+
+
+_REPORT = msgspec.json.Decoder(_Report)
+_METHOD = msgspec.json.Decoder(dict[str, Any])
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """An entry in its place."""
+
+    rank: int | None
+    """None without a value, and for what takes no part in the ranking."""
+    entry: Entry
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A board as it was when something was last recorded."""
+
+    number: int
+    """Of what was recorded last."""
+    entries: Sequence[Entry]
+    """That take part in the ranking, what was published first first."""
+    apart: Sequence[Row]
+    """What takes no part in it."""
+    ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
+    """By the metrics that were asked for since."""
+
+
+class Standings:
+    """The entries of every board, never older than what was committed when they are asked for."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, Kept] = {}
+        self._counts: dict[str, tuple[int, Mapping[int, int]]] = {}
+        self._turn = Lock()
+        """Whoever comes while entries are read waits for them."""
+
+    def of(self, session: Session, board: Board) -> Kept:
+        """Return what is on a board."""
+        number = _last_recorded(session, AuditEntry.action != _CHANGES_NO_BOARD)
+        with self._turn:
+            kept = self._kept.get(board.name)
+            if kept is None or kept.number < number:
+                entries = [*_scored(session, board), *_reported(session, board)]
+                taking_part = [entry for entry in entries if entry.standing == "ranked"]
+                apart = [Row(None, entry) for entry in entries if entry.standing != "ranked"]
+                kept = self._kept[board.name] = Kept(number, taking_part, apart)
+            return kept
+
+    def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
+        """Count what each team has submitted to a split, published or not."""
+        number = _last_recorded(session)
+        known, counts = self._counts.get(split, (-1, {}))
+        if known < number:
+            chosen = select(Submission.team_id, func.count()).where(Submission.split == split)
+            counts = dict(session.execute(chosen.group_by(Submission.team_id)).all())
+            self._counts[split] = number, counts
+        return counts
+
+
+def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:
+    chosen = select(AuditEntry.id).where(*kinds).order_by(AuditEntry.id.desc())
+    return session.scalar(chosen.limit(1)) or 0
+
+
+def _scored(session: Session, board: Board) -> Sequence[Entry]:
+    chosen = (
+        select(
+            Submission.id,
+            Submission.team_id,
+            Team.name.label("team"),
+            cast(Submission.method, Text).label("method"),
+            cast(Submission.report, Text).label("report"),
+            Submission.published_at,
+            Submission.anonymous_until,
+        )
+        .join(Team, Submission.team_id == Team.id)
+        .where(Submission.split == board.name)
+        .where(Submission.published_at.is_not(None), Submission.withdrawn_at.is_(None))
+        .order_by(Submission.published_at, Submission.id)
+    )
+    reviews = _reviews(session, board.name)
+    rules = _without_version(board.signature)
+    return [_entry(row, reviews.get(row.id, ()), rules) for row in session.execute(chosen)]
+
+
+def _entry(row: Any, reviews: Sequence[PublishedReview], rules: str) -> Entry:
+    report = _REPORT.decode(row.report)
+    is_comparable = _without_version(report.signature) == rules
+    return Entry(
+        submission_id=row.id,
+        team_id=row.team_id,
+        team=row.team,
+        method=_METHOD.decode(row.method),
+        published_at=row.published_at,
+        anonymous_until=row.anonymous_until,
+        scores=report.scores,
+        intervals=_headline(report.intervals),
+        signature=report.signature,
+        standing=_standing(reviews, is_comparable=is_comparable),
+        reviews=reviews,
+    )
+
+
+def _reviews(session: Session, split: str) -> Mapping[str, Sequence[PublishedReview]]:
+    return {
+        submission: [
+            PublishedReview(said.verdict, said.reason, said.reviewer, said.created_at)
+            for said in reviews
+        ]
+        for submission, reviews in reviews_of(session, split).items()
+    }
+
+
+def _standing(reviews: Sequence[PublishedReview], *, is_comparable: bool) -> Standing:
+    if any(review.verdict == "disqualified" for review in reviews):
+        return "disqualified"
+    return "ranked" if is_comparable else "other-rules"
+
+
+def _without_version(signature: str) -> str:
+    """Return what scores compare by: a released protocol's numbers are those of every version."""
+    return signature.rpartition("|version:")[0]
+
+
+def _headline(intervals: _Intervals | None) -> Mapping[str, tuple[float, float]]:
+    drawn = {} if intervals is None else intervals.intervals
+    return {
+        key: drawn[key] for key, metric in CATALOGUE.items() if metric.headline and key in drawn
+    }
+
+
+def _reported(session: Session, board: Board) -> Sequence[Entry]:
+    return [
+        Entry(
+            submission_id=None,
+            team_id=None,
+            team=row.team,
+            method=row.method,
+            published_at=row.created_at,
+            anonymous_until=None,
+            scores=row.scores,
+            standing="reported",
+            source=row.source,
+            entered_by=row.added_by,
+        )
+        for row in reported_of(session, board.name)
+    ]

@@ -1,0 +1,115 @@
+"""The pages to read: they say what the schemas, the catalogue and the settings say."""
+
+import json
+import re
+from html import unescape
+from pathlib import Path
+
+import html5lib
+import pytest
+
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.protocol import PROTOCOLS
+from reverie_eval.schemas.submission import SUBMISSION, Prediction
+from reverie_eval.server.openapi import CODES
+from reverie_eval.server.pages.schema_words import in_words
+from reverie_eval.server.settings import Phase, Quota
+from tests.serving import NOON, PRIVATE, OpenServer, Serving, adjusted, settings_of
+from tests.visiting import Visitor, said
+
+CHAPTERS = ("", "/submitting", "/metrics", "/protocols", "/rules", "/api", "/privacy")
+
+
+def words(server: Serving, chapter: str) -> str:
+    return said(Visitor(server).get(f"/words{chapter}"))
+
+
+@pytest.mark.parametrize("chapter", CHAPTERS)
+def test_a_chapter_is_sound_and_leads_to_what_is_there(server: Serving, chapter: str) -> None:
+    reply = Visitor(server).get(f"/words{chapter}")
+    assert reply.status_code == 200
+    html5lib.HTMLParser(strict=True).parse(reply.text)
+    for link in set(re.findall(r'href="(/[^"#]*)', reply.text)) - {"/submit", "/episodes"}:
+        assert server.client.get(unescape(link), follow_redirects=True).status_code == 200, link
+    here = re.findall(r'href="/words([^"]*)" aria-current="page"', reply.text)
+    assert chapter in here
+
+
+def test_every_field_of_a_submission_is_told_of(server: Serving) -> None:
+    text = words(server, "/submitting")
+    for name, field in Prediction.model_fields.items():
+        assert f"{name} required" in text or not field.is_required()
+        assert str(field.description) in text
+    assert "instr_id required text The episode:" in text
+    assert "predView whole number, at least 0, below 36 The view" in text
+    assert "trajectory required list of 1 or more of [text, number, number] The agent's" in text
+
+
+def test_the_example_is_a_submission(server: Serving) -> None:
+    page = Visitor(server).get("/words/submitting").text
+    example = unescape(re.findall(r"<pre tabindex=\"0\"><code>(.*?)</code>", page, re.DOTALL)[0])
+    assert SUBMISSION.validate_python(json.loads(example), strict=False)
+
+
+IN_WORDS = [
+    pytest.param({"type": "string"}, "text", id="text"),
+    pytest.param({"type": "boolean"}, "true or false", id="boolean"),
+    pytest.param({"type": "number", "exclusiveMinimum": 0}, "number, above 0", id="bounds"),
+    pytest.param({"type": "integer", "maximum": 12345}, "whole number, at most 12,345", id="most"),
+    pytest.param({"anyOf": [{"type": "number"}, {"type": "null"}]}, "number", id="or null"),
+    pytest.param(
+        {"anyOf": [{"type": "number"}, {"type": "string"}]}, "number or text", id="either"
+    ),
+    pytest.param(
+        {"type": "array", "minItems": 2, "items": {"type": "integer"}},
+        "list of 2 or more of whole number",
+        id="list",
+    ),
+]
+
+
+@pytest.mark.parametrize(("schema", "expected"), IN_WORDS)
+def test_a_schema_in_words(schema: dict[str, object], expected: str) -> None:
+    assert in_words(schema) == expected
+
+
+def test_every_metric_is_told_of_under_its_key(server: Serving) -> None:
+    page = Visitor(server).get("/words/metrics").text
+    text = words(server, "/metrics")
+    for key, metric in CATALOGUE.items():
+        assert page.count(f'id="{key}"') == 1
+        assert metric.definition in text
+
+
+def test_every_protocol_is_told_of_under_its_name(server: Serving) -> None:
+    page = Visitor(server).get("/words/protocols").text
+    for name, protocol in PROTOCOLS.items():
+        assert page.count(f'id="{name}"') == 1
+        assert protocol.source in unescape(page)
+    official, paper = page.index('id="official-v1"'), page.index('id="paper"')
+    assert official < page.index(f"scores {PRIVATE} here") < paper
+
+
+def test_the_rules_are_those_of_the_settings(open_server: OpenServer, folder: Path) -> None:
+    settings = settings_of(folder)
+    phase = Phase(name="<i>Spring</i>", opens=NOON.replace(year=2027))
+    quota = Quota(day=3, month=17, year=1234)
+    changed = adjusted(settings, quota=quota, phases=(phase,), protocol="duet")
+    changed = changed.model_copy(update={"required_metadata": ("code", "extra_data")})
+    text = words(open_server(changed), "/rules")
+    assert f"{PRIVATE} private duet 91 3 17 1,234" in text
+    assert f"{PRIVATE} <i>Spring</i> 2027-03-02 12:00 UTC - closed" in text
+    assert "here also code, extra data" in text
+
+
+def test_every_problem_has_a_place(server: Serving) -> None:
+    page = Visitor(server).get("/words/api").text
+    for code, status in CODES.items():
+        assert re.search(rf'id="{code}".*?>{status.value}<', page)
+
+
+def test_nothing_secret_is_told(server: Serving) -> None:
+    for chapter in CHAPTERS:
+        text = Visitor(server).get(f"/words{chapter}").text
+        assert str(server.state.settings.folder) not in text
+        assert "sqlite" not in text

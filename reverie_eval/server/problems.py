@@ -105,7 +105,9 @@ def _on_http(request: Request, error: Exception) -> Response:
     status = HTTPStatus(error.status_code if isinstance(error, HTTPException) else 500)
     is_malformed = status is HTTPStatus.BAD_REQUEST
     code = "malformed-request" if is_malformed else status.phrase.lower().replace(" ", "-")
-    reply = _reply(request, status, code, status.description or status.phrase)
+    is_nowhere = status is HTTPStatus.NOT_FOUND
+    detail = "there is nothing at this address" if is_nowhere else status.description
+    reply = _reply(request, status, code, detail or status.phrase)
     reply.headers.update((isinstance(error, HTTPException) and error.headers) or {})
     return reply
 

@@ -22,6 +22,9 @@ function named(points, place) {
   return [`${rank}${short(points.method[place])}`, short(points.team[place])];
 }
 
+// Where the least is next to nothing, room below it would be room for negative numbers.
+const startsNearZero = (values) => Math.min(...values) < 0.1 * Math.max(...values);
+
 function axis(title, paint, more = {}) {
   return {
     type: "linear",
@@ -30,6 +33,7 @@ function axis(title, paint, more = {}) {
     border: { color: paint.quiet },
     ticks: { color: paint.quiet, maxRotation: 0, ...more.ticks },
     grace: more.grace ?? "6%",
+    beginAtZero: startsNearZero(more.values ?? []),
   };
 }
 
@@ -73,7 +77,10 @@ function drawAgainst(data) {
     { data: front.map(at), showLine: true, borderColor: paint.accent, borderDash: [5, 4], borderWidth: 1.5, backgroundColor: paint.accent, pointRadius: 5, pointHoverRadius: 7 },
     { data: rest.map(at), backgroundColor: "transparent", borderColor: paint.quiet, borderWidth: 1.5, pointRadius: many ? 1.5 : 4, pointHoverRadius: 6 },
   ];
-  const axes = { x: axis(data.x.heading, paint), y: axis(data.y.heading, paint) };
+  const axes = {
+    x: axis(data.x.heading, paint, { values: points.x }),
+    y: axis(data.y.heading, paint, { values: points.y }),
+  };
   const label = (raw) => [...named(points, raw.place), `${data.y.heading}: ${raw.y.toFixed(2)}, ${data.x.heading}: ${raw.x.toFixed(2)}`];
   return drawing(document.getElementById("against"), datasets, axes, label, points);
 }
@@ -91,7 +98,7 @@ function drawProgress(data) {
   }
   const axes = {
     x: axis("published", paint, { grace: 0, ticks: { callback: day, maxTicksLimit: 5 } }),
-    y: axis(data.y.heading, paint),
+    y: axis(data.y.heading, paint, { values: points.y }),
   };
   const label = (raw) => [...named(points, raw.place), `${data.y.heading}: ${raw.y.toFixed(2)}, ${day(points.at[raw.place])}`];
   return drawing(document.getElementById("progress"), datasets, axes, label, points);

@@ -15,6 +15,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.bars import judge
 from reverie_eval.arrays import FloatArray
 from reverie_eval.box_building.build import build_boxes
 from reverie_eval.box_building.rules import Occlusion, Rules
@@ -39,10 +42,7 @@ def main() -> int:
             ("the same with occlusion, s", build_seconds(scan, 100.0, "paper"), 60.0),
             ("IoU of a million pairs, s", iou_seconds(rng), 0.3),
         ]
-    for name, figure, bar in figures:
-        verdict = "ok" if figure <= bar else "OVER"
-        print(f"{name:36} {figure:7.2f}   at most {bar:5.1f}   {verdict}")
-    return int(any(figure > bar for _, figure, bar in figures))
+    return judge(figures)
 
 
 def write_scan(folder: Path, rng: np.random.Generator) -> Scan:

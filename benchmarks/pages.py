@@ -26,8 +26,8 @@ from urllib.parse import urlsplit
 
 from sqlalchemy import insert, select
 
+from fixtures.servers import make_folder
 from reverie_eval.schemas.service import Method
-from reverie_eval.server.folder import make_folder
 from reverie_eval.server.service.audit import record
 from reverie_eval.server.service.people import add_person, add_team
 from reverie_eval.server.settings import load_settings

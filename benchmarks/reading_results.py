@@ -19,6 +19,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import reverie_eval as rv
+from benchmarks.bars import judge
 from benchmarks.scoring import HEADLINE, REVERIE_EVAL, SUBMISSION, ratio_of_medians, run, seconds
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.intervals import Clustering
@@ -42,10 +43,7 @@ def main() -> int:
             submission.write_bytes(packed.read())
         figures = [*interval_figures(submission, bundle), *evaluator_figures(submission, bundle)]
         figures.append(("report with maps, s", report_seconds(submission, bundle, work), 10.0))
-    for name, figure, bar in figures:
-        verdict = "ok" if figure <= bar else "OVER"
-        print(f"{name:57} {figure:7.2f}   at most {bar:5.1f}   {verdict}")
-    return int(any(figure > bar for _, figure, bar in figures))
+    return judge(figures)
 
 
 def interval_figures(submission: Path, bundle: Path) -> Sequence[tuple[str, float, float]]:

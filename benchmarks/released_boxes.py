@@ -38,6 +38,9 @@ class Seen(NamedTuple):
 
 def main() -> int:
     """Print the figures."""
+    if len(sys.argv) != 3:  # the script, and what its docstring names
+        print("usage: python benchmarks/released_boxes.py DATASET OBJPOS")
+        return 2
     dataset, object_positions = map(Path, sys.argv[1:])
     centres = OBJECT_POSITIONS.validate_json(object_positions.read_bytes())
     listed, seen = [], []

@@ -20,6 +20,7 @@ import orjson
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import reverie_eval as rv
+from benchmarks.bars import judge
 from fixtures.published import published_folder, unpack_dataset
 
 SUBMISSION = "val_unseen.mixed1"
@@ -61,10 +62,7 @@ def main() -> int:
             ("peak memory / file size", peak_memory_ratio(submission, bundle), 8.0),
             ("compile three splits, s", compile_seconds, 15.0),
         ]
-    for name, figure, bar in figures:
-        verdict = "ok" if figure <= bar else "OVER"
-        print(f"{name:36} {figure:7.2f}   at most {bar:5.1f}   {verdict}")
-    return int(any(figure > bar for _, figure, bar in figures))
+    return judge(figures)
 
 
 def compile_all(dataset: Path, into: Path) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from reverie_eval.arrays import Array, IntArray
 from reverie_eval.errors import ProtocolError
+from reverie_eval.wording import some
 
 OUTCOMES: Mapping[str, str] = MappingProxyType(
     {
@@ -89,5 +90,8 @@ def anatomy_of(episodes: Mapping[str, Array]) -> Anatomy:
 def _judged(episodes: Mapping[str, Array]) -> Sequence[Array]:
     missing = [key for key in _NEEDED if key not in episodes]
     if missing:
-        raise ProtocolError(f"outcomes need what this protocol or track has no score of: {missing}")
+        raise ProtocolError(
+            f"outcomes need success, oracle success and RGS, and {some(missing)} is not scored "
+            "here; choose another protocol, or the full track"
+        )
     return [episodes[key] > 0 for key in _NEEDED]

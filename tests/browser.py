@@ -18,9 +18,9 @@ from playwright.sync_api import (
     sync_playwright,
 )
 
-from reverie_eval.server.folder import make_folder
+from fixtures.servers import make_folder
 from tests.conftest import unavailable
-from tests.demo_site import Site, populate
+from tests.demo_site import Site, furnish
 from tests.serving import running
 
 CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -59,7 +59,7 @@ def demo_site(folder: Path) -> Iterator[Site]:
     """Run a server with the demo world's people until the end."""
     make_folder(folder)
     with running(folder, REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE="1000000") as (_, url):
-        yield populate(url, folder)
+        yield furnish(url, folder)
 
 
 class Ear:

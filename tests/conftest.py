@@ -15,8 +15,8 @@ from reverie_eval_cli.main import main
 from tests.flat import Outcome, Run, write_flat
 
 pytest_plugins = [
-    "tests.participants",
     "tests.serving",
+    "tests.participants",
     "tests.kept",
     "tests.processes",
     "tests.browser",

@@ -15,7 +15,6 @@ from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth.locate import DEMO_BUNDLES
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.service import Method
-from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import (
@@ -23,9 +22,9 @@ from reverie_eval.server.store.tables import (
     Person,
     ReportedResult,
     Review,
-    Role,
     Submission,
 )
+from tests.serving import populate
 
 SAMPLES = Path(__file__).parents[1] / "fixtures" / "submissions"
 MARKUP = "<script>alert(1)</script>"
@@ -94,11 +93,11 @@ class Site:
         return reply.raise_for_status()
 
 
-def populate(url: str, folder: Path) -> Site:
+def furnish(url: str, folder: Path) -> Site:
     """Add people to a running server, send in what they have, and judge some of it."""
     now = datetime.now(UTC)
     with closing(Database(load_settings(folder).database_url)) as database:
-        site = Site(url, folder, _add_people(database, now), {})
+        site = Site(url, folder, populate(database, PEOPLE, now), {})
         ids = {(each.split, each.said["name"]): _send(site, each) for each in _SENT}
         with database.writing() as session:
             for each in _SENT:
@@ -120,18 +119,6 @@ def sound(split: str, agent: str) -> bytes:
     return json.dumps(
         run_agent(name, GroundTruth.load(apart / f"{split}.npz"), int(seed or 0))
     ).encode()
-
-
-def _add_people(database: Database, now: datetime) -> Mapping[str, str]:
-    tokens = {}
-    with database.writing() as session:
-        for team in dict.fromkeys(PEOPLE.values()):
-            add_team(session, team, now=now, actor="test")
-        for name, team in PEOPLE.items():
-            role: Role = "organiser" if name == ORGANISER else "participant"
-            person = add_person(session, team, name, role, now=now, actor="test")
-            tokens[name] = mint(session, person, "access", now=now, actor="test").text
-    return tokens
 
 
 def _send(site: Site, each: Sent) -> str:

@@ -4,10 +4,9 @@ import json
 import os
 import socket
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import count
@@ -18,28 +17,19 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
 from reverie_eval.agents import run_agent
 from reverie_eval.client.logins import login_path
 from reverie_eval.ground_truth.locate import DEMO_BUNDLES
-from reverie_eval.server.folder import make_folder
 from reverie_eval.server.service.people import add_person, add_team, mint, person_named
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Role, TokenKind
 from tests.flat import Outcome
+from tests.serving import running
 from tests.terminals import COMMAND
 
-SERVE = """
-import sys
-from functools import partial
-from pathlib import Path
-from reverie_eval.server.run import run_server
-from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState
-state = ServerState.open(load_settings(Path(sys.argv[1])))
-run_server(state, "127.0.0.1", 0, partial(print, flush=True))
-"""
 PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY")
 UPLOAD = b"POST /api/v1/splits/test/submissions"
 
@@ -89,27 +79,11 @@ def real_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer
     """Run a server on the demo world."""
     folder = tmp_path_factory.mktemp("real") / "server"
     make_folder(folder)
-    log = folder / "log"
-    environment = os.environ | {"REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
     with (
-        log.open("wb") as errors,
-        subprocess.Popen(
-            [sys.executable, "-c", SERVE, str(folder)],
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            env=environment,
-            text=True,
-        ) as process,
+        running(folder, REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE="1000000") as (_, url),
+        closing(Database(load_settings(folder).database_url)) as database,
     ):
-        try:
-            assert process.stdout is not None
-            url = process.stdout.readline().strip()
-            assert url, log.read_text()
-            database = Database(load_settings(folder).database_url)
-            yield RealServer(url, database, log)
-            database.close()
-        finally:
-            process.kill()
+        yield RealServer(url, database, folder / "log")
 
 
 def private_submission(seed: int = 0) -> bytes:

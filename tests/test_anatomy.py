@@ -69,5 +69,5 @@ def test_outcomes_of_a_sample_reproduce_its_scores(protocol: str) -> None:
 @pytest.mark.parametrize("how", [{"track": "grounding"}, {"protocol": "r2r-style"}], ids=str)
 def test_what_is_not_scored_has_no_outcomes(how: dict[str, str]) -> None:
     scores = evaluate(SAMPLES / "good.json", split="val_unseen", **how)  # type: ignore[arg-type]
-    with pytest.raises(ProtocolError, match="need what this protocol or track has no score of"):
+    with pytest.raises(ProtocolError, match="is not scored here; choose another protocol"):
         _ = scores.anatomy

@@ -358,6 +358,7 @@ def test_folders_without_any_file(run: Run, tmp_path: Path) -> None:
     status, _, err = run("boxes", str(tmp_path), str(tmp_path), "-o", str(tmp_path / "out"))
     assert (status, list(tmp_path.iterdir())) == (1, [])
     assert "no {scan}.house file at any depth of this folder" in err
+    assert "no {scan}_connectivity.json file in this folder" in err
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from reverie_eval.slices import SLICINGS
 from tests.conftest import SAMPLES
 from tests.flat import Run
 from tests.home import OTHER_WALKS, WALKS, home_scores
+from tests.terminals import on_terminal
 
 HTML = "{http://www.w3.org/1999/xhtml}"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -414,13 +415,21 @@ def test_the_command_prints(run: Run) -> None:
     assert "<title>good and mediocre on val_unseen: reverie-eval report</title>" in out
 
 
+def test_a_terminal_is_no_place_for_it() -> None:
+    shown = on_terminal(200, *REPORT)
+    assert "a report is a page for a browser; name its file: -o report.html" in shown
+    assert "<html" not in shown
+
+
 @pytest.mark.parametrize(
     ("words", "status", "reason"),
     [
         pytest.param(
             [str(SAMPLES / "broken.json")], 1, "broken.json: submission rejected", id="2nd"
         ),
-        pytest.param(["--protocol", "r2r-style"], 2, "outcomes need what", id="no outcomes"),
+        pytest.param(
+            ["--protocol", "r2r-style"], 2, "and rgs is not scored here", id="no outcomes"
+        ),
         pytest.param(["-o", str(SAMPLES / "good.json")], 2, "is used already", id="over its input"),
     ],
 )

@@ -6,10 +6,7 @@ come after it.
 """
 
 import json
-import os
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -20,17 +17,16 @@ from time import sleep
 import pytest
 import uvicorn
 
+from fixtures.servers import make_folder
 from reverie_eval.server import run
 from reverie_eval.server.app import create_app
 from reverie_eval.server.edge import patience
 from reverie_eval.server.edge.bodies import SMALL
-from reverie_eval.server.folder import make_folder
 from reverie_eval.server.listening import listen
 from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
-from tests.participants import SERVE
-from tests.serving import GOOD, Serving
+from tests.serving import GOOD, Serving, running
 
 SECONDS = 1
 """That the server gives to a body."""
@@ -85,22 +81,8 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Small]:
         "UPLOADS_WAITING": 1,
     }
     variables = {f"REVERIE_EVAL_LIMITS__{name}": str(value) for name, value in limits.items()}
-    with (
-        log.open("wb") as errors,
-        subprocess.Popen(
-            [sys.executable, "-c", SERVE, str(folder)],
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            env=os.environ | variables,
-            text=True,
-        ) as process,
-    ):
-        try:
-            assert process.stdout is not None
-            port = int(process.stdout.readline().strip().rpartition(":")[2])
-            yield Small(port, token, log)
-        finally:
-            process.kill()
+    with running(folder, **variables) as (_, url):
+        yield Small(int(url.rpartition(":")[2]), token, log)
 
 
 def reply_on(connection: socket.socket) -> tuple[int, str]:

@@ -85,8 +85,11 @@ def find_scans(houses: Path, connectivity: Path, wanted: Iterable[str] | None = 
             "missing-scan", connectivity, f"{{scan}}{_CONNECTIVITY}", found.without_connectivity
         )
     if not scans:
-        message = f"no {{scan}}{_HOUSE} file at any depth of this folder"
-        problems.append(Problem("missing-house", str(houses), message))
+        message = "no {{scan}}{} file {}"
+        no_house = message.format(_HOUSE, "at any depth of this folder")
+        no_poses = message.format(_CONNECTIVITY, "in this folder")
+        problems.append(Problem("missing-house", str(houses), no_house))
+        problems.append(Problem("missing-scan", str(connectivity), no_poses))
     if problems:
         raise DatasetError(problems)
     return found

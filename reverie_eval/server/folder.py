@@ -46,20 +46,12 @@ def make_server(folder: Path, *, now: datetime, actor: str) -> str:
         If something is in the folder already, or in the database that a variable names.
     """
     with building(folder) as aside:
-        _fill(aside)
+        fill(aside)
         return _add_first_organiser(aside, now=now, actor=actor)
 
 
-def make_folder(folder: Path) -> None:
-    """Make a server's folder that runs at once, on the demo world; nobody is in it.
-
-    Errors are those of :func:`make_server`.
-    """
-    with building(folder) as aside:
-        _fill(aside)
-
-
-def _fill(folder: Path) -> None:
+def fill(folder: Path) -> None:
+    """Fill a folder with what a server is made of, on the demo world; nobody is in it."""
     bundles = folder / "bundles"
     bundles.mkdir(mode=0o700)
     for split, bundle in _DEMO_SPLITS.items():

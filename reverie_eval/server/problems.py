@@ -41,6 +41,12 @@ STATUS_OF: dict[type[ReverieEvalError], tuple[HTTPStatus, str]] = {
     errors.BusyError: (HTTPStatus.SERVICE_UNAVAILABLE, "busy"),
 }
 
+_IN_WORDS = {
+    HTTPStatus.NOT_FOUND: "there is nothing at this address",
+    HTTPStatus.METHOD_NOT_ALLOWED: "this address is there for other methods; look at Allow",
+}
+"""What the framework refuses, as whoever asked should read it."""
+
 FAULT = "internal"
 """The code of what is nobody's fault but ours."""
 
@@ -105,9 +111,8 @@ def _on_http(request: Request, error: Exception) -> Response:
     status = HTTPStatus(error.status_code if isinstance(error, HTTPException) else 500)
     is_malformed = status is HTTPStatus.BAD_REQUEST
     code = "malformed-request" if is_malformed else status.phrase.lower().replace(" ", "-")
-    is_nowhere = status is HTTPStatus.NOT_FOUND
-    detail = "there is nothing at this address" if is_nowhere else status.description
-    reply = _reply(request, status, code, detail or status.phrase)
+    said = _IN_WORDS.get(status, status.description or status.phrase)
+    reply = _reply(request, status, code, said)
     reply.headers.update((isinstance(error, HTTPException) and error.headers) or {})
     return reply
 

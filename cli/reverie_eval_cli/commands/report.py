@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from reverie_eval import ReverieEvalError
 from reverie_eval_cli.arguments import (
     add_clustering,
     add_ground_truth,
@@ -34,6 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     submissions = [arguments.submission, *([arguments.other] if arguments.other else [])]
     check_outputs([arguments.output], [*submissions, arguments.ground_truth])
+    if not arguments.output and sys.stdout.isatty():
+        raise ReverieEvalError("a report is a page for a browser; name its file: -o report.html")
     scores = evaluate_each(submissions, arguments)
     if scores is None:
         return 1

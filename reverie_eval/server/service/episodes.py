@@ -140,7 +140,7 @@ class Browsing:
         """Return an episode's row; errors are those of :meth:`episode`."""
         row = self.board.truth.episodes.index.get(instr_id)
         if row is None:
-            raise NotFoundError(f"{self.board.name} has no episode {instr_id!r}")
+            raise NotFoundError(f"there is no episode {instr_id!r} in {self.board.name}")
         return row
 
     def _is(self, parts: Sequence[str], wanted: str) -> BoolArray:

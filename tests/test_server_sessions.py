@@ -262,10 +262,9 @@ def test_the_csrf_token_makes_no_cookie(browser: Browser) -> None:
 
 
 def test_another_process_of_the_server_knows_the_session(
-    browser: Browser, open_server: OpenServer, folder: Any, monkeypatch: pytest.MonkeyPatch
+    browser: Browser, open_server: OpenServer, folder: Any
 ) -> None:
-    monkeypatch.setattr("tests.serving.populate", lambda _: {})  # everybody is there already
-    replica = open_server(settings_of(folder))
+    replica = open_server(settings_of(folder), browser.server.tokens)
     assert is_alive(Browser(replica, browser.cookie, browser.csrf_token))
     assert Browser(replica, browser.cookie, browser.csrf_token).ask("GET", "/me").is_success
 

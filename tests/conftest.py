@@ -25,7 +25,7 @@ pytest_plugins = [
 
 REPOSITORY = Path(__file__).parents[1]
 SAMPLES = REPOSITORY / "fixtures" / "submissions"
-TEST_EVERYTHING = "REVERIE_EVAL_TEST_EVERYTHING"
+TEST_EVERYTHING = "REVERIE_TEST_EVERYTHING"
 
 
 def unavailable(reason: str) -> NoReturn:

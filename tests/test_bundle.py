@@ -14,8 +14,8 @@ import pytest
 
 from fixtures.bundles import write_demo_bundles
 from fixtures.demo_world.episodes import Answer, episodes_of, submitted
-from reverie_eval import GroundTruth, GroundTruthError, evaluate, validate
-from reverie_eval.ground_truth import ENVIRONMENT_VARIABLE, Bundle, find_ground_truth
+from reverie_eval import GroundTruth, GroundTruthError, evaluate, validate, variables
+from reverie_eval.ground_truth import Bundle, find_ground_truth
 from reverie_eval.ground_truth.bundle import (
     ANSWER_ARRAYS,
     OPTIONAL_ANSWER_ARRAYS,
@@ -369,14 +369,14 @@ def test_a_folder_of_bundles(split: str, name: str, bundles: Path) -> None:
 
 
 def test_the_environment_names_a_place(bundles: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(ENVIRONMENT_VARIABLE, str(bundles))
+    monkeypatch.setenv(variables.GROUND_TRUTH, str(bundles))
     assert find_ground_truth(None, SPLIT).origin == str(bundles / "val_unseen.npz")
 
 
 def test_what_is_given_goes_before_the_environment(
     bundles: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(ENVIRONMENT_VARIABLE, "/nowhere")
+    monkeypatch.setenv(variables.GROUND_TRUTH, "/nowhere")
     assert find_ground_truth(bundles, SPLIT).origin == str(bundles / "val_unseen.npz")
 
 

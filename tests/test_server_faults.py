@@ -1,5 +1,6 @@
 """Failures of ours: whatever breaks on the way, nothing is spent, and sending again is safe."""
 
+import errno
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -62,6 +63,38 @@ def test_a_failing_step_leaves_nothing(
     assert upload(server_on).status_code == 201
     assert kept(server_on) == (1, 1)
     assert left(server_on) == 1
+
+
+def test_a_disk_without_room_for_the_file_leaves_nothing(
+    server_on: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "/srv/secret/path")
+
+    with monkeypatch.context() as full:
+        full.setattr(FolderUploads, "put", fail)
+        reply = upload(server_on)
+    assert (reply.status_code, reply.json()["code"]) == (507, "storage-full")
+    assert "/srv" not in reply.text
+    assert kept(server_on) == (0, 0)
+    assert upload(server_on).status_code == 201
+
+
+def test_a_database_without_room_leaves_nothing(server: Serving) -> None:
+    def allow_no_further_page(connection: Any) -> None:
+        connection.exec_driver_sql("PRAGMA max_page_count = 1")  # or as many as there are
+
+    engine = server.state.database.engine
+    event.listen(engine, "begin", allow_no_further_page)
+    try:
+        replies = [server.upload(OWNER, server.distinct()) for _ in range(20)]
+    finally:
+        event.remove(engine, "begin", allow_no_further_page)
+    refused = [reply.json()["code"] for reply in replies if reply.status_code == 507]
+    accepted = sum(reply.status_code == 201 for reply in replies)
+    assert refused == ["storage-full"] * (20 - accepted)
+    assert accepted < 20
+    assert kept(server) == (accepted, accepted)
 
 
 def test_a_commit_that_fails_leaves_nothing(server_on: Serving) -> None:

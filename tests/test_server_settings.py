@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from reverie_eval.server.checks import demand_sound
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
     Metadata,
@@ -252,6 +253,21 @@ def test_variables_that_are_no_settings_change_nothing(
 ) -> None:
     monkeypatch.setenv(f"REVERIE_EVAL_{name}", "/elsewhere")
     assert loaded(tmp_path).folder == tmp_path.resolve()
+
+
+def test_a_misspelt_variable_is_noted_and_that_of_another_program_is_no_fault(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("REVERIE_EVAL_DATBASE", "postgresql+psycopg://me:word@host/name")
+    monkeypatch.setenv("REVERIE_EVAL_PORT_80_TCP", "tcp://10.0.0.1:80")
+    monkeypatch.setenv("REVERIE_EVAL_TITLE", "Ours")
+    monkeypatch.setenv("REVERIE_EVAL_TOKEN", "rv_mine")
+    said: list[str] = []
+    assert demand_sound(folder, said.append).title == "Ours"
+    assert said == [
+        "REVERIE_EVAL_DATBASE is set, but is no setting; look for a spelling mistake",
+        "REVERIE_EVAL_PORT_80_TCP is set, but is no setting; look for a spelling mistake",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from reverie_eval import ReverieEvalError
+from reverie_eval import ReverieEvalError, variables
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
     from reverie_eval.client.sending import Notice
-
-SERVER_VARIABLE = "REVERIE_EVAL_SERVER"
-TOKEN_VARIABLE = "REVERIE_EVAL_TOKEN"  # noqa: S105  # the variable's name is no secret
 
 
 def add_server(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
@@ -23,7 +20,7 @@ def add_server(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGr
     named.add_argument(
         "--server",
         metavar="URL",
-        help=f"the evaluation server (default: ${SERVER_VARIABLE}, then the latest `login`)",
+        help=f"the evaluation server (default: ${variables.SERVER}, then the latest `login`)",
     )
     parser.add_argument(
         "--plain-http",
@@ -44,9 +41,9 @@ def server_of(arguments: argparse.Namespace) -> str:
     from reverie_eval.client.addresses import server_url
     from reverie_eval.client.logins import Logins
 
-    named = arguments.server or os.environ.get(SERVER_VARIABLE) or Logins.load().latest
+    named = arguments.server or os.environ.get(variables.SERVER) or Logins.load().latest
     if not named:
-        raise ReverieEvalError(f"which server? Name it with --server URL or {SERVER_VARIABLE}")
+        raise ReverieEvalError(f"which server? Name it with --server URL or {variables.SERVER}")
     return server_url(named)
 
 
@@ -77,11 +74,11 @@ def token_for(server: str) -> str:
     """
     from reverie_eval.client.logins import Logins
 
-    token = os.environ.get(TOKEN_VARIABLE) or Logins.load().tokens.get(server)
+    token = os.environ.get(variables.TOKEN) or Logins.load().tokens.get(server)
     if not token:
         raise ReverieEvalError(
             f"you are not signed in to {server}; run `reverie-eval login --server {server}`, or "
-            f"put your token into {TOKEN_VARIABLE}"
+            f"put your token into {variables.TOKEN}"
         )
     return token
 
@@ -103,6 +100,6 @@ def showing_token(server: str) -> Iterator[None]:
         if error.document.code != "not-signed-in":
             raise
         remedy = f"run `reverie-eval login --server {server}` to be asked for another"
-        if os.environ.get(TOKEN_VARIABLE):
-            remedy = f"it came from {TOKEN_VARIABLE}: correct that, or unset it to use the login's"
+        if os.environ.get(variables.TOKEN):
+            remedy = f"it came from {variables.TOKEN}: correct that, or unset it to use the login's"
         raise ReverieEvalError(f"{error}; {remedy}") from None

@@ -5,11 +5,10 @@ Compiling lives in :mod:`reverie_eval.ground_truth.compile` and is imported only
 
 from reverie_eval.ground_truth.bundle import Bundle
 from reverie_eval.ground_truth.graph import NavigationGraph
-from reverie_eval.ground_truth.locate import ENVIRONMENT_VARIABLE, bundle_name, find_ground_truth
+from reverie_eval.ground_truth.locate import bundle_name, find_ground_truth
 from reverie_eval.ground_truth.truth import Answers, Episodes, GroundTruth
 
 __all__ = [
-    "ENVIRONMENT_VARIABLE",
     "Answers",
     "Bundle",
     "Episodes",

@@ -5,10 +5,10 @@ import shlex
 from os import PathLike
 from pathlib import Path
 
+from reverie_eval import variables
 from reverie_eval.errors import GroundTruthError
 from reverie_eval.ground_truth.truth import GroundTruth
 
-ENVIRONMENT_VARIABLE = "REVERIE_EVAL_GROUND_TRUTH"
 DEMO_BUNDLES = Path(__file__).with_name("demo")
 """The bundles of the synthetic world that ships with the package."""
 
@@ -27,7 +27,7 @@ def find_ground_truth(given: str | PathLike[str] | GroundTruth | None, split: st
     """
     if isinstance(given, GroundTruth):
         return _of_split(given, split)
-    named = os.environ.get(ENVIRONMENT_VARIABLE) if given is None else given
+    named = os.environ.get(variables.GROUND_TRUTH) if given is None else given
     place = DEMO_BUNDLES if named is None else named
     return _of_split(_load(Path(place), split), split)
 

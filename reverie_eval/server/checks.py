@@ -1,7 +1,7 @@
 """What has to be right before a server starts, all looked at, each with its remedy."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,13 @@ from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.server.service.boards import load_boards
 from reverie_eval.server.service.receipts import load_key, public_pem_of
-from reverie_eval.server.settings import SETTINGS_FILE, Settings, SettingsError, load_settings
+from reverie_eval.server.settings import (
+    SETTINGS_FILE,
+    Settings,
+    SettingsError,
+    load_settings,
+    variables_ignored,
+)
 from reverie_eval.server.store.database import Database, known_revisions
 from reverie_eval.server.store.uploads import open_uploads
 from reverie_eval.version import __version__
@@ -53,8 +59,10 @@ def check_folder(folder: Path) -> Sequence[Finding]:
     return [finding for look in looks for finding in look(settings)]
 
 
-def demand_sound(folder: Path) -> Settings:
+def demand_sound(folder: Path, note: Callable[[str], None]) -> Settings:
     """Return the settings of a folder that a server can start from.
+
+    ``note`` is told what is worth a look, but no fault.
 
     Raises
     ------
@@ -65,6 +73,9 @@ def demand_sound(folder: Path) -> Settings:
     faults = [finding for finding in findings if finding.kind == "fault"]
     if faults:
         raise FolderError([Problem("unsound", fault.check, fault.what) for fault in faults])
+    for finding in findings:
+        if finding.kind == "note":
+            note(finding.what)
     return load_settings(folder)
 
 
@@ -164,6 +175,9 @@ def _at_settings(settings: Settings) -> Iterator[Finding]:
     file = settings.folder / SETTINGS_FILE
     is_private = not file.stat().st_mode & _OTHERS_MAY_READ
     yield Finding("settings", "ok", f"{file}, splits: {', '.join(settings.splits)}")
+    for name in variables_ignored():
+        told = f"{name} is set, but is no setting; look for a spelling mistake"
+        yield Finding("settings", "note", told)
     try:
         url = make_url(settings.database)
     except ArgumentError:

@@ -319,6 +319,11 @@ DETAILS: dict[str, dict[str, Any]] = {
     "busy": {
         "detail": "too many uploads at once; nothing was spent, send yours again in 10 seconds"
     },
+    "storage-full": {
+        "detail": "the server has no room left to keep anything; nothing was spent. Tell the "
+        "organiser, and send it again when there is room",
+        "request_id": "5f0c1be2a97d4e36",
+    },
     "internal": {
         "detail": "the server failed, not your file. Send it again, no file is counted twice",
         "request_id": "5f0c1be2a97d4e36",

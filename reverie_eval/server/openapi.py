@@ -15,18 +15,19 @@ from fastapi.openapi.utils import get_openapi
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.callers import CSRF_HEADER
 from reverie_eval.server.examples import DETAILS, EXAMPLES
-from reverie_eval.server.problems import MEDIA_TYPE, STATUS_OF
+from reverie_eval.server.problems import FAULT, MEDIA_TYPE, NO_SPACE, STATUS_OF
 
 Document = dict[str, Any]
 
 CODES: Mapping[str, HTTPStatus] = {code: status for status, code in STATUS_OF.values()} | {
     "method-not-allowed": HTTPStatus.METHOD_NOT_ALLOWED,
-    "internal": HTTPStatus.INTERNAL_SERVER_ERROR,
+    NO_SPACE: HTTPStatus.INSUFFICIENT_STORAGE,
+    FAULT: HTTPStatus.INTERNAL_SERVER_ERROR,
 }
 """Every code of a problem document, with its status."""
 
 _MODELS = "#/components/schemas/"
-_EVERYWHERE: tuple[str, ...] = ("too-many-requests", "internal")
+_EVERYWHERE: tuple[str, ...] = ("too-many-requests", FAULT)
 _OF_FASTAPI = ("HTTPValidationError", "ValidationError")
 _CHANGING = frozenset({"post", "patch", "put", "delete"})
 
@@ -93,6 +94,8 @@ def _complete(method: str, operation: Document) -> None:
     if "HTTPValidationError" in str(replies.get("422")):
         del replies["422"]
         everywhere += ("malformed-request",)
+    if method in _CHANGING:
+        everywhere += (NO_SPACE,)
     if method in _CHANGING and any("APIKeyCookie" in way for way in operation.get("security", ())):
         operation["security"] = [
             {**way, "csrf": []} if "APIKeyCookie" in way else way for way in operation["security"]

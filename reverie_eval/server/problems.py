@@ -21,6 +21,7 @@ from reverie_eval.server.edge.exchange import exchange_of
 from reverie_eval.server.pages.faults import fault_page, is_page
 from reverie_eval.server.service.reports import quota_report
 from reverie_eval.server.state import state_of
+from reverie_eval.server.store.space import is_full
 
 MEDIA_TYPE = "application/problem+json"
 LOGGER = logging.getLogger("reverie_eval.server")
@@ -49,6 +50,7 @@ _IN_WORDS = {
 
 FAULT = "internal"
 """The code of what is nobody's fault but ours."""
+NO_SPACE = "storage-full"
 
 
 def add_error_handlers(app: FastAPI) -> None:
@@ -121,6 +123,13 @@ def _on_fault(request: Request, error: Exception) -> Response:
     """Say that it was our fault, and to the log alone what it was."""
     log_fault(request, error)
     identity = exchange_of(request.scope).id
+    if is_full(error):
+        detail = (
+            "the server has no room left to keep anything; nothing was spent. Tell the organiser, "
+            "and send it again when there is room"
+        )
+        status = HTTPStatus.INSUFFICIENT_STORAGE
+        return _reply(request, status, NO_SPACE, detail, request_id=identity)
     detail = (
         "the server failed, not your file. Send it again, no file is counted twice; if it fails "
         f"again, tell the organiser this request's id: {identity}"

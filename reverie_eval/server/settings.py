@@ -27,12 +27,13 @@ from pydantic import (
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 from pydantic_settings import SettingsError as UnreadableVariableError
 
+from reverie_eval import variables
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.protocol import DEFAULT_PROTOCOL, protocol_named
 
 SETTINGS_FILE = "reverie-eval.toml"
-VARIABLES = "REVERIE_EVAL_"
-"""What the names of variables begin with."""
+_NO_SETTINGS = frozenset({variables.GROUND_TRUTH, variables.SERVER, variables.TOKEN})
+"""Variables that mean something elsewhere."""
 
 Metadata: TypeAlias = Literal[
     "description",
@@ -139,7 +140,7 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(
         frozen=True,
         extra="forbid",
-        env_prefix=VARIABLES,
+        env_prefix=variables.PREFIX,
         env_nested_delimiter="__",
         use_attribute_docstrings=True,
     )
@@ -211,8 +212,22 @@ class Settings(BaseSettings):
 
 def variables_set() -> Sequence[str]:
     """Return the names of the variables that are set and change a setting."""
-    settings = tuple(f"{VARIABLES}{name}".lower() for name in Settings.model_fields)
-    return sorted(name for name in os.environ if name.lower().split("__")[0] in settings)
+    return sorted(filter(_is_setting, os.environ))
+
+
+def variables_ignored() -> Sequence[str]:
+    """Return the names of the variables that look like ours and change nothing.
+
+    They may be misspelt; but orchestrators set variables too, named after a service, so they are
+    no fault.
+    """
+    ours = {name for name in os.environ if name.startswith(variables.PREFIX)} - _NO_SETTINGS
+    return sorted(name for name in ours if not _is_setting(name))
+
+
+def _is_setting(variable: str) -> bool:
+    name, _, _ = variable.lower().removeprefix(variables.PREFIX.lower()).partition("__")
+    return variable.lower().startswith(variables.PREFIX.lower()) and name in Settings.model_fields
 
 
 def load_settings(folder: Path) -> Settings:
@@ -235,7 +250,7 @@ def load_settings(folder: Path) -> Settings:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SettingsError([Problem("not-toml", str(file), str(error))]) from None
     except UnreadableVariableError as error:
-        raise SettingsError([Problem("wrong-setting", VARIABLES, str(error))]) from None
+        raise SettingsError([Problem("wrong-setting", variables.PREFIX, str(error))]) from None
     except ValidationError as error:
         raise SettingsError(list(_problems(error))) from None
 

@@ -10,8 +10,8 @@ import sys
 from getpass import getpass
 from typing import TYPE_CHECKING
 
-from reverie_eval import ReverieEvalError
-from reverie_eval_cli.servers import TOKEN_VARIABLE, add_server, connect, server_of, tell_banner
+from reverie_eval import ReverieEvalError, variables
+from reverie_eval_cli.servers import add_server, connect, server_of, tell_banner
 
 if TYPE_CHECKING:
     from reverie_eval.client import RefusedError
@@ -39,8 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
         me = client.me()
     who = printable(f"{me.person} of {me.team} ({me.role})")
     print(f"signed in to {client.url} as {who}; kept in {place}")
-    if TOKEN_VARIABLE in os.environ:
-        print(f"note: {TOKEN_VARIABLE} is set, and goes before what was kept", file=sys.stderr)
+    if variables.TOKEN in os.environ:
+        print(f"note: {variables.TOKEN} is set, and goes before what was kept", file=sys.stderr)
     return 0
 
 

@@ -6,6 +6,7 @@ Exit status: 0 it was stopped, 1 it refused to start, 2 it could not listen.
 import argparse
 import gc
 import shlex
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -42,11 +43,15 @@ def run(arguments: argparse.Namespace) -> int:
     gc.enable()  # the installed command works without, which pays in short lives only
     folder = arguments.folder or _DEMO
     token = None if arguments.folder or _DEMO.exists() else _make_demo()
-    state = ServerState.open(demand_sound(folder))
+    state = ServerState.open(demand_sound(folder, _note))
     print(f"{state.settings.title}, data in {state.settings.folder}", flush=True)
     with suppress(KeyboardInterrupt):
         run_server(state, arguments.host, arguments.port, _announcement(folder, token))
     return 0
+
+
+def _note(said: str) -> None:
+    print(f"note: {said}", file=sys.stderr)
 
 
 def _make_demo() -> str:

@@ -154,6 +154,20 @@ def test_a_slow_reply_is_asked_for_again(
         assert (accepted.is_repeat, quota_of(client)) == (True, 1)
 
 
+def test_a_server_that_says_nothing_is_given_up(
+    real_server: RealServer, monkeypatch: pytest.MonkeyPatch, pauses: list[float]
+) -> None:
+    monkeypatch.setattr(sending, "_TIMEOUT", httpx.Timeout(30, read=0.2))
+    monkeypatch.setattr(sending, "PATIENCE", 0)
+    with (
+        somebody_at(real_server, "late") as (client, proxy),
+        pytest.raises(UnreachableError, match="does not answer in time"),
+    ):
+        client.submit("test", private_submission(), OURS)
+    assert len(proxy.uploads) == 1
+    assert pauses == []
+
+
 def test_a_network_that_stays_away_is_told_of(real_server: RealServer, pauses: list[float]) -> None:
     faults: list[Fault] = ["upload"] * 6
     with (

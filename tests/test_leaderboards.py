@@ -56,9 +56,46 @@ def test_a_terminal_of_any_width_shows_everything(columns: int) -> None:
 def test_a_pipe_gets_aligned_columns() -> None:
     grid = leaderboard_grid(board(row(1, "Blue", {"name": "Ours"}), row(10, "Red", {"name": "B"})))
     assert aligned(grid).splitlines() == [
-        "rank  team  method   TL m   SR %  RGSPL %  sent          on  with",
+        "rank  team  method   TL m   SR %  RGSPL %  sent          on  remarks",
         "   1  Blue  Ours    12.34  54.54    35.03     7  2027-06-01",
         "  10  Red   B       12.34  54.54    35.03     7  2027-06-01",
+    ]
+
+
+def review(verdict: str, reason: str) -> dict[str, Any]:
+    """Return what the organiser says."""
+    return {"verdict": verdict, "reason": reason, "reviewer": "Olga", "created_at": AT}
+
+
+def test_what_the_organiser_says_and_what_is_not_ranked_is_shown() -> None:
+    verified = row(1, "Blue", {"name": "Ours"}, reviews=[review("verified", "ran the code")])
+    flagged = row(
+        2, "Red", {"name": "B", "ensemble": True}, reviews=[review("flagged", "no \x1b[2J code")]
+    )
+    apart = [
+        row(None, "", {"name": "Paper"}, submissions=None, standing="reported"),
+        row(None, "Red", {"name": "Old"}, standing="other-rules"),
+        row(
+            *(None, "Green", {"name": "C"}),
+            standing="disqualified",
+            reviews=[review("disqualified", "trained on test")],
+        ),
+    ]
+    full = Leaderboard.model_validate(
+        board(verified, flagged).model_dump(exclude={"apart"}) | {"apart": apart}
+    )
+    grid = leaderboard_grid(full)
+    assert [(cells[0], cells[2], cells[-1]) for cells in grid.rows] == [
+        ("1", "Ours", "verified"),
+        ("2", "B", "flagged, ensemble"),
+        ("-", "Paper", "reported, not scored"),
+        ("-", "Old", "scored by other rules"),
+        ("-", "C", "disqualified"),
+    ]
+    assert narrow_leaderboard_grid(full).rows[4][-1].endswith("2027-06-01, disqualified)")
+    assert leaderboard_captions(full)[1:] == [
+        r"flagged: B (Olga: no \x1b[2J code)",
+        "disqualified: C (Olga: trained on test)",
     ]
 
 

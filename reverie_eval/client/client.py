@@ -40,9 +40,10 @@ _GZIP = {"Content-Type": "application/gzip"}
 class Client:
     """Talks to one evaluation server.
 
-    What is sent is sent again if the connection drops or the server is busy: up to five times,
-    within some 15 seconds or as the server asks, and to the same effect as once. Every method
-    raises :class:`ServiceError` if there is no reply to go on with: :class:`UnreachableError`,
+    What is sent is sent again if the connection drops or the server is busy: up to five times, as
+    soon as the server asks for it or within some 15 seconds, and to the same effect as once. A
+    server that says nothing is given up after three minutes. Every method raises
+    :class:`ServiceError` if there is no reply to go on with: :class:`UnreachableError`,
     :class:`NotAServerError`, :class:`RefusedError` (:class:`QuotaSpentError`).
 
     Parameters

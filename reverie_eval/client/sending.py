@@ -4,7 +4,7 @@ import ssl
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from socket import gaierror
-from time import sleep
+from time import monotonic, sleep
 
 import httpx
 
@@ -24,7 +24,10 @@ PAUSES = (0.5, 1.0, 2.0, 4.0, 8.0)
 LONGEST_PAUSE = 60
 """Seconds; a server that wants more is not waited for."""
 
-_TIMEOUT = httpx.Timeout(30, connect=10, read=120)
+PATIENCE = 180
+"""Seconds after which nothing is tried again."""
+
+_TIMEOUT = httpx.Timeout(30, connect=10, read=90)
 _PIECE = 64 << 10
 _UNAVAILABLE = (502, 503, 504)
 _NOT_REACHED = (httpx.ConnectError, httpx.ConnectTimeout, httpx.ProxyError)
@@ -101,12 +104,13 @@ class Sender:
             If the reply is no success.
         """
         pauses = iter(PAUSES if call.is_repeatable else ())
+        began = monotonic()
         while True:
             try:
                 return self._reply(call)
             except _InterruptionError as interruption:
                 pause = next(pauses, None)
-                if pause is None:
+                if pause is None or monotonic() - began > PATIENCE:
                     raise interruption.error from interruption
                 self._wait(interruption, pause)
 

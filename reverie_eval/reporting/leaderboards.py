@@ -18,14 +18,24 @@ FLAGS = {
     "ensemble": "ensemble",
 }
 """What a reader must know to compare a method with others, in words."""
+_STANDINGS = {
+    "reported": "reported, not scored",
+    "other-rules": "scored by other rules",
+    "disqualified": "disqualified",
+}
+"""Why a result takes no part in the ranking, in words."""
+_WARNINGS = ("flagged", "disqualified")
 _FINGERPRINT_SHOWN = 12
 _ANY_WIDTH = 1000
 
 
 def leaderboard_grid(board: Leaderboard) -> Grid:
-    """Word a leaderboard: headline metrics, and the one that it is sorted by."""
+    """Word a leaderboard: headline metrics, and the one that it is sorted by.
+
+    What takes no part in the ranking comes last, without a rank.
+    """
     metrics = _metrics(board)
-    headings = ["rank", "team", "method", *(m.heading for m in metrics), "sent", "on", "with"]
+    headings = ["rank", "team", "method", *(m.heading for m in metrics), "sent", "on", "remarks"]
     rows = [
         [
             _rank(row),
@@ -33,9 +43,9 @@ def leaderboard_grid(board: Leaderboard) -> Grid:
             *_values(row, metrics),
             "-" if row.submissions is None else str(row.submissions),
             f"{row.published_at:%Y-%m-%d}",
-            ", ".join(flags_of(row.method)),
+            ", ".join(_remarks(row)),
         ]
-        for row in board.rows
+        for row in _all_rows(board)
     ]
     return Grid(headings, rows, frozenset({1, 2, len(headings) - 1}))
 
@@ -44,7 +54,7 @@ def narrow_leaderboard_grid(board: Leaderboard) -> Grid:
     """Word the same with all words in one last column, which can be wrapped."""
     metrics = _metrics(board)
     headings = ["rank", *(m.heading for m in metrics), "team: method"]
-    rows = [[_rank(row), *_values(row, metrics), _in_words(row)] for row in board.rows]
+    rows = [[_rank(row), *_values(row, metrics), _in_words(row)] for row in _all_rows(board)]
     return Grid(headings, rows, frozenset({len(headings) - 1}))
 
 
@@ -65,13 +75,19 @@ def show_leaderboard(board: Leaderboard, console: "Console") -> None:
 
 
 def leaderboard_captions(board: Leaderboard) -> Sequence[str]:
-    """Say what a leaderboard's numbers depend on."""
+    """Say what a leaderboard's numbers depend on, and what the organiser warns of."""
     metric = CATALOGUE.get(board.metric)
     label = metric.label if metric else board.metric
     data = board.fingerprint[:_FINGERPRINT_SHOWN]
     about = f"split:{board.split}|protocol:{board.protocol}|data:{data}, sorted by {label}"
-    empty = [] if board.rows else ["nothing is published yet"]
-    return [printable(about), *empty]
+    empty = [] if _all_rows(board) else ["nothing is published yet"]
+    warnings = [
+        printable(f"{review.verdict}: {row.method.name} ({review.reviewer}: {review.reason})")
+        for row in _all_rows(board)
+        for review in row.reviews
+        if review.verdict in _WARNINGS
+    ]
+    return [printable(about), *empty, *warnings]
 
 
 def flags_of(method: Method) -> Sequence[str]:
@@ -79,11 +95,23 @@ def flags_of(method: Method) -> Sequence[str]:
     return [words for name, words in FLAGS.items() if getattr(method, name)]
 
 
+def _all_rows(board: Leaderboard) -> Sequence[LeaderboardRow]:
+    return [*board.rows, *board.apart]
+
+
+def _remarks(row: LeaderboardRow) -> Sequence[str]:
+    """Say why a result is not ranked, what the organiser says of it, and what of its method."""
+    standing = [] if row.standing == "ranked" else [_STANDINGS[row.standing]]
+    verdicts = [review.verdict for review in row.reviews if review.verdict not in standing]
+    return [*standing, *verdicts, *flags_of(row.method)]
+
+
 def _metrics(board: Leaderboard) -> Sequence[Metric]:
+    present: set[str] = set().union(*(row.scores for row in _all_rows(board)))
     return [
         metric
         for key, metric in CATALOGUE.items()
-        if (metric.headline or key == board.metric) and any(key in r.scores for r in board.rows)
+        if (metric.headline or key == board.metric) and key in present
     ]
 
 
@@ -102,5 +130,5 @@ def _values(row: LeaderboardRow, metrics: Sequence[Metric]) -> Sequence[str]:
 def _in_words(row: LeaderboardRow) -> str:
     team, method = _names(row)
     sent = [] if row.submissions is None else [f"{row.submissions} sent"]
-    about = [*sent, f"{row.published_at:%Y-%m-%d}", *flags_of(row.method)]
+    about = [*sent, f"{row.published_at:%Y-%m-%d}", *_remarks(row)]
     return f"{team}: {method} ({', '.join(about)})"

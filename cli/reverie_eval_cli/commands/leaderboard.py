@@ -67,10 +67,10 @@ def _show(board: "Leaderboard") -> None:
         show_leaderboard,
     )
 
-    if board.rows and sys.stdout.isatty():
+    if (board.rows or board.apart) and sys.stdout.isatty():
         from rich.console import Console
 
         show_leaderboard(board, Console())
-    elif board.rows:
+    elif board.rows or board.apart:
         print(aligned(leaderboard_grid(board)) + "\n")
     print(*leaderboard_captions(board), sep="\n")

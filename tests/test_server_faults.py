@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from sqlalchemy import event, select
 
-from reverie_eval.server.service import submissions
+from reverie_eval.server.service import intake
 from reverie_eval.server.service.audit import broken_links, entries
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.receipts import Signer
@@ -41,10 +41,10 @@ def left(server: Serving) -> int:
         pytest.param(Board, "score", id="scoring"),
         pytest.param(Board, "report", id="rounding"),
         pytest.param(FolderUploads, "put", id="keeping the file"),
-        pytest.param(submissions, "quota_usage", id="counting the quota"),
+        pytest.param(intake, "quota_usage", id="counting the quota"),
         pytest.param(Signer, "sign", id="signing"),
-        pytest.param(submissions, "record", id="the audit log"),
-        pytest.param(submissions, "submission_report", id="wording the reply"),
+        pytest.param(intake, "record", id="the audit log"),
+        pytest.param(intake, "submission_report", id="wording the reply"),
     ],
 )
 def test_a_failing_step_leaves_nothing(
@@ -144,14 +144,14 @@ def test_a_commit_that_nobody_hears_of_counts_once(
 def test_a_reply_that_fails_after_the_commit_counts_once(
     server_on: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    submit = submissions.SubmissionService.submit
+    submit = intake.Intake.submit
 
     def submit_and_fail(*given: Any) -> None:
         submit(*given)
         raise RuntimeError("after the commit")
 
     with monkeypatch.context() as broken:
-        broken.setattr(submissions.SubmissionService, "submit", submit_and_fail)
+        broken.setattr(intake.Intake, "submit", submit_and_fail)
         assert upload(server_on).status_code == 500
     again = upload(server_on)
     assert (again.status_code, again.json()["is_repeat"]) == (200, True)

@@ -9,14 +9,15 @@ from fastapi import Request
 
 from reverie_eval.errors import Problem
 from reverie_eval.server.service.attempts import Attempts
-from reverie_eval.server.service.boards import Board, load_boards
+from reverie_eval.server.service.boards import Board, board_named, load_boards
 from reverie_eval.server.service.episodes import EpisodeService
+from reverie_eval.server.service.intake import Clock, Intake
 from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices, Standing
 from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.service.sessions import Sessions
 from reverie_eval.server.service.standings import Standings
-from reverie_eval.server.service.submissions import Clock, SubmissionService
+from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.uploads import Uploads, open_uploads
@@ -36,6 +37,7 @@ class ServerState:
     database: Database
     uploads: Uploads
     signer: Signer
+    intake: Intake
     submissions: SubmissionService
     notices: Notices
     sessions: Sessions
@@ -62,7 +64,7 @@ class ServerState:
             raise SettingsError([Problem("old-database", "database", remedy)])
         uploads = open_uploads(settings.uploads, settings.folder)
         notices = Notices(database, Standing(settings.banner, settings.paused))
-        submissions = SubmissionService(
+        intake = Intake(
             boards,
             database,
             uploads,
@@ -73,6 +75,9 @@ class ServerState:
             required_metadata=settings.required_metadata,
             most_bytes=settings.limits.unpacked_mebibytes << 20,
         )
+        submissions = SubmissionService(
+            boards, database, uploads, clock, required_metadata=settings.required_metadata
+        )
         sessions = Sessions(signer.secret_for("browser sessions"))
         return cls(
             settings,
@@ -80,6 +85,7 @@ class ServerState:
             database,
             uploads,
             signer,
+            intake,
             submissions,
             notices,
             sessions,
@@ -87,6 +93,10 @@ class ServerState:
             EpisodeService(boards, submissions),
             clock,
         )
+
+    def board(self, split: str) -> Board:
+        """Return a split's board; errors are those of :func:`board_named`."""
+        return board_named(self.boards, split)
 
     def ranking(self, split: str, metric: str) -> Ranking:
         """Return a split's board as it is now; errors are those of :func:`leaderboard`.
@@ -96,7 +106,7 @@ class ServerState:
         NotFoundError
             If the server has no such split.
         """
-        board = self.submissions.board(split)
+        board = self.board(split)
         with self.database.reading() as session:
             return leaderboard(session, self.standings, board, metric, self.clock())
 

@@ -35,7 +35,7 @@ def _split_quota(server: ServerState, board: Board, person: Person) -> SplitQuot
     closing = [closes for closes in ending if closes is not None]
     return SplitQuota(
         board=board,
-        quota=server.submissions.quota(person, board.name),
+        quota=server.intake.quota(person, board.name),
         is_open=board.is_open(now),
         opens_at=min(coming, default=None),
         closes_at=max(closing) if closing and len(closing) == len(ending) else None,

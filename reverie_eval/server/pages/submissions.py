@@ -65,7 +65,7 @@ class OwnPage:
             self.member,
             problem.status if problem else 200,
             shown=shown,
-            quota=self.server.submissions.quota(person, shown.split) if is_mine else None,
+            quota=self.server.intake.quota(person, shown.split) if is_mine else None,
             has_episodes=_has_episodes(board, shown.report),
             events=events,
             reviews=reviews,

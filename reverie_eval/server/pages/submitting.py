@@ -99,11 +99,11 @@ def show_submit(
 def submit(request: Request, server: Server, member: Member, upload: PostedUpload) -> Response:
     """Check a file, or score it and lead to its page; the same file leads to the same page."""
     typed = upload.fields
-    board = server.submissions.board(typed.get("split", ""))
+    board = server.board(typed.get("split", ""))
     if typed.get("what") != "score":
         return _checked(UploadForm(request, server, member), board, upload)
     said = {name: typed[name] for name in Method.model_fields if name in typed}
-    accepted = server.submissions.submit(
+    accepted = server.intake.submit(
         member.token.person, board.name, upload.packed, method_from(said), key=None
     )
     came = "again" if accepted.is_repeat else "scored"
@@ -112,5 +112,5 @@ def submit(request: Request, server: Server, member: Member, upload: PostedUploa
 
 def _checked(form: UploadForm, board: Board, upload: Upload) -> Response:
     content = content_of(upload, form.server)
-    report = form.server.submissions.validate(board.name, content)
+    report = form.server.intake.validate(board.name, content)
     return form.draw(upload.fields, report=report)

@@ -47,7 +47,7 @@ def list_splits(server: Server, person: Anybody) -> list[SplitReport]:
 )
 def show_split(split: SplitName, server: Server, person: Anybody) -> SplitReport:
     """Show a split, with your quota if you are signed in."""
-    return _report(server, server.submissions.board(split), person)
+    return _report(server, server.board(split), person)
 
 
 @router.post(
@@ -67,7 +67,7 @@ def submit(
     What is said of the method goes into the query or into the form beside the file. The same file,
     or the same Idempotency-Key, gets the first reply again, with status 200, and spends nothing.
     """
-    accepted = server.submissions.submit(person, split, entry.packed, entry.method, entry.key)
+    accepted = server.intake.submit(person, split, entry.packed, entry.method, entry.key)
     response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
     return accepted
 
@@ -75,7 +75,7 @@ def submit(
 @router.post("/{split}/validate", responses=problems(*_OF_FILES), openapi_extra=FILE_BODY)
 def validate(split: SplitName, _: Caller, content: Content, server: Server) -> ValidationReport:
     """Run every check of an upload; no answer is looked at, and nothing is spent or kept."""
-    return server.submissions.validate(split, content)
+    return server.intake.validate(split, content)
 
 
 @router.get(
@@ -125,5 +125,5 @@ def _report(server: ServerState, board: Board, person: Person | None) -> SplitRe
         fingerprint=board.truth.fingerprint,
         public_fingerprint=board.public_fingerprint,
         phases=phases,
-        quota=server.submissions.quota(person, board.name) if person else None,
+        quota=server.intake.quota(person, board.name) if person else None,
     )

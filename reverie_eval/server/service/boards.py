@@ -15,6 +15,7 @@ from reverie_eval.protocol import protocol_named
 from reverie_eval.reading import Predictions, problems, read_text
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.scores import Scores, signature_of
+from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.settings import Settings, SettingsError, Split
 
 MAX_CONTAINERS = 2_000_000
@@ -130,6 +131,20 @@ def load_boards(settings: Settings) -> Mapping[str, Board]:
     if problems:
         raise SettingsError(problems)
     return MappingProxyType(boards)
+
+
+def board_named(boards: Mapping[str, Board], split: str) -> Board:
+    """Return a split's board.
+
+    Raises
+    ------
+    NotFoundError
+        If the server has no such split.
+    """
+    board = boards.get(split)
+    if board is None:
+        raise NotFoundError(f"there is no split {split!r} here; there are: {', '.join(boards)}")
+    return board
 
 
 def _load(name: str, split: Split, path: Path) -> Board:

@@ -1,5 +1,8 @@
 """``/team``: one's own team, where signing in leads to."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
@@ -8,12 +11,26 @@ from reverie_eval.server.callers import Server
 from reverie_eval.server.pages.quotas import split_quotas
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Member
-from reverie_eval.server.service.teams import team_of
+from reverie_eval.server.service.charts import progress_of
+from reverie_eval.server.service.teams import TeamView, team_of
+from reverie_eval.server.state import ServerState
 
 router = APIRouter()
 
 MOST_SUBMISSIONS = 200
 """That the page shows; the API lists all."""
+
+
+def _progress(team: TeamView, server: ServerState) -> Mapping[str, Mapping[str, Any]]:
+    """Return what is drawn of each split that there is more than one submission to."""
+    of_splits = {
+        split: [each for each in team.submissions if each.split == split] for split in server.boards
+    }
+    return {
+        split: progress_of(submissions, PRIMARY_METRIC)
+        for split, submissions in of_splits.items()
+        if len(submissions) > 1
+    }
 
 
 @router.get("/team")
@@ -32,5 +49,6 @@ def show_team(request: Request, server: Server, member: Member) -> Response:
         signed_in_with=member.token_id,
         columns=[metric for metric in CATALOGUE.values() if metric.headline],
         primary=PRIMARY_METRIC,
+        progress=_progress(team, server),
         now=server.clock(),
     )

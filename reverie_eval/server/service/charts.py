@@ -1,10 +1,12 @@
-"""What the charts beside a board draw: one metric against another, and the best over time."""
+"""What charts draw: one metric against another, and the best over time."""
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from operator import itemgetter
 from typing import Any
 
 from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.service.leaderboard import Ranking
 from reverie_eval.server.service.standings import Row
 
@@ -16,22 +18,42 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
     those that were better in ``y`` than all before them, in the order of their publication.
     """
     shown = [row for row in rows if x in row.entry.scores and y in row.entry.scores]
-    columns = {key: [_drawn(CATALOGUE[key], row) for row in shown] for key in (x, y)}
+    across, up = ([_displayed(CATALOGUE[key], row.entry.scores) for row in shown] for key in (x, y))
     published = [row.entry.published_at for row in shown]
     return {
         "x": _axis(CATALOGUE[x]),
         "y": _axis(CATALOGUE[y]),
         "points": {
-            "x": columns[x],
-            "y": columns[y],
+            "x": across,
+            "y": up,
             "rank": [row.rank for row in shown],
             "method": [row.entry.method["name"] for row in shown],
             "team": [ranking.team(row.entry) or "anonymous" for row in shown],
             "submission": [row.entry.submission_id for row in shown],
-            "at": [int(1000 * at.timestamp()) for at in published],
+            "at": [_milliseconds(at) for at in published],
         },
-        "front": front(_costs(CATALOGUE[x], columns[x]), _costs(CATALOGUE[y], columns[y])),
-        "best": records(published, _costs(CATALOGUE[y], columns[y])),
+        "front": front(_costs(CATALOGUE[x], across), _costs(CATALOGUE[y], up)),
+        "best": records(published, _costs(CATALOGUE[y], up)),
+    }
+
+
+def progress_of(submissions: Sequence[SubmissionReport], y: str) -> Mapping[str, Any]:
+    """Return a column per thing that is drawn of the submissions that have the metric.
+
+    ``best`` are the places of those that were better than all before them, as they were received.
+    """
+    shown = [each for each in submissions if y in each.report.scores]
+    values = [_displayed(CATALOGUE[y], each.report.scores) for each in shown]
+    received = [each.received_at for each in shown]
+    return {
+        "y": _axis(CATALOGUE[y]),
+        "points": {
+            "y": values,
+            "method": [each.method.name for each in shown],
+            "submission": [each.id for each in shown],
+            "at": [_milliseconds(at) for at in received],
+        },
+        "best": records(received, _costs(CATALOGUE[y], values)),
     }
 
 
@@ -76,8 +98,12 @@ def _costs(metric: Metric, values: Sequence[float]) -> Sequence[float]:
     return [-value for value in values] if metric.better == "higher" else values
 
 
-def _drawn(metric: Metric, row: Row) -> float:
-    return float(metric.display(row.entry.scores[metric.key]))
+def _displayed(metric: Metric, scores: Mapping[str, float]) -> float:
+    return float(metric.display(scores[metric.key]))
+
+
+def _milliseconds(at: datetime) -> int:
+    return int(1000 * at.timestamp())
 
 
 def _axis(metric: Metric) -> Mapping[str, str]:

@@ -4,66 +4,9 @@
 const section = document.getElementById("charts");
 const charts = [];
 
-function colours() {
-  const style = getComputedStyle(document.documentElement);
-  const of = (name) => style.getPropertyValue(name).trim();
-  return {
-    ink: of("--ink"), quiet: of("--quiet"), line: of("--line"),
-    accent: of("--accent"), paper: of("--paper"), good: of("--good"),
-  };
-}
-
-const day = (milliseconds) => new Date(milliseconds).toISOString().slice(0, 10);
-
-const short = (name) => (name.length > 36 ? `${name.slice(0, 35)}\u2026` : name);
-
 function named(points, place) {
   const rank = points.rank[place] === null ? "" : `${points.rank[place]}. `;
   return [`${rank}${short(points.method[place])}`, short(points.team[place])];
-}
-
-// Where the least is next to nothing, room below it would be room for negative numbers.
-const startsNearZero = (values) => Math.min(...values) < 0.1 * Math.max(...values);
-
-function axis(title, paint, more = {}) {
-  return {
-    type: "linear",
-    title: { display: true, text: title, color: paint.ink },
-    grid: { color: paint.line },
-    border: { color: paint.quiet },
-    ticks: { color: paint.quiet, maxRotation: 0, ...more.ticks },
-    grace: more.grace ?? "6%",
-    beginAtZero: startsNearZero(more.values ?? []),
-  };
-}
-
-function drawing(canvas, datasets, axes, label, points) {
-  const paint = colours();
-  return new Chart(canvas, {
-    type: "scatter",
-    data: { datasets },
-    options: {
-      animation: false,
-      interaction: { mode: "nearest", intersect: true },
-      maintainAspectRatio: false,
-      scales: axes,
-      plugins: {
-        legend: { display: false },
-        tooltip: {
-          backgroundColor: paint.ink, titleColor: paint.paper, bodyColor: paint.paper,
-          displayColors: false,
-          callbacks: { title: () => "", label: (item) => label(item.raw) },
-        },
-      },
-      onHover: (event, found) => { event.native.target.classList.toggle("leads", found.length > 0); },
-      onClick: (event, found, chart) => {
-        if (found.length === 0) return;
-        const { datasetIndex, index } = found[0];
-        const { place } = chart.data.datasets[datasetIndex].data[index];
-        location.href = `/submissions/${points.submission[place]}`;
-      },
-    },
-  });
 }
 
 function drawAgainst(data) {
@@ -88,20 +31,9 @@ function drawAgainst(data) {
 function drawProgress(data) {
   const paint = colours();
   const { points, best } = data;
-  const line = best.map((place) => ({ x: points.at[place], y: points.y[place], place }));
-  const last = Math.max(...points.at);
-  const datasets = [
-    { data: line, borderColor: paint.accent, backgroundColor: paint.accent, pointRadius: 5, pointHoverRadius: 7, showLine: true, stepped: "before", borderWidth: 2 },
-  ];
-  if (line.length > 0 && last > line.at(-1).x) { // the best of them holds until now
-    datasets.push({ data: [line.at(-1), { ...line.at(-1), x: last }], borderColor: paint.accent, borderWidth: 2, showLine: true, pointRadius: 0, pointHitRadius: 0 });
-  }
-  const axes = {
-    x: axis("published", paint, { grace: 0, ticks: { callback: day, maxTicksLimit: 5 } }),
-    y: axis(data.y.heading, paint, { values: points.y }),
-  };
+  const axes = { x: timeAxis("published", paint), y: axis(data.y.heading, paint, { values: points.y }) };
   const label = (raw) => [...named(points, raw.place), `${data.y.heading}: ${raw.y.toFixed(2)}, ${day(points.at[raw.place])}`];
-  return drawing(document.getElementById("progress"), datasets, axes, label, points);
+  return drawing(document.getElementById("progress"), bestSoFar(points, best, paint), axes, label, points);
 }
 
 let shown;

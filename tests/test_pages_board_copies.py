@@ -62,6 +62,11 @@ def test_records_by_time() -> None:
 HARD = r"50% {braces} & _under_ #1 \cmd ~^ [x]*"
 
 
+def in_latex(signature: str) -> str:
+    """Write a signature as LaTeX shows it."""
+    return signature.replace("_", r"\_").replace("|", r"\textbar{}")
+
+
 def test_latex(server: Serving) -> None:
     entered(server, {"rgspl": 0.5, "spl": 0.25}, **named("Ant"))
     entered(server, {"rgspl": 0.25, "spl": 0.5}, OTHER, **named("Ant"))
@@ -77,13 +82,13 @@ def test_latex(server: Serving) -> None:
         rf"{escaped} & 12.50 & - \\",
     ]
     assert r"Method & RGSPL & SPL \\" in lines
-    assert server.state.boards[OPEN].signature.replace("_", r"\_") in lines[2]
+    assert in_latex(server.state.boards[OPEN].signature) in lines[2]
 
 
 def test_bibtex(server: Serving) -> None:
     submission = entered(server, {"rgspl": 0.5}, **named(HARD))
     text = get(server, path=f"{BOARD}/bibtex").text
-    signature = server.state.boards[OPEN].signature.replace("_", r"\_")
+    signature = in_latex(server.state.boards[OPEN].signature)
     board, row = text.split("\n\n")
     assert board.splitlines() == [
         "@misc{reverie-val-unseen-2026-03-02,",

@@ -7,6 +7,7 @@ from reverie_eval.comparison import Comparison, Difference, p_text
 from reverie_eval.metrics import BINARY_METRICS, Metric
 from reverie_eval.reporting.grids import Grid, aligned, rich_table
 from reverie_eval.reporting.html_tables import table_html
+from reverie_eval.reporting.latex import comments
 from reverie_eval.reporting.results import results_table
 
 if TYPE_CHECKING:
@@ -50,8 +51,8 @@ def comparison_markdown(comparison: Comparison) -> str:
 
 def comparison_latex(comparison: Comparison) -> str:
     """Show the scores as a paper does; what else is known of them stands above as comments."""
-    comments = [f"% {line}" for line in (*sentences(comparison), *captions(comparison))]
-    return "\n".join([*comments, results_table(comparison.scores).latex()])
+    said = comments([*sentences(comparison), *captions(comparison)])
+    return "\n".join([*said, results_table(comparison.scores).latex()])
 
 
 def grid_of(comparison: Comparison) -> Grid:

@@ -9,16 +9,11 @@ from dataclasses import dataclass
 
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting.latex import escaped, table_row
 from reverie_eval.reporting.tables import NOT_SCORED
 from reverie_eval.scores import Scores
 
 _COLUMNS = ("success", "oracle_success", "spl", "path_length", "rgs", "rgspl")
-_SPECIAL = str.maketrans(
-    {letter: f"\\{letter}" for letter in "&%$#_{}"}
-    | {letter: f"{{{letter}}}" for letter in "[]*"}  # which say something after a row's end
-    | {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"}
-)
-"""What means something else in LaTeX."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +43,7 @@ class ResultsTable:
         starts = [2 + n_columns * number for number in range(len(self.splits))]
         heads = [rf"\multicolumn{{{n_columns}}}{{c}}{{{escaped(it)}}}" for it in self.splits]
         rules = [rf"\cmidrule(lr){{{start}-{start + n_columns - 1}}}" for start in starts]
-        labels = [metric.label for metric in self.metrics] * len(self.splits)
+        labels = [escaped(metric.label) for metric in self.metrics] * len(self.splits)
         wide = "*" if len(self.splits) > 1 else ""
         return "\n".join(
             [
@@ -57,9 +52,9 @@ class ResultsTable:
                 rf"\caption{{{escaped(self.caption)}}}",
                 rf"\begin{{tabular}}{{l{'r' * len(labels)}}}",
                 r"\toprule",
-                " & ".join(["", *heads]) + r" \\",
+                table_row(["", *heads]),
                 " ".join(rules),
-                " & ".join(["Method", *labels]) + r" \\",
+                table_row(["Method", *labels]),
                 r"\midrule",
                 *(_latex_row(name, cells) for name, cells in self.rows.items()),
                 r"\bottomrule",
@@ -135,18 +130,13 @@ def results_table(results: Mapping[str, Scores | Sequence[Scores]]) -> ResultsTa
     )
 
 
-def escaped(text: str) -> str:
-    r"""Write a text so that LaTeX shows it as it is.
-
-    >>> print(escaped("DUET_{ours} & 100% ~"))
-    DUET\_\{ours\} \& 100\% \textasciitilde{}
-    """
-    return text.translate(_SPECIAL)
-
-
 def _latex_row(name: str, cells: Sequence[Cell]) -> str:
-    values = [rf"\textbf{{{cell.text}}}" if cell.is_best else cell.text for cell in cells]
-    return " & ".join([escaped(name), *values]) + r" \\"
+    return table_row([escaped(name), *map(_latex_cell, cells)])
+
+
+def _latex_cell(cell: Cell) -> str:
+    text = escaped(cell.text)
+    return rf"\textbf{{{text}}}" if cell.is_best else text
 
 
 def _by_split(name: str, scores: Scores | Sequence[Scores]) -> Mapping[str, Scores]:

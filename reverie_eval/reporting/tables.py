@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, TextIO
 
 from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting.latex import comments, escaped, table_row
 from reverie_eval.scores import Scores
 
 if TYPE_CHECKING:
@@ -96,13 +97,14 @@ def latex(results: Sequence[Scores]) -> str:
     r"""Render a ``tabular`` for the booktabs package, with the captions as comments."""
     table = table_of(results)
     columns = "l" * table.has_names + "r" * (len(table.headings) - table.has_names)
+    headings, *rows = (table_row(map(escaped, row)) for row in (table.headings, *table.rows))
     lines = [
-        *(f"% {caption}".rstrip() for caption in table.captions),
+        *comments(table.captions),
         rf"\begin{{tabular}}{{{columns}}}",
         r"\toprule",
-        " & ".join(table.headings).replace("%", r"\%") + r" \\",
+        headings,
         r"\midrule",
-        *(" & ".join(row) + r" \\" for row in table.rows),
+        *rows,
         r"\bottomrule",
         r"\end{tabular}",
     ]

@@ -36,12 +36,21 @@ def some(names: Iterable[object], limit: int = 3) -> str:
     return ", ".join(listed[:limit]) + more
 
 
-def dated(instant: datetime) -> str:
-    """Write an instant in local time and, where that is another, in UTC; rounded up to a second.
+def from_when(instant: datetime) -> str:
+    """Write as :func:`dated` does from which second on something is possible: rounded up.
 
-    >>> dated(datetime(2027, 6, 1, 21, 59, 59, 1, tzinfo=UTC)).count("2027-06-01 22:00:00 UTC")
+    >>> from_when(datetime(2027, 6, 1, 21, 59, 59, 1, tzinfo=UTC)).count("2027-06-01 22:00:00 UTC")
     1
     """
-    whole = instant.replace(microsecond=0) + timedelta(seconds=instant.microsecond > 0)
+    return dated(instant + timedelta(microseconds=999_999))
+
+
+def dated(instant: datetime) -> str:
+    """Write the second of an instant in local time and, where that is another, in UTC.
+
+    >>> dated(datetime(2027, 6, 1, 21, 59, 59, 999_999, tzinfo=UTC)).count("21:59:59 UTC")
+    1
+    """
+    whole = instant.replace(microsecond=0)
     local, utc = whole.astimezone(), f"{whole.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"
     return f"{local:%Y-%m-%d %H:%M:%S %Z} ({utc})" if local.utcoffset() else utc

@@ -11,7 +11,7 @@ A submission that the server rejects is a SubmissionError, as at home.
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.wording import dated, printable
+from reverie_eval.wording import from_when, printable
 
 
 class ServiceError(ReverieEvalError):
@@ -41,5 +41,5 @@ class QuotaSpentError(RefusedError):
 
     def __init__(self, document: ProblemDocument) -> None:
         instant = document.quota.next_at if document.quota else None
-        when = f"the next is possible at {dated(instant)}" if instant else "ask the organiser"
+        when = f"the next is possible at {from_when(instant)}" if instant else "ask the organiser"
         super().__init__(document, f"no submission is left; {when}. Nothing was scored or spent")

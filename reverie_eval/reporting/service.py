@@ -12,7 +12,7 @@ from reverie_eval.schemas.service import (
     Receipt,
     SubmissionReport,
 )
-from reverie_eval.wording import dated, printable
+from reverie_eval.wording import dated, from_when, printable
 
 _HOURS = {"day": "24 hours", "month": "30 days", "year": "365 days"}
 
@@ -39,13 +39,13 @@ def submission_lines(submission: SubmissionReport, *, is_repeat: bool) -> Iterat
 
 def quota_lines(quota: QuotaReport, split: str) -> Iterator[str]:
     """Say what is left, and when there will be more."""
-    when = f"; the next is possible at {dated(quota.next_at)}" if quota.next_at else ""
+    when = f"; the next is possible at {from_when(quota.next_at)}" if quota.next_at else ""
     yield f"left on {split}: {quota.remaining} now{when}"
     yield from (f"  {_window(window)}" for window in quota.windows)
 
 
 def _window(window: QuotaWindow) -> str:
-    reset = f"; one more at {dated(window.resets_at)}" if window.resets_at else ""
+    reset = f"; one more at {from_when(window.resets_at)}" if window.resets_at else ""
     return f"{window.remaining} of {window.limit} in {_HOURS[window.name]}{reset}"
 
 

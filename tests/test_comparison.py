@@ -1,8 +1,11 @@
 """Comparisons: hand-worked differences, what they are made of, sentences, and the command."""
 
 import json
+import re
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,6 +18,7 @@ from reverie_eval.metrics import BINARY_METRICS
 from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 from tests.conftest import SAMPLES
 from tests.flat import Run
+from tests.terminals import ESCAPES, on_terminal
 
 SPLIT = "val_unseen"
 GOOD, MEDIOCRE, DRAWN, BROKEN = (
@@ -195,6 +199,27 @@ def test_the_command_prints_scores_differences_and_a_sentence(run: Run) -> None:
     assert scores_of(GOOD).signature in out
     assert "29 targets, seed 0" in out
     assert "note on mediocre: 3 jumps in 3 episodes" in out
+
+
+@pytest.mark.parametrize("columns", [40, 80, 100])
+def test_no_number_is_cut_on_a_terminal(columns: int, tmp_path: Path) -> None:
+    """What gives way for names of 20 letters is the column of names."""
+    files = [tmp_path / f"{letter * 20}.json" for letter in "ab"]
+    for sample, file in zip((GOOD, MEDIOCRE), files, strict=True):
+        shutil.copy(sample, file)
+    given = ("compare", *map(str, files), "--split", SPLIT)
+    table, _, rest = ESCAPES.sub("", on_terminal(columns, *given)).partition("b" * 20 + " is worse")
+    comparison = compare(*files, split=SPLIT)
+    metrics = comparison.scores[comparison.first].headline
+    for metric in metrics:
+        shown = (each[metric.key] for each in comparison.scores.values())
+        assert all(metric.display(value) in table for value in shown)
+        assert metric.display(comparison["b" * 20][metric.key].mean) in table
+        assert metric.heading in table
+    assert rest
+    if columns >= 80:
+        assert max(map(len, table.splitlines())) <= columns
+        assert re.search(r"p +0\.\d{3}( +(0\.\d{3}|< 0\.001)){5}", table)
 
 
 def test_the_command_writes_json_and_csv(run: Run, tmp_path: object) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from reverie_eval.comparison import Comparison, Difference, p_text
 from reverie_eval.metrics import BINARY_METRICS, Metric
-from reverie_eval.reporting.grids import Grid, aligned, rich_table
+from reverie_eval.reporting.grids import Grid, aligned, show_grid
 from reverie_eval.reporting.html_tables import table_html
 from reverie_eval.reporting.latex import comments
 from reverie_eval.reporting.results import results_table
@@ -27,7 +27,7 @@ def comparison_text(comparison: Comparison) -> str:
 
 def show_comparison(comparison: Comparison, console: "Console") -> None:
     """Print a comparison on a terminal."""
-    console.print(rich_table(grid_of(comparison)))
+    show_grid(grid_of(comparison), console)
     for sentence in sentences(comparison):
         console.print(sentence, style="bold", markup=False, highlight=False)
     console.print()

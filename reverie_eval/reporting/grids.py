@@ -1,11 +1,16 @@
 """Tables in words, laid out for a pipe or for a terminal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
+
+_ANY_WIDTH = 1000
+_LEAST_WORDS = 12
+"""Letters: no column is wrapped to fewer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +21,11 @@ class Grid:
     rows: Sequence[Sequence[str]]
     to_the_left: frozenset[int]
     """Columns of words; the others are numbers."""
+
+    @property
+    def wrapped(self) -> int:
+        """The column that gives way where there is no room for all: the last one of words."""
+        return max(self.to_the_left)
 
 
 def aligned(grid: Grid) -> str:
@@ -38,17 +48,38 @@ def aligned(grid: Grid) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
+def show_grid(grid: Grid, console: "Console") -> None:
+    """Print a table on a terminal, wrapped where it does not fit.
+
+    Where not even that helps, the terminal breaks the lines: nothing is cut.
+    """
+    unbounded = console.options.update_width(_ANY_WIDTH)
+    if console.measure(rich_table(_narrowest(grid)), options=unbounded).maximum <= console.width:
+        console.print(rich_table(grid))
+    else:
+        console.print(aligned(grid), end="\n\n", markup=False, highlight=False, soft_wrap=True)
+
+
 def rich_table(grid: Grid) -> "Table":
-    """Lay out columns for a terminal; where they do not fit, the last one is wrapped first."""
+    """Lay out columns for a terminal; where they do not fit, the last one of words is wrapped."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=SIMPLE_HEAD)
-    last = len(grid.headings) - 1
     for number, heading in enumerate(grid.headings):
         justify = "left" if number in grid.to_the_left else "right"
-        table.add_column(heading, justify=justify, no_wrap=number < last)  # type: ignore[arg-type]
+        no_wrap = number != grid.wrapped
+        table.add_column(heading, justify=justify, no_wrap=no_wrap, overflow="fold")  # type: ignore[arg-type]
     for row in grid.rows:
         table.add_row(*map(Text, row))
     return table
+
+
+def _narrowest(grid: Grid) -> Grid:
+    """Return a grid as wide as another one that is wrapped as far as it may be."""
+    rows = [
+        [cell[:_LEAST_WORDS] if number == grid.wrapped else cell for number, cell in enumerate(row)]
+        for row in grid.rows
+    ]
+    return replace(grid, rows=rows)

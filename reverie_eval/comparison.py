@@ -5,10 +5,8 @@ episodes differ more surely than their separate intervals suggest, so difference
 """
 
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -19,6 +17,7 @@ from reverie_eval.evaluation import evaluate
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.intervals import Clustering, Interval, Intervals, clusters_of
 from reverie_eval.metrics import BINARY_METRICS, CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.naming import demand_texts, names_of
 from reverie_eval.protocol import DEFAULT_PROTOCOL
 from reverie_eval.reading import Submission
 from reverie_eval.scores import Scores
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 
     from reverie_eval.schemas.comparison import ComparisonReport
 
-_ENDING = re.compile(r"(\.json)?(\.gz|\.zip)?$")
 _LEAST = 2
 _SMALLEST_P = 0.001
 
@@ -212,7 +210,7 @@ def compare(
     split, ground_truth, protocol
         As :func:`reverie_eval.evaluate` takes them; of no use where all are scores.
     names : sequence of str, optional
-        The names of the files if not given, or ``submission 1`` and so on.
+        What :func:`reverie_eval.naming.names_of` calls them if not given.
     by, seed
         As :meth:`Comparison.of` takes them.
 
@@ -241,17 +239,9 @@ def compare(
     ]
     called = names_of(submissions) if names is None else names
     if len(set(called)) != len(submissions):
-        raise ProtocolError(f"every submission needs a name of its own; got {', '.join(called)}")
+        given = ", ".join(map(str, called))
+        raise ProtocolError(f"every submission needs a name of its own; got {given}")
     return Comparison.of(dict(zip(called, scores, strict=True)), by, seed=seed)
-
-
-def names_of(submissions: Sequence[object]) -> Sequence[str]:
-    """Return what to call the submissions: their files' names, if each has one of its own."""
-    files = [Path(each) for each in submissions if isinstance(each, (str, os.PathLike))]
-    for names in ([_ENDING.sub("", file.name) for file in files], list(map(str, files))):
-        if len(set(names)) == len(submissions):
-            return names
-    return [f"submission {number}" for number in range(1, len(submissions) + 1)]
 
 
 def p_text(p_value: float) -> str:
@@ -266,6 +256,7 @@ def p_text(p_value: float) -> str:
 def _demand_comparable(scores: Mapping[str, Scores]) -> None:
     if len(scores) < _LEAST:
         raise ProtocolError("a comparison needs two submissions or more, of different names")
+    demand_texts(scores)
     signatures = {each.signature for each in scores.values()}
     if len(signatures) > 1:
         raise ProtocolError(f"these scores do not compare: {', '.join(sorted(signatures))}")

@@ -52,8 +52,8 @@ class Intervals(Mapping[str, Interval]):
         Raises
         ------
         ProtocolError
-            If there is no such clustering, all episodes are of one cluster, or confidence or
-            resamples make no sense.
+            If there is no such clustering, all episodes are of one cluster, or confidence,
+            resamples or seed make no sense.
         """
         from reverie_eval.metrics import uncertainty
 
@@ -64,9 +64,7 @@ class Intervals(Mapping[str, Interval]):
         confidence = uncertainty.CONFIDENCE if confidence is None else confidence
         resamples = uncertainty.RESAMPLES if resamples is None else resamples
         seed = uncertainty.SEED if seed is None else seed
-        if not 0 < confidence < 1 or resamples < 1:
-            asked = f"confidence {confidence} of {resamples} resamples"
-            raise ProtocolError(f"{asked}; expected one between 0 and 1, of 1 or more")
+        _demand_drawable(confidence, resamples, seed)
         values = np.column_stack(list(episodes.values()))
         means = uncertainty.bootstrap_means(values, cluster, resamples=resamples, seed=seed)
         low, high = uncertainty.interval(means, n_clusters, confidence=confidence).tolist()
@@ -116,3 +114,11 @@ def clusters_of(truth: GroundTruth, by: Clustering) -> IntArray:
         raise ProtocolError(f"episodes are not clustered by {by!r}; choose one of: {known}")
     scan = truth.graph.viewpoint_scan[truth.episodes.start].astype(np.int64)
     return scan if by == "scan" else (scan << 32) | truth.secret.target_object
+
+
+def _demand_drawable(confidence: float, resamples: int, seed: int) -> None:
+    if not 0 < confidence < 1 or resamples < 1 or seed < 0:
+        raise ProtocolError(
+            f"confidence {confidence}, {resamples} resamples, seed {seed}; expected a confidence "
+            "between 0 and 1, one resample or more, and no negative seed"
+        )

@@ -120,7 +120,7 @@ class Scores(Mapping[str, float]):
         Raises
         ------
         ProtocolError
-            If there is no such clustering.
+            As :meth:`reverie_eval.intervals.Intervals.of` does.
         """
         drawn = Intervals.of(
             self.episodes,

@@ -249,7 +249,7 @@ def test_a_dash_is_standard_input(command: str, monkeypatch: pytest.MonkeyPatch,
         monkeypatch.setattr("sys.stdin", file)
         outcome = run(*words(command + "- {split} {full}"))
     assert outcome.status == 0
-    assert outcome.out.replace("-: ", "submit.json: ") == expected.out
+    assert outcome.out.replace("standard input: ", "submit.json: ") == expected.out
 
 
 # Validating.

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from reverie_eval import Comparison, ProtocolError, Scores, compare, evaluate
-from reverie_eval.comparison import names_of, p_text
+from reverie_eval.comparison import p_text
 from reverie_eval.intervals import Intervals, clusters_of
 from reverie_eval.metrics import BINARY_METRICS
 from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
@@ -150,24 +150,16 @@ def test_what_does_not_compare_is_refused() -> None:
         compare(official)
     with pytest.raises(ProtocolError, match="a name of its own; got x, x"):
         compare(official, official, names=["x", "x"])
+    with pytest.raises(ProtocolError, match="a name of its own; got 1"):
+        compare(official, official, names=[1])  # type: ignore[list-item]
+    with pytest.raises(ProtocolError, match="submissions are named by texts; got 2"):
+        compare(official, official, names=["1", 2])  # type: ignore[list-item]
     with pytest.raises(ProtocolError, match="name the split"):
         compare(official, GOOD)
     with pytest.raises(ProtocolError, match="not clustered by 'room'; choose one of: target, scan"):
         compare(GOOD, GOOD, split=SPLIT, by="room")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("files", "names"),
-    [
-        pytest.param(["runs/a.json", "b.json.gz"], ["a", "b"], id="files"),
-        pytest.param(["val.a.json.zip", "val.b.zip"], ["val.a", "val.b"], id="dots"),
-        pytest.param(["1/a.json", "2/a.json"], ["1/a.json", "2/a.json"], id="folders differ"),
-        pytest.param(["a.json", "a.json"], ["submission 1", "submission 2"], id="one file twice"),
-        pytest.param([b"[]", "a.json"], ["submission 1", "submission 2"], id="not all files"),
-    ],
-)
-def test_what_submissions_are_called(files: list[object], names: list[str]) -> None:
-    assert list(names_of(files)) == names
+    with pytest.raises(ProtocolError, match="no negative seed"):
+        compare(GOOD, GOOD, split=SPLIT, seed=-1)
 
 
 @pytest.mark.parametrize(

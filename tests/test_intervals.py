@@ -53,7 +53,13 @@ def test_more_confidence_is_wider() -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"confidence": 1.0}, {"confidence": 0}, {"confidence": 95}, {"resamples": 0}],
+    [
+        {"confidence": 1.0},
+        {"confidence": 0},
+        {"confidence": 95},
+        {"resamples": 0},
+        {"seed": -1},
+    ],
     ids=str,
 )
 def test_what_is_no_confidence_or_number_is_refused(options: dict[str, float]) -> None:

@@ -25,7 +25,7 @@ def evaluate_each(
     submissions: Sequence[str], arguments: argparse.Namespace
 ) -> Mapping[str, Scores] | None:
     """Score all by their names; if some are rejected, say what is wrong with each of them."""
-    from reverie_eval.comparison import names_of
+    from reverie_eval.naming import names_of
 
     truth = find_ground_truth(arguments.ground_truth, arguments.split)
     where = {"split": arguments.split, "ground_truth": truth, "protocol": arguments.protocol}

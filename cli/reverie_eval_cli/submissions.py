@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from reverie_eval import SubmissionError
+from reverie_eval.reading import called
 
 
 def write_submission(records: Sequence[Mapping[str, Any]], output: str | None) -> None:
@@ -21,4 +22,4 @@ def write_submission(records: Sequence[Mapping[str, Any]], output: str | None) -
 
 def rejection(submission: str, error: SubmissionError) -> str:
     """Say what is wrong with which submission."""
-    return f"{'standard input' if submission == '-' else submission}: {error}"
+    return f"{called(submission)}: {error}"

@@ -6,5 +6,14 @@ columns, ``document`` and ``records`` read everything else value by value and sa
 
 from reverie_eval.reading.predictions import NO_BOXES, BoxAnswers, Predictions, Submission
 from reverie_eval.reading.read import read_predictions, read_text
+from reverie_eval.reading.sources import called
 
-__all__ = ["NO_BOXES", "BoxAnswers", "Predictions", "Submission", "read_predictions", "read_text"]
+__all__ = [
+    "NO_BOXES",
+    "BoxAnswers",
+    "Predictions",
+    "Submission",
+    "called",
+    "read_predictions",
+    "read_text",
+]

@@ -11,6 +11,7 @@ from reverie_eval.reading.unpacking import unpack
 Source: TypeAlias = str | PathLike[str] | bytes | BinaryIO | TextIO
 """A path, ``-`` for standard input, the content itself, or an open file."""
 
+STANDARD_INPUT = "-"
 MAX_BYTES = 128 << 20
 """Room for 3,521 trajectories of a thousand poses; also what a packed file may unpack to."""
 
@@ -32,8 +33,13 @@ def read_bytes(source: Source) -> bytes:
     return unpack(source if isinstance(source, bytes) else _read(source), MAX_BYTES)
 
 
+def called(path: str | PathLike[str]) -> str:
+    """Return what to call whatever is read from a path: the path, or ``standard input``."""
+    return "standard input" if path == STANDARD_INPUT else str(path)
+
+
 def _read(source: str | PathLike[str] | BinaryIO | TextIO) -> bytes:
-    if isinstance(source, str) and source == "-":
+    if isinstance(source, str) and source == STANDARD_INPUT:
         return _read_standard_input()
     if isinstance(source, str | PathLike):
         return _read_file(source)

@@ -3,6 +3,7 @@
 import argparse
 import sys
 
+from reverie_eval.reading import called
 from reverie_eval_cli.arguments import add_output, add_submission
 from reverie_eval_cli.outputs import check_outputs
 from reverie_eval_cli.submissions import write_submission
@@ -24,5 +25,5 @@ def run(arguments: argparse.Namespace) -> int:
     conversion = convert(arguments.submission)
     write_submission(conversion.records, arguments.output)
     for note in conversion.notes:
-        print(f"{arguments.submission}: {note}", file=sys.stderr)
+        print(f"{called(arguments.submission)}: {note}", file=sys.stderr)
     return 0

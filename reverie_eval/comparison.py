@@ -6,7 +6,7 @@ episodes differ more surely than their separate intervals suggest, so difference
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -47,6 +47,18 @@ class Difference:
     """Episodes in which it is the lower one."""
     mcnemar_p: float | None
     """Of McNemar's exact test, corrected likewise; None where values are more than yes and no."""
+
+    @property
+    def turned(self) -> Self:
+        """How the first differs from the submission."""
+        low, high = -self.interval.high, -self.interval.low
+        return replace(
+            self,
+            mean=-self.mean,
+            interval=Interval(low, high),
+            higher=self.lower,
+            lower=self.higher,
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,8 +123,20 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     @property
     def primary(self) -> Metric:
         """What decides which is better: RGSPL, and where that is not scored RGS, or SPL."""
+        return self._first_scored(PRIMARY_METRIC, "rgs", "spl")
+
+    @property
+    def judgement(self) -> Metric:
+        """What says whether an episode is right: RGS, and where that is not scored success."""
+        return self._first_scored("rgs", "success")
+
+    def _first_scored(self, *keys: str) -> Metric:
         scored = next(iter(self.values()))
-        return CATALOGUE[next(key for key in (PRIMARY_METRIC, "rgs", "spl") if key in scored)]
+        return CATALOGUE[next(key for key in keys if key in scored)]
+
+    def is_alike(self, name: str) -> bool:
+        """Whether a submission and the first have the same value in every episode and metric."""
+        return not any(each.higher or each.lower for each in self[name].values())
 
     def is_sure(self, name: str) -> bool:
         """Whether interval and test both exclude that a submission is no better or worse."""
@@ -124,18 +148,22 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     def sentence(self, name: str) -> str:
         """Say in a sentence whether a submission is better than the first, in the main metric."""
         metric, difference = self.primary, self[name][self.primary.key]
-        mean, low, high = map(
-            metric.display, (difference.mean, difference.interval.low, difference.interval.high)
-        )
-        evidence = (
-            f"{self.intervals[name].label} interval {low} to {high}, {p_text(difference.p_value)}"
-        )
+        if self.is_alike(name):
+            return f"{name} and {self.first} score the same in every episode"
         if not self.is_sure(name):
-            apart = f"these data cannot tell {name} and {self.first} apart in {metric.label}"
-            return f"{apart}: difference {mean}, {evidence}"
-        direction = "better" if difference.mean > 0 else "worse"
-        size = metric.display(abs(difference.mean))
-        return f"{name} is {direction} than {self.first} by {size} {metric.label}, {evidence}"
+            apart = f"These data cannot tell {name} and {self.first} apart in {metric.label}"
+            size = metric.display(difference.mean)
+            return f"{apart}: difference {size}, {self._evidence(name, difference)}"
+        is_better = difference.mean > 0
+        verdict = f"{name} is {'better' if is_better else 'worse'} than {self.first}"
+        shown = difference if is_better else difference.turned
+        size = f"{metric.display(shown.mean)} {metric.label}"
+        return f"{verdict} by {size}, {self._evidence(name, shown)}"
+
+    def _evidence(self, name: str, difference: Difference) -> str:
+        low, high = map(self.primary.display, (difference.interval.low, difference.interval.high))
+        label, p_value = self.intervals[name].label, p_text(difference.p_value)
+        return f"{label} interval {low} to {high}, {p_value}"
 
     def to_report(self) -> "ComparisonReport":
         """Return the comparison report, the JSON of the command line."""
@@ -173,13 +201,20 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         frame = pd.DataFrame.from_dict(rows, orient="index")
         return frame.rename_axis(index=["submission", "metric"])
 
-    def episodes(self, metric: str = "rgs") -> "pd.DataFrame":
-        """Return the episodes that not all score alike: a row per instr_id, a column per name."""
+    def episodes(self, metric: str | None = None) -> "pd.DataFrame":
+        """Return the episodes that not all score alike: a row per instr_id, a column per name.
+
+        Parameters
+        ----------
+        metric : str, optional
+            By which they are alike or not; :attr:`judgement` if not given.
+        """
         import pandas as pd
 
-        first = self.scores[self.first]
-        values = {name: each.episodes[metric] for name, each in self.scores.items()}
-        frame = pd.DataFrame(values, index=pd.Index(first.instr_ids, name="instr_id"))
+        key = self.judgement.key if metric is None else metric
+        values = {name: each.episodes[key] for name, each in self.scores.items()}
+        index = pd.Index(self.scores[self.first].instr_ids, name="instr_id")
+        frame = pd.DataFrame(values, index=index)
         return frame[frame.ne(frame[self.first], axis=0).any(axis=1)]
 
     def __repr__(self) -> str:

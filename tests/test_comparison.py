@@ -93,25 +93,53 @@ def test_metrics_that_not_all_have_are_left_out() -> None:
     assert "iou" not in comparison["drawn"]
 
 
-def test_sentences() -> None:
-    comparison = compare(GOOD, MEDIOCRE, GOOD, split=SPLIT, names=["good", "mediocre", "again"])
-    sure, unsure = comparison.sentence("mediocre"), comparison.sentence("again")
-    assert sure == (
-        "mediocre is worse than good by 22.70 RGSPL, 95 % interval -34.24 to -10.51, p = 0.001"
+def test_a_better_or_worse_submission_is_so_by_what_its_interval_holds() -> None:
+    comparison = compare(GOOD, MEDIOCRE, split=SPLIT)
+    assert comparison.sentence("mediocre") == (
+        "mediocre is worse than good by 22.70 RGSPL, 95 % interval 10.51 to 34.24, p < 0.001"
     )
-    assert unsure == (
-        "these data cannot tell again and good apart in RGSPL: difference 0.00, 95 % interval 0.00 "
-        "to 0.00, p = 1.000"
+    assert compare(MEDIOCRE, GOOD, split=SPLIT).sentence("good") == (
+        "good is better than mediocre by 22.70 RGSPL, 95 % interval 10.51 to 34.24, p < 0.001"
     )
-    assert compare(MEDIOCRE, GOOD, split=SPLIT).sentence("good").startswith("good is better than")
+
+
+def test_a_difference_turned_is_the_first_s() -> None:
+    difference = compare(GOOD, MEDIOCRE, split=SPLIT)["mediocre"]["rgs"]
+    turned = difference.turned
+    assert (turned.mean, turned.p_value) == (-difference.mean, difference.p_value)
+    assert (turned.higher, turned.lower) == (difference.lower, difference.higher)
+    assert (turned.interval.low, turned.interval.high) == (
+        -difference.interval.high,
+        -difference.interval.low,
+    )
+
+
+def test_what_the_data_cannot_tell_apart() -> None:
+    first = scores_of(GOOD)
+    other = altered(first, {"rgspl": {0: 0.0, 1: 0.0}})
+    assert (
+        compare(first, other, names=["a", "b"])
+        .sentence("b")
+        .startswith("These data cannot tell b and a apart in RGSPL: difference -")
+    )
+
+
+def test_answers_that_are_the_same_are_called_so() -> None:
+    first = scores_of(GOOD)
+    comparison = compare(first, GOOD, names=["good", "again"], split=SPLIT)
+    assert comparison.sentence("again") == "again and good score the same in every episode"
+    other = altered(first, {"steps": {0: 99.0}})
+    sentence = compare(first, other, names=["good", "other"]).sentence("other")
+    assert "cannot tell other and good apart in RGSPL: difference 0.00" in sentence
 
 
 @pytest.mark.parametrize(
     ("how", "metric"), [({"track": "grounding"}, "RGS"), ({"protocol": "r2r-style"}, "SPL")]
 )
 def test_without_rgspl_the_sentence_is_about_another(how: dict[str, str], metric: str) -> None:
-    scores = [scores_of(GOOD, **how) for _ in range(2)]
-    assert f"apart in {metric}:" in compare(*scores).sentence("submission 2")
+    scores = [scores_of(sample, **how) for sample in (GOOD, MEDIOCRE)]
+    comparison = compare(*scores)
+    assert f" {metric}, 95 % interval" in comparison.sentence("submission 2")
 
 
 def test_what_is_sure_has_interval_and_test_on_its_side() -> None:
@@ -132,6 +160,16 @@ def test_where_they_differ() -> None:
     assert (frame["good"] - frame["mediocre"]).abs().eq(1).all()
     first = comparison.scores["good"].to_pandas()["success"]
     pd.testing.assert_series_equal(frame["good"], first[frame.index], check_names=False)
+
+
+@pytest.mark.parametrize(
+    ("how", "key"),
+    [({"track": "grounding"}, "rgs"), ({"protocol": "r2r-style"}, "success"), ({}, "rgs")],
+)
+def test_episodes_differ_by_what_says_that_they_are_right(how: dict[str, str], key: str) -> None:
+    comparison = compare(*(scores_of(sample, **how) for sample in (GOOD, MEDIOCRE)))
+    difference = comparison["submission 2"][key]
+    assert len(comparison.episodes()) == difference.higher + difference.lower > 0
 
 
 def test_a_frame_has_a_row_per_submission_and_metric() -> None:
@@ -235,6 +273,14 @@ def test_the_command_writes_where_they_differ(run: Run, tmp_path: object) -> Non
     assert run("compare", GOOD, MEDIOCRE, "--split", SPLIT, "--episodes", file).status == 0
     written = pd.read_csv(file, index_col="instr_id")
     pd.testing.assert_frame_equal(written, compare(GOOD, MEDIOCRE, split=SPLIT).episodes())
+
+
+def test_the_command_writes_where_navigation_differs(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "differ.csv"
+    options = ("--split", SPLIT, "--protocol", "r2r-style", "--episodes", str(file))
+    assert run("compare", GOOD, MEDIOCRE, *options).err == ""
+    difference = compare(GOOD, MEDIOCRE, split=SPLIT, protocol="r2r-style")["mediocre"]["success"]
+    assert len(pd.read_csv(file)) == difference.higher + difference.lower
 
 
 def test_all_files_that_are_wrong_are_told_and_nothing_is_compared(run: Run) -> None:

@@ -33,7 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--episodes",
         metavar="FILE",
-        help="also write the episodes that not all name the target in alike to FILE, as CSV",
+        help="also write the episodes that not all have right, or not all wrong, to FILE, as CSV: "
+        "by RGS, and where that is not scored by SR",
     )
 
 

@@ -8,21 +8,32 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fixtures.clustered_worlds import simulated_coverage, simulated_false_alarms
+from fixtures.clustered_worlds import TRUTH, simulated_coverage, simulated_false_alarms
+
+TARGETS = 513
+"""As many as val_unseen has."""
 
 
 def main() -> None:
     """Print the shares."""
-    for clusters in (100, 10):
-        coverage = simulated_coverage(1000, clusters)
-        print(
-            f"95 % intervals that hold the truth, 1,000 worlds of {clusters} clusters: "
-            f"{coverage.clustered:.1%}; mean +- 1.96 standard errors: {coverage.naive:.1%}"
-        )
+    for clusters in (100, 10, 5, 4, 3, 2):
+        tell_coverage(clusters, TRUTH)
+    for truth in (0.05, 0.01, 0.005):
+        tell_coverage(TARGETS, truth)
     alarms = simulated_false_alarms(4000, 100)
     print(
         f"false alarms at 5 %, 4,000 worlds of 100 clusters: {alarms.clustered:.1%}; "
         f"McNemar's test: {alarms.naive:.1%}"
+    )
+
+
+def tell_coverage(clusters: int, truth: float) -> None:
+    """Print how often intervals hold the truth, by whole clusters and as if there were none."""
+    coverage = simulated_coverage(1000, clusters, truth)
+    print(
+        f"95 % intervals that hold the truth, {truth:.1%} of episodes, in 1,000 worlds of "
+        f"{clusters} clusters: {coverage.clustered:.1%}; "
+        f"mean +- 1.96 standard errors: {coverage.naive:.1%}"
     )
 
 

@@ -14,6 +14,9 @@ from reverie_eval.wording import counted
 Clustering = Literal["target", "scan"]
 """What episodes have in common that are not independent: the target object, or the building."""
 
+FEW_CLUSTERS = 5
+"""Intervals drawn from fewer hold the truth less often than they say: docs/uncertainty.md."""
+
 _LEAST_CLUSTERS = 2
 
 
@@ -87,11 +90,24 @@ class Intervals(Mapping[str, Interval]):
 
     @property
     def caption(self) -> str:
-        """How the intervals came about, for whoever wants to repeat them."""
-        return (
+        """How the intervals came about, for whoever wants to repeat them, and how far they hold."""
+        drawn = (
             f"{self.label} intervals: {self.resamples:,} bootstrap resamples of "
-            f"{counted(self.n_clusters, self.by)}, seed {self.seed}"
+            f"{self._clusters}, seed {self.seed}"
         )
+        return "; ".join(filter(None, [drawn, self.caution]))
+
+    @property
+    def caution(self) -> str:
+        """What is to be said where the clusters are few; else empty."""
+        if self.n_clusters >= FEW_CLUSTERS:
+            return ""
+        holds = f"such an interval holds the truth less often than {self.label} says"
+        return f"only {self._clusters}: {holds}"
+
+    @property
+    def _clusters(self) -> str:
+        return counted(self.n_clusters, self.by)
 
 
 def clusters_of(truth: GroundTruth, by: Clustering) -> IntArray:

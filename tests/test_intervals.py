@@ -7,12 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from reverie_eval import GroundTruth, ProtocolError, evaluate
+from reverie_eval import GroundTruth, ProtocolError, compare, evaluate
 from reverie_eval.intervals import Intervals, clusters_of
 from reverie_eval.metrics.uncertainty import bootstrap_means, interval
 from tests.conftest import SAMPLES
 from tests.flat import SCORE, Run
 
+FEW = "only 2 scans: such an interval holds the truth less often than 95 % says"
 SAMPLE = (str(SAMPLES / "good.json"), "--split", "val_unseen")
 
 
@@ -37,7 +38,38 @@ def test_intervals_are_those_of_the_values(demo: GroundTruth) -> None:
         low, high = interval(means, len(np.unique(cluster)))[:, 0]
         assert (drawn[key].low, drawn[key].high) == pytest.approx((low, high))
     assert list(drawn) == list(scores)
-    assert drawn.caption == "95 % intervals: 500 bootstrap resamples of 2 scans, seed 7"
+    assert drawn.caption == f"95 % intervals: 500 bootstrap resamples of 2 scans, seed 7; {FEW}"
+
+
+@pytest.mark.parametrize(("clusters", "is_cautious"), [(2, True), (4, True), (5, False)])
+def test_few_clusters_make_one_cautious(clusters: int, *, is_cautious: bool) -> None:
+    drawn = Intervals("target", clusters, 0.9, 500, 0, {})
+    assert bool(drawn.caution) is is_cautious
+    assert ("less often than 90 % says" in drawn.caption) is is_cautious
+
+
+def test_wherever_intervals_are_shown_few_clusters_are_spoken_of(run: Run) -> None:
+    other = str(SAMPLES / "mediocre.json")
+    by_scan = ("--cluster", "scan", *SAMPLE[1:])
+    for shown in (
+        run(SAMPLE[0], "--ci", *by_scan).out,
+        run("compare", SAMPLE[0], other, *by_scan).out,
+        run("compare", SAMPLE[0], other, *by_scan, "--format", "json").out,
+        run("report", SAMPLE[0], *by_scan).out,
+        evaluate(SAMPLE[0], split="val_unseen").with_intervals("scan")._repr_html_(),
+        compare(SAMPLE[0], other, split="val_unseen", by="scan")._repr_html_(),
+    ):
+        assert FEW in shown
+    report = run("report", SAMPLE[0], other, *by_scan).out
+    assert report.count(FEW) == 2  # of the scores, and of their differences
+
+
+@pytest.mark.parametrize(
+    ("by", "least"), [("scan", "; of 2 scans it is about 0.5 at least\n"), ("target", "whole\n")]
+)
+def test_of_few_clusters_no_p_value_is_small(by: str, least: str, run: Run) -> None:
+    files = (SAMPLE[0], str(SAMPLES / "mediocre.json"))
+    assert least in run("compare", *files, *SAMPLE[1:], "--cluster", by).out
 
 
 def test_more_confidence_is_wider() -> None:

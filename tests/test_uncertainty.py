@@ -10,6 +10,7 @@ from scipy import stats
 
 from fixtures.clustered_worlds import simulated_coverage, simulated_false_alarms
 from reverie_eval.arrays import FloatArray, IntArray
+from reverie_eval.intervals import FEW_CLUSTERS
 from reverie_eval.metrics.uncertainty import (
     bootstrap_means,
     holm,
@@ -122,6 +123,13 @@ def test_intervals_hold_the_truth_as_often_as_they_say(clusters: int) -> None:
     coverage = simulated_coverage(1000, clusters)
     assert 0.93 <= coverage.clustered <= 0.97
     assert coverage.naive < 0.9
+
+
+@pytest.mark.parametrize("clusters", range(2, FEW_CLUSTERS))
+def test_intervals_of_few_clusters_hold_it_less_often(clusters: int) -> None:
+    """Which is why they come with a caution, and those of one cluster more do not."""
+    assert simulated_coverage(1000, clusters).clustered < 0.93
+    assert simulated_coverage(1000, FEW_CLUSTERS).clustered >= 0.93
 
 
 def test_false_alarms_are_as_rare_as_they_should_be() -> None:

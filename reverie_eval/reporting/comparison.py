@@ -4,11 +4,13 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from reverie_eval.comparison import Comparison, Difference, p_text
+from reverie_eval.intervals import Intervals
 from reverie_eval.metrics import BINARY_METRICS, Metric
 from reverie_eval.reporting.grids import Grid, aligned, show_grid
 from reverie_eval.reporting.html_tables import table_html
 from reverie_eval.reporting.latex import comments
 from reverie_eval.reporting.results import results_table
+from reverie_eval.wording import counted
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -110,9 +112,17 @@ def methods(comparison: Comparison) -> Sequence[str]:
     corrected = ", corrected by Holm's method" if len(comparison) > 1 else ""
     return [
         drawn.caption,
-        f"p: paired randomisation test, {drawn.by}s swapped whole{corrected}",
+        f"p: paired randomisation test, {drawn.by}s swapped whole{corrected}{_least_p(drawn)}",
         f"won : lost: {_WON}",
     ]
+
+
+def _least_p(drawn: Intervals) -> str:
+    """Say how small a p-value can be, where that is not small: two of all swaps come as far."""
+    least = 2.0 ** (1 - drawn.n_clusters)
+    if least < 1 - drawn.confidence:
+        return ""
+    return f"; of {counted(drawn.n_clusters, drawn.by)} it is about {least:.2g} at least"
 
 
 def captions(comparison: Comparison) -> Sequence[str]:

@@ -241,6 +241,16 @@ def test_ways_to_say_it(line: str, here: Path, run: Run) -> None:
     assert run(*words(line)) == (0, TABLE.replace("SIGNATURE", signature()), "")
 
 
+@pytest.mark.parametrize("command", ["compare", "report"])
+def test_files_may_stand_around_options(command: str, run: Run) -> None:
+    first, other = (str(SAMPLES / f"{name}.json") for name in ("good", "mediocre"))
+    options = words("{split} --cluster target")
+    together = run(command, first, other, *options)
+    assert together.status == 0
+    assert run(command, first, *options, other) == together
+    assert run(command, *options, first, other) == together
+
+
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("command", ["", "validate "])
 def test_a_dash_is_standard_input(command: str, monkeypatch: pytest.MonkeyPatch, run: Run) -> None:

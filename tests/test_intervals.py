@@ -118,6 +118,11 @@ def test_the_table_has_rows_for_both_ends(run: Run) -> None:
     assert lines[6] == "95 % intervals: 10,000 bootstrap resamples of 29 targets, seed 0"
 
 
+def test_who_says_what_is_resampled_wants_intervals(run: Run) -> None:
+    assert run(*SAMPLE, "--cluster", "scan") == run(*SAMPLE, "--cluster", "scan", "--ci")
+    assert run(*SAMPLE, "--cluster", "target") == run(*SAMPLE, "--ci")
+
+
 def test_of_several_protocols_each_has_its_own(run: Run) -> None:
     lines = run(*SAMPLE, "--ci", "--protocol", "all").out.splitlines()
     assert [line.split("  ")[0] for line in lines[19:22]] == ["r2r-style", "95 % low", "95 % high"]

@@ -57,14 +57,14 @@ def add_ground_truth(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_clustering(parser: argparse.ArgumentParser) -> None:
+def add_clustering(parser: argparse.ArgumentParser, default: str | None = "target") -> None:
     """Add what episodes have in common that are not independent."""
     parser.add_argument(
         "--cluster",
         choices=("target", "scan"),
-        default="target",
+        default=default,
         help="what is resampled together for intervals: the episodes of a target object, or of a "
-        "scan (default: %(default)s)",
+        "scan (default: target)",
     )
 
 

@@ -41,8 +41,15 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
 
     Exits with status 2, usage on stderr, if the words make no sense.
     """
-    is_command = bool(words) and words[0] in COMMANDS
-    return (_command_parser() if is_command else _score_parser()).parse_args(words)
+    if not words or words[0] not in COMMANDS:
+        return _score_parser().parse_args(words)
+    name, *rest = words
+    module = _module(name)
+    if hasattr(module, "commands"):
+        return _command_parser().parse_args(words)
+    parser = argparse.ArgumentParser(prog=f"{PROGRAM} {name}", description=module.SUMMARY)
+    _declare(parser, module)
+    return parser.parse_intermixed_args(rest)  # files may stand before and after an option
 
 
 def complete() -> None:
@@ -97,7 +104,11 @@ class _ScoreParser(argparse.ArgumentParser):
 
 
 def _modules() -> Mapping[str, ModuleType]:
-    return {name: import_module(f"reverie_eval_cli.commands.{name}") for name in COMMANDS}
+    return {name: _module(name) for name in COMMANDS}
+
+
+def _module(name: str) -> ModuleType:
+    return import_module(f"reverie_eval_cli.commands.{name}")
 
 
 def _command_parser() -> argparse.ArgumentParser:
@@ -114,5 +125,10 @@ def _add_commands(parser: argparse.ArgumentParser, commands: Mapping[str, Module
         if hasattr(module, "commands"):
             _add_commands(command, module.commands())
         else:
-            module.add_arguments(command)
-            command.set_defaults(run=module.run)
+            _declare(command, module)
+
+
+def _declare(parser: argparse.ArgumentParser, module: ModuleType) -> None:
+    """Add what a command takes, and what it does."""
+    module.add_arguments(parser)
+    parser.set_defaults(run=module.run)

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also show what evaluators that read only the first viewpoint of a hop would give",
     )
     parser.add_argument("--ci", action="store_true", help="also show 95 %% confidence intervals")
-    add_clustering(parser)
+    add_clustering(parser, default=None)  # whoever says of what wants intervals
     parser.add_argument(
         "--format", choices=FORMATS, default="table", help="of the scores (default: %(default)s)"
     )
@@ -59,8 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         [arguments.output, arguments.episodes], [arguments.submission, arguments.ground_truth]
     )
     results = _evaluate(arguments)
-    if arguments.ci:
-        results = [scores.with_intervals(arguments.cluster) for scores in results]
+    if arguments.ci or arguments.cluster:
+        results = [scores.with_intervals(arguments.cluster or "target") for scores in results]
     if arguments.episodes:
         with Path(arguments.episodes).open("w", encoding="utf-8", newline="") as file:
             write_episodes(results[0], file)

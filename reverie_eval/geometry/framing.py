@@ -35,7 +35,11 @@ _FRUSTUM_ENDS = np.repeat([1.0, np.inf], 4)
 """Edges of the frustum: four around its near face, and four from there on without end."""
 
 _SLACK = 1e-9
-"""Metres by which a box may miss a frustum and is still looked at closely."""
+"""Metres from a plane up to which a point lies in it.
+
+The horizon is where the upper and the lower row end, so a board at eye height lies in that plane.
+Rounding, which moves the points of a building by some 1e-15 metres, must not decide there.
+"""
 _DECIMALS = 6
 """Pixels are rounded to these before they become whole, so that all machines agree."""
 
@@ -187,14 +191,14 @@ def _edges_of_frustum(seen: OrientedBoxes) -> _CutSegments:
 def _within(
     inside: FloatArray, gain: FloatArray, end: float | FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where segments enter and leave a body that is bounded by planes.
+    """Return where segments enter and leave a body that is bounded by planes, which belong to it.
 
     Parameters
     ----------
     inside : float array of shape (..., n_planes)
-        How far inside each plane a segment starts.
+        Metres from each plane inwards to where a segment starts.
     gain : float array of shape (..., n_planes)
-        How much farther inside a step of it leads.
+        Metres that a step of it leads farther inwards.
     end : float or float array of shape (...)
         How many steps it is long.
 
@@ -203,9 +207,15 @@ def _within(
     .. [1] Liang and Barsky, "A New Concept and Method for Line Clipping", ACM Transactions on
        Graphics 3(1), 1984.
     """
+    inside, gain = _without_rounding(inside), _without_rounding(gain)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         crossing = -inside / gain
     enter = np.where(gain > 0, crossing, 0.0).max(axis=-1, initial=0.0)
     leave = np.minimum(np.where(gain < 0, crossing, np.inf).min(axis=-1, initial=np.inf), end)
     passes_by = ((gain == 0) & (inside < 0)).any(axis=-1)
     return enter, np.where(passes_by, -1.0, leave)
+
+
+def _without_rounding(distance: FloatArray) -> FloatArray:
+    """Take what is within ``_SLACK`` of a plane for a part of it."""
+    return np.where(np.abs(distance) > _SLACK, distance, 0.0)

@@ -15,7 +15,7 @@ from reverie_eval.facts import Facts
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.protocol import Protocol
-from reverie_eval.wording import counted, some
+from reverie_eval.wording import category_in_words, counted, some
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +48,7 @@ class Episode:
     target_object: int
     """Object id within the scan."""
     target_category: str
-    """What the annotators call it; empty where they do not."""
+    """What the annotators call it, in their spelling; empty where they do not."""
     answer: int | None
     """The object that the agent named; None if it named none, or drew a box."""
     box_outcome: str
@@ -86,7 +86,7 @@ class Episode:
     def _answered(self) -> str:
         target = f"object {self.target_object}"
         if self.target_category:
-            target = f"{self.target_category.replace('#', ' ')} ({target})"
+            target = f"{category_in_words(self.target_category)} ({target})"
         if self.answer == self.target_object:
             said = f"named the target, {target}"
         elif self.box_outcome:

@@ -15,6 +15,7 @@ import numpy as np
 
 from reverie_eval.arrays import Array, IntArray
 from reverie_eval.errors import ProtocolError
+from reverie_eval.wording import category_in_words
 from reverie_eval.words import words_of
 
 if TYPE_CHECKING:
@@ -22,14 +23,16 @@ if TYPE_CHECKING:
 
     from reverie_eval.scores import Scores
 
-UNKNOWN = "not said"
-"""The part of episodes of which nothing is known."""
+NO_CATEGORY = "not said"
+"""The part of the episodes whose target the annotators call nothing."""
+NO_LEVEL = "no number said"
+"""The part of the episodes whose instruction names no level, or none by its number."""
 
 _ORDINALS = {"first": 1, "second": 2, "third": 3, "fourth": 4, "fifth": 5}
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5}
 _LEVEL = re.compile(
-    rf"\b(?:level|floor) (\d|{'|'.join(_NUMBERS)})\b"
-    rf"|\b(?:(\d)(?:st|nd|rd|th)|({'|'.join(_ORDINALS)})) (?:level|floor)\b"
+    rf"\b(?:level|floor)\s+(\d|{'|'.join(_NUMBERS)})\b"
+    rf"|\b(?:(\d)(?:st|nd|rd|th)|({'|'.join(_ORDINALS)}))\s+(?:level|floor)\b"
 )
 
 
@@ -75,6 +78,7 @@ class _Ranges:
 _LENGTHS = _Ranges((6, 8, 10, 12, 15), "m")
 _WORDS = _Ranges((12, 16, 20, 25), "words", are_whole=True)
 _SIGHTS = _Ranges((2, 3, 4, 6), "", are_whole=True)
+_LEVELS = (*(f"level {number}" for number in range(10)), NO_LEVEL)
 _JUMPS = ("no jump", "jumps")
 
 
@@ -95,8 +99,12 @@ def _words(scores: "Scores") -> Sequence[str]:
 
 def _category(scores: "Scores") -> Sequence[str]:
     truth = scores.ground_truth
-    categories = [name.strip().lower() or UNKNOWN for name in truth.secret.target_categories]
+    categories = [_category_named(name) for name in truth.secret.target_categories]
     return [categories[task] for task in truth.episodes.task]
+
+
+def _category_named(name: str) -> str:
+    return category_in_words(name).strip().lower() or NO_CATEGORY
 
 
 def _level(scores: "Scores") -> Sequence[str]:
@@ -104,18 +112,18 @@ def _level(scores: "Scores") -> Sequence[str]:
 
 
 def level_named(instruction: str) -> str:
-    """Return the level of the building that an instruction names.
+    """Return the level of the building that an instruction names by its number.
 
     The dataset has no levels of its own; annotators were shown one, and many wrote it down.
 
     >>> level_named("Go to the bathroom on level 2"), level_named("the first floor kitchen")
     ('level 2', 'level 1')
     >>> level_named("clean the floor")
-    'not said'
+    'no number said'
     """
     found = _LEVEL.search(instruction.lower())
     if found is None:
-        return UNKNOWN
+        return NO_LEVEL
     word = next(filter(None, found.groups()))
     return f"level {_ORDINALS.get(word) or _NUMBERS.get(word) or word}"
 
@@ -149,7 +157,7 @@ SLICINGS: Mapping[str, Slicing] = MappingProxyType(
             Slicing("length", "the shortest length to the goal", _length, _LENGTHS.labels),
             Slicing("words", "the words of the instruction", _words, _WORDS.labels),
             Slicing("category", "what the annotators call the target", _category),
-            Slicing("level", "the level that the instruction names", _level),
+            Slicing("level", "the level that the instruction names", _level, _LEVELS),
             Slicing(
                 "visibility",
                 "the number of viewpoints that see the target",

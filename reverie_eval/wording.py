@@ -1,4 +1,4 @@
-"""Counting, listing and dating in sentences."""
+"""Counting, naming, listing and dating in sentences."""
 
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
@@ -11,6 +11,21 @@ def counted(number: int, noun: str) -> str:
     ('1 jump', '1,200 jumps')
     """
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def category_in_words(name: str) -> str:
+    """Write a category as people do: in the dataset's names ``#`` stands for a space [1]_.
+
+    References
+    ----------
+    .. [1] ``category_mapping.tsv`` of Matterport3D, whose raw categories the names are.
+
+    Examples
+    --------
+    >>> category_in_words("end#table")
+    'end table'
+    """
+    return name.replace("#", " ")
 
 
 def printable(text: str) -> str:

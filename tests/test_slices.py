@@ -99,6 +99,21 @@ def test_parts_by_words_and_category_are_those_of_the_demo_world(demo: GroundTru
     assert list(categories) == sorted(categories, reverse=True)
 
 
+def test_levels_come_in_their_order() -> None:
+    """Most instructions name none, and more of them the first than the second."""
+    found = evaluate(SAMPLES / "good.json", split="val_unseen").breakdown("level")["episodes"]
+    assert found.to_dict() == {"level 1": 25, "level 2": 14, "no number said": 45}
+    assert list(found.index) == ["level 1", "level 2", "no number said"]
+
+
+def test_categories_are_in_words(scores: Scores, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the spelling, what is called the same is one part."""
+    spelt = ("end#table", "End table", " ")
+    monkeypatch.setattr(type(scores.ground_truth.secret), "target_categories", spelt)
+    found = scores.breakdown("category")["episodes"]
+    assert found.to_dict() == {"end table": 3, "not said": 1}
+
+
 @pytest.mark.parametrize(
     ("instruction", "level"),
     [
@@ -107,9 +122,12 @@ def test_parts_by_words_and_category_are_those_of_the_demo_world(demo: GroundTru
         ("water the plant on floor three", "level 3"),
         ("the first level bathroom", "level 1"),
         ("the 3rd floor office", "level 3"),
-        ("sweep the floor of the second bedroom", "not said"),
-        ("level the picture", "not said"),
-        ("floor 12 is no house's", "not said"),
+        ("the third  level bathroom", "level 3"),
+        ("the bathroom on level\n2", "level 2"),
+        ("sweep the floor of the second bedroom", "no number said"),
+        ("the lamp on the top floor", "no number said"),
+        ("level the picture", "no number said"),
+        ("floor 12 is no house's", "no number said"),
     ],
 )
 def test_the_level_that_an_instruction_names(instruction: str, level: str) -> None:

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
+from reverie_eval.wording import category_in_words
+
 _KINDS: Mapping[str, str] = MappingProxyType(
     {
         "H": "header",
@@ -97,9 +99,9 @@ def read_header(words: Sequence[str]) -> dict[str, int]:
 
 
 def read_category(words: Sequence[str]) -> tuple[int, str]:
-    """Return a category's index and its raw name; spaces are written as #, no name as -."""
+    """Return a category's index and its name in words; no name is written as -."""
     name = _word(words, 3, "name")
-    return _whole(words, 1, "category index"), "" if name == "-" else name.replace("#", " ")
+    return _whole(words, 1, "category index"), "" if name == "-" else category_in_words(name)
 
 
 def read_object(words: Sequence[str]) -> HouseObject:

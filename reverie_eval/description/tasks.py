@@ -7,6 +7,7 @@ import numpy as np
 
 from reverie_eval.ground_truth.graph import NavigationGraph
 from reverie_eval.schemas.dataset import ObjectBoxes, Task
+from reverie_eval.wording import category_in_words
 from reverie_eval.words import words_of
 
 Boxes = Mapping[str, Mapping[str, ObjectBoxes]]
@@ -81,14 +82,9 @@ def _answers(
 
 
 def _object_names(graph: NavigationGraph, boxes: Boxes) -> Mapping[tuple[str, str], str]:
-    """Name the objects by scan and id; in names, ``#`` stands for a space [1]_.
-
-    References
-    ----------
-    .. [1] ``category_mapping.tsv`` of Matterport3D, whose raw categories the names are.
-    """
+    """Name the objects by scan and id."""
     return {
-        (graph.scan_of(viewpoint), key): seen.name.replace("#", " ")
+        (graph.scan_of(viewpoint), key): category_in_words(seen.name)
         for viewpoint, viewpoint_id in enumerate(graph.viewpoint_ids)
         for key, seen in boxes.get(viewpoint_id, {}).items()
     }

@@ -18,7 +18,7 @@ from reverie_eval.server.pages.files import SHELVES
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.tables import BrowserSession, Person
 from reverie_eval.version import __version__
-from reverie_eval.wording import counted
+from reverie_eval.wording import category_in_words, counted
 
 STATIC = "/static"
 HEADERS = {
@@ -99,6 +99,7 @@ def _environment() -> Environment:
     )
     environment.globals |= {"static": static_url, "metrics": CATALOGUE}
     environment.filters |= {
+        "category": category_in_words,
         "counted": counted,
         "instant": instant,
         "metric": lambda value, key: CATALOGUE[key].display(value),

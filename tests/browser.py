@@ -35,7 +35,7 @@ FLAGS = (
 )
 """Nothing of the browser's own goes out; in a container it has no right to a sandbox."""
 Size = tuple[int, int]
-PHONE, DESKTOP, NARROW = (375, 812), (1280, 900), (320, 640)
+PHONE, DESKTOP, NARROW, WIDE = (375, 812), (1280, 900), (320, 640), (1920, 1080)
 _FAULT = 500
 _REFUSED = 400
 

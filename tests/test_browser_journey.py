@@ -1,6 +1,5 @@
 """Participants from the sign-in page to the board, in a real browser."""
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -193,17 +192,6 @@ def test_with_the_keyboard_alone(own_site: Site, good: Path, open_page: OpenPage
     press_until(page, "Score it")
     page.keyboard.press("Enter")
     expect(page.get_by_role("heading", level=1)).to_have_text("Typed")
-
-
-def test_a_team_sees_its_submissions_over_time(site: Site, open_page: OpenPage) -> None:
-    page = open_page(site, "/team", OWNER)
-    expect(page.get_by_role("heading", name="Over time")).to_be_visible()
-    canvas = page.locator("#over-time canvas").first
-    drawn = canvas.evaluate(
-        "each => Chart.getChart(each).data.datasets.map(set => set.data.length)"
-    )
-    progress = json.loads(canvas.get_attribute("data-progress") or "")
-    assert drawn == [len(progress["best"]), 2, len(progress["points"]["y"])]
 
 
 def test_a_team_with_markup_for_a_name_is_only_a_name(site: Site, open_page: OpenPage) -> None:

@@ -109,7 +109,35 @@ def test_the_primary_metric_comes_first_and_the_rest_on_demand(five: Serving) ->
     usual = ["#", "Method,", "RGSPL", "TL", "SR", "OSR", "SPL", "RGS", "Sent", "Published"]
     assert headings(get(five)) == usual
     assert headings(get(five, "?columns=all"))[8] == "NE"
-    assert headings(get(five, "?metric=ndtw"))[8] == "nDTW"
+
+
+def test_what_a_board_is_sorted_by_comes_second(five: Serving) -> None:
+    assert headings(get(five, "?metric=rgs"))[2:6] == ["RGSPL", "RGS", "TL", "SR"]
+    assert headings(get(five, "?metric=navigation_error"))[2:5] == ["RGSPL", "NE", "TL"]
+
+
+def test_every_column_is_explained_below_the_table(five: Serving) -> None:
+    page = get(five, "?metric=navigation_error").text
+    meanings = re.findall(
+        r"<summary>What the columns mean</summary>(.*?)</details>", page, re.DOTALL
+    )
+    explained = re.findall(r'<dt><a href="/words/metrics#(\w+)">(.*?) \S+</a></dt>', meanings[0])
+    assert [label for _, label in explained] == headings(get(five, "?metric=navigation_error"))[2:9]
+    for key, _ in explained:
+        assert CATALOGUE[key].definition in unescape(meanings[0])
+
+
+def test_a_metric_that_nothing_has_is_said_to_be_so(five: Serving) -> None:
+    absent = get(five, "?metric=ndtw").text
+    assert "No result on this board has a normalised dynamic time warping (nDTW)" in absent
+    assert "No result on this board has" not in get(five, "?metric=navigation_error").text
+
+
+def test_a_filter_keeps_the_axes_of_the_charts(five: Serving) -> None:
+    page = get(five, "?x=spl&y=rgs&text=bee").text
+    kept = dict(re.findall(r'<input type="hidden" name="(\w+)" value="(\w*)">', page))
+    assert kept == {"metric": "rgspl", "columns": "", "x": "spl", "y": "rgs"}
+    assert 'href="?x=spl&amp;y=rgs">Clear</a>' in page
 
 
 def test_cells(five: Serving) -> None:

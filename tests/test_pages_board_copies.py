@@ -15,14 +15,42 @@ def test_a_chart(server: Serving) -> None:
     entered(server, {"rgspl": 0.25, "path_length": 30.25}, **named("Cat"))
     entered(server, {"rgspl": 0.75}, **named("Dog"))
     chart = get(server, "?x=path_length&y=rgspl", f"{BOARD}/chart").json()
-    assert chart["x"] == {"key": "path_length", "heading": "TL m", "name": "trajectory length"}
+    assert chart["x"] == {"heading": "TL m", "name": "trajectory length", "most": None}
+    assert chart["y"]["most"] == 100
     points = chart["points"]
     assert points["method"] == ["Bee", "Ant", "Cat"]  # who has both
     assert points["x"] == [9.5, 12.0, 30.25]
     assert points["y"] == [50.0, 25.0, 25.0]
     assert points["team"] == ["Red", "Blue", "Blue"]
     assert chart["front"] == [0]
-    assert chart["best"] == [1, 0]  # Ant was first, then came Bee
+
+
+def test_progress_is_by_the_metric_that_the_board_is_ranked_by(server: Serving) -> None:
+    entered(server, {"rgspl": 0.25, "success": 0.5, "navigation_error": 4.0}, **named("Ant"))
+    entered(server, {"rgspl": 0.5, "success": 0.25}, OTHER, **named("Bee"))
+    entered(server, {"rgspl": 0.25, "success": 0.75, "navigation_error": 3.0}, **named("Cat"))
+    server.clock.turn(hours=24)
+    for query, heading, names, values in (
+        ("", "RGSPL %", ["Ant", "Bee"], [25.0, 50.0]),
+        ("?y=success", "RGSPL %", ["Ant", "Bee"], [25.0, 50.0]),
+        ("?metric=navigation_error", "NE m", ["Ant", "Cat"], [4.0, 3.0]),
+        ("?metric=path_length", "RGSPL %", ["Ant", "Bee"], [25.0, 50.0]),
+    ):
+        progress = get(server, query, f"{BOARD}/chart").json()["progress"]
+        assert progress["y"]["heading"] == heading
+        assert progress["points"]["method"] == names
+        assert progress["points"]["y"] == values
+        assert progress["until"] == int(1000 * server.clock().timestamp())
+
+
+def test_a_chart_s_data_are_packed_for_whoever_takes_them_so(server: Serving) -> None:
+    for number in range(8):
+        entered(server, {"success": 0.5, "path_length": 9.0}, **named(f"Method {number}" * 5))
+    packed = server.client.get(f"{BOARD}/chart", headers={"Accept-Encoding": "gzip"})
+    plain = server.client.get(f"{BOARD}/chart", headers={"Accept-Encoding": "identity"})
+    assert packed.headers["content-encoding"] == "gzip"
+    assert "content-encoding" not in plain.headers
+    assert packed.json() == plain.json()
 
 
 def test_a_chart_does_not_tell_who_is_anonymous(server: Serving) -> None:
@@ -105,7 +133,44 @@ def test_bibtex(server: Serving) -> None:
     assert text.count("{") == text.count("}")  # BibTeX counts them, with a backslash or not
 
 
+def test_an_address_in_bibtex_is_left_as_it_is(server: Serving) -> None:
+    r"""As ``\\url`` takes it, which would show a backslash."""
+    assert (
+        r"\url{http://server/boards/val_unseen?text=%C3%A4}"
+        in get(server, "?text=%C3%A4", f"{BOARD}/bibtex").text
+    )
+
+
 def test_an_unbalanced_brace_leaves_bibtex_whole(server: Serving) -> None:
     entered(server, {"rgspl": 0.5}, **named("{"))
     text = get(server, path=f"{BOARD}/bibtex").text
     assert text.count("{") == text.count("}")
+
+
+NOTHING = [
+    pytest.param("", id="an empty board"),
+    pytest.param("?text=nobody", id="a filter that nothing fits"),
+]
+
+
+@pytest.mark.parametrize("query", NOTHING)
+def test_of_nothing_there_are_no_copies(server: Serving, query: str) -> None:
+    if query:
+        entered(server, {"rgspl": 0.5})
+    page = get(server, query).text
+    assert ">LaTeX<" not in page
+    assert ">BibTeX<" not in page
+    (line,) = get(server, query, f"{BOARD}/latex").text.splitlines()
+    assert line == f"% No result of {OPEN} is shown at http://server{BOARD}{query}"
+    assert get(server, query, f"{BOARD}/bibtex").text.count("@misc") == 1  # the board itself
+
+
+def test_copies_of_a_page_that_is_not_there_are_of_the_last(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("reverie_eval.server.pages.boards.PER_PAGE", 2)
+    for number in range(3):
+        entered(server, {"rgspl": 0.5 - 0.1 * number}, **named(f"M{number}"))
+    for copy in ("latex", "bibtex"):
+        text = get(server, "?page=99", f"{BOARD}/{copy}").text
+        assert [name for name in ("M0", "M1", "M2") if name in text] == ["M2"]

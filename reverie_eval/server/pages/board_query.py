@@ -64,6 +64,12 @@ class BoardQuery(BaseModel):
         said = changed.model_dump(mode="json", exclude_defaults=True)
         return f"?{urlencode(said)}"
 
+    @property
+    def unfiltered(self) -> str:
+        """Return the address's query with every row shown, from the first page on."""
+        kept = self.model_dump(include={"metric", "columns", "x", "y"})
+        return type(self).model_validate(kept).link()
+
     def direction(self, metric: Metric) -> Literal["ascending", "descending"]:
         """Return the order of the column that the board is sorted by: best first, or least."""
         return "descending" if metric.better == "higher" else "ascending"

@@ -1,11 +1,14 @@
 """The leaderboards, their charts, and copies for papers."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import ceil, inf
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
 from reverie_eval.reporting.leaderboards import FLAGS
@@ -31,17 +34,34 @@ def show_home(server: Server) -> Response:
     return RedirectResponse(f"/boards/{next(iter(server.boards))}")
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The rows of one page of a board."""
+
+    rows: Sequence[Row]
+    first: int
+    """How many come before."""
+    count: int
+    """How many there are on all pages."""
+    number: int
+    pages: int
+
+
+class Packed(JSONResponse):
+    """JSON, packed for whoever takes it so; for what is in no way secret."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it."""
+        await GZipMiddleware(super().__call__, compresslevel=5)(scope, receive, send)
+
+
 @router.get("/boards/{split}")
 def show_board(
     split: str, request: Request, server: Server, visitor: Visitor, query: Asked
 ) -> Response:
     """Rank what teams have published."""
     ranking = server.ranking(split, query.ranked_by)
-    shown = _sorted(query.shown.of(ranking.rows, ranking), query)
-    pages = max(1, ceil(len(shown) / PER_PAGE))
-    number = min(query.page, pages)
-    first = PER_PAGE * (number - 1)
-    rows, apart = shown[first : first + PER_PAGE], query.shown.of(ranking.apart, ranking)
+    part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
     return page(
         request,
         "board.html",
@@ -49,18 +69,17 @@ def show_board(
         board=ranking.board,
         ranking=ranking,
         query=query,
-        columns=_columns(query, [*rows, *apart]),
+        columns=_columns(query, [*part.rows, *apart]),
+        offered=[m for m in CATALOGUE.values() if m.key in {*ranking.metrics, query.x, query.y}],
+        primary=PRIMARY_METRIC,
         flags=FLAGS,
-        rows=rows,
+        part=part,
+        rows=part.rows,
         apart=apart[:PER_PAGE],
-        reviewed=[row for row in rows if row.entry.reviews],
-        has_intervals=any(query.metric in row.entry.intervals for row in rows),
-        counts={"ranked": len(ranking.rows), "shown": len(shown), "apart": len(apart)},
-        clear=BoardQuery(metric=query.metric, columns=query.columns).link(),
-        first=first,
-        page_number=number,
-        pages=pages,
-        numbers=_numbers(number, pages),
+        reviewed=[row for row in part.rows if row.entry.reviews],
+        has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
+        counts={"ranked": len(ranking.rows), "apart": len(apart)},
+        numbers=_numbers(part.number, part.pages),
     )
 
 
@@ -68,14 +87,14 @@ def show_board(
 def show_chart(split: str, server: Server, query: Asked) -> Response:
     """Return what the charts draw."""
     ranking = server.ranking(split, query.ranked_by)
-    return JSONResponse(chart_of(ranking, query.shown.of(ranking.rows, ranking), query.x, query.y))
+    return Packed(chart_of(ranking, query.shown.of(ranking.rows, ranking), query.x, query.y))
 
 
 @router.get("/boards/{split}/latex")
 def show_latex(split: str, request: Request, server: Server, query: Asked) -> Response:
     """Return the rows of a page as a table for LaTeX."""
     ranking = server.ranking(split, query.ranked_by)
-    rows = _page_of(ranking, query)
+    rows = _part(ranking, query).rows
     metrics = [metric for metric in _columns(query, rows) if _is_scored(metric, rows)]
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
 
@@ -84,9 +103,18 @@ def show_latex(split: str, request: Request, server: Server, query: Asked) -> Re
 def show_bibtex(split: str, request: Request, server: Server, query: Asked) -> Response:
     """Return entries for BibTeX: the board's, and one for each row of a page."""
     ranking = server.ranking(split, query.ranked_by)
-    rows = _page_of(ranking, query)
+    rows = _part(ranking, query).rows
     address = _address(request, query)
     return PlainTextResponse(as_bibtex(ranking, rows, server.settings.title, address))
+
+
+def _part(ranking: Ranking, query: BoardQuery) -> Part:
+    """Return the page that is asked for, or the last one."""
+    shown = _sorted(query.shown.of(ranking.rows, ranking), query)
+    pages = max(1, ceil(len(shown) / PER_PAGE))
+    number = min(query.page, pages)
+    first = PER_PAGE * (number - 1)
+    return Part(shown[first : first + PER_PAGE], first, len(shown), number, pages)
 
 
 def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:
@@ -96,19 +124,17 @@ def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:
     return sorted(rows, key=lambda row: row.entry.scores.get(query.metric, inf))
 
 
-def _page_of(ranking: Ranking, query: BoardQuery) -> Sequence[Row]:
-    first = PER_PAGE * (query.page - 1)
-    return _sorted(query.shown.of(ranking.rows, ranking), query)[first : first + PER_PAGE]
-
-
 def _columns(query: BoardQuery, rows: Sequence[Row]) -> Sequence[Metric]:
-    """Return what is shown: the primary metric first, then the others in the catalogue's order."""
-    is_all = query.columns == "all"
-    keys = {key for key, metric in CATALOGUE.items() if metric.headline} | {query.metric}
-    if is_all:
+    """Return what is shown: the primary metric, what it is sorted by, then the catalogue's order.
+
+    On a phone there is no room for more than two columns beside the names.
+    """
+    keys = {key for key, metric in CATALOGUE.items() if metric.headline}
+    if query.columns == "all":
         keys |= {key for row in rows for key in row.entry.scores}
-    return [CATALOGUE[PRIMARY_METRIC]] + [
-        metric for key, metric in CATALOGUE.items() if key in keys and key != PRIMARY_METRIC
+    first = dict.fromkeys((PRIMARY_METRIC, query.metric))
+    return [CATALOGUE[key] for key in first] + [
+        metric for key, metric in CATALOGUE.items() if key in keys - first.keys()
     ]
 
 

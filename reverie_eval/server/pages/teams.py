@@ -22,15 +22,15 @@ MOST_SUBMISSIONS = 200
 
 
 def _progress(team: TeamView, server: ServerState) -> Mapping[str, Mapping[str, Any]]:
-    """Return what is drawn of each split that there is more than one submission to."""
+    """Return what is drawn of each split that more than one submission has a score of."""
+    metric, now = CATALOGUE[PRIMARY_METRIC], server.clock()
     of_splits = {
         split: [each for each in team.submissions if each.split == split] for split in server.boards
     }
-    return {
-        split: progress_of(submissions, PRIMARY_METRIC)
-        for split, submissions in of_splits.items()
-        if len(submissions) > 1
+    drawn = {
+        split: progress_of(submissions, metric, now) for split, submissions in of_splits.items()
     }
+    return {split: found for split, found in drawn.items() if len(found["points"]["y"]) > 1}
 
 
 @router.get("/team")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
+from math import isfinite
 from operator import itemgetter
 from typing import Any
 
@@ -12,48 +13,61 @@ from reverie_eval.server.service.standings import Row
 
 
 def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[str, Any]:
-    """Return a column per thing that is drawn of the rows that have both metrics.
+    """Return what a board's charts draw, a column per thing.
 
-    ``front`` are the places of rows that no other is better than, from left to right; ``best`` of
-    those that were better in ``y`` than all before them, in the order of their publication.
+    ``points`` are the rows that have both metrics, and ``front`` the places of those that no other
+    is better than, from left to right. ``progress`` is by the metric that the board is ranked by:
+    the rows that were better than all before them, in the order of their publication.
     """
     shown = [row for row in rows if x in row.entry.scores and y in row.entry.scores]
-    across, up = ([_displayed(CATALOGUE[key], row.entry.scores) for row in shown] for key in (x, y))
-    published = [row.entry.published_at for row in shown]
+    across, up = (_displayed(CATALOGUE[key], _scores(shown)) for key in (x, y))
     return {
         "x": _axis(CATALOGUE[x]),
         "y": _axis(CATALOGUE[y]),
-        "points": {
-            "x": across,
-            "y": up,
-            "rank": [row.rank for row in shown],
-            "method": [row.entry.method["name"] for row in shown],
-            "team": [ranking.team(row.entry) or "anonymous" for row in shown],
-            "submission": [row.entry.submission_id for row in shown],
-            "at": [_milliseconds(at) for at in published],
-        },
+        "points": {"x": across, "y": up, **_about(ranking, shown)},
         "front": front(_costs(CATALOGUE[x], across), _costs(CATALOGUE[y], up)),
-        "best": records(published, _costs(CATALOGUE[y], up)),
+        "progress": _progress(ranking, rows),
     }
 
 
-def progress_of(submissions: Sequence[SubmissionReport], y: str) -> Mapping[str, Any]:
-    """Return a column per thing that is drawn of the submissions that have the metric.
+def _progress(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:
+    metric = CATALOGUE[ranking.metric]
+    scored = [row for row in rows if metric.key in row.entry.scores]
+    published = [row.entry.published_at for row in scored]
+    found = records(published, _costs(metric, _displayed(metric, _scores(scored))))
+    best = [scored[place] for place in found]
+    return {
+        "y": _axis(metric),
+        "points": {
+            "y": _displayed(metric, _scores(best)),
+            "at": [_milliseconds(row.entry.published_at) for row in best],
+            **_about(ranking, best),
+        },
+        "best": [*range(len(best))],
+        "until": _milliseconds(ranking.now),
+    }
+
+
+def progress_of(
+    submissions: Sequence[SubmissionReport], metric: Metric, now: datetime
+) -> Mapping[str, Any]:
+    """Return what is drawn of the submissions that have the metric, a column per thing.
 
     ``best`` are the places of those that were better than all before them, as they were received.
     """
-    shown = [each for each in submissions if y in each.report.scores]
-    values = [_displayed(CATALOGUE[y], each.report.scores) for each in shown]
+    shown = [each for each in submissions if metric.key in each.report.scores]
+    values = _displayed(metric, [each.report.scores for each in shown])
     received = [each.received_at for each in shown]
     return {
-        "y": _axis(CATALOGUE[y]),
+        "y": _axis(metric),
         "points": {
             "y": values,
+            "at": [_milliseconds(at) for at in received],
             "method": [each.method.name for each in shown],
             "submission": [each.id for each in shown],
-            "at": [_milliseconds(at) for at in received],
         },
-        "best": records(received, _costs(CATALOGUE[y], values)),
+        "best": records(received, _costs(metric, values)),
+        "until": _milliseconds(now),
     }
 
 
@@ -98,13 +112,27 @@ def _costs(metric: Metric, values: Sequence[float]) -> Sequence[float]:
     return [-value for value in values] if metric.better == "higher" else values
 
 
-def _displayed(metric: Metric, scores: Mapping[str, float]) -> float:
-    return float(metric.display(scores[metric.key]))
+def _about(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:
+    return {
+        "rank": [row.rank for row in rows],
+        "method": [row.entry.method["name"] for row in rows],
+        "team": [ranking.team(row.entry) or "anonymous" for row in rows],
+        "submission": [row.entry.submission_id for row in rows],
+    }
+
+
+def _scores(rows: Sequence[Row]) -> Sequence[Mapping[str, float]]:
+    return [row.entry.scores for row in rows]
+
+
+def _displayed(metric: Metric, scores: Sequence[Mapping[str, float]]) -> Sequence[float]:
+    return [float(metric.display(each[metric.key])) for each in scores]
 
 
 def _milliseconds(at: datetime) -> int:
     return int(1000 * at.timestamp())
 
 
-def _axis(metric: Metric) -> Mapping[str, str]:
-    return {"key": metric.key, "heading": metric.heading, "name": metric.name}
+def _axis(metric: Metric) -> Mapping[str, Any]:
+    most = float(metric.display(metric.upper_bound)) if isfinite(metric.upper_bound) else None
+    return {"heading": metric.heading, "name": metric.name, "most": most}

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from urllib.parse import urljoin
 
 from reverie_eval.metrics import Metric
-from reverie_eval.reporting.latex import escaped
+from reverie_eval.reporting.latex import comments, escaped
 from reverie_eval.reporting.results import Cell, ResultsTable, column
 from reverie_eval.server.service.leaderboard import Ranking
 from reverie_eval.server.service.standings import Row
@@ -17,8 +17,13 @@ _ANONYMOUS = "Anonymous"
 
 
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:
-    """Return the rows as a table for LaTeX's booktabs package, the best of each column in bold."""
+    """Return the rows as a table for LaTeX's booktabs package, the best of each column in bold.
+
+    Without a row or a metric that any of them has, there is no table: LaTeX takes none of no width.
+    """
     board = ranking.board
+    if not metrics:
+        return "\n".join(comments([f"No result of {board.name} is shown at {address}"])) + "\n"
     columns = [column(metric, [row.entry.scores for row in rows]) for metric in metrics]
     cells: Sequence[Sequence[Cell]] = list(zip(*columns, strict=True))
     named = dict(zip(_names(ranking, rows), cells, strict=True))
@@ -68,13 +73,12 @@ def _of_row(ranking: Ranking, row: Row, title: str, address: str) -> str:
 
 
 def _entry(key: str, *, author: str, title: str, address: str, at: datetime, note: str) -> str:
-    url = address.replace("%", r"\%")
     lines = [
         f"@misc{{{_key(key)},",
         f"  author = {{{{{_text(author)}}}}},",
         f"  title = {{{{{_text(title)}}}}},",
         f"  year = {{{at:%Y}}},",
-        f"  howpublished = {{\\url{{{url}}}}},",
+        f"  howpublished = {{\\url{{{address}}}}},",
         f"  note = {{{_text(note)}}},",
         "}",
     ]

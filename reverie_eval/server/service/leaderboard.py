@@ -35,6 +35,8 @@ class Ranking:
     rows: Sequence[Row]
     apart: Sequence[Row]
     """What takes no part in the ranking."""
+    metrics: frozenset[str]
+    """That any row has."""
     now: datetime
     counts: Mapping[int, int]
     """How many submissions each team has made to the split."""
@@ -78,7 +80,7 @@ def leaderboard(
     if metric not in kept.ranked:
         kept.ranked[metric] = _ranked(kept.entries, CATALOGUE[metric])
     counts = standings.submissions_of_teams(session, board.name)
-    return Ranking(board, metric, kept.ranked[metric], kept.apart, now, counts)
+    return Ranking(board, metric, kept.ranked[metric], kept.apart, kept.metrics, now, counts)
 
 
 def _ranked(entries: Sequence[Entry], metric: Metric) -> Sequence[Row]:

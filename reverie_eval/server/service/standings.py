@@ -95,6 +95,8 @@ class Kept:
     """That take part in the ranking, what was published first first."""
     apart: Sequence[Row]
     """What takes no part in it."""
+    metrics: frozenset[str]
+    """That any of those has which take part."""
     ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
     """By the metrics that were asked for since."""
 
@@ -115,9 +117,7 @@ class Standings:
             kept = self._kept.get(board.name)
             if kept is None or kept.number < number:
                 entries = [*_scored(session, board), *_reported(session, board)]
-                taking_part = [entry for entry in entries if entry.standing == "ranked"]
-                apart = [Row(None, entry) for entry in entries if entry.standing != "ranked"]
-                kept = self._kept[board.name] = Kept(number, taking_part, apart)
+                kept = self._kept[board.name] = _kept(number, entries)
             return kept
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
@@ -129,6 +129,13 @@ class Standings:
             counts = dict(session.execute(chosen.group_by(Submission.team_id)).all())
             self._counts[split] = number, counts
         return counts
+
+
+def _kept(number: int, entries: Sequence[Entry]) -> Kept:
+    taking_part = [entry for entry in entries if entry.standing == "ranked"]
+    apart = [Row(None, entry) for entry in entries if entry.standing != "ranked"]
+    metrics = frozenset(key for entry in taking_part for key in entry.scores)
+    return Kept(number, taking_part, apart, metrics)
 
 
 def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:

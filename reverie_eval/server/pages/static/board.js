@@ -9,7 +9,7 @@ function named(points, place) {
   return [`${rank}${short(points.method[place])}`, short(points.team[place])];
 }
 
-function drawAgainst(data) {
+function drawAgainst(canvas, data) {
   const paint = colours();
   const { points, front } = data;
   const at = (place) => ({ x: points.x[place], y: points.y[place], place });
@@ -20,58 +20,73 @@ function drawAgainst(data) {
     { data: front.map(at), showLine: true, borderColor: paint.accent, borderDash: [5, 4], borderWidth: 1.5, backgroundColor: paint.accent, pointRadius: 5, pointHoverRadius: 7 },
     { data: rest.map(at), backgroundColor: "transparent", borderColor: paint.quiet, borderWidth: 1.5, pointRadius: many ? 1.5 : 4, pointHoverRadius: 6 },
   ];
-  const axes = {
-    x: axis(data.x.heading, paint, { values: points.x }),
-    y: axis(data.y.heading, paint, { values: points.y }),
-  };
+  const axes = { x: valueAxis(data.x, points.x, paint), y: valueAxis(data.y, points.y, paint) };
   const label = (raw) => [...named(points, raw.place), `${data.y.heading}: ${raw.y.toFixed(2)}, ${data.x.heading}: ${raw.x.toFixed(2)}`];
-  return drawing(document.getElementById("against"), datasets, axes, label, points);
+  return drawing(canvas, datasets, axes, label, points);
 }
 
-function drawProgress(data) {
+function drawProgress(canvas, { progress }) {
   const paint = colours();
-  const { points, best } = data;
-  const axes = { x: timeAxis("published", paint), y: axis(data.y.heading, paint, { values: points.y }) };
-  const label = (raw) => [...named(points, raw.place), `${data.y.heading}: ${raw.y.toFixed(2)}, ${day(points.at[raw.place])}`];
-  return drawing(document.getElementById("progress"), bestSoFar(points, best, paint), axes, label, points);
+  const { y, points } = progress;
+  const axes = { x: timeAxis("published", progress, paint), y: valueAxis(y, points.y, paint) };
+  const label = (raw) => [...named(points, raw.place), `${y.heading}: ${raw.y.toFixed(2)}, ${day(points.at[raw.place])}`];
+  return drawing(canvas, bestSoFar(progress, paint), axes, label, points);
 }
 
 let shown;
 
-function draw() {
-  while (charts.length > 0) charts.pop().destroy();
-  const names = `${shown.y.name} against ${shown.x.name}`;
-  document.getElementById("against").setAttribute("aria-label", `Chart: ${names}; the table has the numbers`);
-  document.getElementById("progress").setAttribute("aria-label", `Chart: best ${shown.y.name} over time; the table has the numbers`);
-  charts.push(drawAgainst(shown), drawProgress(shown));
+function drawIn(name, words, { points }, how) {
+  const canvas = document.getElementById(name);
+  canvas.setAttribute("aria-label", `Chart: ${words}; the table has the numbers`);
+  const isEmpty = points.y.length === 0;
+  canvas.closest("figure").classList.toggle("empty", isEmpty);
+  if (!isEmpty) charts.push(how(canvas, shown));
 }
 
+function draw() {
+  while (charts.length > 0) charts.pop().destroy();
+  if (!shown) return;
+  drawIn("against", `${shown.y.name} against ${shown.x.name}`, shown, drawAgainst);
+  drawIn("progress", `best ${shown.progress.y.name} over time`, shown.progress, drawProgress);
+}
+
+let underWay;
+
 async function load() {
+  underWay?.abort(); // or an earlier reply that comes late would be drawn under later axes
+  underWay = new AbortController();
+  const { signal } = underWay;
   const source = new URL(section.dataset.source, location.href);
   for (const select of section.querySelectorAll("select")) source.searchParams.set(select.name, select.value);
-  const fault = section.querySelector(".fault");
   try {
-    const reply = await fetch(source);
+    const reply = await fetch(source, { signal });
     if (!reply.ok) throw new Error(reply.statusText);
     shown = await reply.json();
-    fault.hidden = true;
+    reveal(section, true);
     draw();
   } catch {
-    fault.hidden = false;
+    if (!signal.aborted) reveal(section, false);
   }
 }
 
-if (section) {
-  section.querySelector(".charts").hidden = false;
-  Chart.defaults.font.family = getComputedStyle(document.body).fontFamily;
+// The axes are in the address too, in what links lead to, and in what the filter's form sends.
+function keep({ name, value }) {
+  const withAxis = (address) => {
+    const changed = new URL(address);
+    changed.searchParams.set(name, value);
+    return changed;
+  };
+  history.replaceState(null, "", withAxis(location.href));
+  for (const link of document.querySelectorAll("main a:is([href^='?'], [href^='/boards/'])")) link.href = withAxis(link.href);
+  for (const field of document.querySelectorAll(`.filters [name=${name}]`)) field.value = value;
+}
+
+if (section && prepare(section, draw)) {
   for (const select of section.querySelectorAll("select")) {
     select.addEventListener("change", () => {
-      const here = new URL(location.href); // the axes are in the address too
-      here.searchParams.set(select.name, select.value);
-      history.replaceState(null, "", here);
+      keep(select);
       load();
     });
   }
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => shown && draw());
   load();
 }

@@ -5,9 +5,10 @@ The cellar is the ground floor's size and 3 m below; stairs lead up between.
 
 from pathlib import Path
 
-from reverie_eval import Scores, evaluate
+from reverie_eval import GroundTruth, Scores, evaluate
 from reverie_eval.ground_truth.compile import compile_split
 from reverie_eval.ground_truth.dataset import DatasetFiles
+from reverie_eval.ground_truth.locate import DEMO_BUNDLES
 from tests.oracle import Scan, Task, Viewpoint, World
 from tests.worlds import SPLIT, write_world
 
@@ -81,3 +82,25 @@ def records(walks: dict[str, tuple[list[str], int]]) -> list[dict[str, object]]:
         {"instr_id": id_, "trajectory": [[place, 0, 0] for place in walk], "predObjId": answer}
         for id_, (walk, answer) in walks.items()
     ]
+
+
+def perfect() -> list[dict[str, object]]:
+    """Walk every annotated path of the demo world and name every target."""
+    truth = GroundTruth.load(DEMO_BUNDLES / f"{SPLIT}.npz")
+    answers, ids = truth.secret, truth.graph.viewpoint_ids
+    return [
+        {
+            "instr_id": instr_id,
+            "trajectory": [[ids[node], 0, 0] for node in path_of(truth, row)],
+            "predObjId": int(answers.target_object[row]),
+        }
+        for row, instr_id in enumerate(truth.episodes.instr_ids)
+    ]
+
+
+def path_of(truth: GroundTruth, row: int) -> list[int]:
+    """Return an episode's annotated path."""
+    task = truth.episodes.task[row]
+    offsets = truth.secret.path_offsets
+    path: list[int] = truth.secret.path[offsets[task] : offsets[task + 1]].tolist()
+    return path

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,8 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
-from reverie_eval.description import Distribution
 from reverie_eval.description.describe import describe_dataset, find_splits
 from reverie_eval.reporting.dataset_figures import write_figures
-from reverie_eval.reporting.dataset_panels import _bin_edges as bin_edges
 from tests.described import SPLITS, TABLE, write_dataset
 from tests.flat import Run
 
@@ -110,17 +107,3 @@ def test_without_matplotlib(
         check=False,
     )
     assert (process.returncode, process.stdout, process.stderr) == expected
-
-
-@pytest.mark.parametrize(
-    ("values", "most", "edges"),
-    [
-        pytest.param([3, 5], 3, [2.5, 3.5, 4.5, 5.5], id="a bar for each whole number"),
-        pytest.param([3.2, 5.0], 3, [3, 4, 5, 6], id="metres"),
-        pytest.param([3, 5], 2, [2, 4, 6], id="two whole numbers a bar"),
-        pytest.param([7, 7], 9, [6.5, 7.5], id="one value"),
-        pytest.param([0, 99], 20, range(0, 101, 5), id="steps of five"),
-    ],
-)
-def test_bars(values: Sequence[float], most: int, edges: Sequence[float]) -> None:
-    assert bin_edges([Distribution.of(values)], most).tolist() == list(edges)

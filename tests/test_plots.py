@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 import reverie_eval as rv
 from reverie_eval.reporting.distributions import histogram_of
 from tests.conftest import SAMPLES
-from tests.home import home_scores
+from tests.home import home_scores, perfect
 
 mpl.use("agg")
 
@@ -70,6 +70,21 @@ def test_a_distribution_in_bars(scores: rv.Scores) -> None:
         "navigation error (m)",
         "share of episodes (%)",
     )
+
+
+def test_no_distance_is_below_zero() -> None:
+    scores = rv.evaluate(perfect(), split="val_unseen")
+    axes = scores.plot.distribution("navigation_error")
+    assert axes.get_xlim() == (0, 1)
+
+
+@pytest.mark.parametrize("metric", ["steps", "jumps"])
+def test_counts_are_marked_by_whole_numbers(metric: str, scores: rv.Scores) -> None:
+    axes = scores.plot.distribution(metric)
+    low, high = axes.get_xlim()
+    ticks = [tick for tick in axes.get_xticks() if low <= tick <= high]
+    assert 0 in ticks
+    assert all(tick == int(tick) for tick in ticks)
 
 
 def test_walked_over_shortest(scores: rv.Scores) -> None:

@@ -17,7 +17,7 @@ from reverie_eval.reporting.report_parts import PartRow, SliceTable
 from reverie_eval.slices import SLICINGS
 from tests.conftest import SAMPLES
 from tests.flat import Run
-from tests.home import OTHER_WALKS, WALKS, home_scores
+from tests.home import OTHER_WALKS, WALKS, home_scores, perfect
 from tests.terminals import on_terminal
 
 HTML = "{http://www.w3.org/1999/xhtml}"
@@ -205,6 +205,14 @@ def test_distributions_are_drawn(single: str) -> None:
     assert [dots[kind].count("M") for kind in ("dot miss", "dot hit")] == [3, 2]
 
 
+def test_no_axis_says_less_than_zero() -> None:
+    """All of these agents stop right at the end of the path."""
+    page = report_html({"perfect": rv.evaluate(perfect(), split="val_unseen")})
+    _, stops = section(page, "distributions").iter(f"{SVG}svg")
+    words = [each.text for each in stops.iter(f"{SVG}text")]
+    assert words[:3] == ["0", "1", "0"]  # across, and the first upwards
+
+
 def test_overlaps_of_boxes_are_drawn_where_there_are_some() -> None:
     page = report_html({"drawn": rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")})
     titles = [each.text for each in section(page, "distributions").iter(f"{HTML}h3")]
@@ -227,28 +235,6 @@ def test_without_failures_there_are_no_maps() -> None:
     assert "84 of 84 episodes (100.0\u00a0%) stopped at the goal and named the target." in page
     assert "All episodes are right." in page
     assert "Map of episode" not in page
-
-
-def perfect() -> list[dict[str, object]]:
-    """Walk every annotated path of the demo world and name every target."""
-    truth = rv.evaluate(SAMPLES / "good.json", split="val_unseen").ground_truth
-    answers, ids = truth.secret, truth.graph.viewpoint_ids
-    return [
-        {
-            "instr_id": instr_id,
-            "trajectory": [[ids[node], 0, 0] for node in path_of(truth, row)],
-            "predObjId": int(answers.target_object[row]),
-        }
-        for row, instr_id in enumerate(truth.episodes.instr_ids)
-    ]
-
-
-def path_of(truth: rv.GroundTruth, row: int) -> list[int]:
-    """Return an episode's annotated path."""
-    task = truth.episodes.task[row]
-    offsets = truth.secret.path_offsets
-    path: list[int] = truth.secret.path[offsets[task] : offsets[task + 1]].tolist()
-    return path
 
 
 # Which episodes are shown.

@@ -115,7 +115,7 @@ def _dots(axes: _Axes, across: FloatArray, upwards: FloatArray) -> str:
 
 def _ticks(low: float, high: float) -> FloatArray:
     step = next(step for step in round_numbers() if (high - low) / step <= _MOST_TICKS)
-    return np.arange(np.ceil(low / step) * step, high + 1e-9, step)
+    return np.arange(np.ceil(low / step) * step, high + 1e-9, step) + 0.0  # no -0
 
 
 def _text(x: float, y: float, text: str, anchor: str, attributes: str = "") -> str:

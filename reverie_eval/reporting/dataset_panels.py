@@ -1,6 +1,6 @@
 """Distributions as panels: a row for each split, a column for each quantity. Needs matplotlib."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from reverie_eval.arrays import FloatArray
 from reverie_eval.description import Answers, DatasetDescription, Distribution, Part
-from reverie_eval.reporting.bins import bin_edges
+from reverie_eval.reporting.bins import bin_edges, count_edges
 from reverie_eval.reporting.figure_style import INK, colour_of, count_in_round_steps
 from reverie_eval.wording import counted
 
@@ -26,6 +26,8 @@ class Quantity(NamedTuple):
     noun: str
     """What each value belongs to."""
     values: Callable[[Part], Distribution | None]
+    edges: Callable[[FloatArray, int], FloatArray] = count_edges
+    """How values are divided into so many bars at most."""
 
 
 def _of_answers(values: Callable[[Answers], Distribution]) -> Callable[[Part], Distribution | None]:
@@ -63,6 +65,7 @@ PATHS = (
         "length of the annotated path (m)",
         "task",
         _of_answers(lambda answers: answers.path_length),
+        bin_edges,
     ),
 )
 
@@ -73,7 +76,7 @@ def draw_distributions(
     """Draw a row of panels for each split that has the quantities, a column for each of them."""
     columns = [
         {split: values for split, part in description.splits.items() if (values := of(part))}
-        for _, _, _, of in quantities
+        for of in (quantity.values for quantity in quantities)
     ]
     splits = list(columns[0])
     if not splits:
@@ -81,7 +84,8 @@ def draw_distributions(
     figure = Figure(figsize=(8, 1.3 + 1.5 * len(splits)), layout="constrained")
     grid = figure.subplots(len(splits), len(quantities), sharex="col", sharey="col", squeeze=False)
     for column, quantity, panels in zip(columns, quantities, grid.T, strict=True):
-        edges = _bin_edges(column.values(), most=_MOST_BARS // len(quantities))
+        together = np.concatenate([each.values for each in column.values()])
+        edges = quantity.edges(together, _MOST_BARS // len(quantities))
         for split, axes in zip(splits, panels, strict=True):
             _draw_distribution(axes, column[split], edges, colour_of(split))
             number = counted(len(column[split].values), quantity.noun)
@@ -111,8 +115,3 @@ def _draw_paper(axes: Axes, quantity: Quantity, description: DatasetDescription)
         if comparison.quantity == quantity.name:
             label = "mean of all splits in the paper"
             axes.axvline(comparison.paper, color=INK, linestyle=":", linewidth=1.2, label=label)
-
-
-def _bin_edges(distributions: Collection[Distribution], most: int) -> FloatArray:
-    """Divide the range of all splits alike."""
-    return bin_edges(np.concatenate([each.values for each in distributions]), most)

@@ -1,17 +1,23 @@
 """How a metric's values are distributed over the episodes: bars as data, whoever draws them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from reverie_eval.arrays import FloatArray
 from reverie_eval.metrics import BOX_METRICS, CATALOGUE, Metric
-from reverie_eval.reporting.bins import bin_edges
+from reverie_eval.metrics.catalogue import Unit
+from reverie_eval.reporting.bins import bin_edges, count_edges
 from reverie_eval.scores import Scores
 
 _MOST_BARS = 60
 _PERCENT_EDGES = np.arange(0.0, 101.0, 10.0)
+_EDGES: Mapping[Unit, Callable[[FloatArray, int], FloatArray]] = MappingProxyType(
+    {"fraction": lambda *_: _PERCENT_EDGES, "metres": bin_edges, "count": count_edges}
+)
+"""How values are divided into so many bars at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +69,7 @@ def histogram_of(scores: Mapping[str, Scores], key: str) -> Histogram:
     is_share = metric.unit == "fraction"
     shown = {name: (100 if is_share else 1) * each for name, each in values.items()}
     together = np.concatenate(list(shown.values()))
-    edges = _PERCENT_EDGES if is_share else bin_edges(together, _MOST_BARS)
+    edges = _EDGES[metric.unit](together, _MOST_BARS)
     return Histogram(
         metric=metric,
         edges=edges,

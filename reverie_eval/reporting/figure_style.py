@@ -42,4 +42,5 @@ def colour_of(split: str) -> str:
 
 def count_in_round_steps(axes: Axes) -> None:
     """Mark whole numbers below the axes, in steps of 1, 2, 5, 10, 20, 50 and so on."""
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+    whole = MaxNLocator(integer=True, steps=[1, 2, 5, 10], min_n_ticks=1)
+    axes.xaxis.set_major_locator(whole)

@@ -61,6 +61,8 @@ def draw_distribution(scores: Scores, key: str, axes: Axes) -> None:
     edges, share = histogram.edges, histogram.share[""]
     axes.bar(edges[:-1], share, np.diff(edges), align="edge", color=BLUE, edgecolor="white")
     axes.set_xlim(edges[0], edges[-1])
+    if histogram.metric.unit == "count":
+        count_in_round_steps(axes)
     axes.set_xlabel(histogram.label)
     axes.set_ylabel(f"share of {histogram.nouns} (%)")
     metric = histogram.metric

@@ -291,6 +291,21 @@ def test_reviews_stand_with_who_when_and_why(owner: Visitor) -> None:
     assert "no longer baseline, by Olga" in history
 
 
+def test_a_disqualified_submission_cannot_be_taken_off_the_board(owner: Visitor) -> None:
+    submission = sent(owner.server)
+    changed(owner, submission, published="true")
+    with owner.server.state.database.writing() as session:
+        review(session, submission, "disqualified", "Copied.", now=NOON, actor=ORGANISER)
+    page = owner.get(f"/submissions/{submission}")
+    assert "it cannot be withdrawn or taken off the board" in said(page)
+    assert 'name="withdrawn"' not in page.text
+    assert 'name="published"' not in page.text
+    for field in ({"withdrawn": "true"}, {"published": "false"}):
+        reply = owner.send(f"/submissions/{submission}", field)
+        assert reply.status_code == 409
+        assert "it stays on the board, with the reason" in said(reply)
+
+
 def test_the_team_s_page(open_server: OpenServer, folder: Path) -> None:
     tight = adjusted(settings_of(folder), quota=Quota(day=1))
     server = open_server(tight)

@@ -85,6 +85,32 @@ def test_a_lifted_review_does_not_stand_and_is_not_lifted_twice(server: Serving)
         lift(session, number + 1, now=NOON, actor=ORGANISER)
 
 
+DISAPPEARING = [
+    pytest.param({"withdrawn": True}, id="withdrawn"),
+    pytest.param({"published": False}, id="unpublished"),
+    pytest.param({"withdrawn": True, "published": False}, id="both"),
+]
+
+
+@pytest.mark.parametrize("change", DISAPPEARING)
+def test_what_is_disqualified_does_not_disappear(
+    change: Mapping[str, bool], server: Serving
+) -> None:
+    submission_id = sent(server)
+    path = f"/submissions/{submission_id}"
+    server.ask(OWNER, "PATCH", path, json={"published": True})
+    number = say(server, submission_id, "disqualified")
+    refused = server.ask(OWNER, "PATCH", path, json=change)
+    assert refused.status_code == 409
+    assert "disqualified this submission: it stays on the board" in refused.json()["detail"]
+    assert server.ask(OWNER, "GET", path).json()["status"] == "published"
+    hidden = {"anonymous_until": "2026-12-31T00:00:00Z", "published": True}
+    assert server.ask(OWNER, "PATCH", path, json=hidden).status_code == 200
+    with server.state.database.writing() as session:
+        lift(session, number, now=server.clock(), actor=ORGANISER)
+    assert server.ask(OWNER, "PATCH", path, json=change).status_code == 200
+
+
 def test_whatever_is_said_is_written_down_also_what_it_takes_the_place_of(server: Serving) -> None:
     submission_id = sent(server)
     say(server, submission_id, "flagged", " doubtful ")

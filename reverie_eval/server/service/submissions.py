@@ -18,6 +18,7 @@ from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.intake import Clock
 from reverie_eval.server.service.methods import demand_metadata
 from reverie_eval.server.service.reports import submission_report
+from reverie_eval.server.service.reviews import standing_reviews
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.server.store.uploads import Uploads
@@ -114,7 +115,7 @@ class SubmissionService:
         NotFoundError
             As for :meth:`one`.
         ConflictError
-            If a withdrawn submission is to be published.
+            If a withdrawn submission is to be published, or a disqualified one to disappear.
         MalformedError
             If something is not said of the method any more that the organiser asks for.
         """
@@ -122,6 +123,8 @@ class SubmissionService:
         intervals = self._intervals(person, submission_id) if change.published else None
         with self._database.writing() as session:
             row = _of_team(session, person, submission_id)
+            if change.withdrawn or change.published is False:
+                _demand_not_disqualified(session, row)
             if intervals is not None:
                 row.report = {**row.report, "intervals": intervals}
             if change.method is not None:
@@ -157,6 +160,14 @@ class SubmissionService:
         except ProtocolError:  # all episodes are of one target, which tells nothing of others
             return None
         return None if drawn is None else drawn.model_dump(mode="json")
+
+
+def _demand_not_disqualified(session: Session, row: Submission) -> None:
+    if any(said.verdict == "disqualified" for said in standing_reviews(session, row.id)):
+        raise ConflictError(
+            "the organiser has disqualified this submission: it stays on the board, with the "
+            "reason, for as long as that stands"
+        )
 
 
 def _of_team(session: Session, person: Person, submission_id: str) -> Submission:

@@ -14,6 +14,7 @@ from reverie_eval import DatasetError, GroundTruth, Problem, evaluate
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.ground_truth.compile import compile_split
 from reverie_eval.ground_truth.dataset import DatasetFiles
+from reverie_eval.schemas.dataset import object_key
 from tests.oracle import Scan, Viewpoint, distances_from
 
 SPLIT = "val_unseen"
@@ -536,6 +537,13 @@ def problems_of(world: Path) -> Sequence[Problem]:
             id="pose of NaN",
         ),
         pytest.param(
+            _mansion(lambda places: places[0]["pose"].__setitem__(3, 1e300)),
+            "malformed-file",
+            MANSION,
+            "[0].pose[3]: Input should be less than or equal to 1000000",
+            id="pose out of this world",
+        ),
+        pytest.param(
             _mansion(_block_one_way),
             "asymmetric-graph",
             MANSION,
@@ -584,6 +592,20 @@ def problems_of(world: Path) -> Sequence[Problem]:
             "Input should be greater than or equal to 1",
             id="box without width",
         ),
+        pytest.param(
+            _box_at_first_goal(bbox2d=[[632, 0, 9, 9]]),
+            "malformed-file",
+            BOXES,
+            "[632, 0, 9, 9] reaches beyond the 640 x 480 picture",
+            id="box beyond the right border",
+        ),
+        pytest.param(
+            _box_at_first_goal(bbox2d=[[0, 472, 9, 9]]),
+            "malformed-file",
+            BOXES,
+            "[0, 472, 9, 9] reaches beyond the 640 x 480 picture",
+            id="box beyond the lower border",
+        ),
     ],
 )
 def test_a_fault_in_the_files(
@@ -594,6 +616,22 @@ def test_a_fault_in_the_files(
     assert len(fitting) == 1
     assert fitting[0].where.startswith(str(world / where))
     assert fragment in fitting[0].message
+
+
+def test_boxes_may_reach_the_border(world: Path) -> None:
+    _box_at_first_goal(bbox2d=[[631, 471, 9, 9]])(world)
+    assert [631, 471, 9, 9] in compiled(world).arrays["box_xywh"].tolist()
+
+
+@pytest.mark.parametrize("key", ["0", "9", "10", "2147483647"])
+def test_a_key_that_is_an_object_id(key: str) -> None:
+    assert object_key(key) == key
+
+
+@pytest.mark.parametrize("key", ["", "-1", "+1", "07", "1.0", "1_0", "\u0661", "2147483648"])
+def test_a_key_that_is_no_object_id(key: str) -> None:
+    with pytest.raises(ValueError, match="whole number from 0 to 2,147,483,647"):
+        object_key(key)
 
 
 def test_all_faults_are_reported_at_once(world: Path) -> None:

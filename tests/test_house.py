@@ -150,6 +150,36 @@ def test_files_that_are_not_of_this_version(first: str, message: str) -> None:
         ),
         pytest.param(
             9,
+            "O 3 -1 -1 1 2 3 0 0 1 9e-4 0 1 1 1 1",
+            "axes (0.0, 0.0, 1.0) and (0.0009, 0.0, 1.0); expected two at right angles",
+            id="almost parallel axes",
+        ),
+        pytest.param(
+            9,
+            "O 3 -1 -1 1 2 3 0 0 1e200 0 0 2e200 1 1 1",
+            "axes (0.0, 0.0, 1e+200) and (0.0, 0.0, 2e+200); expected two at right angles",
+            id="endless parallel axes",
+        ),
+        pytest.param(
+            9,
+            "O 3 -1 -1 1 -1000000.5 3 0 0 1 1 0 0 1 1 1",
+            "centre '1 -1000000.5 3' (words 5 to 7); expected at most 1,000,000 metres",
+            id="centre out of this world",
+        ),
+        pytest.param(
+            9,
+            "O 3 -1 -1 1 2 3 0 0 1 1 0 0 1 1 1e300",
+            "radii '1 1 1e300' (words 14 to 16); expected at most 1,000,000 metres",
+            id="object as large as the world",
+        ),
+        pytest.param(
+            9,
+            "O 2147483648 -1 -1 1 2 3 0 0 1 1 0 0 1 1 1",
+            "object index '2147483648' (word 2); expected a whole number of at most 2,147,483,647",
+            id="object id beyond 32 bits",
+        ),
+        pytest.param(
+            9,
             "O 3 -1 5 1 2 3 0 0 1 1 0 0 1 1 1",
             "category 5 of object 3 has no C line",
             id="unknown category",
@@ -159,6 +189,12 @@ def test_files_that_are_not_of_this_version(first: str, message: str) -> None:
             "O 3 -1 -1 1 2 3 0 0 1 1 0 0 1 1 1",
             "object 3 stands in line 9 already",
             id="object twice",
+        ),
+        pytest.param(
+            8,
+            "C 0 7 table 41 unlabeled 0 0 0 0 0",
+            "category 0 stands in line 7 already",
+            id="category twice",
         ),
         pytest.param(
             2,
@@ -182,6 +218,34 @@ def test_a_malformed_line(line: int, text: str, message: str) -> None:
 def test_an_object_without_faces_needs_no_axes() -> None:
     faceless = "O  1 0 0  0 0 0  0 0 0  0 0 0  -1 -1 -1  0 0 0 0 0 0 0 0"
     assert house(spoiled(11, faceless)).object_id.tolist() == [0, 2, 3]
+
+
+def test_an_object_with_one_negative_half_extent_has_no_size() -> None:
+    hollow = "O  1 0 0  0 0 0  1 0 0  0 1 0  .5 -1 .5  0 0 0 0 0 0 0 0"
+    assert house(spoiled(11, hollow)).object_id.tolist() == [0, 2, 3]
+
+
+@pytest.mark.parametrize("size", ["1e-200", "1e-3", "1e6", "1e200", "1.7e308"])
+def test_axes_of_any_length(size: str) -> None:
+    """Only their directions matter, and no length of theirs is squared."""
+    long = f"O  1 0 0  0 0 0  0 {size} 0  -{size} 0 0  1 2 3  0 0 0 0 0 0 0 0"
+    assert house(spoiled(11, long)).boxes.axes[1].tolist() == [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+
+
+def test_axes_that_are_far_from_right_angles_are_turned() -> None:
+    askew = "O  1 0 0  0 0 0  0 0 1  0.0011 0 1  1 2 3  0 0 0 0 0 0 0 0"
+    assert house(spoiled(11, askew)).boxes.axes[1].round(9).tolist() == [
+        [0, 0, 1],
+        [1, 0, 0],
+        [0, 1, 0],
+    ]
+
+
+def test_numbers_at_their_limits() -> None:
+    last = "O  2147483647 0 0  1e6 -1e6 0  1 0 0  0 1 0  1e6 1 1  0 0 0 0 0 0 0 0"
+    found = house(spoiled(11, last))
+    assert found.object_id.tolist() == [0, 2, 3, 2147483647]
+    assert found.boxes.centre[3].tolist() == [1e6, -1e6, 0]
 
 
 def test_every_malformed_line_is_named_in_order() -> None:

@@ -90,6 +90,11 @@ LOST_GRAPH = {"boxes-of-unknown-viewpoint": 3, "unknown-scan": 1}
             {"boxes-of-unknown-viewpoint": 3, "unknown-viewpoint": 1},
             id="graph without viewpoints",
         ),
+        pytest.param(
+            graph(lambda places: places[HALL]["pose"].__setitem__(3, 1e300)),
+            {"malformed-file": 1, **LOST_GRAPH},
+            id="pose out of this world",
+        ),
         pytest.param(file(ANNOTATIONS, "[]"), {}, id="no tasks"),
         pytest.param(
             empty_boxes, {"missing-boxes": 3, "target-not-listed": 1}, id="folder without boxes"
@@ -165,6 +170,7 @@ LOST_GRAPH = {"boxes-of-unknown-viewpoint": 3, "unknown-scan": 1}
         pytest.param(box(1, 2, float("nan"), 40), {"malformed-entry": 1}, id="no number"),
         pytest.param(box(1, 2, 2**31, 40), {"malformed-entry": 1}, id="beyond any picture"),
         pytest.param(listed(key="07"), {"malformed-entry": 1}, id="object id with a leading zero"),
+        pytest.param(listed(key=2**31), {"malformed-entry": 1}, id="object id beyond 32 bits"),
         pytest.param(listed(visible_pos=[13, 14]), {"unequal-lists": 1}, id="view without a box"),
         pytest.param(listed(bbox2d=[BOX, BOX]), {"unequal-lists": 1}, id="box without a view"),
         pytest.param(

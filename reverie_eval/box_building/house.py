@@ -91,8 +91,8 @@ class _Contents:
     _found: Counter[str] = field(default_factory=Counter)
     _categories: dict[int, str] = field(default_factory=dict)
     _objects: dict[int, HouseObject] = field(default_factory=dict)
-    _lines: dict[int, int] = field(default_factory=dict)
-    """Where each object stands."""
+    _lines: dict[tuple[str, int], int] = field(default_factory=dict)
+    """Where each category and each object stands."""
 
     def report(self, line: int, message: str) -> None:
         self.problems.append(Problem("malformed-house", f"{self.where}:{line}", message, (line,)))
@@ -112,14 +112,18 @@ class _Contents:
             self._counts = read_header(words)
         elif kind == "category":
             index, name = read_category(words)
+            self._note("category", index, line)
             self._categories[index] = name
         elif kind == "object":
             found = read_object(words)
-            if found.object_id in self._lines:
-                first = self._lines[found.object_id]
-                raise ValueError(f"object {found.object_id} stands in line {first} already")
+            self._note("object", found.object_id, line)
             self._objects[found.object_id] = found
-            self._lines[found.object_id] = line
+
+    def _note(self, kind: str, index: int, line: int) -> None:
+        """Note where something stands, which stands once."""
+        first = self._lines.setdefault((kind, index), line)
+        if first != line:
+            raise ValueError(f"{kind} {index} stands in line {first} already")
 
     def check(self) -> None:
         """Report what only the whole file shows."""
@@ -135,7 +139,7 @@ class _Contents:
         for found in self._objects.values():
             if found.category is not None and found.category not in self._categories:
                 self.report(
-                    self._lines[found.object_id],
+                    self._lines["object", found.object_id],
                     f"category {found.category} of object {found.object_id} has no C line",
                 )
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
+from reverie_eval.limits import FARTHEST, LARGEST_OBJECT_ID
 from reverie_eval.wording import category_in_words
 
 _KINDS: Mapping[str, str] = MappingProxyType(
@@ -108,12 +109,12 @@ def read_object(words: Sequence[str]) -> HouseObject:
     """Return an object: half extents, and axes of any length."""
     category = _whole(words, 3, "category index", least=_NONE)
     found = HouseObject(
-        object_id=_whole(words, 1, "object index"),
+        object_id=_whole(words, 1, "object index", most=LARGEST_OBJECT_ID),
         category=None if category == _NONE else category,
-        centre=_numbers(words, 4, "centre"),
+        centre=_metres(words, 4, "centre"),
         first_axis=_numbers(words, 7, "first axis"),
         second_axis=_numbers(words, 10, "second axis"),
-        radii=_numbers(words, 13, "radii"),
+        radii=_metres(words, 13, "radii"),
     )
     if found.has_size and not _span_a_plane(found.first_axis, found.second_axis):
         raise ValueError(
@@ -128,15 +129,26 @@ def _word(words: Sequence[str], place: int, what: str) -> str:
     return words[place]
 
 
-def _whole(words: Sequence[str], place: int, what: str, least: int = 0) -> int:
+def _whole(
+    words: Sequence[str], place: int, what: str, least: int = 0, most: int | None = None
+) -> int:
     word = _word(words, place, what)
     try:
         number = int(word)
     except ValueError:
         number = least - 1
-    if number < least:
-        raise ValueError(f"{what} {word[:20]!r} (word {place + 1}); expected a whole number")
+    if number < least or (most is not None and number > most):
+        limit = "" if most is None else f" of at most {most:,}"
+        raise ValueError(f"{what} {word[:20]!r} (word {place + 1}); expected a whole number{limit}")
     return number
+
+
+def _metres(words: Sequence[str], place: int, what: str) -> Numbers:
+    """Read three lengths that a building may have."""
+    numbers = _numbers(words, place, what)
+    if max(map(abs, numbers)) > FARTHEST:
+        raise ValueError(f"{_found(words, place, what)}; expected at most {FARTHEST:,.0f} metres")
+    return numbers
 
 
 def _numbers(words: Sequence[str], place: int, what: str) -> Numbers:
@@ -147,14 +159,26 @@ def _numbers(words: Sequence[str], place: int, what: str) -> Numbers:
     except ValueError:
         numbers = (math.nan,)
     if not all(map(math.isfinite, numbers)):
-        found = " ".join(words[place : place + 3])
-        raise ValueError(
-            f"{what} {found[:60]!r} (words {place + 1} to {place + 3}); expected three numbers"
-        )
+        raise ValueError(f"{_found(words, place, what)}; expected three numbers")
     return numbers
 
 
+def _found(words: Sequence[str], place: int, what: str) -> str:
+    """Say what stands in the place of three numbers."""
+    found = " ".join(words[place : place + 3])
+    return f"{what} {found[:60]!r} (words {place + 1} to {place + 3})"
+
+
 def _span_a_plane(first: Numbers, second: Numbers) -> bool:
-    lengths = math.hypot(*first) * math.hypot(*second)
-    cosine = sum(a * b for a, b in zip(first, second, strict=True)) / (lengths or 1.0)
-    return lengths > 0 and 1 - cosine * cosine > _PARALLEL**2
+    if not (any(first) and any(second)):
+        return False
+    cosine = sum(a * b for a, b in zip(_direction(first), _direction(second), strict=True))
+    return 1 - cosine * cosine > _PARALLEL**2
+
+
+def _direction(axis: Numbers) -> Numbers:
+    """Make an axis of any length 1 long; by its largest number first, lest its length overflow."""
+    largest = max(map(abs, axis))
+    scaled = [number / largest for number in axis]
+    length = math.hypot(*scaled)
+    return tuple(number / length for number in scaled)

@@ -59,8 +59,8 @@ class OrientedBoxes:
         >>> OrientedBoxes.along(np.zeros((1, 3)), up, rightish, np.ones((1, 3))).axes[0].tolist()
         [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
         """
-        first = _unit(first_axis)
-        second = _unit(second_axis - (second_axis * first).sum(axis=-1, keepdims=True) * first)
+        first, second = _unit(first_axis), _scaled(second_axis)
+        second = _unit(second - (second * first).sum(axis=-1, keepdims=True) * first)
         axes = np.stack([first, second, np.cross(first, second)], axis=-2)
         return cls(centre, axes, radii)
 
@@ -90,4 +90,14 @@ class OrientedBoxes:
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
+    vectors = _scaled(vectors)
     return np.asarray(vectors / np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)))
+
+
+def _scaled(vectors: FloatArray) -> FloatArray:
+    """Bring vectors near length 1, lest their squares overflow or vanish.
+
+    A power of two, by which they are divided, changes no digit.
+    """
+    _, exponent = np.frexp(np.abs(vectors).max(axis=-1, keepdims=True))
+    return np.asarray(np.ldexp(vectors, -exponent))

@@ -13,10 +13,9 @@ from pydantic import TypeAdapter
 from reverie_eval.arrays import BoolArray, IntArray
 from reverie_eval.linting.graphs import Place
 from reverie_eval.linting.reader import Reader
-from reverie_eval.schemas.dataset import OBJECT_KEY
+from reverie_eval.schemas.dataset import object_key
 
 Number = Annotated[int, msgspec.Meta(ge=-(2**31), lt=2**31)]
-Key = Annotated[str, msgspec.Meta(pattern=OBJECT_KEY)]
 _FILE = TypeAdapter(dict[str, dict[str, Any]])
 
 
@@ -130,9 +129,9 @@ def read_boxes(reader: Reader, path: Path) -> Boxes:
     for number, (place, objects) in enumerate(records):
         for key, entry in objects.items():
             try:
-                msgspec.convert(key, Key)
-                listed.append(Listed(number, int(key), msgspec.convert(entry, Entry)))
-            except msgspec.ValidationError as error:
+                object_id = int(object_key(key))
+                listed.append(Listed(number, object_id, msgspec.convert(entry, Entry)))
+            except ValueError as error:  # msgspec's own is one too
                 malformed.append(f"{place} object {key}: {error}")
     places = [place for place, _ in records]
     return Boxes(places, listed, misnamed, malformed, is_folder=is_folder)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from reverie_eval.limits import LARGEST_OBJECT_ID
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.reading import problems
 from reverie_eval.reading.boxes import BOX_KEY, BoxAnswer, read_box
@@ -12,8 +13,6 @@ from reverie_eval.reading.values import is_whole
 
 ANSWER_KEYS = ("predObjId", "pred_objid", "pred_obj_id")
 """The first that a record has names its object: official, DUET, and an older spelling."""
-
-LARGEST_OBJECT_ID = 2**31 - 1
 
 _ABSTENTIONS = ("None", "-1", "")
 """What codebases write where the agent names no object, besides -1 and null."""

@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 
 from reverie_eval.arrays import offsets_of
+from reverie_eval.limits import LARGEST_OBJECT_ID
 from reverie_eval.metrics import ABSTAINED
-from reverie_eval.reading.answers import LARGEST_OBJECT_ID
 from reverie_eval.reading.predictions import ID_PREFIX, Predictions, Records
 
 

@@ -8,6 +8,7 @@ import reprlib
 from collections.abc import Sequence
 
 from reverie_eval.errors import Problem
+from reverie_eval.limits import LARGEST_OBJECT_ID
 from reverie_eval.reading.findings import Place, PosePath
 from reverie_eval.wording import counted, some
 
@@ -75,7 +76,8 @@ def too_many_containers(found: int, limit: int) -> Problem:
 def endless_number() -> Problem:
     """Build the problem for a whole number that Python refuses to read."""
     return _in_file(
-        "not-json", "holds a whole number of thousands of digits; object ids are below 2**31"
+        "not-json",
+        f"holds a whole number of thousands of digits; object ids go up to {LARGEST_OBJECT_ID:,}",
     )
 
 

@@ -1,28 +1,47 @@
 """The dataset's published files: annotations, navigation graphs and boxes."""
 
+import re
 from typing import Annotated, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
-    FiniteFloat,
     StringConstraints,
     TypeAdapter,
     model_validator,
 )
 
-Name = Annotated[str, StringConstraints(min_length=1)]
-ObjectId = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
-OBJECT_KEY = r"^(0|[1-9]\d{0,8})$"
-"""What an object id looks like as the key of a JSON object."""
-ObjectKey = Annotated[str, StringConstraints(pattern=OBJECT_KEY)]
-ViewIndex = Annotated[int, Field(ge=0, lt=36)]
-Offset = Annotated[int, Field(ge=0, le=640)]
-Extent = Annotated[int, Field(ge=1, le=640)]
+from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH
+from reverie_eval.limits import FARTHEST, LARGEST_OBJECT_ID
 
-Position = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-"""Metres in the scan's own frame, z up."""
+_OBJECT_KEY = re.compile(r"0|[1-9]\d{0,9}", re.ASCII)
+
+
+def object_key(text: str) -> str:
+    """Return the key of a JSON object if it is an object id.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or not written as the published files do: without a sign or leading zeros.
+    """
+    if _OBJECT_KEY.fullmatch(text) and int(text) <= LARGEST_OBJECT_ID:
+        return text
+    raise ValueError(f"expected an object id, a whole number from 0 to {LARGEST_OBJECT_ID:,}")
+
+
+Name = Annotated[str, StringConstraints(min_length=1)]
+ObjectId = Annotated[int, Field(ge=0, le=LARGEST_OBJECT_ID, strict=True)]
+ObjectKey = Annotated[str, AfterValidator(object_key)]
+ViewIndex = Annotated[int, Field(ge=0, lt=N_VIEWS)]
+Offset = Annotated[int, Field(ge=0)]
+Extent = Annotated[int, Field(ge=1)]
+Metres = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+
+Position = tuple[Metres, Metres, Metres]
+"""In the scan's own frame, z up."""
 
 
 class _Published(BaseModel):
@@ -51,7 +70,7 @@ class Viewpoint(_Published):
     """One record of ``{scan}_connectivity.json``."""
 
     image_id: Name
-    pose: Annotated[list[float], Field(min_length=16, max_length=16)]
+    pose: Annotated[list[Metres], Field(min_length=16, max_length=16)]
     """Row-major 4 x 4 camera-to-world matrix; metres in elements 3, 7 and 11."""
     included: bool
     unobstructed: list[bool]
@@ -70,12 +89,20 @@ class ObjectBoxes(_Published):
     visible_pos: list[ViewIndex]
     """The views that show the object. Empty: listed, but not visible."""
     bbox2d: list[tuple[Offset, Offset, Extent, Extent]]
-    """Left, top, width, height in pixels of the 640 x 480 view, in the order of the views."""
+    """Left, top, width, height in pixels, in the order of the views; within the picture."""
 
     @model_validator(mode="after")
     def _one_box_per_view(self) -> Self:
         if len(self.visible_pos) != len(self.bbox2d):
             raise ValueError(f"views: {len(self.visible_pos)}, boxes: {len(self.bbox2d)}")
+        return self
+
+    @model_validator(mode="after")
+    def _boxes_within_picture(self) -> Self:
+        for left, top, width, height in self.bbox2d:
+            if left + width > WIDTH or top + height > HEIGHT:
+                box = [left, top, width, height]
+                raise ValueError(f"{box} reaches beyond the {WIDTH} x {HEIGHT} picture")
         return self
 
 

@@ -1,5 +1,6 @@
 """Figures of scores with matplotlib: what is drawn, and where."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 import reverie_eval as rv
 from reverie_eval.reporting.distributions import histogram_of
+from reverie_eval.reporting.map_svg import map_key
 from tests.conftest import SAMPLES
 from tests.home import home_scores, perfect
 
@@ -122,14 +125,47 @@ def test_submissions_share_their_bars(scores: rv.Scores) -> None:
 def test_an_episode(scores: rv.Scores) -> None:
     axes = scores.episode("2_4_0").plot()
     assert axes.get_title(loc="left") == "2_4_0: go there"
-    labels = axes.get_legend_handles_labels()[1]
-    assert labels == [
-        "a stop here is a success",
+    legend = axes.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == [
         "the agent, stop",
         "start",
+        "a jump where no edge is",
+        "annotated path",
         "end of the annotated path",
+        "a stop here is a success",
+        "on another level",
     ]
-    assert len(axes.lines[3].get_xdata()) == 2  # type: ignore[arg-type]  # success viewpoints
+    rings = [each for each in axes.lines if each.get_marker() == "o"]
+    (success,) = (each for each in rings if each.get_markeredgecolor() == "#009E73")
+    assert len(success.get_xdata()) == 2  # type: ignore[arg-type]  # hall and room
+
+
+def test_the_key_of_a_figure_is_that_of_a_page(scores: rv.Scores) -> None:
+    legend = scores.episode("2_4_0").plot().get_legend()
+    assert legend is not None
+    explained = [text.get_text() for text in legend.get_texts()]
+    assert explained == re.findall(r"</svg> ([^<]+)</span>", map_key([""]))
+    assert all(line.get_visible() for line in legend.get_lines())
+
+
+def test_a_key_looks_like_what_it_explains(scores: rv.Scores) -> None:
+    axes = scores.episode("1_3_0").plot()
+    legend = axes.get_legend()
+    assert legend is not None
+    on_the_map = [look(line) for line in axes.lines]
+    in_key = {line.get_label(): look(line) for line in legend.get_lines()}
+    for meaning in ("annotated path", "a stop here is a success", "on another level", "start"):
+        assert in_key[meaning] in on_the_map
+    assert len(set(in_key.values())) == len(in_key)
+
+
+def look(line: Line2D) -> tuple[object, ...]:
+    """Return what tells a line or a mark from others."""
+    marker = line.get_marker()
+    if marker == "None":
+        return line.get_color(), line.get_linestyle(), line.get_alpha()
+    return marker, line.get_markerfacecolor(), line.get_markeredgecolor(), line.get_alpha()
 
 
 @pytest.mark.parametrize("draw", ["funnel", "slices", "distribution", "episode"])

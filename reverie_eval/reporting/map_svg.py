@@ -11,7 +11,7 @@ import numpy as np
 from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.reporting import map_shapes as shapes
 from reverie_eval.reporting.map_frame import Frame, arrows
-from reverie_eval.reporting.maps import EpisodeMap, Route
+from reverie_eval.reporting.maps import EpisodeMap, Route, Sign, key_of
 from reverie_eval.reporting.resources import text_of
 
 WIDTH, HEIGHT = 400, 300
@@ -36,28 +36,10 @@ def map_element(episode_map: EpisodeMap) -> str:
 
 
 def map_key(names: Sequence[str]) -> str:
-    """Explain the signs of a map, in HTML.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the submissions whose routes are shown, if any are; for one, an empty name will do.
-    """
-    middle = np.array([20.0, 8.0])
-    routes = [
-        (_route_sign(number), f"{escape(name) or 'the agent'}, stop")
-        for number, name in enumerate(names, 1)
-    ]
-    signs = [
-        *routes,
-        (shapes.circle("start", middle), "start"),
-        *([(shapes.path("route jump", ["M4 8H36"]), "a jump where no edge is")] if names else []),
-        (shapes.path("annotated", ["M6 8H34"]), "annotated path"),
-        (shapes.goal(middle), "its end"),
-        (shapes.circle("success", middle), "a stop here is a success"),
-        (shapes.path("viewpoint elsewhere", ["M12 8h0M28 8h0"]), "on another level"),
-    ]
-    explained = "".join(f"<span>{_sign(drawn)} {meaning}</span>" for drawn, meaning in signs)
+    """Explain the signs of a map, in HTML; of the submissions with these names if there are any."""
+    explained = "".join(
+        f"<span>{_sign(sign)} {escape(sign.meaning)}</span>" for sign in key_of(names)
+    )
     return f'<p class="map-key">{explained}</p>'
 
 
@@ -142,13 +124,27 @@ def _ends(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
         yield shapes.stop(place[route.stop] + shift, number, title)
 
 
-def _route_sign(number: int) -> str:
-    line = shapes.path(f"route route-{number}", ["M2 8H30"])
-    return line + shapes.stop(np.array([33.0, 8.0]), number)
-
-
-def _sign(drawn: str) -> str:
+def _sign(sign: Sign) -> str:
+    drawn = _drawn(sign)
     return f'<svg class="episode-map sign" viewBox="0 0 40 16" aria-hidden="true">{drawn}</svg>'
+
+
+def _drawn(sign: Sign) -> str:
+    middle = np.array([20.0, 8.0])
+    match sign.kind:
+        case "stop":
+            line = shapes.path(f"route route-{sign.route}", ["M2 8H30"])
+            return line + shapes.stop(np.array([33.0, 8.0]), sign.route)
+        case "start" | "success":
+            return shapes.circle(sign.kind, middle)
+        case "jump":
+            return shapes.path("route jump", ["M4 8H36"])
+        case "annotated":
+            return shapes.path("annotated", ["M6 8H34"])
+        case "goal":
+            return shapes.goal(middle)
+        case "elsewhere":
+            return shapes.path("viewpoint elsewhere", ["M12 8h0M28 8h0"])
 
 
 def _id(episode_map: EpisodeMap, viewpoint: int) -> str:

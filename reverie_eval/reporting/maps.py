@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -16,6 +16,18 @@ LEVEL_HEIGHT = 0.5
 """Metres that viewpoints of one floor differ in height at most, most of them."""
 LEAST_VIEWPOINTS = 3
 """Of one height make a storey; fewer are a landing."""
+
+
+SignKind = Literal["stop", "start", "jump", "annotated", "goal", "success", "elsewhere"]
+
+
+class Sign(NamedTuple):
+    """What is drawn on a map, and what it means."""
+
+    kind: SignKind
+    meaning: str
+    route: int = 0
+    """Of a stop, the number of the submission, from 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +167,28 @@ class EpisodeMap:
                 *(_sentence(route, int(self.is_jump(route).sum())) for route in self.routes),
             ]
         )
+
+
+def key_of(names: Sequence[str]) -> Sequence[Sign]:
+    """List the signs of a map, whoever explains them.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the submissions whose routes are shown, if any are; for one, an empty name will do.
+    """
+    return [
+        *(
+            Sign("stop", f"{name or 'the agent'}, stop", number)
+            for number, name in enumerate(names, 1)
+        ),
+        Sign("start", "start"),
+        *([Sign("jump", "a jump where no edge is")] if names else []),
+        Sign("annotated", "annotated path"),
+        Sign("goal", "end of the annotated path"),
+        Sign("success", "a stop here is a success"),
+        Sign("elsewhere", "on another level"),
+    ]
 
 
 def storeys_of(height: FloatArray) -> IntArray:

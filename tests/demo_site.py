@@ -92,6 +92,14 @@ class Site:
         )
         return reply.raise_for_status()
 
+    def invite(self, who: str) -> str:
+        """Return an invitation that the organiser has made for somebody."""
+        asked = {"person": who, "kind": "invite"}
+        invitation: str = self.ask(ORGANISER, "POST", "/organiser/tokens", json=asked).json()[
+            "token"
+        ]
+        return invitation
+
 
 def furnish(url: str, folder: Path) -> Site:
     """Add people to a running server, send in what they have, and judge some of it."""

@@ -1,11 +1,15 @@
 // Instants are written in UTC; beside them the viewer's own time, where that is another.
+const WRITTEN_AS_UTC_IS = "sv"; // 2027-06-01 21:05, whatever the viewer's language
+
 function addOwnTimes(part) {
   for (const time of part.querySelectorAll("time[datetime*='T']")) {
     const instant = new Date(time.dateTime);
-    if (!Number.isNaN(instant.valueOf()) && instant.getTimezoneOffset() !== 0) {
-      const local = instant.toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
-      time.append(` (${local} your time)`);
-    }
+    if (Number.isNaN(instant.valueOf()) || instant.getTimezoneOffset() === 0) continue;
+    const own = document.createElement("small");
+    own.className = "own";
+    const local = instant.toLocaleString(WRITTEN_AS_UTC_IS, { dateStyle: "short", timeStyle: "short" });
+    own.textContent = `(${local} your time)`;
+    time.after(" ", own);
   }
 }
 

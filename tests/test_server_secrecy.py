@@ -23,7 +23,7 @@ from reverie_eval.ground_truth.truth import Answers
 from reverie_eval.server.backup import write_backup
 from reverie_eval.server.checks import check_folder
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.settings import Split
+from reverie_eval.server.settings import SETTINGS_FILE, Split
 from tests.planted import BOX, CATEGORY, FIRST_OBJECT, Secrets, planted
 from tests.serving import (
     ANYBODY,
@@ -239,6 +239,26 @@ def test_neither_does_what_a_real_process_logs_and_keeps(
     assert {
         name: found for name, text in kept.items() if (found := [*secrets.found_in(text)])
     } == {}
+
+
+def test_a_server_refuses_to_keep_exact_values_of_a_private_split(
+    server: Serving, folder: Path
+) -> None:
+    server.upload(OWNER)
+    assert not [finding for finding in check_folder(folder) if finding.kind != "ok"]
+    file = folder / SETTINGS_FILE
+    file.write_text(file.read_text().replace('visibility = "open"', 'visibility = "private"'))
+    (fault,) = [finding for finding in check_folder(folder) if finding.kind != "ok"]
+    assert (fault.check, fault.kind) == ("secrets", "fault")
+    assert "val_unseen is private, but was open when 1 result of it came about" in fault.what
+
+
+def test_results_that_cannot_be_read_are_the_doctor_s(server: Serving, folder: Path) -> None:
+    server.upload(OWNER)
+    with closing(sqlite3.connect(folder / "server.db")) as database, database:
+        database.execute("UPDATE submission SET report = '[]'")
+    (note,) = [finding for finding in check_folder(folder) if finding.kind != "ok"]
+    assert (note.check, note.kind) == ("secrets", "note")
 
 
 def everything_kept(folder: Path, tmp_path: Path) -> Iterator[tuple[str, str]]:

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sqlalchemy import make_url
+from sqlalchemy import make_url, select
 from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError, SQLAlchemyError
+from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
 from reverie_eval.receipts import ReceiptError, key_id_of
-from reverie_eval.server.service.boards import load_boards
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.server.service.boards import Board, load_boards
 from reverie_eval.server.service.receipts import load_key, public_pem_of
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -22,8 +24,10 @@ from reverie_eval.server.settings import (
     variables_ignored,
 )
 from reverie_eval.server.store.database import Database, known_revisions
+from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import open_uploads
 from reverie_eval.version import __version__
+from reverie_eval.wording import counted
 
 _DEFAULT_PASSWORDS = frozenset({"postgres", "password", "secret", "changeme", "change-me", "admin"})
 REFUSALS = (SQLAlchemyError, ModuleNotFoundError, ValueError)
@@ -55,7 +59,14 @@ def check_folder(folder: Path) -> Sequence[Finding]:
         settings = load_settings(folder)
     except SettingsError as error:
         return [Finding("settings", "fault", str(problem)) for problem in error.problems]
-    looks = (_at_settings, _at_ground_truth, _at_signing_key, _at_database, _at_uploads)
+    looks = (
+        _at_settings,
+        _at_ground_truth,
+        _at_signing_key,
+        _at_database,
+        _at_secrets,
+        _at_uploads,
+    )
     return [finding for look in looks for finding in look(settings)]
 
 
@@ -217,6 +228,37 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
         yield Finding("database", "fault", fault)
         return
     yield Finding("database", "ok", make_url(settings.database_url).render_as_string())
+
+
+def _at_secrets(settings: Settings) -> Iterator[Finding]:
+    """Look for exact values of splits that are private now."""
+    if database_fault(settings) is not None:
+        return
+    try:
+        boards = load_boards(settings)
+    except SettingsError:
+        return
+    with closing(Database(settings.database_url)) as database, database.reading() as session:
+        for board in boards.values():
+            yield from _at_exact_values(session, board)
+
+
+def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
+    kept = select(Submission.report).where(Submission.split == board.name)
+    try:
+        reports = map(ScoreReport.model_validate, session.scalars(kept))
+        exact = sum(not board.may_keep(report) for report in reports)
+    except REFUSALS:
+        told = f"not all results of {board.name} can be read; run `reverie-eval server doctor`"
+        yield Finding("secrets", "note", told)
+        return
+    if exact:
+        told = (
+            f"{board.name} is private, but was open when {counted(exact, 'result')} of it came "
+            "about, whose exact values are kept; make it open again, and give the private split a "
+            "name of its own"
+        )
+        yield Finding("secrets", "fault", told)
 
 
 def _at_uploads(settings: Settings) -> Iterator[Finding]:

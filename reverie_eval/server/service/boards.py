@@ -1,6 +1,6 @@
 """The splits that a server scores, with their ground truth in memory."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -85,18 +85,28 @@ class Board:
         report = scores.to_report()
         if not self.is_private:
             return report
-        rounded = {key: CATALOGUE[key].rounded(report.scores[key]) for key in _shown(scores)}
-        return ScoreReport(
-            signature=report.signature,
-            split=report.split,
-            protocol=report.protocol,
-            dataset=report.dataset,
-            fingerprint=report.fingerprint,
-            version=report.version,
-            episodes=report.episodes,
-            scores=rounded,
-            notes=list(reading.validation().notes),
-        )
+        return _discreet(report, _shown(scores), reading.validation().notes)
+
+    def may_keep(self, report: ScoreReport) -> bool:
+        """Whether a report says no more than :meth:`report` would.
+
+        One of a private split does if it was scored while the split was open.
+        """
+        return not self.is_private or report == _discreet(report, report.scores, report.notes)
+
+
+def _discreet(report: ScoreReport, shown: Iterable[str], notes: Iterable[str]) -> ScoreReport:
+    return ScoreReport(
+        signature=report.signature,
+        split=report.split,
+        protocol=report.protocol,
+        dataset=report.dataset,
+        fingerprint=report.fingerprint,
+        version=report.version,
+        episodes=report.episodes,
+        scores={key: CATALOGUE[key].rounded(report.scores[key]) for key in shown},
+        notes=list(notes),
+    )
 
 
 def _predictions(content: bytes) -> Predictions:

@@ -31,8 +31,18 @@ MARKUP = "<script>alert(1)</script>"
 """A team's name."""
 BOLD = "<b>Bold</b> & 'quoted' walker"
 """A method's name."""
-PEOPLE = {"Ada": "Blue", "Ben": "Blue", "Carl": "Red", "Eve": MARKUP, "Olga": "Organisers"}
-OWNER, MATE, OTHER, MARKED, ORGANISER = PEOPLE
+ENDLESS = "Methodofonewordthatgoesonandon" * 3 + "tothelimit"
+"""A name as long as any may be, without a place to break it."""
+PEOPLE = {
+    "Ada": "Blue",
+    "Ben": "Blue",
+    "Carl": "Red",
+    "Eve": MARKUP,
+    f"Fay{'longname' * 12}": f"Team{'longname' * 12}",
+    "Olga": "Organisers",
+}
+OWNER, MATE, OTHER, MARKED, WORDY, ORGANISER = PEOPLE
+BANNER = f"We move to https://example.org/{'announcements/' * 4}{ENDLESS[:60]}?year=2026 soon."
 OPEN, PRIVATE = "val_unseen", "test"
 
 
@@ -68,6 +78,7 @@ _SENT = (
         OWNER, OPEN, "drawn", 12, {"name": "Box drawer", "ground_truth_objects": True}, _PUBLISHED
     ),
     Sent(OWNER, OPEN, "random 3", 2, {"name": "Walker, early stopping"}, {}),
+    Sent(WORDY, OPEN, "random 6", 25, {"name": ENDLESS, "description": ENDLESS * 4}, _PUBLISHED),
     Sent(OTHER, PRIVATE, "random 4", 15, {"name": "Random walker"}, _PUBLISHED),
     Sent(OWNER, PRIVATE, "shortest 0", 5, {"name": "Shortest paths"}, _PUBLISHED),
     Sent(MARKED, PRIVATE, "random 5", 4, {"name": BOLD}, {"withdrawn": True}),
@@ -106,6 +117,7 @@ def furnish(url: str, folder: Path) -> Site:
     now = datetime.now(UTC)
     with closing(Database(load_settings(folder).database_url)) as database:
         site = Site(url, folder, populate(database, PEOPLE, now), {})
+        site.ask(ORGANISER, "PUT", "/organiser/notice", json={"banner": BANNER})
         ids = {(each.split, each.said["name"]): _send(site, each) for each in _SENT}
         with database.writing() as session:
             for each in _SENT:
@@ -144,6 +156,7 @@ def _reviews(ids: Mapping[tuple[str, str], str], now: datetime) -> list[Review]:
         "Walker": ("verified", "we ran its code and got the same file"),
         "Random walker": ("baseline", "walks at random, for comparison"),
         BOLD: ("flagged", f"its paper is missing {MARKUP}"),
+        ENDLESS: ("flagged", ENDLESS * 4),
     }
     return [
         Review(

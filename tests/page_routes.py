@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 
 from reverie_eval.server.edge.labels import API
-from tests.demo_site import BOLD, MARKED, OPEN, ORGANISER, OWNER, PRIVATE, Site
+from tests.demo_site import BOLD, ENDLESS, MARKED, OPEN, ORGANISER, OWNER, PRIVATE, WORDY, Site
 
 
 class Example(NamedTuple):
@@ -22,7 +22,7 @@ class Example(NamedTuple):
     @property
     def name(self) -> str:
         """What to call it in files and of tests."""
-        text = f"{self.route}{self.query} {self.who or ''}"
+        text = f"{self.route}{self.query} {(self.who or '')[:8]}"
         return "-".join(re.findall(r"\w+", text)).lower() or "home"
 
     def path(self, site: Site) -> str:
@@ -31,6 +31,7 @@ class Example(NamedTuple):
             "split": OPEN,
             "submission_id": site.ids[OPEN, "Walker"],
             "other_id": site.ids[OPEN, BOLD],
+            "wordy_id": site.ids[OPEN, ENDLESS],
             "instr_id": "1196_0_0",
             "private_id": site.ids[PRIVATE, "Shortest paths"],
         }
@@ -46,8 +47,10 @@ EXAMPLES = (
     Example("/submissions/{submission_id}"),
     Example("/submissions/{submission_id}", OWNER),
     Example("/submissions/{other_id}"),
+    Example("/submissions/{wordy_id}", WORDY),
     Example("/team", OWNER),
     Example("/team", MARKED),
+    Example("/team", WORDY),
     Example("/episodes"),
     Example("/episodes/{split}"),
     Example("/episodes/{split}", ORGANISER, "?submission={submission_id}&other={other_id}"),
@@ -67,6 +70,7 @@ EXAMPLES = (
     Example("/desk", ORGANISER),
     Example("/desk/uploads", ORGANISER),
     Example("/desk/reviews", ORGANISER),
+    Example("/desk/reviews", ORGANISER, "?submission={wordy_id}"),
     Example("/desk/reported", ORGANISER),
     Example("/desk/quotas", ORGANISER),
     Example("/desk/people", ORGANISER),

@@ -558,6 +558,20 @@ def problems_of(world: Path) -> Sequence[Problem]:
             id="ragged graph",
         ),
         pytest.param(
+            lambda world: (world / MANSION).write_text("[]"),
+            "malformed-graph",
+            MANSION,
+            "of 0 viewpoints none is included, so no path is in it; fetch the file again",
+            id="graph without viewpoints",
+        ),
+        pytest.param(
+            _mansion(lambda places: [place.update(included=False) for place in places]),
+            "malformed-graph",
+            MANSION,
+            "of 31 viewpoints none is included",
+            id="graph of excluded viewpoints",
+        ),
+        pytest.param(
             _name_as_in_the_rectory,
             "duplicate-viewpoint",
             CONNECTIVITY,

@@ -167,6 +167,28 @@ def test_faults_of_all_splits_are_told_at_once(dataset: Path, run: Run) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        pytest.param("{}", "not the published format: Input should be a valid array", id="no list"),
+        pytest.param(
+            "[]",
+            "of 0 viewpoints none is included, so no path is in it; fetch the file again",
+            id="no viewpoint",
+        ),
+    ],
+)
+def test_a_graph_that_is_none_is_told_once(
+    content: str, reason: str, dataset: Path, run: Run
+) -> None:
+    hut = dataset / "connectivity" / "hut_connectivity.json"
+    hut.write_text(content)
+    status, out, err = run("describe", "dataset")
+    assert (status, out) == (1, "")
+    assert err.count(f"{hut}: ") == 1
+    assert f"{hut}: {reason}\n" in err
+
+
 def test_files_that_cannot_be_read_are_told_before_anything_is_counted(
     dataset: Path, run: Run
 ) -> None:

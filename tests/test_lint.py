@@ -95,7 +95,7 @@ LOST_GRAPH = {"boxes-of-unknown-viewpoint": 3, "unknown-scan": 1}
             {"malformed-file": 1, **LOST_GRAPH},
             id="pose out of this world",
         ),
-        pytest.param(file(ANNOTATIONS, "[]"), {}, id="no tasks"),
+        pytest.param(file(ANNOTATIONS, "[]"), {"malformed-file": 1}, id="no tasks"),
         pytest.param(
             empty_boxes, {"missing-boxes": 3, "target-not-listed": 1}, id="folder without boxes"
         ),
@@ -107,6 +107,15 @@ LOST_GRAPH = {"boxes-of-unknown-viewpoint": 3, "unknown-scan": 1}
             graph(lambda places: places[HALL]["unobstructed"].pop()),
             {"malformed-graph": 1, **LOST_GRAPH},
             id="unobstructed too short",
+        ),
+        pytest.param(
+            graph(lambda places: [place.update(image_id="hall") for place in places[:2]]),
+            {
+                "duplicate-viewpoint": 1,
+                "boxes-of-unknown-viewpoint": 1,
+                "unknown-viewpoint": 1,
+            },
+            id="viewpoint twice in a scan",
         ),
         pytest.param(
             annex,

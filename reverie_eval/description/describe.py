@@ -11,7 +11,13 @@ from reverie_eval.description.dataset import DatasetDescription
 from reverie_eval.description.tasks import task_facts
 from reverie_eval.errors import DatasetError
 from reverie_eval.ground_truth.candidates import check_boxes
-from reverie_eval.ground_truth.dataset import DatasetFiles, Sources, Track, untracked
+from reverie_eval.ground_truth.dataset import (
+    DatasetFiles,
+    Sources,
+    Track,
+    connectivity_files,
+    untracked,
+)
 from reverie_eval.ground_truth.graph import NavigationGraph
 from reverie_eval.ground_truth.navigation import read_navigation_graph
 from reverie_eval.ground_truth.tasks import check_tasks, has_answers
@@ -83,7 +89,7 @@ def describe_dataset(
         check_tasks(source, tasks[split], graph)
     answered = [split for split, source in sources.items() if has_answers(source, tasks[split])]
     boxes = _read_boxes(common, scans, graph) if answered else {}
-    viewpoint_counts = _viewpoint_counts(common, graph)
+    viewpoint_counts = _viewpoint_counts(common, scans, graph)
     _raise_problems(sources.values())
     facts = {split: task_facts(split, tasks[split], graph, boxes) for split in tasks}
     return DatasetDescription.of(facts, viewpoint_counts)
@@ -97,11 +103,11 @@ def _read_boxes(
     return boxes
 
 
-def _viewpoint_counts(sources: Sources, graph: NavigationGraph) -> Mapping[str, int]:
-    """Count the included viewpoints of every scan that has a navigation graph."""
-    ending = "_connectivity.json"
-    paths = sources.files.connectivity.glob(f"*{ending}")
-    others = {path.name.removesuffix(ending) for path in paths} - set(graph.scan_ids)
+def _viewpoint_counts(
+    sources: Sources, scans: Sequence[str], graph: NavigationGraph
+) -> Mapping[str, int]:
+    """Count the included viewpoints of the scans, whose graph it is, and of all others."""
+    others = connectivity_files(sources.files.connectivity).keys() - set(scans)
     sizes = np.bincount(graph.viewpoint_scan, minlength=len(graph.scan_ids)).tolist()
     return dict(zip(graph.scan_ids, sizes, strict=True)) | {
         scan: sum(viewpoint.included for viewpoint in viewpoints)

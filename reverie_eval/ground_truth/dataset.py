@@ -37,12 +37,24 @@ Track: TypeAlias = Callable[[Sequence[Path], str], Iterable[Path]]
 _DATA = Path("tasks", "REVERIE", "data")
 _ONE_FILE = "BBoxes.json"
 _ANY_SPLIT = "REVERIE_*.json"
+_CONNECTIVITY = "_connectivity.json"
 _SHOWN_ERRORS = 3
 
 
 def untracked(files: Sequence[Path], description: str) -> Iterable[Path]:  # noqa: ARG001
     """Show no progress."""
     return files
+
+
+def connectivity_file(folder: Path, scan_id: str) -> Path:
+    """Return where a scan's navigation graph is in the folder of connectivity files."""
+    return folder / f"{scan_id}{_CONNECTIVITY}"
+
+
+def connectivity_files(folder: Path) -> Mapping[str, Path]:
+    """Return the files of all navigation graphs in a folder, by scan."""
+    paths = sorted(folder.glob(f"*{_CONNECTIVITY}"))
+    return {path.name.removesuffix(_CONNECTIVITY): path for path in paths}
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +152,8 @@ class Sources:
 
     def graphs(self, scans: Sequence[str]) -> dict[str, list[Viewpoint]]:
         """Read the connectivity of the scans; one without a file is a problem and left out."""
-        paths = [self.files.connectivity / f"{scan}_connectivity.json" for scan in scans]
-        missing = [scan for scan, path in zip(scans, paths, strict=True) if not path.is_file()]
+        paths = {scan: connectivity_file(self.files.connectivity, scan) for scan in scans}
+        missing = [scan for scan, path in paths.items() if not path.is_file()]
         if missing:
             self.report(
                 "missing-scan",
@@ -149,12 +161,12 @@ class Sources:
                 f"no connectivity file for {len(missing)} of {len(scans)} scans: "
                 f"{some(missing)}; copy the dataset's whole connectivity folder",
             )
-        present = {
-            scan: path for scan, path in zip(scans, paths, strict=True) if scan not in missing
-        }
+        present = {scan: path for scan, path in paths.items() if scan not in missing}
         tracked = self._track(list(present.values()), "navigation graphs")
         graphs = (self._read(CONNECTIVITY, path, "connectivity") for path in tracked)
-        return {scan: graph for scan, graph in zip(present, graphs, strict=True) if graph}
+        return {
+            scan: graph for scan, graph in zip(present, graphs, strict=True) if graph is not None
+        }
 
     def boxes(self, scans: Sequence[str]) -> dict[str, dict[str, ObjectBoxes]]:
         """Read the objects seen from each viewpoint of the scans."""

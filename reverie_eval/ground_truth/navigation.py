@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray
-from reverie_eval.ground_truth.dataset import Sources
+from reverie_eval.ground_truth.dataset import Sources, connectivity_file
 from reverie_eval.ground_truth.graph import NavigationGraph
 from reverie_eval.schemas.dataset import Viewpoint
 from reverie_eval.wording import counted, some
@@ -70,15 +70,10 @@ def read_navigation_graph(sources: Sources, scans: Sequence[str]) -> NavigationG
 
 
 def _scan_graph(sources: Sources, scan: str, viewpoints: Sequence[Viewpoint]) -> _ScanGraph:
-    where = sources.files.connectivity / f"{scan}_connectivity.json"
-    ragged = [v.image_id for v in viewpoints if len(v.unobstructed) != len(viewpoints)]
-    if ragged:
-        sources.report(
-            "malformed-graph",
-            where,
-            f"`unobstructed` does not have one entry for each of the {len(viewpoints)} viewpoints "
-            f"in {counted(len(ragged), 'viewpoint')}: {some(ragged)}; fetch the file again",
-        )
+    where = connectivity_file(sources.files.connectivity, scan)
+    fault = _fault(viewpoints)
+    if fault:
+        sources.report("malformed-graph", where, f"{fault}; fetch the file again")
         return _ScanGraph([], [], np.zeros((0, 0), dtype=np.bool_))
     rows = [row for row, viewpoint in enumerate(viewpoints) if viewpoint.included]
     unobstructed = np.array([v.unobstructed for v in viewpoints], dtype=np.bool_)
@@ -97,6 +92,19 @@ def _scan_graph(sources: Sources, scan: str, viewpoints: Sequence[Viewpoint]) ->
             f"from {start} to {end}; fetch the file again",
         )
     return graph
+
+
+def _fault(viewpoints: Sequence[Viewpoint]) -> str:
+    """Say what keeps viewpoints from being a graph; nothing, if they are one."""
+    if not any(viewpoint.included for viewpoint in viewpoints):
+        return f"of {counted(len(viewpoints), 'viewpoint')} none is included, so no path is in it"
+    ragged = [v.image_id for v in viewpoints if len(v.unobstructed) != len(viewpoints)]
+    if ragged:
+        return (
+            f"`unobstructed` does not have one entry for each of the {len(viewpoints)} viewpoints "
+            f"in {counted(len(ragged), 'viewpoint')}: {some(ragged)}"
+        )
+    return ""
 
 
 def _check_unique(sources: Sources, viewpoint_ids: Sequence[str]) -> None:

@@ -4,16 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from reverie_eval.ground_truth.dataset import explain
 from reverie_eval.linting.graphs import Graphs, Place
 from reverie_eval.linting.reader import Reader
 from reverie_eval.schemas.dataset import Task
 
-_FILE = TypeAdapter(list[Any])
+_FILE = TypeAdapter(Annotated[list[Any], Field(min_length=1)])
 
 
 @dataclass(frozen=True, eq=False)

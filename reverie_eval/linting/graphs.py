@@ -10,10 +10,9 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.ground_truth.dataset import connectivity_files
 from reverie_eval.linting.reader import Reader
 from reverie_eval.schemas.dataset import CONNECTIVITY, Viewpoint
-
-_SUFFIX = "_connectivity.json"
 
 
 class Place(NamedTuple):
@@ -74,15 +73,18 @@ class Graphs:
 
     @property
     def nodes(self) -> list[Place]:
-        """Every included viewpoint."""
-        return [Place(scan.scan_id, id_) for scan in self.scans.values() for id_ in scan.row]
+        """Every included viewpoint, as often as it is there."""
+        return [
+            Place(scan.scan_id, id_) for scan in self.scans.values() for id_ in scan.viewpoint_ids
+        ]
 
 
 def read_graphs(reader: Reader, folder: Path) -> Graphs:
     """Read all connectivity files of a folder."""
     scans, ragged = {}, []
-    for path in reader.tracked(sorted(folder.glob(f"*{_SUFFIX}")), "navigation graphs"):
-        scan_id = path.name.removesuffix(_SUFFIX)
+    files = connectivity_files(folder)
+    tracked = reader.tracked(list(files.values()), "navigation graphs")
+    for scan_id, path in zip(files, tracked, strict=True):
         viewpoints = reader.read(CONNECTIVITY, path)
         if viewpoints is None:
             continue

@@ -17,7 +17,7 @@ from reverie_eval.box_building import build
 from reverie_eval.box_building.house import House, parse_house
 from reverie_eval.box_building.occlusion import is_hidden
 from reverie_eval.box_building.rules import EXCLUDED_NAMES, Occlusion, Rules
-from reverie_eval.box_building.scans import Scan, find_scans
+from reverie_eval.box_building.scans import Scan, find_scans, read_poses
 from reverie_eval.box_building.sightings import listable, look_around
 from reverie_eval.schemas.dataset import BOXES
 from tests.conftest import REPOSITORY, SAMPLES
@@ -246,17 +246,51 @@ def test_every_problem_of_every_scan_and_nothing_written(demo_world: Path, tmp_p
     (tmp_path / "houses" / "DemoTerrace.house").write_text("ASCII 1.0")
     (tmp_path / "houses" / "DemoCottage.house").write_text("ASCII 1.1\nQ\nC")
     (tmp_path / "connectivity" / "DemoTerrace_connectivity.json").write_text("{}")
+    no_file, no_target = (
+        tmp_path / "houses" / f"Demo{name}.house" for name in ("Deanery", "Palazzo")
+    )
+    for house in (no_file, no_target):
+        house.unlink()
+    no_file.mkdir()
+    no_target.symlink_to("elsewhere")
     scans = find_scans(tmp_path / "houses", tmp_path / "connectivity").complete
     with pytest.raises(DatasetError) as rejected:
         build.build_boxes(scans, tmp_path / "boxes", Rules(), jobs=2)
-    places = [Path(problem.where).name for problem in rejected.value.problems]
+    places = [(Path(problem.where).name, problem.code) for problem in rejected.value.problems]
     assert places == [
-        "DemoCottage.house:2",
-        "DemoCottage.house:3",
-        "DemoTerrace_connectivity.json",
-        "DemoTerrace.house:1",
+        ("DemoCottage.house:2", "malformed-house"),
+        ("DemoCottage.house:3", "malformed-house"),
+        ("DemoDeanery.house", "unreadable-file"),
+        ("DemoPalazzo.house", "unreadable-file"),
+        ("DemoTerrace_connectivity.json", "malformed-file"),
+        ("DemoTerrace.house:1", "malformed-house"),
     ]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["connectivity", "houses"]
+
+
+def test_a_viewpoint_that_is_given_twice(demo_world: Path, tmp_path: Path) -> None:
+    places = json.loads(next((demo_world / "connectivity").iterdir()).read_text())
+    places[0]["included"] = places[1]["included"] = True
+    places[1]["image_id"] = places[0]["image_id"]
+    file = tmp_path / "x_connectivity.json"
+    file.write_text(json.dumps(places))
+    with pytest.raises(DatasetError) as rejected:
+        read_poses(file)
+    assert str(rejected.value.problems[0]) == (
+        f"{file}: 1 viewpoint given more than once: {places[0]['image_id']}"
+    )
+    places[1]["included"] = False
+    file.write_text(json.dumps(places))
+    assert places[0]["image_id"] in {viewpoint.image_id for viewpoint in read_poses(file)}
+
+
+@pytest.mark.parametrize("image_id", ["", "../hall", "up\\stairs"])
+def test_a_viewpoint_that_no_file_can_be_named_after(image_id: str, tmp_path: Path) -> None:
+    place = {"image_id": image_id, "pose": [0.0] * 16, "included": True, "unobstructed": [False]}
+    file = tmp_path / "x_connectivity.json"
+    file.write_text(json.dumps([place]))
+    with pytest.raises(DatasetError, match=r"\[0\].image_id"):
+        read_poses(file)
 
 
 def test_a_process_that_is_ended_from_outside() -> None:
@@ -342,8 +376,8 @@ def test_scans_with_files_of_one_kind_are_named(
 def test_a_scan_that_is_asked_for_has_to_be_there(command: Run, house_folder: Path) -> None:
     status, out, err = command("--scans", "DemoCottage", "Elsewhere")
     assert (status, out) == (1, "")
-    assert f"{house_folder}: no {{scan}}.house for 1 scan: Elsewhere" in err
-    assert "no {scan}_connectivity.json for 1 scan: Elsewhere" in err
+    assert f"{house_folder}: no SCAN.house for 1 scan: Elsewhere" in err
+    assert "no SCAN_connectivity.json for 1 scan: Elsewhere" in err
 
 
 def test_two_houses_of_a_scan(command: Run, house_folder: Path, tmp_path: Path) -> None:
@@ -357,8 +391,19 @@ def test_two_houses_of_a_scan(command: Run, house_folder: Path, tmp_path: Path) 
 def test_folders_without_any_file(run: Run, tmp_path: Path) -> None:
     status, _, err = run("boxes", str(tmp_path), str(tmp_path), "-o", str(tmp_path / "out"))
     assert (status, list(tmp_path.iterdir())) == (1, [])
-    assert "no {scan}.house file at any depth of this folder" in err
-    assert "no {scan}_connectivity.json file in this folder" in err
+    assert "no SCAN.house at any depth of this folder" in err
+    assert "no SCAN_connectivity.json in this folder" in err
+
+
+def test_folders_that_are_not_there(run: Run, tmp_path: Path) -> None:
+    houses, connectivity = tmp_path / "houses", tmp_path / "connectivity"
+    connectivity.touch()
+    status, _, err = run("boxes", str(houses), str(connectivity), "-o", str(tmp_path / "out"))
+    assert status == 1
+    assert err.splitlines()[1:] == [
+        f"{houses}: there is no such folder",
+        f"{connectivity}: there is no such folder",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -151,6 +151,8 @@ def _attempt(read: Callable[[Path], T], path: Path) -> T | DatasetError:
         return read(path)
     except DatasetError as error:
         return error
+    except OSError as error:
+        return DatasetError([Problem("unreadable-file", str(path), f"{error.strerror}")])
 
 
 def _problems(outcome: object) -> tuple[Problem, ...]:

@@ -1,5 +1,6 @@
 """Which scans there is a building for, and camera poses in it."""
 
+from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,12 +8,14 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from reverie_eval.errors import DatasetError, Problem
-from reverie_eval.ground_truth.dataset import explain
+from reverie_eval.ground_truth.dataset import connectivity_file, connectivity_files, explain
 from reverie_eval.schemas.dataset import CONNECTIVITY, Viewpoint
 from reverie_eval.wording import counted, some
 
 _HOUSE = ".house"
-_CONNECTIVITY = "_connectivity.json"
+_A_HOUSE = f"SCAN{_HOUSE}"
+_POSES = connectivity_file(Path(), "SCAN").name
+"""What files of any scan are called."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +65,10 @@ def find_scans(houses: Path, connectivity: Path, wanted: Iterable[str] | None = 
     DatasetError
         Naming everything that is missing, or there twice.
     """
+    _demand_folders(houses, connectivity)
     house_files = sorted(houses.rglob(f"*{_HOUSE}"))
     by_scan = {path.stem: path for path in house_files}
-    posed = {
-        path.name.removesuffix(_CONNECTIVITY): path
-        for path in sorted(connectivity.glob(f"*{_CONNECTIVITY}"))
-    }
+    posed = connectivity_files(connectivity)
     scans = sorted(by_scan.keys() | posed.keys() if wanted is None else set(wanted))
     found = FoundScans(
         complete=tuple(
@@ -80,16 +81,12 @@ def find_scans(houses: Path, connectivity: Path, wanted: Iterable[str] | None = 
     )
     problems = _twice([path for path in house_files if path.stem in scans])
     if wanted is not None or not found.complete:
-        problems += _missing("missing-house", houses, f"{{scan}}{_HOUSE}", found.without_house)
-        problems += _missing(
-            "missing-scan", connectivity, f"{{scan}}{_CONNECTIVITY}", found.without_connectivity
-        )
+        problems += _missing("missing-house", houses, _A_HOUSE, found.without_house)
+        problems += _missing("missing-scan", connectivity, _POSES, found.without_connectivity)
     if not scans:
-        message = "no {{scan}}{} file {}"
-        no_house = message.format(_HOUSE, "at any depth of this folder")
-        no_poses = message.format(_CONNECTIVITY, "in this folder")
+        no_house = f"no {_A_HOUSE} at any depth of this folder"
         problems.append(Problem("missing-house", str(houses), no_house))
-        problems.append(Problem("missing-scan", str(connectivity), no_poses))
+        problems.append(Problem("missing-scan", str(connectivity), f"no {_POSES} in this folder"))
     if problems:
         raise DatasetError(problems)
     return found
@@ -101,14 +98,30 @@ def read_poses(connectivity: Path) -> list[Viewpoint]:
     Raises
     ------
     DatasetError
-        If the file does not have the published form.
+        If the file does not have the published form, or gives a viewpoint twice.
     """
     try:
         viewpoints = CONNECTIVITY.validate_json(connectivity.read_bytes())
     except ValidationError as error:
         problem = Problem("malformed-file", str(connectivity), explain(error))
         raise DatasetError([problem]) from error
-    return [viewpoint for viewpoint in viewpoints if viewpoint.included]
+    included = [viewpoint for viewpoint in viewpoints if viewpoint.included]
+    counts = Counter(viewpoint.image_id for viewpoint in included)
+    repeated = [viewpoint_id for viewpoint_id, count in counts.items() if count > 1]
+    if repeated:
+        message = f"{counted(len(repeated), 'viewpoint')} given more than once: {some(repeated)}"
+        raise DatasetError([Problem("duplicate-viewpoint", str(connectivity), message)])
+    return included
+
+
+def _demand_folders(*folders: Path) -> None:
+    problems = [
+        Problem("missing-input", str(folder), "there is no such folder")
+        for folder in folders
+        if not folder.is_dir()
+    ]
+    if problems:
+        raise DatasetError(problems)
 
 
 def _missing(code: str, folder: Path, file: str, scans: Collection[str]) -> list[Problem]:

@@ -69,7 +69,8 @@ class Task(_Published):
 class Viewpoint(_Published):
     """One record of ``{scan}_connectivity.json``."""
 
-    image_id: Name
+    image_id: Annotated[str, StringConstraints(pattern=r"^[^/\\]+$")]
+    """It is a part of the names of files."""
     pose: Annotated[list[Metres], Field(min_length=16, max_length=16)]
     """Row-major 4 x 4 camera-to-world matrix; metres in elements 3, 7 and 11."""
     included: bool

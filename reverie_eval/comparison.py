@@ -16,7 +16,7 @@ from reverie_eval.errors import ProtocolError
 from reverie_eval.evaluation import evaluate
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.intervals import Clustering, Interval, Intervals, clusters_of
-from reverie_eval.metrics import BINARY_METRICS, CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.metrics import BINARY_METRICS, CATALOGUE, Metric, primary_of, units_of
 from reverie_eval.naming import demand_texts, names_of
 from reverie_eval.protocol import DEFAULT_PROTOCOL
 from reverie_eval.reading import Submission
@@ -123,16 +123,16 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     @property
     def primary(self) -> Metric:
         """What decides which is better: RGSPL, and where that is not scored RGS, or SPL."""
-        return self._first_scored(PRIMARY_METRIC, "rgs", "spl")
+        return primary_of(self._scored)
 
     @property
     def judgement(self) -> Metric:
         """What says whether an episode is right: RGS, and where that is not scored success."""
-        return self._first_scored("rgs", "success")
+        return CATALOGUE["rgs" if "rgs" in self._scored else "success"]
 
-    def _first_scored(self, *keys: str) -> Metric:
-        scored = next(iter(self.values()))
-        return CATALOGUE[next(key for key in keys if key in scored)]
+    @property
+    def _scored(self) -> Mapping[str, Difference]:
+        return next(iter(self.values()))
 
     def is_alike(self, name: str) -> bool:
         """Whether a submission and the first have the same value in every episode and metric."""
@@ -180,7 +180,10 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         )
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return a row per submission and metric, indexed by both; in the metrics' own units."""
+        """Return a row per submission and metric, indexed by both.
+
+        Values are in the metrics' own units, which ``attrs["units"]`` names by metric.
+        """
         import pandas as pd
 
         rows = {
@@ -199,10 +202,13 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             for key, difference in differences.items()
         }
         frame = pd.DataFrame.from_dict(rows, orient="index")
+        frame.attrs["units"] = units_of(self._scored)
         return frame.rename_axis(index=["submission", "metric"])
 
     def episodes(self, metric: str | None = None) -> "pd.DataFrame":
         """Return the episodes that not all score alike: a row per instr_id, a column per name.
+
+        ``attrs["units"]`` names the metric's unit, by column.
 
         Parameters
         ----------
@@ -215,6 +221,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         values = {name: each.episodes[key] for name, each in self.scores.items()}
         index = pd.Index(self.scores[self.first].instr_ids, name="instr_id")
         frame = pd.DataFrame(values, index=index)
+        frame.attrs["units"] = dict.fromkeys(values, CATALOGUE[key].unit)
         return frame[frame.ne(frame[self.first], axis=0).any(axis=1)]
 
     def __repr__(self) -> str:

@@ -13,7 +13,7 @@ from reverie_eval.box_outcomes import OUTCOMES as BOX_OUTCOMES
 from reverie_eval.box_outcomes import BoxOutcomes
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.intervals import Clustering, Intervals
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.protocol import Protocol
 from reverie_eval.version import __version__
 from reverie_eval.wording import counted
@@ -148,14 +148,14 @@ class Scores(Mapping[str, float]):
         """How many episodes came to which outcome; errors are those of ``outcomes``."""
         return anatomy_of(self.episodes)
 
-    def breakdown(self, by: str) -> "pd.DataFrame":
+    def breakdown(self, by: str, *, intervals: bool = False) -> "pd.DataFrame":
         """Score parts of the episodes: a row per ``scan``, ``category`` or another of ``SLICINGS``.
 
-        Fractions in [0, 1], lengths in metres; errors are those of :func:`slices.breakdown`.
+        Parameters, columns, their units and errors are those of :func:`slices.breakdown`.
         """
         from reverie_eval.slices import breakdown
 
-        return breakdown(self, by)
+        return breakdown(self, by, intervals=intervals)
 
     def episode(self, instr_id: str) -> "Episode":
         """Return one episode: what the agent was told, where it went, and what came of it.
@@ -213,12 +213,14 @@ class Scores(Mapping[str, float]):
     def to_pandas(self) -> "pd.DataFrame":
         """Return the episode table: a row per ``instr_id``, a column per metric.
 
-        With answers that are boxes, a last column ``box_outcome`` says what became of each.
+        Values are in the metrics' own units, which ``attrs["units"]`` names by column. With answers
+        that are boxes, a last column ``box_outcome`` says what became of each.
         """
         import pandas as pd
 
         index = pd.Index(self.instr_ids, name="instr_id")
         table = pd.DataFrame(dict(self.episodes), index=index)
+        table.attrs["units"] = units_of(self)
         return table if self.boxes is None else table.assign(box_outcome=self.box_outcome)
 
     def __repr__(self) -> str:

@@ -13,8 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reverie_eval.arrays import Array, IntArray
+from reverie_eval.arrays import Array, FloatArray, IntArray
 from reverie_eval.errors import ProtocolError
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.intervals import FEW_CLUSTERS, clusters_of
+from reverie_eval.metrics import units_of
 from reverie_eval.wording import category_in_words
 from reverie_eval.words import words_of
 
@@ -186,14 +189,23 @@ def slicing_named(key: str) -> Slicing:
     return SLICINGS[key]
 
 
-def breakdown(scores: "Scores", by: str) -> "pd.DataFrame":
+def breakdown(scores: "Scores", by: str, *, intervals: bool = False) -> "pd.DataFrame":
     """Score each part of the episodes for itself.
+
+    Parameters
+    ----------
+    by : str
+        A key of ``SLICINGS``.
+    intervals : bool
+        Whether to add the ends of a 95 % interval for every metric, ``spl_low`` and ``spl_high``:
+        as ``scores.with_intervals()`` draws it, over the targets of the part. Missing where these
+        are fewer than 5.
 
     Returns
     -------
     DataFrame
         A row per part that has episodes, with their number and the mean of every headline metric,
-        in the metrics' own units.
+        in the metrics' own units, which ``attrs["units"]`` names by column.
 
     Raises
     ------
@@ -205,12 +217,43 @@ def breakdown(scores: "Scores", by: str) -> "pd.DataFrame":
     import pandas as pd
 
     slicing = slicing_named(by)
-    parts = pd.Series(slicing.parts(scores), name=by)
-    columns = {metric.key: scores.episodes[metric.key] for metric in scores.headline}
-    grouped = pd.DataFrame(columns).groupby(parts.to_numpy())
+    keys = [metric.key for metric in scores.headline]
+    values = pd.DataFrame({key: scores.episodes[key] for key in keys})
+    parts = np.array(slicing.parts(scores))
+    grouped = values.groupby(parts)
     table = grouped.mean()
+    if intervals:
+        rows = [np.flatnonzero(parts == part) for part in table.index]
+        table = table.assign(**_interval_columns(values, rows, scores.ground_truth))
     table.insert(0, "episodes", grouped.size())
     table = table.rename_axis(index=by)
+    ends = ("", "_low", "_high") if intervals else ("",)
+    units = {f"{key}{end}": unit for key, unit in units_of(keys).items() for end in ends}
+    table.attrs["units"] = {"episodes": "count", **units}
     if slicing.order:
         return table.reindex([part for part in slicing.order if part in table.index])
     return table.sort_values("episodes", ascending=False, kind="stable")
+
+
+def _interval_columns(
+    values: "pd.DataFrame", parts: Sequence[IntArray], truth: GroundTruth
+) -> dict[str, FloatArray]:
+    """Draw the intervals of parts, given by the rows of their episodes."""
+    cluster = clusters_of(truth, "target")
+    table = values.to_numpy()
+    bounds = np.stack([_bounds(table[rows], cluster[rows]) for rows in parts])
+    return {
+        f"{key}_{end}": bounds[:, row, column]
+        for column, key in enumerate(values)
+        for row, end in enumerate(("low", "high"))
+    }
+
+
+def _bounds(values: FloatArray, cluster: IntArray) -> FloatArray:
+    """Return the ends of the intervals of a part, shape (2, n_metrics)."""
+    from reverie_eval.metrics.uncertainty import bootstrap_means, interval
+
+    n_clusters = len(np.unique(cluster))
+    if n_clusters < FEW_CLUSTERS:
+        return np.full((2, values.shape[1]), np.nan)
+    return interval(bootstrap_means(values, cluster), n_clusters)

@@ -158,6 +158,8 @@ def test_where_they_differ() -> None:
     assert list(frame.columns) == ["good", "mediocre"]
     assert len(frame) == difference.higher + difference.lower
     assert (frame["good"] - frame["mediocre"]).abs().eq(1).all()
+    assert frame.attrs["units"] == {"good": "fraction", "mediocre": "fraction"}
+    assert comparison.episodes("steps").attrs["units"]["good"] == "count"
     first = comparison.scores["good"].to_pandas()["success"]
     pd.testing.assert_series_equal(frame["good"], first[frame.index], check_names=False)
 
@@ -178,6 +180,8 @@ def test_a_frame_has_a_row_per_submission_and_metric() -> None:
     assert row["value"] - row["first"] == pytest.approx(row["difference"])
     assert row["low"] < row["difference"] < row["high"]
     assert set(frame.index.get_level_values("submission")) == {"mediocre", "drawn"}
+    assert set(frame.attrs["units"]) == set(frame.index.get_level_values("metric"))
+    assert frame.attrs["units"]["path_length"] == "metres"
 
 
 def test_what_does_not_compare_is_refused() -> None:

@@ -123,6 +123,7 @@ def test_a_data_frame(scores: rv.Scores) -> None:
     assert frame.index.name == "instr_id"
     assert list(frame.index) == list(scores.instr_ids)
     assert frame.mean().to_dict() == pytest.approx(dict(scores), rel=1e-12)
+    assert frame.attrs["units"] == {key: rv.CATALOGUE[key].unit for key in SCORED}
 
 
 # What the numbers depend on.

@@ -51,6 +51,7 @@ def test_the_funnel(scores: rv.Scores) -> None:
         "2  (40.0 %)",
         "1  (20.0 %)",
     ]
+    assert axes.get_xlabel() == "episodes  (percent of all episodes)"
 
 
 def test_slices(scores: rv.Scores) -> None:
@@ -62,6 +63,33 @@ def test_slices(scores: rv.Scores) -> None:
     assert success.tolist() == pytest.approx([200 / 3, 0])
     assert rgspl.tolist() == pytest.approx([200 / 3, 0])
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["SR", "RGSPL"]  # type: ignore[union-attr]
+    assert not axes.collections  # a part of one target has no interval
+
+
+def test_intervals_of_slices_are_those_of_the_breakdown() -> None:
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
+    axes = scores.plot.slices("level")
+    table = scores.breakdown("level", intervals=True)
+    (drawn,) = axes.collections
+    ends = np.array(drawn.get_segments())  # type: ignore[attr-defined]
+    expected = 100 * table[["rgspl_low", "rgspl_high"]].to_numpy()
+    assert ends[:, :, 0].tolist() == pytest.approx(expected[~np.isnan(expected[:, 0])])
+    rgspl = [bar.get_y() + bar.get_height() / 2 for bar in axes.patches[len(table) :]]  # type: ignore[attr-defined]
+    assert ends[:, 0, 1].tolist() == pytest.approx(rgspl)
+
+
+@pytest.mark.parametrize(
+    ("how", "drawn"),
+    [
+        pytest.param({"track": "grounding"}, ["RGS"], id="grounding"),
+        pytest.param({"protocol": "r2r-style"}, ["SR", "SPL"], id="navigation"),
+    ],
+)
+def test_slices_of_what_is_scored(how: dict[str, str], drawn: list[str]) -> None:
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen", **how)  # type: ignore[arg-type]
+    legend = scores.plot.slices("scan").get_legend()
+    assert legend is not None
+    assert [each.get_text() for each in legend.get_texts() if "%" not in each.get_text()] == drawn
 
 
 def test_a_distribution_in_bars(scores: rv.Scores) -> None:

@@ -8,6 +8,8 @@ import pytest
 from reverie_eval import GroundTruth, GroundTruthError, ProtocolError, Scores, evaluate
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.ground_truth.locate import DEMO_BUNDLES
+from reverie_eval.intervals import clusters_of
+from reverie_eval.metrics.uncertainty import bootstrap_means, interval
 from reverie_eval.slices import SLICINGS, level_named
 from tests.conftest import SAMPLES
 from tests.oracle import Scan, Task, Viewpoint, World
@@ -85,6 +87,56 @@ def test_parts_add_up_to_the_whole(by: str) -> None:
     for metric in scores.headline:
         whole = np.average(found[metric.key], weights=found["episodes"])
         assert whole == pytest.approx(scores[metric.key])
+
+
+def test_intervals_of_parts_are_those_of_their_episodes() -> None:
+    """Drawn by hand for one part; where targets are too few there are none."""
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    found = scores.breakdown("level", intervals=True)
+    plain = scores.breakdown("level")
+    assert list(found.columns[: len(plain.columns)]) == list(plain.columns)
+    rows = [
+        row
+        for row, instruction in enumerate(scores.ground_truth.episodes.instructions)
+        if level_named(instruction) == "level 2"
+    ]
+    cluster = clusters_of(scores.ground_truth, "target")[rows]
+    means = bootstrap_means(scores.episodes["rgs"][rows][:, None], cluster)
+    low, high = interval(means, len(np.unique(cluster)))[:, 0]
+    ends = found[["rgs_low", "rgs_high"]].to_dict("index")["level 2"]
+    assert ends == pytest.approx({"rgs_low": low, "rgs_high": high})
+    assert low < found["rgs"]["level 2"] < high
+
+
+@pytest.mark.parametrize("intervals", [False, True])
+def test_a_breakdown_says_what_its_columns_are_measured_in(*, intervals: bool) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    for by in ("scan", "length"):
+        found = scores.breakdown(by, intervals=intervals)
+        units = found.attrs["units"]
+        assert set(units) == set(found.columns)
+        assert (units["episodes"], units["path_length"], units["rgs"]) == (
+            "count",
+            "metres",
+            "fraction",
+        )
+        assert units.get("path_length_low", "metres") == "metres"
+
+
+def test_parts_of_few_targets_have_no_intervals() -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    found = scores.breakdown("category", intervals=True)
+    cluster = clusters_of(scores.ground_truth, "target")
+    truth = scores.ground_truth
+    categories = [truth.secret.target_categories[task] for task in truth.episodes.task]
+    targets = {
+        part: len({cluster[row] for row, name in enumerate(categories) if name == part})
+        for part in found.index
+    }
+    assert {part: number >= 5 for part, number in targets.items()} == {
+        part: bool(known) for part, known in found["spl_low"].notna().items()
+    }
+    assert set(targets.values()) & {4, 5}
 
 
 def test_parts_by_words_and_category_are_those_of_the_demo_world(demo: GroundTruth) -> None:

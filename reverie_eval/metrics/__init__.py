@@ -7,6 +7,8 @@ from reverie_eval.metrics.catalogue import (
     CATALOGUE,
     PRIMARY_METRIC,
     Metric,
+    primary_of,
+    units_of,
 )
 from reverie_eval.metrics.fidelity import cls, dtw, ndtw, sdtw
 from reverie_eval.metrics.grounding import ABSTAINED, candidate_match
@@ -41,8 +43,10 @@ __all__ = [
     "oracle_error",
     "oracle_success",
     "path_length",
+    "primary_of",
     "sdtw",
     "spl",
     "steps",
     "success",
+    "units_of",
 ]

@@ -1,6 +1,6 @@
 """The catalogue of metrics: what the command line, the notebook and the docs all read."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -223,3 +223,17 @@ BINARY_METRICS = frozenset({"success", "oracle_success", "rgs", "iou_25", "iou_5
 
 PRIMARY_METRIC = "rgspl"
 """What the benchmark ranks by (REVERIE challenge rules, 2020 to 2022)."""
+
+
+def primary_of(scored: Collection[str]) -> Metric:
+    """Return what decides which is better: RGSPL, and where that is not scored RGS, or SPL."""
+    return CATALOGUE[next(key for key in (PRIMARY_METRIC, "rgs", "spl") if key in scored)]
+
+
+def units_of(keys: Iterable[str]) -> dict[str, Unit]:
+    """Return what metrics are measured in, as data frames carry it.
+
+    >>> units_of(["path_length", "success"])
+    {'path_length': 'metres', 'success': 'fraction'}
+    """
+    return {key: CATALOGUE[key].unit for key in keys}

@@ -28,6 +28,8 @@ class Plots:
     def funnel(self, ax: "Axes | None" = None) -> "Axes":
         """Draw how many episodes came how far: to the goal, to a stop there, to the answer.
 
+        Percentages are of all episodes.
+
         Raises
         ------
         ProtocolError
@@ -39,7 +41,10 @@ class Plots:
         return _drawn(lambda axes: draw_funnel(self.scores, axes), ax)
 
     def slices(self, by: str, ax: "Axes | None" = None) -> "Axes":
-        """Draw success and primary metric over parts of the episodes.
+        """Draw success and what ranks over parts of the episodes, the latter with an interval.
+
+        What ranks is RGSPL, and where that is not scored RGS, or SPL. Its 95 % interval is over the
+        part's targets; parts of fewer than 5 have none.
 
         Parameters
         ----------

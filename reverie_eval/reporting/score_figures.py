@@ -3,7 +3,8 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.arrays import Array
+from reverie_eval.metrics import CATALOGUE, primary_of
 from reverie_eval.reporting.distributions import histogram_of
 from reverie_eval.reporting.figure_style import INK, count_in_round_steps
 from reverie_eval.scores import Scores
@@ -11,7 +12,6 @@ from reverie_eval.scores import Scores
 BLUE, ORANGE, GREY = "#0072B2", "#E69F00", "#B3BAC4"
 """The first two from the palette of Okabe and Ito, "Color Universal Design", 2008."""
 _SHOWN_PARTS = 15
-_COMPARED = {"success": ORANGE, "rgspl": BLUE}
 
 
 def draw_funnel(scores: Scores, axes: Axes) -> None:
@@ -26,22 +26,25 @@ def draw_funnel(scores: Scores, axes: Axes) -> None:
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.set_xlim(0, total)
-    axes.set_xlabel("episodes")
+    axes.set_xlabel("episodes  (percent of all episodes)")
     count_in_round_steps(axes)
     _title(axes, f"how far the agent comes on {scores.split}")
 
 
 def draw_slices(scores: Scores, by: str, axes: Axes) -> None:
-    """Draw success and primary metric of each part, with its number of episodes."""
-    table = scores.breakdown(by)
+    """Draw success and what ranks of each part, with its number of episodes and an interval."""
+    table = scores.breakdown(by, intervals=True)
     shown = table.head(_SHOWN_PARTS)
-    keys = [key for key in _COMPARED if key in shown]
-    height = 0.8 / len(keys)
+    ranks = primary_of(scores).key
+    colours = {key: colour for key, colour in (("success", ORANGE), (ranks, BLUE)) if key in shown}
+    height = 0.8 / len(colours)
     rows = np.arange(len(shown))
-    for number, key in enumerate(keys):
-        place = rows + height * (number - (len(keys) - 1) / 2)
-        label, colour = CATALOGUE[key].label, _COMPARED[key]
+    for number, (key, colour) in enumerate(colours.items()):
+        place = rows + height * (number - (len(colours) - 1) / 2)
+        label = CATALOGUE[key].label
         axes.barh(place, 100 * shown[key], height=0.9 * height, color=colour, label=label)
+        if key == ranks:
+            _draw_intervals(100 * shown[[f"{key}_low", f"{key}_high"]].to_numpy(), place, axes)
     names = [f"{part}  (n = {count:,})" for part, count in shown["episodes"].items()]
     axes.set_yticks(rows, names)
     axes.invert_yaxis()
@@ -50,6 +53,14 @@ def draw_slices(scores: Scores, by: str, axes: Axes) -> None:
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     left_out = f": the {len(shown)} largest of {len(table)}" if len(table) > len(shown) else ""
     _title(axes, f"by {by}{left_out}")
+
+
+def _draw_intervals(bounds: Array, place: Array, axes: Axes) -> None:
+    """Draw low and high of every bar that has them."""
+    is_drawn = ~np.isnan(bounds).any(axis=1)
+    if is_drawn.any():
+        low, high = bounds[is_drawn].T
+        axes.hlines(place[is_drawn], low, high, color=INK, linewidth=1.2, label="95 % interval")
 
 
 def draw_distribution(scores: Scores, key: str, axes: Axes) -> None:

@@ -6,7 +6,7 @@ Behind this stage no text is left and nothing can fail.
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import repeat
+from itertools import chain, repeat
 
 import numpy as np
 
@@ -53,13 +53,11 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
     """
     episode = _numbers(predictions.instr_ids, ground_truth.episodes.index)
     viewpoint = _numbers(predictions.viewpoint_ids, ground_truth.graph.index)
-    found = [
-        *predictions.problems,
-        *_episode_problems(predictions, episode, ground_truth),
-        *_trajectory_problems(predictions, episode, viewpoint, ground_truth),
-    ]
-    if found:
-        raise SubmissionError(found)
+    _demand_none(
+        predictions.problems,
+        _episode_problems(predictions, episode, ground_truth),
+        _trajectory_problems(predictions, episode, viewpoint, ground_truth),
+    )
     order = np.argsort(episode)
     return _with_answers(
         predictions,
@@ -80,11 +78,15 @@ def place_at_goal(predictions: Predictions, ground_truth: GroundTruth) -> Aligne
         If the ground truth is a public bundle.
     """
     episode = _numbers(predictions.instr_ids, ground_truth.episodes.index)
-    found = [*predictions.problems, *_episode_problems(predictions, episode, ground_truth)]
-    if found:
-        raise SubmissionError(found)
+    _demand_none(predictions.problems, _episode_problems(predictions, episode, ground_truth))
     goal = ground_truth.secret.goal
     return _with_answers(predictions, episode, viewpoint=goal, offsets=np.arange(len(goal) + 1))
+
+
+def _demand_none(*found: Iterable[Problem]) -> None:
+    listed = problems.few_enough(chain.from_iterable(found))
+    if listed:
+        raise SubmissionError(listed)
 
 
 def _with_answers(

@@ -249,6 +249,19 @@ def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:
     assert "--ground-truth val_unseen.npz" in problem.message
 
 
+def test_only_so_many_problems_are_looked_for(
+    farm: GroundTruth, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("reverie_eval.reading.problems.MAX_PROBLEMS", 3)
+    submission = [record("7_1_0", "hall", *["nowhere"] * 5), SECOND, THIRD]
+    found = problems_of(submission, farm)
+    assert [problem.where for problem in found] == [
+        *(f"[0].trajectory[{number}][0]" for number in (1, 2, 3)),
+        "file",
+    ]
+    assert found[-1].code == "too-many-problems"
+
+
 # Nothing of the answers is told.
 
 

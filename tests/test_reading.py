@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable
 from math import isnan
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -656,9 +656,40 @@ def test_more_records_than_any_split_could_need(monkeypatch: pytest.MonkeyPatch)
     assert "holds 3 records, more than the 2 that any split could need" in problem.message
 
 
-def test_more_lists_than_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each takes sixty times its two letters once it is read, so they are counted before."""
-    monkeypatch.setattr("reverie_eval.reading.document.MAX_CONTAINERS", 3)
-    (problem,) = problems_of(b"[[], [], []]")
+@pytest.mark.parametrize("content", [b"[[], [], []]", b"[1, 2, 3, 4, 5]", b'[{"a": 1, "b": [2]}]'])
+def test_more_values_than_can_be_read(content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes many times its letters once it is read, so they are counted before."""
+    monkeypatch.setattr("reverie_eval.reading.document.MAX_VALUES", 3)
+    (problem,) = problems_of(content)
     assert (problem.code, problem.where) == ("too-large", "file")
-    assert "holds 4 lists and objects, more than the 3 that can be read" in problem.message
+    assert "values, more than the 3 that can be read" in problem.message
+
+
+@pytest.mark.parametrize("lane", ["text", "objects", "hops"])
+def test_a_trajectory_longer_than_any_agent_walks(
+    lane: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("official", "trajectories"):
+        monkeypatch.setattr(f"reverie_eval.reading.{module}.MAX_POSES", 2)
+    pose: Any = ["a", 0.0, 0.0] if lane != "hops" else ["a"]
+    records = [
+        {"instr_id": "1_0", "trajectory": [pose] * 2, "predObjId": 1},
+        {"instr_id": "1_1", "trajectory": [pose] * 3, "predObjId": 1},
+    ]
+    (problem,) = problems_of(records if lane == "objects" else json.dumps(records).encode())
+    assert (problem.code, problem.where) == ("too-large", "[1].trajectory")
+    assert "holds 3 elements, more than the 2" in problem.message
+
+
+def test_only_so_many_problems_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.reading.problems.MAX_PROBLEMS", 3)
+    poses = b'[{"instr_id": "1_0", "predObjId": 1, "trajectory": [1, 2, 3, 4, 5, 6]}, {}]'
+    for content, places in (
+        (b"[1, 2, 3, 4, 5, 6]", ["[0]", "[1]", "[2]", "file"]),
+        (poses, [f"[0].trajectory[{number}]" for number in range(3)] + ["file"]),
+    ):
+        found = problems_of(content)
+        assert [problem.where for problem in found] == places
+        assert found[-1].code == "too-many-problems"
+        assert "has more than 3 problems; mend these" in found[-1].message
+    assert len(problems_of(b"[1, 2, 3]")) == 3

@@ -17,6 +17,7 @@ from reverie_eval.arrays import offsets_of
 from reverie_eval.limits import LARGEST_OBJECT_ID
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.reading.predictions import ID_PREFIX, Predictions, Records
+from reverie_eval.reading.trajectories import MAX_POSES
 
 
 class _Record(msgspec.Struct, gc=False, forbid_unknown_fields=True):
@@ -54,6 +55,8 @@ def convert_official(submission: Records) -> Predictions | None:
     if not _is_plain(submission):
         return None
     instr_ids, trajectories, answers = _columns(submission)
+    if _have_endless(trajectories):
+        return None
     viewpoint_ids, *angles = zip(*chain.from_iterable(trajectories), strict=True)
     try:
         angle = np.array(angles, dtype=np.float64).T
@@ -101,11 +104,17 @@ def _have_prefixes(instr_ids: Sequence[str]) -> bool:
     return any(instr_id.startswith(ID_PREFIX) for instr_id in instr_ids)
 
 
+def _have_endless(trajectories: Sequence[Sequence[object]]) -> bool:
+    return max(map(len, trajectories), default=0) > MAX_POSES
+
+
 def _predictions(records: list[_Record]) -> Predictions | None:
     instr_ids = [record.instr_id for record in records]
     if _have_prefixes(instr_ids):
         return None
     trajectories = [record.trajectory for record in records]
+    if _have_endless(trajectories):
+        return None
     stops = [trajectory[-1] for trajectory in trajectories]
     return Predictions(
         instr_ids=instr_ids,

@@ -5,7 +5,9 @@ do. Nothing here may carry an answer: problems are shown to participants of priv
 """
 
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import islice
+from sys import maxsize
 
 from reverie_eval.errors import Problem
 from reverie_eval.limits import LARGEST_OBJECT_ID
@@ -15,6 +17,9 @@ from reverie_eval.wording import counted, some
 WHOLE_FILE = "file"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
 OBJECT_FORM = "an object id (a whole number from 0), or -1 where the agent names no object"
+
+MAX_PROBLEMS = 10_000
+"""That are looked for; whoever mends them, mends the fault that makes the others too."""
 
 BOX_FORM = "[x, y, width, height] in pixels from the upper left corner"
 
@@ -46,6 +51,12 @@ def _in_file(code: str, message: str, where: str = WHOLE_FILE) -> Problem:
     return Problem(code, where, message)
 
 
+def few_enough(problems: Iterable[Problem]) -> Sequence[Problem]:
+    """Return the problems, or the first of them and that there are more."""
+    first = list(islice(problems, MAX_PROBLEMS + 1))
+    return first if len(first) <= MAX_PROBLEMS else [*first[:-1], too_many_problems(MAX_PROBLEMS)]
+
+
 # The file as a whole.
 
 
@@ -66,11 +77,23 @@ def too_many_records(found: int, limit: int) -> Problem:
     )
 
 
-def too_many_containers(found: int, limit: int) -> Problem:
+def too_many_values(found: int, limit: int) -> Problem:
     """Build the problem for a file that would unfold to gigabytes."""
     return _in_file(
-        "too-large", f"holds {found:,} lists and objects, more than the {limit:,} that can be read"
+        "too-large", f"holds some {found:,} values, more than the {limit:,} that can be read"
     )
+
+
+def too_many_problems(limit: int) -> Problem:
+    """Build the problem that stands behind all others where looking for more was given up."""
+    message = f"has more than {limit:,} problems; mend these, the rest was not looked for"
+    return Problem("too-many-problems", WHOLE_FILE, message, (maxsize,))
+
+
+def too_many_poses(place: Place, found: int, limit: int) -> Problem:
+    """Build the problem for a trajectory that no agent walks."""
+    message = f"holds {found:,} elements, more than the {limit:,} that any agent could need"
+    return _in_row("too-large", place, message, ".trajectory")
 
 
 def endless_number() -> Problem:

@@ -45,8 +45,8 @@ def read_records(document: Any, *, answers_only: bool = False) -> Predictions:
     Raises
     ------
     SubmissionError
-        If it is neither. Everything smaller is in the result's ``problems``, to be reported
-        together with what the ground truth finds.
+        If it is neither, or has too many problems to go on. Everything smaller is in the result's
+        ``problems``, to be reported together with what the ground truth finds.
     """
     found = Findings()
     return _columns(read_each(document, found, answers_only=answers_only), found)
@@ -61,6 +61,7 @@ def read_each(document: Any, found: Findings, *, answers_only: bool = False) -> 
         for place, record in _placed(document, found)
         if _is_record(place, record, found)
     ]
+    _demand_few_problems(found)
     navigation_only = bool(records) and not any(has_answer(record) for _, record in records)
     found.differences["navigation only"] += len(records) * navigation_only
     read = []
@@ -71,7 +72,13 @@ def read_each(document: Any, found: Findings, *, answers_only: bool = False) -> 
         if not navigation_only:
             answer = read_answer(place, record, poses, found)
         read.append(ReadRecord(place, instr_id, poses or (), answer))
+        _demand_few_problems(found)
     return read
+
+
+def _demand_few_problems(found: Findings) -> None:
+    if len(found.problems) > problems.MAX_PROBLEMS:
+        raise SubmissionError(problems.few_enough(found.problems))
 
 
 def _placed(document: Any, found: Findings) -> Iterable[tuple[Place, Any]]:

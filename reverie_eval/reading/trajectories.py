@@ -11,6 +11,9 @@ from reverie_eval.reading import problems
 from reverie_eval.reading.findings import Findings, Place, PosePath
 from reverie_eval.reading.values import is_finite, is_list, is_number
 
+MAX_POSES = 20_000
+"""Of a trajectory. Published agents take some 15 steps, each with a turn to one of 36 views."""
+
 
 class Pose(NamedTuple):
     """One step of a trajectory; what the file does not say is None."""
@@ -31,6 +34,9 @@ def read_trajectory(place: Place, record: Mapping[str, Any], found: Findings) ->
     trajectory = record["trajectory"]
     if not is_list(trajectory):
         found.problems.append(problems.wrong_trajectory(place, trajectory))
+        return []
+    if len(trajectory) > MAX_POSES:
+        found.problems.append(problems.too_many_poses(place, len(trajectory), MAX_POSES))
         return []
     if not any(not is_list(element) or element for element in trajectory):
         found.problems.append(problems.empty_trajectory(place))

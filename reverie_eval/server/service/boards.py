@@ -6,21 +6,22 @@ from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
 
-from reverie_eval.errors import GroundTruthError, Problem, SubmissionError
+from reverie_eval.errors import GroundTruthError, Problem
 from reverie_eval.evaluation import Reading
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.ground_truth.bundle import Bundle
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.protocol import protocol_named
-from reverie_eval.reading import Predictions, problems, read_text
+from reverie_eval.reading import Predictions, read_text
+from reverie_eval.reading.document import demand_few_values
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.scores import Scores, signature_of
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.settings import Settings, SettingsError, Split
 
-MAX_CONTAINERS = 2_000_000
-"""Lists and objects of an upload, a fifth of what is read at home: forty times what the largest
-split's usual file holds, and some 200 MiB while it is read."""
+MAX_VALUES = 5_000_000
+"""Of an upload, a sixth of what is read at home: some thirty times what the usual file
+of the largest split holds."""
 
 _OTHERS_MAY_READ = 0o077
 
@@ -82,20 +83,26 @@ class Board:
         every further digit, would tell more of single episodes. What a report says besides is
         taken up here field by field, so that what it learns to say later is kept back.
         """
-        report = scores.to_report()
         if not self.is_private:
-            return report
-        return _discreet(report, _shown(scores), reading.validation().notes)
+            return scores.to_report()
+        # What is not shown is not computed either: path fidelity takes longer than all the rest.
+        report = _headline_alone(scores).to_report()
+        return _discreet(report, reading.validation().notes)
 
     def may_keep(self, report: ScoreReport) -> bool:
         """Whether a report says no more than :meth:`report` would.
 
         One of a private split does if it was scored while the split was open.
         """
-        return not self.is_private or report == _discreet(report, report.scores, report.notes)
+        return not self.is_private or report == _discreet(report, report.notes)
 
 
-def _discreet(report: ScoreReport, shown: Iterable[str], notes: Iterable[str]) -> ScoreReport:
+def _headline_alone(scores: Scores) -> Scores:
+    shown = {metric.key: scores.episodes[metric.key] for metric in scores.headline}
+    return replace(scores, episodes=MappingProxyType(shown))
+
+
+def _discreet(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:
     return ScoreReport(
         signature=report.signature,
         split=report.split,
@@ -104,20 +111,14 @@ def _discreet(report: ScoreReport, shown: Iterable[str], notes: Iterable[str]) -
         fingerprint=report.fingerprint,
         version=report.version,
         episodes=report.episodes,
-        scores={key: CATALOGUE[key].rounded(report.scores[key]) for key in shown},
+        scores={key: CATALOGUE[key].rounded(value) for key, value in report.scores.items()},
         notes=list(notes),
     )
 
 
 def _predictions(content: bytes) -> Predictions:
-    containers = content.count(b"[") + content.count(b"{")
-    if containers > MAX_CONTAINERS:
-        raise SubmissionError([problems.too_many_containers(containers, MAX_CONTAINERS)])
+    demand_few_values(content, MAX_VALUES)
     return read_text(content)
-
-
-def _shown(scores: Scores) -> list[str]:
-    return [metric.key for metric in scores.headline]
 
 
 def load_boards(settings: Settings) -> Mapping[str, Board]:

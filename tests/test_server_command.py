@@ -121,6 +121,19 @@ def test_a_server_is_not_made_twice(lab: str, run: Run) -> None:
     assert (Path(lab) / "signing-key.pem").read_bytes() == before
 
 
+@pytest.mark.parametrize("name", ["a?b", "a#b%20c", "sqlite:", "?mode=memory", "50%"])
+def test_a_folder_may_have_any_name(
+    name: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    made = run("server", "init", name)
+    assert made.status == 0
+    assert TOKEN.search(made.out)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name / "server.db").stat().st_size
+    assert run("server", "check", name).status == 0
+
+
 def test_an_empty_folder_is_filled_in_its_place(laptop: Laptop) -> None:
     """It may be a disk of its own, or all that one may write to."""
     place = laptop.folder / "disk"

@@ -216,3 +216,17 @@ def test_a_database_s_password_is_never_shown(
         outcome = run("server", *command.format(folder).split())
         assert outcome.status in (1, 2)
         assert secret not in outcome.out + outcome.err
+
+
+def test_nor_the_password_of_its_key(
+    folder: Path,
+    postgresql: Callable[[], str],
+    run: Run,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", f"{postgresql()}&sslpassword=correct-horse")
+    assert run("server", "upgrade", str(folder)).status == 0
+    checked = run("server", "check", str(folder))
+    assert checked.status == 0
+    assert "postgresql+psycopg://" in checked.out
+    assert "correct-horse" not in checked.out

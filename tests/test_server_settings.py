@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
+from sqlalchemy import make_url
 
 from reverie_eval.server.checks import demand_sound
 from reverie_eval.server.settings import (
@@ -220,7 +221,7 @@ def test_variables_win_over_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
         tmp_path, f"title = 'Ours'\nbanner = 'Hello'\n{SPLIT}quota = {{ month = 9 }}\n"
     )
     assert (settings.title, settings.banner, settings.paused) == ("Theirs", "Hello", True)
-    assert settings.database_url == "postgresql+psycopg://me:word@host/name"
+    assert settings.database_url == make_url("postgresql+psycopg://me:word@host/name")
     assert settings.splits["test"].protocol == "r2r-style"
     assert settings.splits["test"].effective_quota == Quota(day=7, month=9, year=40)
     assert settings.splits["test"].bundle == Path("bundles/test.npz")
@@ -280,7 +281,37 @@ def test_a_misspelt_variable_is_noted_and_that_of_another_program_is_no_fault(
 )
 def test_sqlites_file_is_below_the_folder(database: str, url: str, tmp_path: Path) -> None:
     settings = loaded(tmp_path, f"database = '{database}'\n{SPLIT}")
-    assert settings.database_url == url.format(folder=tmp_path.resolve())
+    assert settings.database_url == make_url(url.format(folder=tmp_path.resolve()))
+
+
+DATABASES = (
+    "database: takes a file of SQLite, sqlite:///FILE, or PostgreSQL, "
+    "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
+)
+BEFORE = (
+    "database: a user and a password stand before the @: "
+    "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
+)
+
+
+@pytest.mark.parametrize(
+    ("database", "told"),
+    [
+        pytest.param("server.db", DATABASES, id="a name alone"),
+        pytest.param("sqlite://", DATABASES, id="memory"),
+        pytest.param("sqlite:///", DATABASES, id="no name"),
+        pytest.param("sqlite:///:memory:", DATABASES, id="memory by its name"),
+        pytest.param("sqlite://server.db", DATABASES, id="a host for a file"),
+        pytest.param("sqlite:///a?b.db", DATABASES, id="a query for a file"),
+        pytest.param("mysql://me@host/name", DATABASES, id="another kind"),
+        pytest.param("postgresql://me@host/name", DATABASES, id="a driver we do not install"),
+        pytest.param("postgresql+psycopg://me@host:abc/name", DATABASES, id="no port"),
+        pytest.param("postgresql+psycopg://host/name?password=word", BEFORE, id="password behind"),
+        pytest.param("postgresql+psycopg://host/name?user=me", BEFORE, id="user behind"),
+    ],
+)
+def test_what_is_no_database_is_told_with_what_is(database: str, told: str, tmp_path: Path) -> None:
+    assert problems(tmp_path, f"database = '{database}'\n{SPLIT}") == [told]
 
 
 # What the settings come to.

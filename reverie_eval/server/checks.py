@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sqlalchemy import make_url, select
-from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError, SQLAlchemyError
+from sqlalchemy import select
+from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
@@ -167,8 +167,6 @@ def reason_of(error: Exception) -> str:
     match error:
         case ModuleNotFoundError():
             return f"{error}; install it: pip install 'reverie-eval[postgresql]'"
-        case ArgumentError():
-            return "is no SQLAlchemy URL; look at `database` in the settings"
         case OperationalError(orig=said) if "locked" in str(said):
             return f"{said}; some program keeps it from all others: end that, or try again"
         case _:
@@ -189,10 +187,7 @@ def _at_settings(settings: Settings) -> Iterator[Finding]:
     for name in variables_ignored():
         told = f"{name} is set, but is no setting; look for a spelling mistake"
         yield Finding("settings", "note", told)
-    try:
-        url = make_url(settings.database)
-    except ArgumentError:
-        return
+    url = settings.database_url
     if url.password and not is_private and "REVERIE_EVAL_DATABASE" not in os.environ:
         told = f"others can read the database's password; run `chmod 600 {file}`"
         yield Finding("settings", "fault", told)
@@ -227,7 +222,8 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
     if fault is not None:
         yield Finding("database", "fault", fault)
         return
-    yield Finding("database", "ok", make_url(settings.database_url).render_as_string())
+    # A query may hold the password of a key.
+    yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
 
 
 def _at_secrets(settings: Settings) -> Iterator[Finding]:

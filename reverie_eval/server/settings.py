@@ -26,6 +26,8 @@ from pydantic import (
 )
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 from pydantic_settings import SettingsError as UnreadableVariableError
+from sqlalchemy import URL, make_url
+from sqlalchemy.exc import ArgumentError
 
 from reverie_eval import variables
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
@@ -34,6 +36,8 @@ from reverie_eval.protocol import DEFAULT_PROTOCOL, protocol_named
 SETTINGS_FILE = "reverie-eval.toml"
 _NO_SETTINGS = frozenset({variables.GROUND_TRUTH, variables.SERVER, variables.TOKEN})
 """Variables that mean something elsewhere."""
+_POSTGRESQL = "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
+_DATABASES = f"takes a file of SQLite, sqlite:///FILE, or PostgreSQL, {_POSTGRESQL}"
 
 Metadata: TypeAlias = Literal[
     "description",
@@ -58,6 +62,28 @@ def _known_protocol(name: str) -> str:
         return protocol_named(name).name
     except ProtocolError as error:
         raise ValueError(str(error)) from None
+
+
+def _known_database(address: str) -> str:
+    """Return the address of a database that a server can keep its rows in.
+
+    A password is looked for in its own place only, to hide it and to try whether it is a good one;
+    so it may stand in no other.
+    """
+    try:
+        url = make_url(address)
+    except (ArgumentError, ValueError):  # which may repeat a part of the password
+        raise ValueError(_DATABASES) from None
+    if not _is_file(address) and url.drivername != "postgresql+psycopg":
+        raise ValueError(_DATABASES)
+    if {"user", "password"} & url.query.keys():
+        raise ValueError(f"a user and a password stand before the @: {_POSTGRESQL}")
+    return address
+
+
+def _is_file(address: str) -> bool:
+    name = address.removeprefix("sqlite:///")
+    return name != address and name not in ("", ":memory:") and "?" not in name
 
 
 class _Section(BaseModel):
@@ -150,8 +176,8 @@ class Settings(BaseSettings):
     """Shown to everybody: maintenance, deadlines."""
     paused: bool = False
     """Take no submissions; everything else goes on."""
-    database: str = "sqlite:///server.db"
-    """An SQLAlchemy URL: a file of SQLite, or ``postgresql+psycopg://...``."""
+    database: Annotated[str, AfterValidator(_known_database)] = "sqlite:///server.db"
+    """A file of SQLite, or ``postgresql+psycopg://...``."""
     uploads: str = "uploads"
     """A folder, or ``s3://bucket/prefix``."""
     signing_key: Path = Path("signing-key.pem")
@@ -204,10 +230,13 @@ class Settings(BaseSettings):
         return self.folder / relative
 
     @property
-    def database_url(self) -> str:
+    def database_url(self) -> URL:
         """The URL, with a file of SQLite below the server's folder."""
-        scheme, separator, name = self.database.partition("sqlite:///")
-        return f"sqlite:///{self.path(name)}" if separator and not scheme else self.database
+        url = make_url(self.database)
+        if url.drivername != "sqlite":
+            return url
+        # Set as a name: in a URL, a folder's "?" would begin the query.
+        return url.set(database=str(self.path(str(url.database))))
 
 
 def variables_set() -> Sequence[str]:

@@ -16,7 +16,7 @@ from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Connection, create_engine, event, text
+from sqlalchemy import URL, Connection, create_engine, event, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
@@ -38,7 +38,7 @@ _SQLITE_PRAGMAS = (
 class Database:
     """Sessions to read and to write in."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: URL | str) -> None:
         self.engine = create_engine(url, pool_pre_ping=True, hide_parameters=True)
         self._turn = Lock()
         """Of this process's writers. To wait in SQLite is to ask again and again: who waits longest

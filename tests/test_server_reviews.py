@@ -8,7 +8,7 @@ import pytest
 
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.service.audit import broken_links, entries
-from reverie_eval.server.service.lines import LONGEST_LINE
+from reverie_eval.schemas.wire import LONGEST_LINE
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import lift, review, reviews_of, standing_reviews
 from reverie_eval.server.store.tables import Verdict

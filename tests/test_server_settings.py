@@ -142,6 +142,19 @@ def test_the_template_names_every_setting(folder: Path) -> None:
             id="no bytes",
         ),
         pytest.param(
+            f"title = ''\n{SPLIT}",
+            ["title: got ''; string should have at least 1 character"],
+            id="no title",
+        ),
+        pytest.param(
+            f'title = "a\\u001b[31mb"\nbanner = "c\\nd"\n{SPLIT}',
+            [
+                "title: got 'a\\x1b[31mb'; takes letters that can be seen, in one line",
+                "banner: got 'c\\nd'; takes letters that can be seen, in one line",
+            ],
+            id="what cannot be seen, and two lines",
+        ),
+        pytest.param(
             f"required_metadata = ['hair']\n{SPLIT}",
             [
                 (

@@ -75,6 +75,36 @@ def test_how_long_a_name_may_be(name: str, *, expected: bool) -> None:
     assert is_kept(name=name) is expected
 
 
+@pytest.mark.parametrize(
+    "letter",
+    [
+        pytest.param("\u3164", id="Hangul filler"),
+        pytest.param("\u1160", id="Hangul vowel's filler"),
+        pytest.param("\uffa0", id="narrow Hangul filler"),
+        pytest.param("\u034f", id="joiner of graphemes"),
+        pytest.param("\u17b5", id="Khmer vowel that is not shown"),
+        pytest.param("\u180b", id="Mongolian variation"),
+        pytest.param("\ufe00", id="first variation selector"),
+        pytest.param("\ufe0f", id="last variation selector"),
+        pytest.param("\U000e01ef", id="supplementary variation selector"),
+        pytest.param("\u2800", id="braille without a dot"),
+        pytest.param("\u200b", id="space of no width"),
+        pytest.param("\u00ad", id="soft hyphen"),
+        pytest.param("\u202e", id="turn of direction"),
+    ],
+)
+def test_a_letter_that_shows_nothing_is_in_no_name(letter: str) -> None:
+    assert not is_kept(name=letter)
+    assert not is_kept(name=f"Walker{letter}")
+
+
+@pytest.mark.parametrize(
+    "name", ["한글", "ᄒ", "ភាសាខ្មែរ", "ᠮᠣᠩᠭᠣᠯ", "⠺⠁⠇⠅", "步行者", "Wanderer ☀"]
+)
+def test_a_name_may_be_of_any_script(name: str) -> None:
+    assert is_kept(name=name)
+
+
 def test_a_change_of_a_method_can_say_all_that_a_method_says() -> None:
     assert list(MethodChange.model_fields) == list(Method.model_fields)
     assert MethodChange().model_dump(exclude_unset=True) == {}

@@ -1,5 +1,6 @@
 """What everything that goes over the wire has in common."""
 
+import re
 from datetime import UTC, datetime
 from typing import Annotated
 from unicodedata import normalize
@@ -17,7 +18,14 @@ from pydantic import (
 )
 
 LONGEST_NAME = 100
+LONGEST_LINE = 500
 LONGEST_LINK = 500
+
+_BLANK = re.compile(
+    r"[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef\u2800]"
+)
+"""What Python takes for printable, though it shows as nothing: fillers and variation selectors, by
+Unicode's property ``Default_Ignorable_Code_Point``, and the braille pattern without a dot."""
 
 
 class Said(BaseModel):
@@ -31,8 +39,8 @@ class Said(BaseModel):
 def one_line(text: str) -> str:
     r"""Return text in its one composed form, if it shows as it is in a line, a cell or a log.
 
-    Control characters, line breaks and what turns the direction of writing would make a name look
-    like another's, or like two lines.
+    Control characters, line breaks, what turns the direction of writing and what shows as nothing
+    would make a name look like another's, like two lines, or like none.
 
     Raises
     ------
@@ -44,7 +52,7 @@ def one_line(text: str) -> str:
     >>> one_line("E\u0301quipe")
     'Équipe'
     """
-    if not text.isprintable():
+    if not text.isprintable() or _BLANK.search(text):
         raise ValueError("takes letters that can be seen, in one line")
     return normalize("NFC", text)
 
@@ -76,6 +84,7 @@ def _instant(value: datetime) -> datetime:
 Name = Annotated[
     str, StringConstraints(min_length=1, max_length=LONGEST_NAME), BeforeValidator(_line)
 ]
+Line = Annotated[str, Field(max_length=LONGEST_LINE), BeforeValidator(_line)]
 Text = Annotated[str, Field(max_length=2000), BeforeValidator(_lines)]
 Https = Annotated[
     HttpUrl,

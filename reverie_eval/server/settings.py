@@ -32,6 +32,7 @@ from sqlalchemy.exc import ArgumentError
 from reverie_eval import variables
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.protocol import DEFAULT_PROTOCOL, protocol_named
+from reverie_eval.schemas.wire import Line, Name
 
 SETTINGS_FILE = "reverie-eval.toml"
 _NO_SETTINGS = frozenset({variables.GROUND_TRUTH, variables.SERVER, variables.TOKEN})
@@ -108,7 +109,7 @@ OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
 class Phase(_Section):
     """A time in which a split takes submissions."""
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Name
     opens: AwareDatetime | None = None
     closes: AwareDatetime | None = None
 
@@ -171,8 +172,8 @@ class Settings(BaseSettings):
         use_attribute_docstrings=True,
     )
 
-    title: str = "REVERIE evaluation server"
-    banner: str = ""
+    title: Name = "REVERIE evaluation server"
+    banner: Line = ""
     """Shown to everybody: maintenance, deadlines."""
     paused: bool = False
     """Take no submissions; everything else goes on."""

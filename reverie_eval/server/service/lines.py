@@ -1,9 +1,7 @@
 """Lines that are read by everybody, or years later: reasons, banners, names on a board."""
 
-from reverie_eval.schemas.wire import one_line
+from reverie_eval.schemas.wire import LONGEST_LINE, one_line
 from reverie_eval.server.errors import MalformedError
-
-LONGEST_LINE = 500
 
 
 def demand_line(text: str, refusal: str, longest: int = LONGEST_LINE) -> str:

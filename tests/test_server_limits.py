@@ -5,7 +5,10 @@ room for one upload and for one that waits, so whatever does not give back its p
 come after it.
 """
 
+import codecs
+import encodings
 import json
+import pkgutil
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -26,7 +29,7 @@ from reverie_eval.server.listening import listen
 from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
-from tests.serving import GOOD, Serving, running
+from tests.serving import GOOD, OPEN, OWNER, Serving, running
 
 SECONDS = 1
 """That the server gives to a body."""
@@ -145,6 +148,47 @@ def test_whatever_is_uploaded_the_reply_says_why_not(
     with small.connect() as connection:
         connection.sendall(small.upload(*headers) + body)
         assert reply_on(connection) == (status, code)
+
+
+def codec_of(name: str) -> str:
+    """Return what Python decodes a charset by, or its name."""
+    try:
+        return codecs.lookup(name).name
+    except LookupError:
+        return name
+
+
+CODECS = {module.name for module in pkgutil.iter_modules(encodings.__path__)}
+CHARSETS = sorted(
+    name
+    for name in {*encodings.aliases.aliases, *CODECS, "no-such", ""}
+    if codec_of(name) not in {"utf-8", "ascii"}
+)
+URLENCODED = "application/x-www-form-urlencoded; charset={}"
+MULTIPART = "multipart/form-data; boundary=x; charset={}"
+ONE_FIELD = b'--x\r\nContent-Disposition: form-data; name="token"\r\n\r\nx-\xff\r\n--x--\r\n'
+
+
+@pytest.mark.parametrize("content_type", [MULTIPART, MULTIPART.swapcase(), URLENCODED])
+@pytest.mark.parametrize("path", ["/sign-in", f"/api/v1/splits/{OPEN}/validate"])
+def test_a_form_comes_in_utf_8_whatever_codecs_there_are(
+    path: str, content_type: str, server: Serving
+) -> None:
+    assert {"punycode", "undefined", "idna", "utf_7", "hex_codec"} < set(CHARSETS)
+
+    def status(charset: str) -> int:
+        shown = f"Bearer {server.tokens[OWNER]}"
+        headers = {"Authorization": shown, "Content-Type": content_type.format(charset)}
+        return server.client.post(path, headers=headers, content=ONE_FIELD).status_code
+
+    assert {charset: status(charset) for charset in CHARSETS} == dict.fromkeys(CHARSETS, 400)
+
+
+@pytest.mark.parametrize("charset", ["utf-8", "UTF-8", '"utf8"', "us-ascii"])
+def test_a_form_may_say_that_it_is_in_utf_8(charset: str, server: Serving) -> None:
+    headers = {"Content-Type": MULTIPART.format(charset)}
+    reply = server.client.post("/sign-in", headers=headers, content=ONE_FIELD)
+    assert reply.status_code == 401, "it was read, and holds no token"
 
 
 @pytest.mark.parametrize(

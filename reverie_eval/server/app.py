@@ -8,6 +8,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from reverie_eval.server.edge.bodies import BodyLimits
 from reverie_eval.server.edge.following import Following
+from reverie_eval.server.edge.forms import FormCharsets
 from reverie_eval.server.edge.headers import SecurityHeaders
 from reverie_eval.server.edge.labels import API
 from reverie_eval.server.edge.rates import RateLimits
@@ -63,6 +64,7 @@ def create_app(server: ServerState) -> FastAPI:
 def add_edge(app: FastAPI, settings: Settings) -> None:
     """Put around the routes what every request passes, the innermost first."""
     limits = settings.limits
+    app.add_middleware(FormCharsets)
     app.add_middleware(BodyLimits, seconds=limits.seconds_for_body)
     app.add_middleware(RateLimits, per_minute=limits.requests_per_minute)
     app.add_middleware(Following, metrics=app.state.operations.metrics)

@@ -12,10 +12,10 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 
 from reverie_eval.server.edge.bodies import expect
+from reverie_eval.server.edge.forms import is_multipart
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.settings import Limits
 
-_FORM = "multipart/form-data"
 _FORM_OVERHEAD = 64 << 10
 """Bytes of a form that are not the file."""
 
@@ -26,6 +26,8 @@ class Upload(NamedTuple):
     packed: bytes
     fields: Mapping[str, Any]
     """The form's other fields."""
+    filename: str = ""
+    """What its sender calls it; a form in which no file was chosen has none."""
 
 
 async def receive(request: Request, limits: Limits) -> Upload:
@@ -40,7 +42,7 @@ async def receive(request: Request, limits: Limits) -> Upload:
     MalformedError
         If it is a form without a file.
     """
-    is_form = request.headers.get("content-type", "").startswith(_FORM)
+    is_form = is_multipart(request.headers)
     expect(request.scope, (limits.upload_mebibytes << 20) + _FORM_OVERHEAD * is_form)
     body = await request.body()
     return await _of_form(request, body) if is_form else Upload(body, {})
@@ -60,7 +62,7 @@ async def _upload(form: FormData) -> Upload:
         raise MalformedError("the form has no file; name the field of the result file `file`")
     content = await file.read()
     fields = {name: value for name, value in form.items() if isinstance(value, str)}
-    return Upload(content, fields)
+    return Upload(content, fields, file.filename or "")
 
 
 def _replay(body: bytes) -> Any:

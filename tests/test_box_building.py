@@ -1,7 +1,6 @@
 """Boxes in the published layout from houses and poses: rules, files and the command."""
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -235,6 +234,18 @@ def test_files_do_not_depend_on_the_number_of_processes(
     assert counts[:2] == (len(contents(folder)), len(listed_in(folder)))
 
 
+def test_an_empty_folder_is_filled_where_it_is(
+    scans: tuple[Scan, ...],
+    built: dict[Occlusion, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also one that the shell is in."""
+    monkeypatch.chdir(tmp_path)
+    build.build_boxes(scans, Path(), Rules())
+    assert contents(Path.cwd()) == contents(built["none"])
+
+
 def test_the_folder_is_as_open_as_any_other(built: dict[Occlusion, Path], tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     assert built["none"].stat().st_mode == (tmp_path / "other").stat().st_mode
@@ -291,15 +302,6 @@ def test_a_viewpoint_that_no_file_can_be_named_after(image_id: str, tmp_path: Pa
     file.write_text(json.dumps([place]))
     with pytest.raises(DatasetError, match=r"\[0\].image_id"):
         read_poses(file)
-
-
-def test_a_process_that_is_ended_from_outside() -> None:
-    with pytest.raises(ReverieEvalError, match="try fewer --jobs"):
-        list(build._outcomes(_end, [Scan("x", Path(), Path())], 2))  # noqa: SLF001
-
-
-def _end(_: Scan) -> Any:
-    os._exit(1)
 
 
 def test_a_folder_that_holds_something_is_left_alone(

@@ -1,24 +1,26 @@
 """Build the boxes of many scans, and write them as the published dataset does.
 
-The folder appears when everything is in it: until then files are written beside it, and go again if
-building fails or is interrupted.
+The folder has its files when all are written. If building fails or is interrupted, it has none.
 """
 
+import os
 import signal
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from threading import Thread
 from typing import NamedTuple, TypeAlias, TypeVar
 
 import msgspec
 import numpy as np
 
+from reverie_eval.appearing import appearing
 from reverie_eval.box_building.house import read_house
 from reverie_eval.box_building.rules import Rules
 from reverie_eval.box_building.scans import Scan, read_poses
@@ -76,9 +78,11 @@ def build_boxes(
     ReverieEvalError
         If the folder holds something, or a process of the work was ended from outside.
     """
-    with _appearing(folder.resolve()) as staging:
+    _demand_empty(folder)
+    with appearing(folder) as staging:
         work = partial(_build_scan, folder=staging, rules=rules)
-        outcomes = list(track(_outcomes(work, scans, min(jobs, len(scans))), len(scans)))
+        with closing(_outcomes(work, scans, min(jobs, len(scans)))) as coming:
+            outcomes = list(track(coming, len(scans)))
         problems = [
             replace(problem, position=(place, *problem.position))
             for place, outcome in enumerate(outcomes)
@@ -90,31 +94,25 @@ def build_boxes(
     return Built(*map(sum, zip(*built, strict=True)))
 
 
-@contextmanager
-def _appearing(folder: Path) -> Iterator[Path]:
-    """Lend a folder to fill, and give it its name when that is done."""
+def _demand_empty(folder: Path) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ReverieEvalError(f"{folder} is not an empty folder; name another, or remove it first")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as beside:
-        # One level deeper, because the outer folder is for nobody else's eyes.
-        staging = Path(beside, folder.name)
-        staging.mkdir()
-        yield staging
-        if folder.exists():
-            folder.rmdir()
-        staging.rename(folder)
 
 
 def _outcomes(
     work: Callable[[Scan], Outcome], scans: Sequence[Scan], jobs: int
-) -> Iterator[Outcome]:
+) -> Generator[Outcome]:
     if jobs <= 1:
         yield from map(work, scans)
         return
     # Fresh processes: a copy of one that runs threads, like a progress bar's, may hang.
     context = get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_leave_interrupts) as pool:
+    their_end, our_end = context.Pipe(duplex=False)
+    with (
+        ProcessPoolExecutor(jobs, context, initializer=_hang_on, initargs=(their_end,)) as pool,
+        their_end,
+        our_end,  # closed first: the pool would wait for scans that nobody wants any more
+    ):
         try:
             yield from pool.map(work, scans)
         except BrokenProcessPool as error:
@@ -124,9 +122,16 @@ def _outcomes(
             ) from error
 
 
-def _leave_interrupts() -> None:
-    """Let Ctrl-C end the parent, which ends its processes."""
+def _hang_on(parent: Connection) -> None:
+    """Leave Ctrl-C to the parent, and end as soon as it lets go of the other end or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: Connection) -> None:
+    with suppress(EOFError):
+        parent.recv_bytes()
+    os._exit(1)
 
 
 def _build_scan(scan: Scan, *, folder: Path, rules: Rules) -> Outcome:

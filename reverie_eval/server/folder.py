@@ -15,8 +15,8 @@ from contextlib import closing, contextmanager
 from datetime import datetime
 from importlib.resources import as_file, files
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
+from reverie_eval.appearing import appearing
 from reverie_eval.errors import Problem
 from reverie_eval.ground_truth.locate import DEMO_BUNDLES, bundle_name
 from reverie_eval.server.checks import demand_known
@@ -104,17 +104,11 @@ def building(folder: Path) -> Iterator[Path]:
         kind = "is a server's already" if (place / SETTINGS_FILE).exists() else "is not empty"
         remedy = f"{kind}; choose a new or an empty folder"
         raise SettingsError([Problem("folder-taken", str(folder), remedy)])
-    place.parent.mkdir(parents=True, exist_ok=True)
-    # An empty folder may be a disk of its own, or all of a disk where one may write.
-    beside = place if place.exists() else place.parent
-    with TemporaryDirectory(dir=beside, prefix=f".{place.name}-") as temporary:
-        aside = Path(temporary)
+    # The settings come last: with them, it is a server's folder.
+    with appearing(folder, mode=0o700, last=SETTINGS_FILE) as aside:
         yield aside
-        place.mkdir(exist_ok=True)
-        place.chmod(0o700)
-        # The settings come last: with them, it is a server's folder.
-        for part in sorted(aside.iterdir(), key=lambda part: part.name == SETTINGS_FILE):
-            part.rename(place / part.name)
+        if place.exists():
+            place.chmod(0o700)
 
 
 def upgrade_folder(folder: Path) -> None:

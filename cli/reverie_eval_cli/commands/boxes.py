@@ -3,7 +3,10 @@
 import argparse
 import math
 import os
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from reverie_eval.wording import counted
@@ -72,13 +75,14 @@ def run(arguments: argparse.Namespace) -> int:
     for note in found.notes():
         print(f"note: {note}", file=sys.stderr)
     excluded = EXCLUDED_NAMES if arguments.exclude is None else frozenset(arguments.exclude)
-    built = build_boxes(
-        found.complete,
-        arguments.output,
-        Rules(arguments.max_distance, arguments.occlusion, excluded),
-        jobs=arguments.jobs or os.cpu_count() or 1,
-        track=lambda outcomes, total: with_progress(outcomes, "boxes", total),
-    )
+    with _ended_as_by_ctrl_c():
+        built = build_boxes(
+            found.complete,
+            arguments.output,
+            Rules(arguments.max_distance, arguments.occlusion, excluded),
+            jobs=arguments.jobs or os.cpu_count() or 1,
+            track=lambda outcomes, total: with_progress(outcomes, "boxes", total),
+        )
     counts = [
         counted(len(found.complete), "scan"),
         counted(built.viewpoints, "viewpoint"),
@@ -88,6 +92,16 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"{arguments.output}: {', '.join(counts)}")
     print(_CAVEAT)
     return 0
+
+
+@contextmanager
+def _ended_as_by_ctrl_c() -> Iterator[None]:
+    """Let SIGTERM end the work as Ctrl-C does, so that nothing of it stays behind."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _metres(text: str) -> float:

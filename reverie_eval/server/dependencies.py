@@ -1,4 +1,4 @@
-"""What routes ask for of an upload: the submission, and what is said of its method."""
+"""What routes ask for: a submission with what is said of its method, or one's turn to score."""
 
 from collections.abc import AsyncIterator, Mapping
 from typing import Annotated, Any, NamedTuple
@@ -61,7 +61,18 @@ async def received(
             yield upload
 
 
-Received = Annotated[Upload, Depends(received)]
+# Whoever reads the reply slowly keeps nobody waiting: what was taken is given back before it.
+Received = Annotated[Upload, Depends(received, scope="function")]
+
+
+async def turn(upkeep: Upkeep) -> AsyncIterator[None]:
+    """Wait, as uploads do, until it is one's turn to score; no thread is kept meanwhile."""
+    async with upkeep.admission.score():
+        yield
+
+
+Turn = Annotated[None, Depends(turn, scope="function")]
+"""Of what may score a kept submission again."""
 
 
 def content_of(upload: Received, server: Server) -> bytes:

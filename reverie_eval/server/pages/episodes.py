@@ -18,6 +18,7 @@ from reverie_eval.reporting.maps import EpisodeMap
 from reverie_eval.reporting.report_parts import FROM_THE_BEST
 from reverie_eval.reporting.walks import Step, remark_on, steps_of
 from reverie_eval.server.callers import Server
+from reverie_eval.server.dependencies import Turn
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Visitor
 from reverie_eval.server.service.episodes import Browsing, Run, Wanted
@@ -52,7 +53,7 @@ class Selection(Wanted):
 Selected = Annotated[Selection, Depends()]
 
 
-def browsed(split: str, server: Server, visitor: Visitor, selection: Selected) -> Browsing:
+def browsed(split: str, server: Server, visitor: Visitor, selection: Selected, _: Turn) -> Browsing:
     """Return what the address asks for, of what the visitor may see."""
     return server.episodes.browse(_person(visitor), split, selection.submissions)
 

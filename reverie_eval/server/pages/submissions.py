@@ -13,6 +13,7 @@ from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange
 from reverie_eval.server.callers import Server
+from reverie_eval.server.dependencies import Turn
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.pages.faults import show_faults_with
 from reverie_eval.server.pages.rendering import page
@@ -107,7 +108,7 @@ def show_submission(
 
 @router.post("/submissions/{submission_id}")
 def change_submission(
-    submission_id: str, request: Request, server: Server, member: Member, form: Posted
+    submission_id: str, request: Request, server: Server, member: Member, form: Posted, _: Turn
 ) -> Response:
     """Change what one of the page's small forms is about: each sends its own fields only."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}

@@ -81,7 +81,7 @@ async def posted_upload(
             yield upload
 
 
-PostedUpload = Annotated[Upload, Depends(posted_upload)]
+PostedUpload = Annotated[Upload, Depends(posted_upload, scope="function")]
 
 
 @router.get("/submit")

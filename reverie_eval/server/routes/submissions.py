@@ -8,6 +8,7 @@ from fastapi import APIRouter, Path, Response
 from reverie_eval.reporting.tables import write_episodes
 from reverie_eval.schemas.service import Receipt, SubmissionChange, SubmissionReport
 from reverie_eval.server.callers import Caller, Server
+from reverie_eval.server.dependencies import Turn
 from reverie_eval.server.examples import EPISODES_CSV, SUBMISSION
 from reverie_eval.server.openapi import problems
 
@@ -33,7 +34,7 @@ def show_submission(
 
 @router.patch("/{submission_id}", responses=problems("not-signed-in", "not-found", "conflict"))
 def change_submission(
-    submission_id: SubmissionId, change: SubmissionChange, person: Caller, server: Server
+    submission_id: SubmissionId, change: SubmissionChange, person: Caller, server: Server, _: Turn
 ) -> SubmissionReport:
     """Publish or withdraw a submission, edit what is said of it, hide your team until a date."""
     return server.submissions.change(person, submission_id, change)
@@ -67,7 +68,9 @@ def download_file(submission_id: SubmissionId, person: Caller, server: Server) -
         **_OF_ONE,
     },
 )
-def download_episodes(submission_id: SubmissionId, person: Caller, server: Server) -> Response:
+def download_episodes(
+    submission_id: SubmissionId, person: Caller, server: Server, _: Turn
+) -> Response:
     """Return the values of every episode as CSV; of open splits only."""
     text = io.StringIO()
     write_episodes(server.submissions.episodes(person, submission_id), text)

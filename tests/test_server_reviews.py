@@ -6,9 +6,9 @@ from typing import Any
 import httpx
 import pytest
 
+from reverie_eval.schemas.wire import LONGEST_LINE
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.service.audit import broken_links, entries
-from reverie_eval.schemas.wire import LONGEST_LINE
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import lift, review, reviews_of, standing_reviews
 from reverie_eval.server.store.tables import Verdict

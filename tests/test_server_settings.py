@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -124,6 +124,16 @@ def test_the_template_names_every_setting(folder: Path) -> None:
             f"{SPLIT}phases = [{{ name = '' }}]\n",
             ["splits.test.phases.0.name: got ''; string should have at least 1 character"],
             id="nameless phase",
+        ),
+        pytest.param(
+            f"{SPLIT}phases = []\n",
+            [
+                (
+                    "splits.test.phases: name a phase, or leave phases out: "
+                    "then submissions are always taken"
+                )
+            ],
+            id="no phase",
         ),
         pytest.param(
             f"{SPLIT}phases = [{{ name = 'a', opens = 2027-01-01T00:00:00 }}]\n",
@@ -350,6 +360,7 @@ def test_what_of_a_quota_is_not_set_is_the_visibilitys(
 
 
 HOUR = timedelta(hours=1)
+PAST = NOON - timedelta(seconds=1)
 
 
 @pytest.mark.parametrize(
@@ -358,8 +369,9 @@ HOUR = timedelta(hours=1)
         pytest.param(None, None, True, id="always"),
         pytest.param(NOON, None, True, id="opens now"),
         pytest.param(NOON + timedelta(microseconds=1), None, False, id="opens in a moment"),
-        pytest.param(None, NOON, False, id="closes now"),
-        pytest.param(None, NOON + timedelta(microseconds=1), True, id="closes in a moment"),
+        pytest.param(None, NOON, True, id="closes with this second"),
+        pytest.param(None, NOON - timedelta(microseconds=1), False, id="closed with the last one"),
+        pytest.param(None, datetime.max.replace(tzinfo=UTC), True, id="closes with time itself"),
         pytest.param(NOON - HOUR, NOON + HOUR, True, id="in its midst"),
         pytest.param(NOON - 2 * HOUR, NOON - HOUR, False, id="over"),
     ],
@@ -371,18 +383,34 @@ def test_when_a_phase_is_open(
 
 
 @pytest.mark.parametrize(
+    ("moment", "is_open"),
+    [
+        pytest.param("2027-06-01T22:59:58.999999Z", False, id="before its first second"),
+        pytest.param("2027-06-01T22:59:59Z", True, id="its first second"),
+        pytest.param("2027-06-01T23:59:59Z", True, id="its last second"),
+        pytest.param("2027-06-01T23:59:59.999999Z", True, id="the end of it"),
+        pytest.param("2027-06-02T00:00:00Z", False, id="the next"),
+    ],
+)
+def test_a_phase_closes_with_the_end_of_a_second(moment: str, *, is_open: bool) -> None:
+    last = datetime(2027, 6, 1, 23, 59, 59, tzinfo=UTC)
+    phase = Phase(name="a", opens=last - HOUR, closes=last)
+    assert phase.is_open(datetime.fromisoformat(moment)) is is_open
+
+
+@pytest.mark.parametrize(
     ("phases", "status", "message"),
     [
         pytest.param((), 409, "takes no submissions now", id="never"),
-        pytest.param((Phase(name="a", closes=NOON),), 409, "takes no submissions now", id="over"),
+        pytest.param((Phase(name="a", closes=PAST),), 409, "takes no submissions now", id="over"),
         pytest.param(
-            (Phase(name="a", closes=NOON), Phase(name="b", opens=NOON + HOUR)),
+            (Phase(name="a", closes=PAST), Phase(name="b", opens=NOON + HOUR)),
             409,
             "the next phase opens 2026-03-02T13:00:00+00:00",
             id="between two",
         ),
         pytest.param(
-            (Phase(name="a", closes=NOON), Phase(name="b", opens=NOON)), 201, "", id="second"
+            (Phase(name="a", closes=PAST), Phase(name="b", opens=NOON)), 201, "", id="second"
         ),
     ],
 )

@@ -116,6 +116,7 @@ class PhaseReport(Said):
     name: str
     opens: datetime | None
     closes: datetime | None
+    """The last second of it."""
     is_open: bool
 
 

@@ -8,7 +8,7 @@ never arguments.
 import os
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeAlias
 
@@ -112,6 +112,7 @@ class Phase(_Section):
     name: Name
     opens: AwareDatetime | None = None
     closes: AwareDatetime | None = None
+    """The last second in which submissions are taken, all of it."""
 
     @model_validator(mode="after")
     def _opens_before_it_closes(self) -> Self:
@@ -121,8 +122,14 @@ class Phase(_Section):
 
     def is_open(self, now: datetime) -> bool:
         """Whether submissions are taken at this time."""
-        begin, end = self.opens or now, self.closes or datetime.max.replace(tzinfo=UTC)
-        return begin <= now < end
+        has_begun = self.opens is None or self.opens <= now
+        return has_begun and (self.closes is None or now.replace(microsecond=0) <= self.closes)
+
+
+def _some(phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
+    if not phases:
+        raise ValueError("name a phase, or leave phases out: then submissions are always taken")
+    return phases
 
 
 class Split(_Section):
@@ -134,7 +141,7 @@ class Split(_Section):
     """Private: only rounded means leave the server. Open: every episode's values do."""
     protocol: Annotated[str, AfterValidator(_known_protocol)] = DEFAULT_PROTOCOL
     quota: Quota | None = None
-    phases: tuple[Phase, ...] = (Phase(name="always"),)
+    phases: Annotated[tuple[Phase, ...], AfterValidator(_some)] = (Phase(name="always"),)
 
     @property
     def effective_quota(self) -> Quota:

@@ -236,6 +236,36 @@ def test_what_is_not_there_is_named(command: str, told: str, lab: str, run: Run)
     assert told in outcome.err
 
 
+@pytest.mark.parametrize("number", ["10001", "9" * 23])
+def test_nobody_is_given_more_than_can_be_counted(number: str, lab: str, run: Run) -> None:
+    run("server", "team", "add", lab, "Blue")
+    outcome = run("server", "grant", lab, "Blue", "test", number, "--reason", "x")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.endswith("further submissions; give from 1 to 10,000\n")
+    assert run("server", "grant", lab, "Blue", "test", "10000", "--reason", "x").status == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param("token add {} Ada --expires-days", id="token"),
+        pytest.param("invite {} Ada --expires-days", id="invitation"),
+        pytest.param("grant {} Blue test 1 --reason x --days", id="grant"),
+    ],
+)
+def test_an_end_is_no_more_than_a_hundred_years_away(
+    command: str, lab: str, run: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run("server", "team", "add", lab, "Blue")
+    run("server", "person", "add", lab, "Ada", "--team", "Blue")
+    words = command.format(lab).split()
+    for days in ("36501", "3600000", "9" * 23):
+        with pytest.raises(SystemExit, match="2"):
+            run("server", *words, days)
+        assert capsys.readouterr().err.endswith(f"'{days}' days are more than a hundred years\n")
+    assert run("server", *words, "36500").status == 0
+
+
 def test_the_audit_log_says_who_did_what(lab: str, run: Run) -> None:
     run("server", "team", "add", lab, "Blue")
     run("server", "grant", lab, "Blue", "test", "3", "--reason", "the power failed", "--days", "2")

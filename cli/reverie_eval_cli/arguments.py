@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+_MOST_DAYS = 100 * 365
+
 
 def add_submission(parser: argparse.ArgumentParser) -> argparse.Action:
     """Add the file that is scored or checked."""
@@ -79,10 +81,18 @@ def add_expiry(parser: argparse.ArgumentParser, default: int | None) -> None:
     parser.add_argument(
         "--expires-days",
         metavar="N",
-        type=positive_number,
+        type=days,
         default=default,
         help=f"days until it is worth nothing (default: {ends})",
     )
+
+
+def days(text: str) -> int:
+    """Read a number of days, after which there still is a date."""
+    number = positive_number(text)
+    if number > _MOST_DAYS:
+        raise argparse.ArgumentTypeError(f"{text!r} days are more than a hundred years")
+    return number
 
 
 def positive_number(text: str) -> int:

@@ -68,12 +68,16 @@ class MintedReport(TokenReport):
     token: str
 
 
+MOST_EXTRA = 10_000
+"""Further submissions in one grant: more than any quota, and no more than a database can count."""
+
+
 class NewGrant(Said):
     """Further submissions for a team, and why."""
 
     team: Name
     split: str
-    extra: Annotated[int, Field(ge=1, le=10_000)]
+    extra: Annotated[int, Field(ge=1, le=MOST_EXTRA)]
     """By which each limit is raised, the team's and each person's in it."""
     reason: Annotated[str, Field(min_length=1, max_length=500)]
     """For the audit log; a line."""

@@ -6,6 +6,7 @@ from datetime import datetime
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service.audit import record
 from reverie_eval.server.service.lines import demand_reason
@@ -34,12 +35,12 @@ def grant(
     Raises
     ------
     MalformedError
-        If nothing is given, for no time, or for no reason.
+        If nothing is given, or more than anybody needs, for no time, or for no reason.
     NotFoundError
         If there is no such team or split.
     """
-    if extra < 1:
-        raise MalformedError(f"{extra} further submissions are none; give 1 or more")
+    if not 1 <= extra <= MOST_EXTRA:
+        raise MalformedError(f"{extra:,} further submissions; give from 1 to {MOST_EXTRA:,}")
     why = demand_reason(reason)
     if expires_at <= now:
         raise MalformedError("what is given would have expired already; choose a later time")

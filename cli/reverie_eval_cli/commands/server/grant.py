@@ -4,7 +4,7 @@ import argparse
 from datetime import timedelta
 
 from reverie_eval.wording import counted
-from reverie_eval_cli.arguments import add_server_folder, positive_number
+from reverie_eval_cli.arguments import add_server_folder, days, positive_number
 from reverie_eval_cli.organising import actor, minute, now, writing
 
 SUMMARY = "give a team further submissions, with the reason in the audit log"
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--days",
         metavar="N",
-        type=positive_number,
+        type=days,
         default=30,
         help="how long the limits stay raised (default: %(default)s)",
     )

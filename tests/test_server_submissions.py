@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -14,15 +15,23 @@ import pytest
 
 from reverie_eval import CATALOGUE, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth.locate import DEMO_BUNDLES
+from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.settings import Phase
 from tests.conftest import SAMPLES
 from tests.serving import (
     BROKEN,
     GOOD,
+    NOON,
     OPEN,
+    ORGANISER,
     OWNER,
     PRIVATE,
+    OpenServer,
     Serving,
+    adjusted,
     broken_private,
+    settings_of,
     submission_for,
 )
 
@@ -160,3 +169,30 @@ def test_validating_says_what_the_laptop_says(server: Serving) -> None:
     sent = submission_for(PRIVATE, "stop")
     private = server.ask(OWNER, "POST", f"/splits/{PRIVATE}/validate", content=sent)
     assert private.json()["notes"] == list(validate(sent, split=PRIVATE, **public).notes)
+
+
+def test_who_arrives_in_time_is_in_time_however_long_scoring_takes(
+    open_server: OpenServer, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closing = Phase(name="spring", closes=NOON + timedelta(minutes=1))
+    server = open_server(adjusted(settings_of(folder), OPEN, phases=(closing,)))
+    score = Board.score
+
+    def score_slowly(board: Board, reading: Any) -> Any:
+        server.clock.turn(hours=1)
+        notice = {"banner": "", "paused": True}
+        server.ask(ORGANISER, "PUT", "/organiser/notice", json=notice).raise_for_status()
+        return score(board, reading)
+
+    monkeypatch.setattr(Board, "score", score_slowly)
+    submission = accepted(server, GOOD)
+    assert submission["received_at"] == submission["receipt"]["received_at"] == f"{NOON:%FT%TZ}"
+    assert server.upload(OWNER, server.distinct()).json()["code"] == "not-open"
+
+
+def test_a_change_of_nothing_is_none(server: Serving) -> None:
+    submission = accepted(server, GOOD)
+    reply = server.ask(OWNER, "PATCH", f"/submissions/{submission['id']}", json={})
+    assert reply.json() == submission
+    with server.state.database.reading() as session:
+        assert "changed" not in {entry.action for entry in entries(session)}

@@ -2,7 +2,8 @@
 
 Scoring comes before the transaction and needs no lock. What the transaction decides - is this a
 repeat, is anything left of the quota - is decided on what is there when it is this one's turn.
-Whether submissions are taken is decided when one arrives: who is in time need not be fast.
+Whether submissions are taken, and when one was received, is decided as soon as all of it has
+arrived: who is in time need not be fast.
 """
 
 import hashlib
@@ -97,16 +98,24 @@ class Intake:
         MalformedError
             If something is not said of the method that the organiser asks for.
         """
+        arrived = self._clock()
         board = board_named(self._boards, split)
         with self._attempts.noting(person, split, len(packed)) as noted:
             content = unpack(packed, self._most_bytes)
             noted.size = len(content)
-            accepted = self._submit(person, board, content, method, key)
+            accepted = self._submit(person, board, content, method, key, arrived=arrived)
             noted.outcome = "repeat" if accepted.is_repeat else "scored"
         return accepted
 
     def _submit(
-        self, person: Person, board: Board, content: bytes, method: Method, key: str | None
+        self,
+        person: Person,
+        board: Board,
+        content: bytes,
+        method: Method,
+        key: str | None,
+        *,
+        arrived: datetime,
     ) -> Accepted:
         split, sha256 = board.name, hashlib.sha256(content).hexdigest()
         with self._database.reading() as session:
@@ -114,8 +123,8 @@ class Intake:
             if known is not None:
                 return self._repeated(session, known, board, person)
             demand_metadata(method, self._required_metadata)
-            self._demand_open(session, board)
-            self._demand_quota(session, person, board, self._clock())
+            self._demand_open(session, board, arrived)
+            self._demand_quota(session, person, board, arrived)
         reading = board.read(content)
         report = board.report(board.score(reading), reading)
         self._uploads.put(sha256, content)
@@ -125,6 +134,7 @@ class Intake:
             team_id=person.team_id,
             person_id=person.id,
             sha256=sha256,
+            received_at=arrived,
             size=len(content),
             idempotency_key=key,
             method=method.model_dump(mode="json"),
@@ -134,10 +144,8 @@ class Intake:
             known = self._known(session, person, split, sha256, key)
             if known is not None:
                 return self._repeated(session, known, board, person)
-            row.received_at = self._clock()
-            usage = self._demand_quota(session, person, board, row.received_at)
-            left = usage.with_one_more(row.received_at).state(row.received_at)
-            quota = quota_report(left, row.received_at)
+            usage = self._demand_quota(session, person, board, arrived)
+            quota = quota_report(usage.with_one_more(arrived).state(arrived), arrived)
             self._keep(session, row, person, quota)
             return Accepted(submission=submission_report(row), quota=quota, is_repeat=False)
 
@@ -158,7 +166,7 @@ class Intake:
         session.flush()
         record(
             session,
-            row.received_at,
+            self._clock(),
             person.name,
             "submitted",
             row.id,
@@ -195,12 +203,11 @@ class Intake:
         quota = self._left(session, person, board)
         return Accepted(submission=submission_report(row), quota=quota, is_repeat=True)
 
-    def _demand_open(self, session: Session, board: Board) -> None:
+    def _demand_open(self, session: Session, board: Board, now: datetime) -> None:
         standing = self._notices.standing(session)
         if standing.paused:
             why = f": {standing.banner}" if standing.banner else ""
             raise NotOpenError(f"the organiser has paused submissions{why}")
-        now = self._clock()
         if not board.is_open(now):
             opening = [p.opens for p in board.split.phases if p.opens and p.opens > now]
             after = f"; the next phase opens {min(opening).isoformat()}" if opening else ""

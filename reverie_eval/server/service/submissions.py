@@ -1,6 +1,6 @@
 """Submissions that are there: looked at, scored again for their episodes, published, withdrawn."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from types import MappingProxyType
@@ -72,9 +72,9 @@ class SubmissionService:
         with self._database.reading() as session:
             return submission_report(_of_team(session, person, submission_id))
 
-    def file(self, person: Person, submission_id: str) -> bytes:
-        """Return what was uploaded, byte for byte; errors are those of :meth:`one`."""
-        return self._uploads.get(self.one(person, submission_id).sha256)
+    def file(self, person: Person, submission_id: str) -> Iterator[bytes]:
+        """Return what was uploaded, byte for byte, in pieces; errors are those of :meth:`one`."""
+        return self._uploads.pieces(self.one(person, submission_id).sha256)
 
     def episodes(self, person: Person, submission_id: str) -> Scores:
         """Return the scores of every episode, computed again from the upload.
@@ -119,6 +119,8 @@ class SubmissionService:
         MalformedError
             If something is not said of the method any more that the organiser asks for.
         """
+        if not change.model_fields_set:
+            return self.one(person, submission_id)
         now = self._clock()
         intervals = self._intervals(person, submission_id) if change.published else None
         with self._database.writing() as session:

@@ -191,7 +191,13 @@ def test_filters(server: Serving, query: str, expected: list[str]) -> None:
     ],
 )
 def test_a_query_that_is_none_is_a_page_that_says_so(server: Serving, query: str) -> None:
-    assert "not of the documented form" in get(server, query, status=400).text
+    page = get(server, query, status=400)
+    assert "not of the documented form" in page.text
+    assert "<h1>Something is not as it should be</h1>" in page.text
+    ((field, said),) = tables(page)[0]
+    assert query.startswith(f"?{field}=")
+    assert not re.search("should|Input|Value error", said)
+    assert f'<a href="/boards/{OPEN}">To the whole leaderboard of {OPEN}</a>' in page.text
 
 
 def test_no_such_split(server: Serving) -> None:

@@ -122,7 +122,7 @@ def test_a_withdrawn_submission_is_not_published(owner: Visitor) -> None:
     changed(owner, submission, withdrawn="true")
     reply = owner.send(f"/submissions/{submission}", {"published": "true"})
     assert reply.status_code == 409
-    assert "Nothing was changed. a withdrawn submission is not published" in said(reply)
+    assert "Nothing was changed. A withdrawn submission is not published" in said(reply)
     assert 'name="published"' not in reply.text
 
 
@@ -210,13 +210,15 @@ def test_renaming_and_editing(owner: Visitor) -> None:
 
 # What a form may send that comes to nothing, and what the page says of it.
 WRONG = [
-    pytest.param({"name": "", "description": "kept"}, "name: String", id="no name"),
     pytest.param(
-        {"name": "x", "paper": "ftp://a", "description": "kept"}, "paper: URL", id="a link"
+        {"name": "", "description": "kept"}, "name: takes 1 or more letters", id="no name"
     ),
-    pytest.param({"anonymous_until": "soon"}, "anonymous until: Input", id="no date"),
+    pytest.param(
+        {"name": "x", "paper": "ftp://a", "description": "kept"}, "paper: takes a link", id="a link"
+    ),
+    pytest.param({"anonymous_until": "soon"}, "anonymous until: takes an instant", id="no date"),
     pytest.param({"anonymous_until": "9999-01-01"}, "between the years", id="a far date"),
-    pytest.param({"published": "perhaps"}, "published: Input", id="no switch"),
+    pytest.param({"published": "perhaps"}, "published: takes true or false", id="no switch"),
 ]
 
 

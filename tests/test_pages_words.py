@@ -4,17 +4,20 @@ import json
 import re
 from html import unescape
 from pathlib import Path
+from typing import Any
 
 import html5lib
 import pytest
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.protocol import PROTOCOLS
+from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.schemas.submission import SUBMISSION, Prediction
 from reverie_eval.server.openapi import CODES
+from reverie_eval.server.pages.headings import heading
 from reverie_eval.server.pages.schema_words import in_words
 from reverie_eval.server.settings import Phase, Quota
-from tests.serving import NOON, PRIVATE, OpenServer, Serving, adjusted, settings_of
+from tests.serving import NOON, OWNER, PRIVATE, OpenServer, Serving, adjusted, settings_of
 from tests.visiting import Visitor, said
 
 CHAPTERS = ("", "/submitting", "/metrics", "/protocols", "/rules", "/api", "/privacy")
@@ -106,6 +109,41 @@ def test_every_problem_has_a_place(server: Serving) -> None:
     page = Visitor(server).get("/words/api").text
     for code, status in CODES.items():
         assert re.search(rf'id="{code}".*?>{status.value}<', page)
+        assert heading(ProblemDocument(title="-", status=status, detail="-", code=code)) != "-"
+
+
+SAID = [
+    pytest.param("method-not-allowed", None, "DELETE /splits", {}, id="another method"),
+    pytest.param("not-signed-in", None, "GET /me", {}, id="no token"),
+    pytest.param("not-allowed", OWNER, "GET /organiser/teams", {}, id="the organiser's"),
+    pytest.param("malformed-request", None, "POST /session", {"json": {}}, id="malformed"),
+    pytest.param(
+        "conflict",
+        OWNER,
+        "PATCH {own}",
+        {"json": {"published": True, "withdrawn": True}},
+        id="a withdrawn submission is to be published",
+    ),
+    pytest.param(
+        "too-large",
+        OWNER,
+        "POST /splits/test/validate",
+        {"content": bytes((32 << 20) + 1)},
+        id="too large",
+    ),
+]
+
+
+@pytest.mark.parametrize(("code", "who", "asked", "content"), SAID)
+def test_a_problem_says_what_the_page_says_that_it_says(
+    server: Serving, code: str, who: str | None, asked: str, content: dict[str, Any]
+) -> None:
+    method, path = asked.split()
+    own = f"/submissions/{server.upload(OWNER).json()['submission']['id']}"
+    reply = server.ask(who, method, path.format(own=own), **content)
+    assert reply.json()["code"] == code
+    page = unescape(Visitor(server).get("/words/api").text)
+    assert f"<td>{reply.json()['detail']}</td></tr>" in page
 
 
 def test_nothing_secret_is_told(server: Serving) -> None:

@@ -1,5 +1,6 @@
 """What is refused, and how: each problem is a document with a code, and with its places."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -64,7 +65,7 @@ REFUSED = {
         f"POST {SUBMISSIONS}?name=x",
         400,
         BAD,
-        ["header.idempotency-key"],
+        ["idempotency-key"],
         {"content": GOOD, "headers": {"Idempotency-Key": "x" * 201}},
     ),
     "JSON that breaks off": Refused(OWNER, "PATCH {own}", 400, BAD, ["1"], raw(b"{")),
@@ -96,15 +97,16 @@ REFUSED = {
     "an empty invitation": Refused(
         NOBODY, "POST /tokens", 400, BAD, ["invitation"], {"json": {"invitation": ""}}
     ),
-    "nothing of the log": Refused(
-        ORGANISER, "GET /organiser/audit?limit=0", 400, BAD, ["query.limit"]
-    ),
+    "nothing of the log": Refused(ORGANISER, "GET /organiser/audit?limit=0", 400, BAD, ["limit"]),
     "more than a database can count": Refused(
-        ORGANISER, f"GET /organiser/audit?after={10**30}", 400, BAD, ["query.after"]
+        ORGANISER, f"GET /organiser/audit?after={10**30}", 400, BAD, ["after"]
     ),
     "no such token": Refused(ORGANISER, "DELETE /organiser/tokens/rv_12345678", 404, "not-found"),
-    "a zero byte in a token": Refused(ORGANISER, f"DELETE {NUL_IN_HINT}", 400, BAD, ["path.hint"]),
+    "a zero byte in a token": Refused(ORGANISER, f"DELETE {NUL_IN_HINT}", 400, BAD, ["hint"]),
 }
+
+
+OF_THE_FRAMEWORK = re.compile("should|Input|Field|Extra|Value error")
 
 
 @pytest.mark.parametrize("refused", REFUSED.values(), ids=list(REFUSED))
@@ -120,6 +122,7 @@ def test_problem_documents(server: Serving, refused: Refused) -> None:
         refused.code,
     )
     assert said["detail"]
+    assert not [each for each in said["problems"] if OF_THE_FRAMEWORK.search(each["message"])]
     found = [problem["where"] for problem in said["problems"]]
     expected = refused.places
     assert len(found) == expected if isinstance(expected, int) else found == [*expected]

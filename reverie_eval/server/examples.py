@@ -24,9 +24,10 @@ from reverie_eval.schemas.organising import (
     TeamReport,
     TokenReport,
 )
-from reverie_eval.schemas.report import ProblemReport, ScoreReport, ValidationReport
+from reverie_eval.schemas.report import ProblemReport, ScoreReport
 from reverie_eval.schemas.service import (
     Accepted,
+    Checked,
     HealthReport,
     Invitation,
     Leaderboard,
@@ -170,7 +171,7 @@ _SAID = (
         phases=[PhaseReport(name="2027", opens=_NOON, closes=_NEXT_YEAR, is_open=True)],
         quota=_QUOTA,
     ),
-    ValidationReport(split="test", valid=True, notes=["3 jumps between viewpoints"]),
+    Checked(split="test", valid=True, notes=["3 jumps between viewpoints"], quota=_QUOTA),
     _SUBMISSION,
     _RECEIPT,
     Accepted(
@@ -298,12 +299,15 @@ DETAILS: dict[str, dict[str, Any]] = {
     },
     "malformed-request": {
         "detail": "the request is not of the documented form",
-        "problems": [ProblemReport(code="wrong-value", where="name", message="Field required")],
+        "problems": [ProblemReport(code="wrong-value", where="name", message="is missing")],
     },
     "not-signed-in": {"detail": "send your token: `Authorization: Bearer rv_...`"},
     "not-allowed": {"detail": "only the organiser may do this"},
-    "csrf": {"detail": "send the session's csrf_token as X-CSRF-Token"},
+    "csrf": {
+        "detail": "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session tells it"
+    },
     "not-found": {"detail": f"there is no submission '{_ID}' of your team"},
+    "method-not-allowed": {"detail": "this address is there for other methods; look at Allow"},
     "conflict": {"detail": "a withdrawn submission is not published; restore it first"},
     "not-open": {
         "detail": "test takes no submissions now; the next phase opens 2027-07-01T12:00:00+00:00"
@@ -314,8 +318,14 @@ DETAILS: dict[str, dict[str, Any]] = {
         "quota": _SPENT,
     },
     "too-many-requests": {"detail": "too many requests; try again in 7 seconds"},
-    "too-large": {"detail": "the upload is larger than 32 MiB; gzip it"},
-    "too-slow": {"detail": "the upload did not arrive within 60 seconds; gzip it, or try again"},
+    "too-large": {
+        "detail": "the upload is larger than 32 MiB; gzip it, and send instr_id, trajectory and "
+        "the answer only"
+    },
+    "too-slow": {
+        "detail": "the upload did not arrive within 60 seconds; gzip it, or try again: nothing was "
+        "spent"
+    },
     "busy": {
         "detail": "too many uploads at once; nothing was spent, send yours again in 10 seconds"
     },
@@ -325,7 +335,8 @@ DETAILS: dict[str, dict[str, Any]] = {
         "request_id": "5f0c1be2a97d4e36",
     },
     "internal": {
-        "detail": "the server failed, not your file. Send it again, no file is counted twice",
+        "detail": "the server failed, not your file. Send it again, no file is counted twice; if "
+        "it fails again, tell the organiser this request's id: 5f0c1be2a97d4e36",
         "request_id": "5f0c1be2a97d4e36",
     },
 }

@@ -22,6 +22,7 @@ from reverie_eval.server.pages.faults import fault_page, is_page
 from reverie_eval.server.service.reports import quota_report
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.space import is_full
+from reverie_eval.server.wrong_values import wrong_value
 
 MEDIA_TYPE = "application/problem+json"
 LOGGER = logging.getLogger("reverie_eval.server")
@@ -94,14 +95,7 @@ def _on_error(request: Request, error: Exception) -> Response:
 
 def _on_invalid(request: Request, error: Exception) -> Response:
     details = error.errors() if isinstance(error, RequestValidationError) else ()
-    found = [
-        ProblemReport(
-            code="wrong-value",
-            where=".".join(str(part) for part in detail["loc"] if part != "body"),
-            message=detail["msg"],
-        )
-        for detail in details
-    ]
+    found = [wrong_value(detail) for detail in details]
     said = "the request is not of the documented form"
     return _reply(request, HTTPStatus.BAD_REQUEST, "malformed-request", said, problems=found)
 
@@ -148,7 +142,10 @@ def _reply(
     retry_after: int | None = None,
     request_id: str | None = None,
 ) -> Response:
-    exchange_of(request.scope).outcome = code
+    exchange = exchange_of(request.scope)
+    exchange.outcome = code
+    if quota is None and exchange.quota and status < HTTPStatus.INTERNAL_SERVER_ERROR:
+        quota = exchange.quota()
     document = ProblemDocument(
         title=status.phrase,
         status=status,

@@ -9,8 +9,9 @@ from fastapi.responses import RedirectResponse, Response
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.callers import COOKIE, session_if_any
 from reverie_eval.server.edge.labels import API
-from reverie_eval.server.pages.rendering import STATIC, page
+from reverie_eval.server.pages.rendering import STATIC, Place, page
 from reverie_eval.server.state import state_of
+from reverie_eval.server.store.tables import BrowserSession
 
 _NO_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 _OUR_FAULT = 500
@@ -31,12 +32,25 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response:
     if problem.code == "not-signed-in":
         return RedirectResponse(f"/sign-in?back={quote(_came_from(request))}", 303)
     if problem.status >= _OUR_FAULT:
-        return page(request, "fault.html", None, problem.status, problem=problem)
+        return _fault(request, None, problem)
     if hasattr(request.state, "draw_fault"):
         drawn: Response = request.state.draw_fault(problem)
         return drawn
     session = session_if_any(request, state_of(request), request.cookies.get(COOKIE))
-    return page(request, "fault.html", session, problem.status, problem=problem)
+    return _fault(request, session, problem)
+
+
+def _fault(request: Request, session: BrowserSession | None, problem: ProblemDocument) -> Response:
+    way_on = _way_on(request, problem)
+    return page(request, "fault.html", session, problem.status, problem=problem, way_on=way_on)
+
+
+def _way_on(request: Request, problem: ProblemDocument) -> Place:
+    """Return where to go on: to the very board, if it is what was asked of it that was wrong."""
+    if problem.code == "malformed-request" and request.url.path.startswith("/boards/"):
+        split = request.path_params["split"]
+        return Place(f"To the whole leaderboard of {split}", f"/boards/{quote(split)}")
+    return Place("To the leaderboard", "/")
 
 
 def _came_from(request: Request) -> str:

@@ -15,6 +15,8 @@ from markupsafe import Markup
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.server.pages.files import SHELVES
+from reverie_eval.server.pages.headings import heading
+from reverie_eval.server.service.people import CALLED
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.tables import BrowserSession, Person
 from reverie_eval.version import __version__
@@ -97,12 +99,14 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {"static": static_url, "metrics": CATALOGUE}
+    environment.globals |= {"static": static_url, "metrics": CATALOGUE, "called": CALLED}
     environment.filters |= {
         "category": category_in_words,
         "counted": counted,
+        "heading": heading,
         "instant": instant,
         "metric": lambda value, key: CATALOGUE[key].display(value),
+        "sentence": sentence,
     }
     return environment
 
@@ -125,3 +129,12 @@ def instant(moment: datetime | None) -> Markup:
         return Markup("-")
     utc = moment.astimezone(UTC)
     return Markup('<time datetime="{}">{:%Y-%m-%d %H:%M} UTC</time>').format(utc.isoformat(), utc)
+
+
+def sentence(text: str) -> str:
+    """Begin a text with a capital letter; the others stay as they are.
+
+    >>> sentence("the SPL is missing")
+    'The SPL is missing'
+    """
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,75 @@
+"""What is wrong with a value: a sentence of ours for whatever the framework may find."""
+
+from datetime import date
+from typing import Annotated, Any, Literal
+
+import pytest
+from pydantic import Field, TypeAdapter, ValidationError
+
+from reverie_eval.schemas.service import Method, SubmissionChange
+from reverie_eval.schemas.wire import Https, Instant, Name
+from reverie_eval.server.wrong_values import wrong_value
+
+LINK = "takes a link that begins with https://"
+INSTANT = "takes an instant with its time zone, such as 2027-06-01T12:00:00Z"
+DATE = "takes a date such as 2027-06-01"
+
+WRONG = [
+    pytest.param(Name, "", "takes 1 or more letters", id="empty"),
+    pytest.param(Name, "x" * 101, "takes up to 100 letters", id="too long"),
+    pytest.param(Name, 7, "takes text", id="no text"),
+    pytest.param(Name, "a\nb", "takes letters that can be seen, in one line", id="two lines"),
+    pytest.param(Https, "http://x.org/", LINK, id="another scheme"),
+    pytest.param(Https, "x", LINK, id="no link"),
+    pytest.param(Https, 7, LINK, id="a number for a link"),
+    pytest.param(Https, f"https://{'x' * 500}.org", "takes up to 500 letters", id="a long link"),
+    pytest.param(Literal["with", "without"], "x", "takes 'with' or 'without'", id="a choice"),
+    pytest.param(bool, "x", "takes true or false", id="neither yes nor no"),
+    pytest.param(int, "x", "takes a whole number", id="no number"),
+    pytest.param(int, 1.5, "takes a whole number", id="a fraction"),
+    pytest.param(float, "x", "takes a number", id="no number at all"),
+    pytest.param(
+        Annotated[int, Field(ge=1, le=10_000)], 0, "takes 1 or more", id="too small a number"
+    ),
+    pytest.param(
+        Annotated[int, Field(ge=1, le=10_000)], 10**5, "takes 10,000 or less", id="too large"
+    ),
+    pytest.param(date, "soon", DATE, id="no date"),
+    pytest.param(date, "2027-06-31", DATE, id="no such day"),
+    pytest.param(Instant, "soon", INSTANT, id="no instant"),
+    pytest.param(Instant, "2027-06-01T12:00:00", INSTANT, id="no zone"),
+    pytest.param(
+        Instant,
+        "1999-06-01T12:00:00Z",
+        "is no date between the years 2000 and 3000",
+        id="another century",
+    ),
+    pytest.param(Method, {}, "is missing", id="missing"),
+    pytest.param(Method, [], "takes an object with named fields", id="a list for an object"),
+    pytest.param(
+        SubmissionChange, {"score": 1}, "is not known here; leave it out", id="one too many"
+    ),
+]
+
+
+@pytest.mark.parametrize(("kind", "value", "expected"), WRONG)
+def test_what_is_wrong_with_a_value(kind: Any, value: object, expected: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        TypeAdapter(kind).validate_python(value)
+    (detail,) = caught.value.errors()
+    assert wrong_value(detail).message == expected
+
+
+WHERE = [
+    pytest.param(("query", "metric"), "metric", id="of an address"),
+    pytest.param(("body", "method", "name"), "method.name", id="of a document"),
+    pytest.param(("method", "name"), "method.name", id="of a form"),
+    pytest.param(("body",), "", id="the whole document"),
+    pytest.param((), "", id="the whole form"),
+]
+
+
+@pytest.mark.parametrize(("loc", "expected"), WHERE)
+def test_where_a_value_is(loc: tuple[str, ...], expected: str) -> None:
+    found = wrong_value({"type": "missing", "loc": loc, "msg": "Field required"})
+    assert found.where == expected

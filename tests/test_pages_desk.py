@@ -175,7 +175,7 @@ def test_what_is_wrong_is_shown_beside_what_was_typed(desk: Visitor) -> None:
     form = {"submission_id": submission_id, "verdict": "verified", "reason": "x" * 501}
     page = sending(desk, "/desk/reviews", **form)
     assert page.status_code == 400
-    assert "reason: String should have at most 500 characters" in said(page)
+    assert "reason: takes up to 500 letters" in said(page)
     assert 'value="verified" required checked' in page.text
     assert "x" * 501 in page.text
 
@@ -272,6 +272,15 @@ def test_a_date_is_a_date(until: str, desk: Visitor) -> None:
     form = {"person": OWNER, "kind": "invite", "until": until}
     page = sending(desk, "/desk/people/tokens", **form)
     assert (page.status_code, "expires_at:" in said(page)) == (400, True)
+
+
+def test_an_invitation_is_not_over_before_it_is_made(desk: Visitor) -> None:
+    form = {"person": OWNER, "kind": "invite", "until": "2026-03-01"}
+    page = sending(desk, "/desk/people/tokens", **form)
+    assert page.status_code == 400
+    assert "It would have expired already; choose a later time" in said(page)
+    for path in ("/desk/people", "/desk/quotas"):
+        assert 'name="until" type="date" min="2026-03-02"' in desk.get(path).text
 
 
 def test_a_token_is_revoked_once_it_was_asked_twice(desk: Visitor) -> None:

@@ -248,6 +248,24 @@ def test_a_grant_that_is_none(server: Serving, change: Any, status: int) -> None
     assert server.ask(ORGANISER, "GET", "/organiser/grants").json() == []
 
 
+@pytest.mark.parametrize("kind", ["access", "invite"])
+@pytest.mark.parametrize(
+    ("seconds", "status"),
+    [
+        pytest.param(-1, 400, id="before now"),
+        pytest.param(0, 400, id="now"),
+        pytest.param(1, 201, id="after now"),
+    ],
+)
+def test_no_token_is_made_that_is_worth_nothing(
+    server: Serving, kind: str, seconds: int, status: int
+) -> None:
+    ends = (server.clock() + timedelta(seconds=seconds)).isoformat()
+    asked = {"person": OWNER, "kind": kind, "expires_at": ends}
+    said = organise(server, "tokens", asked, status)
+    assert status == 201 or said["detail"].startswith("it would have expired already")
+
+
 def test_the_audit_log_is_read_in_pages(server: Serving) -> None:
     everything = server.ask(ORGANISER, "GET", "/organiser/audit").json()
     read: list[Any] = []

@@ -6,7 +6,7 @@ is nothing to guess. An invitation is a token that can be exchanged once for a t
 
 import hashlib
 import secrets
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -28,6 +28,9 @@ PREFIX = "rv_"
 """Lets people, and scanners of repositories, recognise a token."""
 HINT_LENGTH = len(PREFIX) + 8
 """Letters of a token that may be known: enough to tell it apart, and 35 are left to guess."""
+
+CALLED: Mapping[TokenKind, str] = {"access": "token", "invite": "invitation"}
+"""What people call a token of a kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +118,15 @@ def mint(
     actor: str,
     expires_at: datetime | None = None,
 ) -> Minted:
-    """Make a token; its text cannot be had again."""
+    """Make a token; its text cannot be had again.
+
+    Raises
+    ------
+    MalformedError
+        If it would be worth nothing.
+    """
+    if expires_at is not None and expires_at <= now:
+        raise MalformedError("it would have expired already; choose a later time")
     text = PREFIX + secrets.token_urlsafe(32)
     token = Token(
         person=person,
@@ -191,7 +202,7 @@ def valid_token(session: Session, text: str, kind: TokenKind, now: datetime) -> 
     # The index has compared digests, whose timing tells nothing of the text; this compares all.
     is_known = token is not None and secrets.compare_digest(token.digest, digest)
     if token is None or not is_known or token.kind != kind:
-        raise NotSignedInError(f"this is no {kind} token of this server")
+        raise NotSignedInError(f"this is no {CALLED[kind]} of this server")
     demand_valid(token, now)
     return token
 
@@ -204,10 +215,12 @@ def demand_valid(token: Token, now: datetime) -> None:
     NotSignedInError
         Saying which.
     """
+    this = f"this {CALLED[token.kind]}"
     if token.revoked_at is not None:
-        raise NotSignedInError("this token was revoked or used; ask the organiser for another")
+        became = {"access": "was revoked", "invite": "was used or revoked"}[token.kind]
+        raise NotSignedInError(f"{this} {became}; ask the organiser for another")
     if token.expires_at is not None and token.expires_at <= now:
-        raise NotSignedInError("this token has expired; ask the organiser for another")
+        raise NotSignedInError(f"{this} has expired; ask the organiser for another")
 
 
 def _digest(text: str) -> str:

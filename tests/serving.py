@@ -25,7 +25,7 @@ from warnings import catch_warnings, simplefilter
 import httpx
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
-from fastapi import FastAPI
+from starlette.types import ASGIApp
 
 from fixtures.servers import make_folder
 from reverie_eval import GroundTruth
@@ -72,7 +72,7 @@ class Clock:
 class InProcess(httpx.BaseTransport):
     """Brings requests to an application, whatever thread they come from."""
 
-    def __init__(self, app: FastAPI, portal: BlockingPortal) -> None:
+    def __init__(self, app: ASGIApp, portal: BlockingPortal) -> None:
         self._app = httpx.ASGITransport(app, raise_app_exceptions=False)
         self._portal = portal
 

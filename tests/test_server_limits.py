@@ -5,39 +5,45 @@ room for one upload and for one that waits, so whatever does not give back its p
 come after it.
 """
 
+import asyncio
 import codecs
 import encodings
 import json
 import pkgutil
 import socket
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from time import sleep
+from unittest.mock import AsyncMock
 
+import httpx
 import pytest
 import uvicorn
+from anyio.from_thread import BlockingPortal
+from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
 from reverie_eval.server import run
 from reverie_eval.server.app import create_app
 from reverie_eval.server.edge import patience
-from reverie_eval.server.edge.bodies import SMALL
+from reverie_eval.server.edge.bodies import SMALL, BodyLimits
+from reverie_eval.server.edge.exchange import begin, exchange_of
 from reverie_eval.server.listening import listen
 from reverie_eval.server.service.people import add_person, add_team, mint
-from reverie_eval.server.settings import load_settings
+from reverie_eval.server.settings import Limits, load_settings
+from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
-from tests.serving import GOOD, OPEN, OWNER, Serving, running
+from tests.serving import GOOD, OPEN, OWNER, InProcess, OpenServer, Serving, running, settings_of
 
 SECONDS = 1
 """That the server gives to a body."""
 PATIENCE = 30
 """Seconds after which a test takes it that nothing will come any more."""
 MEBIBYTE = 1 << 20
-
-Send = Callable[..., bytes]
 
 
 class Small:
@@ -274,16 +280,43 @@ def test_nothing_of_all_that_was_a_fault(small: Small) -> None:
     assert [line for line in lines if line.get("status") == 500] == []
 
 
+@dataclass(frozen=True)
+class Impatient:
+    """A server in this process, with little patience, that can tell who is connected to it."""
+
+    state: ServerState
+    server: uvicorn.Server
+    port: int
+
+    def connect(self, *, room: int = 1 << 16) -> socket.socket:
+        """Open a connection, on which so many bytes may come that nobody reads."""
+        connection = socket.socket()
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, room)
+        connection.settimeout(PATIENCE)
+        connection.connect(("127.0.0.1", self.port))
+        return connection
+
+    def wait_until_closed(self) -> None:
+        """Wait until nobody is connected any more."""
+        for _ in range(20 * PATIENCE):
+            if not self.server.server_state.connections:
+                return
+            sleep(0.05)
+        pytest.fail("the connection is still open")
+
+
 @pytest.fixture
-def impatient(server: Serving, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Serve to sockets in this process, with little patience; return the port."""
+def impatient(server: Serving, monkeypatch: pytest.MonkeyPatch) -> Iterator[Impatient]:
+    """Serve to sockets in this process; the network takes little that is not read."""
     monkeypatch.setattr(patience, "SECONDS_FOR_HEADERS", 0.3)
+    monkeypatch.setattr(patience, "SECONDS_FOR_REPLY", 0.3)
     monkeypatch.setattr(run, "LOGGING", None)  # the logs of this process are pytest's
     listening = listen("127.0.0.1", 0)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 14)
     running = uvicorn.Server(run.configuration(create_app(server.state)))
     thread = threading.Thread(target=running.run, kwargs={"sockets": [listening]})
     thread.start()
-    yield listening.getsockname()[1]
+    yield Impatient(server.state, running, listening.getsockname()[1])
     running.should_exit = True
     thread.join()
 
@@ -304,9 +337,9 @@ def impatient(server: Serving, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]
     ],
 )
 def test_a_connection_that_sends_no_request_is_closed(
-    sent: bytes, then: bytes, impatient: int
+    sent: bytes, then: bytes, impatient: Impatient
 ) -> None:
-    with socket.create_connection(("127.0.0.1", impatient), timeout=PATIENCE) as connection:
+    with impatient.connect() as connection:
         connection.sendall(sent)
         connection.settimeout(0.05)
         for _ in range(20 * PATIENCE):
@@ -323,3 +356,68 @@ def test_a_connection_that_sends_no_request_is_closed(
             except (BrokenPipeError, ConnectionResetError):
                 return
     pytest.fail("the connection is still open")
+
+
+def unread(impatient: Impatient, head: bytes) -> bytes:
+    """Ask for something, wait until nobody is connected, and return what had come until then."""
+    with impatient.connect(room=1 << 12) as connection:
+        connection.sendall(head + b"Host: server\r\n\r\n")
+        assert connection.recv(12) == b"HTTP/1.1 200"
+        impatient.wait_until_closed()
+        received = b""
+        with suppress(ConnectionResetError):
+            while piece := connection.recv(1 << 16):
+                received += piece
+    return received
+
+
+def test_a_reply_that_nobody_takes_is_given_up(impatient: Impatient) -> None:
+    whole = httpx.get(f"http://127.0.0.1:{impatient.port}/api/v1/openapi.json").content
+    assert len(unread(impatient, b"GET /api/v1/openapi.json HTTP/1.1\r\n")) < len(whole)
+
+
+def test_a_file_that_nobody_takes_is_given_up(impatient: Impatient, server: Serving) -> None:
+    content = GOOD + b" " * 2 * MEBIBYTE
+    submission = server.upload(OWNER, content).json()["submission"]["id"]
+    shown = f"Authorization: Bearer {server.tokens[OWNER]}"
+    path = f"/api/v1/submissions/{submission}/file"
+    came = unread(impatient, f"GET {path} HTTP/1.1\r\n{shown}\r\n".encode())
+    assert len(came) < len(content)
+
+
+def test_nothing_more_is_awaited_of_a_request_that_is_being_answered() -> None:
+    scope: Scope = {"type": "http"}
+
+    async def hang_up() -> Message:
+        await asyncio.sleep(0.01)
+        return {"type": "http.disconnect"}
+
+    async def app(scope: Scope, receive: Receive, _: Send) -> None:
+        exchange_of(scope).status = 200
+        assert (await receive())["type"] == "http.disconnect"
+
+    begin(scope)
+    asyncio.run(BodyLimits(app, seconds=0)(scope, hang_up, AsyncMock()))
+
+
+@pytest.mark.parametrize("path", ["validate", "submissions?name=x"])
+def test_a_place_is_free_before_the_reply_is_taken(
+    path: str, folder: Path, open_server: OpenServer, portal: BlockingPortal
+) -> None:
+    limits = Limits(uploads_at_once=1, uploads_waiting=0)
+    server = open_server(settings_of(folder).model_copy(update={"limits": limits}))
+    app = create_app(server.state)
+
+    async def replying_beside_another(scope: Scope, receive: Receive, send: Send) -> None:
+        async def sending(message: Message) -> None:
+            async with app.state.operations.admission.hold():
+                await send(message)
+
+        await app(scope, receive, sending)
+
+    transport = InProcess(replying_beside_another, portal)
+    with httpx.Client(transport=transport, base_url="http://server") as client:
+        reply = replace(server, client=client).ask(
+            OWNER, "POST", f"/splits/{OPEN}/{path}", content=GOOD
+        )
+    assert reply.status_code in {200, 201}

@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from reverie_eval.server.store.uploads import FolderUploads, S3Uploads, Uploads, open_uploads
+from reverie_eval.server.store.uploads import PIECE, FolderUploads, S3Uploads, Uploads, open_uploads
 from tests.participants import private_submission
 from tests.serving import OWNER, PRIVATE, Serving, running
 
@@ -47,6 +47,14 @@ def test_many_may_put_the_same_at_once(uploads: Uploads) -> None:
         list(pool.map(lambda _: uploads.put(SHA256, CONTENT), range(32)))
     assert uploads.get(SHA256) == CONTENT
     assert list(uploads.names()) == [f"{SHA256}.json"]
+
+
+def test_what_is_large_comes_in_pieces(uploads: Uploads) -> None:
+    content = CONTENT + b" " * 2 * PIECE
+    uploads.put(SHA256, content)
+    pieces = list(uploads.pieces(SHA256))
+    assert b"".join(pieces) == content
+    assert max(map(len, pieces)) == PIECE
 
 
 def test_what_was_never_put_is_not_found(uploads: Uploads) -> None:

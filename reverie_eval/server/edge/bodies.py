@@ -55,7 +55,7 @@ class BodyLimits:
 
         async def counting() -> Message:
             nonlocal is_whole
-            if is_whole:
+            if is_whole or exchange.status is not None:  # then nobody reads it any more
                 return await receive()
             message = await _in_time(receive, allowance)
             exchange.received += len(message.get("body", b""))

@@ -4,6 +4,7 @@ import io
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Response
+from fastapi.responses import StreamingResponse
 
 from reverie_eval.reporting.tables import write_episodes
 from reverie_eval.schemas.service import Receipt, SubmissionChange, SubmissionReport
@@ -56,8 +57,8 @@ def show_receipt(submission_id: SubmissionId, person: Caller, server: Server) ->
 )
 def download_file(submission_id: SubmissionId, person: Caller, server: Server) -> Response:
     """Return what was uploaded, unpacked, byte for byte."""
-    content = server.submissions.file(person, submission_id)
-    return Response(content, media_type="application/json")
+    pieces = server.submissions.file(person, submission_id)
+    return StreamingResponse(pieces, media_type="application/json")
 
 
 @router.get(

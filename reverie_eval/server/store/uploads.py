@@ -12,6 +12,9 @@ from threading import Lock
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
+PIECE = 256 << 10
+"""Bytes of an upload that are in memory while somebody downloads it."""
+
 
 class Uploads(Protocol):
     """Where uploads are kept."""
@@ -21,6 +24,12 @@ class Uploads(Protocol):
 
     def get(self, sha256: str) -> bytes:
         """Return an upload; FileNotFoundError if it is not there."""
+
+    def pieces(self, sha256: str) -> Iterator[bytes]:
+        """Return an upload that is there, in pieces.
+
+        Between two of them nothing is open: whoever takes them may stop at any.
+        """
 
     def names(self) -> Iterator[str]:
         """Return the names of all that is there; those of whole uploads are ``SHA-256.json``."""
@@ -54,12 +63,23 @@ class FolderUploads:
         """Read the file."""
         return self._path(sha256).read_bytes()
 
+    def pieces(self, sha256: str) -> Iterator[bytes]:
+        """Read the file, opened for each piece."""
+        path = self._path(sha256)
+        return (_piece(path, start) for start in range(0, path.stat().st_size, PIECE))
+
     def names(self) -> Iterator[str]:
         """List the files, those too that a crash has left half-written."""
         return (path.name for path in self.folder.rglob("*") if path.is_file())
 
     def _path(self, sha256: str) -> Path:
         return self.folder / sha256[:2] / f"{sha256}.json"
+
+
+def _piece(path: Path, start: int) -> bytes:
+    with path.open("rb") as file:
+        file.seek(start)
+        return file.read(PIECE)
 
 
 def _write_whole(path: Path, content: bytes) -> None:
@@ -108,18 +128,27 @@ class S3Uploads:
 
     def get(self, sha256: str) -> bytes:
         """Read the object."""
-        try:
-            answer = self._client.get_object(Bucket=self._bucket, Key=self._key(sha256))
-        except self._client.exceptions.NoSuchKey:
-            raise FileNotFoundError(sha256) from None
-        content: bytes = answer["Body"].read()
-        return content
+        return self._read(sha256)
+
+    def pieces(self, sha256: str) -> Iterator[bytes]:
+        """Read the object, asked for by ranges of bytes."""
+        known = self._client.head_object(Bucket=self._bucket, Key=self._key(sha256))
+        starts = range(0, known["ContentLength"], PIECE)
+        return (self._read(sha256, Range=f"bytes={start}-{start + PIECE - 1}") for start in starts)
 
     def names(self) -> Iterator[str]:
         """List the objects."""
         pages = self._client.get_paginator("list_objects_v2")
         for page in pages.paginate(Bucket=self._bucket, Prefix=self._prefix):
             yield from (found["Key"].rpartition("/")[2] for found in page.get("Contents", ()))
+
+    def _read(self, sha256: str, **part: str) -> bytes:
+        try:
+            answer = self._client.get_object(Bucket=self._bucket, Key=self._key(sha256), **part)
+        except self._client.exceptions.NoSuchKey:
+            raise FileNotFoundError(sha256) from None
+        content: bytes = answer["Body"].read()
+        return content
 
     def _key(self, sha256: str) -> str:
         return f"{self._prefix}{sha256[:2]}/{sha256}.json"

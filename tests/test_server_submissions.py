@@ -196,3 +196,31 @@ def test_a_change_of_nothing_is_none(server: Serving) -> None:
     assert reply.json() == submission
     with server.state.database.reading() as session:
         assert "changed" not in {entry.action for entry in entries(session)}
+
+
+@pytest.mark.parametrize(
+    ("route", "content", "headers", "status"),
+    [
+        pytest.param("submissions", BROKEN, {}, 422, id="rejected"),
+        pytest.param("validate", BROKEN, {}, 422, id="checked and rejected"),
+        pytest.param("validate", GOOD, {}, 200, id="checked"),
+        pytest.param("submissions", GOOD, {"Idempotency-Key": ""}, 400, id="malformed"),
+        pytest.param("submissions", b" " + GOOD, {"Idempotency-Key": "a"}, 409, id="conflict"),
+        pytest.param("submissions", GOOD, {}, 200, id="repeat"),
+    ],
+)
+def test_every_reply_to_a_file_says_what_is_left(
+    server: Serving, route: str, content: bytes, headers: dict[str, str], status: int
+) -> None:
+    server.upload(OWNER, key="a")
+    path = f"/splits/{OPEN}/{route}?name=Walker"
+    reply = server.ask(OWNER, "POST", path, content=content, headers=headers)
+    quota = reply.json()["quota"]
+    assert (reply.status_code, quota["remaining"]) == (status, 199)
+    day = quota["windows"][0]
+    assert (day["remaining"], day["resets_at"]) == (199, "2026-03-03T12:00:00Z")
+
+
+def test_a_split_that_is_none_has_no_quota(server: Serving) -> None:
+    reply = server.upload(OWNER, split="none")
+    assert (reply.status_code, reply.json()["quota"]) == (404, None)

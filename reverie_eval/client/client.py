@@ -15,9 +15,9 @@ from reverie_eval.client.replies import another_version
 from reverie_eval.client.sending import Call, Notice, Progress, Sender
 from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.reading.sources import Source, read_bytes
-from reverie_eval.schemas.report import ValidationReport
 from reverie_eval.schemas.service import (
     Accepted,
+    Checked,
     Invitation,
     Leaderboard,
     Me,
@@ -136,7 +136,7 @@ class Client:
             raise NotAServerError(f"{self.url} is no evaluation server")
         return response.text
 
-    def validate(self, split: str, submission: Source) -> ValidationReport:
+    def validate(self, split: str, submission: Source) -> Checked:
         """Let the server check a submission; nothing is spent or kept.
 
         Parameters
@@ -152,7 +152,7 @@ class Client:
             Listing everything that is wrong with it.
         """
         path, body = f"/splits/{_quoted(split)}/validate", _packed(read_bytes(submission))
-        return self._model(ValidationReport, Call("POST", path, body=body, headers=_GZIP))
+        return self._model(Checked, Call("POST", path, body=body, headers=_GZIP))
 
     def submit(
         self, split: str, submission: Source, method: Method, progress: Progress | None = None

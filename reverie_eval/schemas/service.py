@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field
 
-from reverie_eval.schemas.report import ProblemReport, ScoreReport
+from reverie_eval.schemas.report import ProblemReport, ScoreReport, ValidationReport
 from reverie_eval.schemas.wire import Https, Instant, Name, Said, Secret, Text
 
 
@@ -177,6 +177,13 @@ class SubmissionReport(Said):
     published_at: datetime | None
     withdrawn_at: datetime | None
     anonymous_until: datetime | None
+
+
+class Checked(ValidationReport):
+    """The reply to a check of a sound submission."""
+
+    quota: QuotaReport
+    """What is left; a check spends nothing."""
 
 
 class Accepted(Said):

@@ -1,6 +1,7 @@
 """What routes ask for: a submission with what is said of its method, or one's turn to score."""
 
 from collections.abc import AsyncIterator, Mapping
+from functools import partial
 from typing import Annotated, Any, NamedTuple
 
 from fastapi import Depends, Header, Request
@@ -10,6 +11,7 @@ from pydantic import ValidationError
 from reverie_eval.reading.unpacking import unpack
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.callers import Caller, Server
+from reverie_eval.server.edge.exchange import exchange_of
 from reverie_eval.server.examples import FORM, SUBMISSION
 from reverie_eval.server.operations import Upkeep
 from reverie_eval.server.uploading import Upload, receive
@@ -52,9 +54,15 @@ FILE_BODY: dict[str, Any] = {
 
 
 async def received(
-    request: Request, server: Server, upkeep: Upkeep, _: Caller
+    request: Request, server: Server, upkeep: Upkeep, person: Caller
 ) -> AsyncIterator[Upload]:
-    """Take the upload off the wire, once it is known who sends it and there is room for it."""
+    """Take the upload off the wire, once it is known who sends it and there is room for it.
+
+    Whatever is wrong with it, the reply says from now on what is left of the quota.
+    """
+    split = request.path_params["split"]
+    if split in server.boards:
+        exchange_of(request.scope).quota = partial(server.intake.quota, person, split)
     async with upkeep.admission.hold():
         upload = await receive(request, server.settings.limits)
         async with upkeep.admission.score():

@@ -2,9 +2,12 @@
 
 import secrets
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from starlette.types import Scope
+
+from reverie_eval.schemas.service import QuotaReport
 
 _KEY = "reverie_eval.exchange"
 
@@ -24,6 +27,8 @@ class Exchange:
     """None until the reply has begun."""
     outcome: str = "ok"
     """The code of the problem document, if it came to that."""
+    quota: Callable[[], QuotaReport] | None = None
+    """Tells what the caller has left, where a problem document is to say so."""
 
     @property
     def seconds(self) -> float:

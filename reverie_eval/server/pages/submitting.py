@@ -112,5 +112,5 @@ def submit(request: Request, server: Server, member: Member, upload: PostedUploa
 
 def _checked(form: UploadForm, board: Board, upload: Upload) -> Response:
     content = content_of(upload, form.server)
-    report = form.server.intake.validate(board.name, content)
+    report = form.server.intake.validate(form.member.token.person, board.name, content)
     return form.draw(upload.fields, report=report)

@@ -6,8 +6,7 @@ from fastapi import APIRouter, Path, Query, Response, status
 from fastapi.responses import PlainTextResponse
 
 from reverie_eval.metrics import PRIMARY_METRIC
-from reverie_eval.schemas.report import ValidationReport
-from reverie_eval.schemas.service import Accepted, Leaderboard, PhaseReport, SplitReport
+from reverie_eval.schemas.service import Accepted, Checked, Leaderboard, PhaseReport, SplitReport
 from reverie_eval.server.callers import Anybody, Caller, Server
 from reverie_eval.server.dependencies import FILE_BODY, METHOD_PARAMETERS, Content, Entered
 from reverie_eval.server.examples import BOARD_CSV
@@ -73,9 +72,9 @@ def submit(
 
 
 @router.post("/{split}/validate", responses=problems(*_OF_FILES), openapi_extra=FILE_BODY)
-def validate(split: SplitName, _: Caller, content: Content, server: Server) -> ValidationReport:
+def validate(split: SplitName, person: Caller, content: Content, server: Server) -> Checked:
     """Run every check of an upload; no answer is looked at, and nothing is spent or kept."""
-    return server.intake.validate(split, content)
+    return server.intake.validate(person, split, content)
 
 
 @router.get(

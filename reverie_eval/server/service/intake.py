@@ -15,8 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.reading.unpacking import unpack
-from reverie_eval.schemas.report import ValidationReport
-from reverie_eval.schemas.service import Accepted, Method, QuotaReport
+from reverie_eval.schemas.service import Accepted, Checked, Method, QuotaReport
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import record
@@ -59,7 +58,7 @@ class Intake:
         self._required_metadata = required_metadata
         self._most_bytes = most_bytes
 
-    def validate(self, split: str, content: bytes) -> ValidationReport:
+    def validate(self, person: Person, split: str, content: bytes) -> Checked:
         """Check a submission without looking at answers; nothing is spent or kept.
 
         Raises
@@ -67,8 +66,9 @@ class Intake:
         SubmissionError
             Listing everything that is wrong.
         """
-        validation = board_named(self._boards, split).check(content).validation()
-        return ValidationReport(split=split, valid=True, notes=list(validation.notes))
+        notes = board_named(self._boards, split).check(content).validation().notes
+        quota = self.quota(person, split)
+        return Checked(split=split, valid=True, notes=list(notes), quota=quota)
 
     def quota(self, person: Person, split: str) -> QuotaReport:
         """Return what somebody has left on a split."""

@@ -235,7 +235,7 @@ def test_a_submission_for_another_split(demo: GroundTruth) -> None:
     assert f"any of the {len(episodes_of(SPLIT))} episodes" in missing.message
     assert (other.code, other.where) == ("other-split", "[0].instr_id")
     assert f"{len(others)} ids look like val_seen ids" in other.message
-    assert f"the first is {others[0].instr_id}; score them with --split val_seen" in other.message
+    assert f"the first is {others[0].instr_id}; score them as val_seen" in other.message
 
 
 def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:

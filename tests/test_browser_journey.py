@@ -73,6 +73,7 @@ def test_from_a_broken_file_to_the_board(
     page.get_by_role("radio", name=OPEN).check()
     before = used(own_site)
 
+    expect(page.get_by_role("button", name="Check only")).to_be_visible()
     take(page, BROKEN)
     problems = page.get_by_role("region", name="Problems of the file")
     expect(problems.locator("tbody tr")).to_have_count(PROBLEMS_OF_BROKEN)
@@ -82,6 +83,8 @@ def test_from_a_broken_file_to_the_board(
     take(page, good)
     expect(problems).to_have_count(0)
     expect(page.get_by_role("main")).to_contain_text("can be scored")
+    expect(page.get_by_text("Choose the file once more")).to_be_hidden()
+    expect(page.get_by_role("button", name="Check again")).to_be_visible()
     assert used(own_site) == before
 
     page.get_by_label("Name", exact=False).first.fill("Newcomer")
@@ -138,6 +141,8 @@ def test_the_same_upload_without_scripts(own_site: Site, good: Path, open_page: 
     page = open_page(own_site, "/submit", OWNER, java_script_enabled=False)
     before = used(own_site)
     page.get_by_role("radio", name=OPEN).check()
+    check_only(page)
+    expect(page.get_by_role("alert")).to_contain_text("Choose a file first.")
     choose(page, BROKEN)
     check_only(page)
     expect(page.locator(".problems tbody tr")).to_have_count(PROBLEMS_OF_BROKEN)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
+from reverie_eval.server.callers import COOKIE
 from reverie_eval.server.pages.signing import own_path
 from reverie_eval.server.service.notices import post_notice
 from reverie_eval.server.service.people import add_person, add_team, mint
@@ -106,6 +107,42 @@ def test_what_was_typed_is_kept_and_escaped(owner: Visitor, what: str) -> None:
     assert "<script>alert" not in page
 
 
+NOTHING_CHOSEN = (
+    '--x\r\nContent-Disposition: form-data; name="file"; filename=""\r\n'
+    "Content-Type: application/octet-stream\r\n\r\n\r\n--x--\r\n"
+)
+"""As browsers send a field of a file that was left empty."""
+
+
+@pytest.mark.parametrize("what", ["check", "score"])
+def test_where_no_file_was_chosen_that_is_what_is_said(owner: Visitor, what: str) -> None:
+    fields = {"csrf_token": owner.csrf_token(), "split": OPEN, "what": what, **TYPED}
+    part = '--x\r\nContent-Disposition: form-data; name="{}"\r\n\r\n{}\r\n'
+    body = "".join(part.format(*field) for field in fields.items()) + NOTHING_CHOSEN
+    headers = {
+        "Cookie": f"{COOKIE}={owner.cookie}",
+        "Content-Type": "multipart/form-data; boundary=x",
+    }
+    reply = owner.server.client.post("/submit", content=body.encode(), headers=headers)
+    assert reply.status_code == 400
+    assert "Choose a file first." in said(reply)
+    assert "problem in this file" not in said(reply)
+    assert 'value="&lt;b&gt;Bold&lt;/b&gt; walker"' in reply.text
+    assert "1 problem in this file." in said(owner.upload(b"", what))  # it was chosen, and is empty
+
+
+def test_who_has_no_scripts_is_told_to_choose_the_file_again(owner: Visitor) -> None:
+    checked = owner.upload(GOOD, "check")
+    assert "<noscript> Choose the file once more before scoring" in checked.text
+
+
+def test_what_is_wrong_with_a_field_is_said_in_words_of_ours(owner: Visitor) -> None:
+    page = owner.upload(name="x" * 101, paper="http://example.org/")
+    assert page.status_code == 400
+    assert "Takes up to 100 letters." in said(page)
+    assert "Takes a link that begins with https://." in said(page)
+
+
 def test_what_a_file_says_is_escaped(owner: Visitor) -> None:
     records = json.loads(GOOD)
     records[0]["instr_id"] = "<img src=x onerror=alert(1)>"
@@ -122,10 +159,10 @@ def test_of_a_private_split_no_problem_tells_of_answers(owner: Visitor) -> None:
 
 # What is typed besides a sound file, and what the page says of it.
 WRONG = [
-    pytest.param({"name": ""}, "Name", "Field required", id="no name"),
-    pytest.param({"name": "x" * 101}, "Name", "at most 100 characters", id="a long name"),
-    pytest.param({"paper": "http://example.org"}, "Paper", "'https'", id="another scheme"),
-    pytest.param({"code": "javascript:alert(1)"}, "Code", "'https'", id="a script"),
+    pytest.param({"name": ""}, "Name", "Is missing.", id="no name"),
+    pytest.param({"name": "x" * 101}, "Name", "up to 100 letters", id="a long name"),
+    pytest.param({"paper": "http://example.org"}, "Paper", "https://", id="another scheme"),
+    pytest.param({"code": "javascript:alert(1)"}, "Code", "https://", id="a script"),
     pytest.param({"name": "a\u202eb"}, "Name", "letters that can be seen", id="hidden letters"),
 ]
 
@@ -161,7 +198,7 @@ def test_no_file_and_no_such_split(owner: Visitor) -> None:
     assert without.status_code == 422
     assert 'value="Kept name"' in without.text
     assert owner.upload(split="train").status_code == 404
-    assert "there is no split 'train' here" in said(owner.upload(split="train"))
+    assert "There is no split 'train' here" in said(owner.upload(split="train"))
     urlencoded = owner.send("/submit", {"split": OPEN, "what": "score"})
     assert urlencoded.status_code == 403  # no form of ours: its token is not looked for
     assert kept(owner.server) == 0
@@ -256,7 +293,7 @@ def test_while_paused_files_are_checked_and_not_scored(owner: Visitor) -> None:
     assert owner.upload(what="check").status_code == 200
     reply = owner.upload()
     assert (reply.status_code, kept(owner.server)) == (409, 0)
-    assert "the organiser has paused submissions" in said(reply)
+    assert "The organiser has paused submissions" in said(reply)
 
 
 def test_a_closed_split_says_when_it_opens(open_server: OpenServer, folder: Path) -> None:
@@ -294,7 +331,7 @@ def test_a_wrong_token_is_refused_in_place(server: Serving, token: str) -> None:
     shown = token.format(invitation=invitation(server))
     reply = server.client.post("/sign-in", data={"token": shown, "back": "/submit"})
     assert (reply.status_code, "set-cookie" in reply.headers) == (401, False)
-    assert "this is no access token of this server" in said(reply)
+    assert "this is no token of this server" in said(reply)
     assert 'name="back" value="/submit"' in reply.text
 
 
@@ -311,7 +348,7 @@ def test_an_invitation_becomes_a_token_once(server: Serving) -> None:
     assert (me["person"], me["team"]) == ("Dora", "Green")
     again = server.client.post("/sign-in/invitation", data=sent)
     assert (again.status_code, "set-cookie" in again.headers) == (401, False)
-    assert "revoked or used" in said(again)
+    assert "this invitation was used or revoked" in said(again)
 
 
 def invitation(server: Serving) -> str:

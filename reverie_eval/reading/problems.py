@@ -168,7 +168,7 @@ def ids_of_another_split(
     return _in_row(
         "other-split",
         place,
-        f"{look} like {other} ids, the first is {instr_id}; score them with --split {other}, or "
+        f"{look} like {other} ids, the first is {instr_id}; score them as {other}, or "
         f"send the predictions for {split}",
         ".instr_id",
     )

@@ -19,6 +19,7 @@ from fastapi.responses import RedirectResponse, Response
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.callers import Server
 from reverie_eval.server.dependencies import content_of, method_from
+from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.operations import Upkeep
 from reverie_eval.server.pages.faults import show_faults_with
 from reverie_eval.server.pages.quotas import split_quotas
@@ -70,13 +71,21 @@ class UploadForm:
 async def posted_upload(
     request: Request, found: Member, server: Server, upkeep: Upkeep
 ) -> AsyncIterator[Upload]:
-    """Take the form off the wire once there is room for it; faults keep what was typed."""
+    """Take the form off the wire once there is room for it; faults keep what was typed.
+
+    Raises
+    ------
+    MalformedError
+        If no file was chosen; nothing else is said of it then.
+    """
     async with upkeep.admission.hold():
         upload = await receive(request, server.settings.limits)
         server.sessions.demand_csrf_token(found, upload.fields.get("csrf_token", ""))
         form = UploadForm(request, server, found)
 
         show_faults_with(request, lambda problem: form.draw_fault(upload.fields, problem))
+        if not upload.filename:
+            raise MalformedError("choose a file first")
         async with upkeep.admission.score():
             yield upload
 

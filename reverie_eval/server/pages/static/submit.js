@@ -55,6 +55,7 @@ function take(reply, what) {
   const other = page?.querySelectorAll("main .fault") ?? [];
   show(outcome ? outcome.childNodes : other.length ? other : [fault("The server's answer cannot be read; try again.")]);
   say("");
+  if (what === "check") checkButton.textContent = "Check again";
   for (const field of form.querySelectorAll(".field")) renew(field, page);
   if (what === "score") (form.querySelector("[aria-invalid=true]") ?? form.querySelector("#outcome")).focus();
 }
@@ -145,6 +146,5 @@ addEventListener("drop", (event) => {
   check();
 });
 
-checkButton.textContent = "Check again";
 for (const each of form.querySelectorAll(".if-scripts")) each.hidden = false;
 addEventListener("pageshow", rest); // also on the way back, when the page comes out of a cache

@@ -20,10 +20,12 @@ from reverie_eval import GroundTruth, SubmissionError, evaluate
 from reverie_eval.arrays import IntArray
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.ground_truth.truth import Answers
+from reverie_eval.server.app import create_app
 from reverie_eval.server.backup import write_backup
 from reverie_eval.server.checks import check_folder
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.settings import SETTINGS_FILE, Split
+from tests.page_routes import page_routes
 from tests.planted import BOX, CATEGORY, FIRST_OBJECT, Secrets, planted
 from tests.serving import (
     ANYBODY,
@@ -40,6 +42,7 @@ from tests.serving import (
     settings_of,
     submission_for,
 )
+from tests.visiting import FIELD
 from tests.worlds import unhurried
 
 PLENTY = {"day": 1000, "month": 1000, "year": 1000}
@@ -146,11 +149,13 @@ def server(planted_folder: Path, open_server: OpenServer) -> Serving:
 Ask = Callable[..., httpx.Response]
 
 
-def everything_said(ask: Ask) -> Iterator[httpx.Response]:
+def everything_said(ask: Ask, server: Serving) -> Iterator[httpx.Response]:
     """Use the private split in every way, and everything else in a way or two."""
     ids: list[str] = []
     yield from said_of_uploads(ask, ids)
     yield from everything_declared(ask, ids[0])
+    yield from everything_shown(ask, server, ids[0])
+    yield from shown_of_uploads(ask, server)
     for who in EVERYBODY:
         for path in ("/", "/healthz", "/metrics", "/api/v1/openapi.json", "/docs", "/no-such"):
             yield ask(who, "GET", path)
@@ -197,6 +202,39 @@ def everything_declared(ask: Ask, submission_id: str) -> Iterator[httpx.Response
                     yield ask(who, "GET", path, params={"metric": "rgs"})
 
 
+def everything_shown(ask: Ask, server: Serving, submission_id: str) -> Iterator[httpx.Response]:
+    """Look at every page that there is, as everybody."""
+    routes = [path for method, path in page_routes(create_app(server.state)) if method == "GET"]
+    assert len(routes) > 25
+    for who in EVERYBODY:
+        cookie = signed_in(ask, server.tokens[who]) if who else {}
+        for route in routes:
+            path = route.replace("{split}", PRIVATE).replace("{submission_id}", submission_id)
+            for query in ({}, {"metric": "rgs", "columns": "all"}):
+                yield ask(ANYBODY, "GET", path, headers=cookie, params=query)
+
+
+def shown_of_uploads(ask: Ask, server: Serving) -> Iterator[httpx.Response]:
+    """Send in a browser, to be scored and to be checked, what is sound and what is not."""
+    cookie = signed_in(ask, server.tokens[OTHER])
+    (csrf_token, *_) = FIELD.findall(ask(ANYBODY, "GET", "/team", headers=cookie).text)
+    for content in (*sound(), *unsound()):
+        for what in ("check", "score"):
+            said = {"csrf_token": csrf_token, "split": PRIVATE, "what": what, "name": "Walker"}
+            file = {"file": ("submit.json", content)}
+            reply = ask(ANYBODY, "POST", "/submit", headers=cookie, data=said, files=file)
+            assert reply.status_code in {200, 303, 400, 422}, reply.text
+            yield reply
+            if "location" in reply.headers:
+                yield ask(ANYBODY, "GET", reply.headers["location"], headers=cookie)
+
+
+def signed_in(ask: Ask, token: str) -> dict[str, str]:
+    """Return the cookie of somebody's browser."""
+    reply = ask(ANYBODY, "POST", "/sign-in", data={"token": token})
+    return {"Cookie": reply.headers["set-cookie"].partition(";")[0]}
+
+
 def leaks(secrets: Secrets, replies: Iterator[httpx.Response]) -> set[str]:
     """Return what kinds of secrets are in the bodies and the headers of replies."""
     found = set()
@@ -208,16 +246,23 @@ def leaks(secrets: Secrets, replies: Iterator[httpx.Response]) -> set[str]:
 
 def asking(server: Serving) -> Ask:
     """Return what asks a server in this process, at any path."""
+    return asking_with(server.client, server)
+
+
+def asking_with(client: httpx.Client, server: Serving, url: str = "") -> Ask:
+    """Return what asks with a client, which keeps no cookies."""
 
     def ask(who: str | None, method: str, path: str, **content: Any) -> httpx.Response:
         headers = {"Authorization": f"Bearer {server.tokens[who]}"} if who else {}
-        return server.client.request(method, path, headers=headers, **content)
+        headers |= content.pop("headers", {})
+        client.cookies.clear()
+        return client.request(method, url + path, headers=headers, **content)
 
     return ask
 
 
 def test_no_reply_holds_a_secret(server: Serving, secrets: Secrets) -> None:
-    assert leaks(secrets, everything_said(asking(server))) == set()
+    assert leaks(secrets, everything_said(asking(server), server)) == set()
 
 
 def test_neither_does_what_a_real_process_logs_and_keeps(
@@ -228,12 +273,8 @@ def test_neither_does_what_a_real_process_logs_and_keeps(
     }
     generous["REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE"] = "1000000"
     with running(planted_folder, **generous) as (_, url), httpx.Client(timeout=60) as client:
-
-        def ask(who: str | None, method: str, path: str, **content: Any) -> httpx.Response:
-            headers = {"Authorization": f"Bearer {server.tokens[who]}"} if who else {}
-            return client.request(method, url + path, headers=headers, **content)
-
-        assert leaks(secrets, everything_said(ask)) == set()
+        said = everything_said(asking_with(client, server, url), server)
+        assert leaks(secrets, said) == set()
     kept = dict(everything_kept(planted_folder, tmp_path))
     assert {"log", "rows", "server.db", "backup: database.jsonl", "check"} <= kept.keys()
     assert {
@@ -352,6 +393,15 @@ def test_a_server_that_tells_is_found_out(
 ) -> None:
     monkeypatch.setattr(Board, "report", leaking)
     assert leaks(secrets, said_of_uploads(asking(server), [])) >= found
+
+
+def test_a_page_that_tells_is_found_out(server: Serving, secrets: Secrets) -> None:
+    telling = f"expected object {FIRST_OBJECT}"
+    reply = server.upload(OWNER, sound()[0], PRIVATE, name=telling)
+    identity = reply.json()["submission"]["id"]
+    pages = everything_shown(asking(server), server, identity)
+    told = {page.request.url.path for page in pages if {*secrets.found_in(page.text)}}
+    assert told >= {"/team", f"/submissions/{identity}"}
 
 
 # What is said does not depend on answers.

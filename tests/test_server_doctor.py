@@ -4,17 +4,26 @@ import shutil
 import sqlite3
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
+from reverie_eval.schemas.service import Method
 from reverie_eval.server import doctor
 from reverie_eval.server.doctor import examine
 from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.grants import grant
+from reverie_eval.server.service.notices import post_notice
+from reverie_eval.server.service.people import add_person, add_team, mint, revoke
 from reverie_eval.server.service.receipts import make_key
-from reverie_eval.server.store.tables import AuditEntry
+from reverie_eval.server.service.reported import add_reported, remove_reported
+from reverie_eval.server.service.reviews import lift, review
+from reverie_eval.server.store.tables import AuditEntry, Submission
 from tests.flat import Run
 from tests.serving import OTHER, OWNER, PRIVATE, Serving, settings_of, submission_for
 
@@ -148,13 +157,13 @@ DAMAGES = [
     pytest.param(
         sql(f"DELETE FROM submission WHERE {FIRST}"),
         "audit log",
-        "was accepted and is not there any more",
+        "an entry tells of it, and it is not there any more",
         id="submission removed",
     ),
     pytest.param(
         sql(f"UPDATE submission SET id = 'f00' WHERE {FIRST}"),
         "audit log",
-        "f00 was never accepted",
+        "submitted f00: no entry tells of it",
         id="submission slipped in",
     ),
     pytest.param(
@@ -184,7 +193,7 @@ DAMAGES = [
     pytest.param(
         sql("DELETE FROM audit WHERE id = (SELECT max(id) FROM audit)"),
         "audit log",
-        "was never accepted",
+        "no entry tells of it",
         id="last audit entry removed",
     ),
     pytest.param(
@@ -207,6 +216,69 @@ def test_damage_is_named(damage: Damage, where: str, told: str, kept: Path, run:
     assert outcome.status == 1
     faults = [line for line in outcome.out.splitlines() if line.startswith(where)]
     assert any(" fault " in line and told in line for line in faults), outcome.out
+
+
+DEEDS = [
+    "team added Green",
+    "person added Gus",
+    "access token minted Gus",
+    "invite token minted Gus",
+    "token revoked Gus",
+    "granted Green",
+    "flagged {id}",
+    "review lifted {id}",
+    "changed {id}",
+    "reported result added Theirs",
+    "reported result removed Theirs",
+    "notice posted server",
+]
+
+
+def do_everything(server: Serving) -> str:
+    """Do once what leaves an entry, each at a time of its own; return the submission's id."""
+    chosen = select(Submission.id).where(Submission.split == "val_unseen")
+    with server.state.database.writing() as session:
+        identity: str = session.scalars(chosen).one()
+
+    def later(do: Callable[..., Any], *given: object, **named: object) -> Any:
+        server.clock.turn(minutes=1)
+        with server.state.database.writing() as session:
+            return do(session, *given, **named, now=server.clock(), actor="test")
+
+    later(add_team, "Green")
+    gus = later(add_person, "Green", "Gus", "participant")
+    minted = later(mint, gus, "access")
+    later(mint, gus, "invite")
+    later(revoke, minted.token.hint)
+    ends = server.clock() + timedelta(days=2)
+    later(grant, "Green", PRIVATE, 1, splits=[PRIVATE], reason="why", expires_at=ends)
+    said = later(review, identity, "flagged", "why")
+    later(lift, said.id)
+    server.clock.turn(minutes=1)
+    published = server.ask(OWNER, "PATCH", f"/submissions/{identity}", json={"published": True})
+    assert published.status_code == 200
+    scores = {"success": 0.5}
+    reported = {"team": "They", "scores": scores, "source": "a paper", "splits": [PRIVATE]}
+    result = later(add_reported, PRIVATE, Method(name="Theirs"), **reported)
+    later(remove_reported, result.id)
+    later(post_notice, "Hello", paused=False)
+    return identity
+
+
+@pytest.mark.parametrize("deed", DEEDS)
+def test_a_log_that_was_cut_off_is_seen_by_what_is_still_there(
+    deed: str, server: Serving, kept: Path
+) -> None:
+    told = deed.format(id=do_everything(server))
+    assert [finding for finding in examine(kept) if finding.kind == "fault"] == []
+    with server.state.database.writing() as session:
+        (cut,) = [each for each in entries(session) if told == f"{each.action} {each.subject}"]
+        session.execute(delete(AuditEntry).where(AuditEntry.id >= cut.id))
+        add_team(session, "Newcomers", now=server.clock(), actor="test")  # with the same number
+    faults = [finding.what for finding in examine(kept) if finding.kind == "fault"]
+    told_at = f"{told}, {cut.at:%Y-%m-%d %H:%M:%S}"
+    assert any(fault.startswith(f"{told_at}: no entry tells of it; ") for fault in faults)
+    assert len(faults) == len(DEEDS) - DEEDS.index(deed)
 
 
 def test_damage_to_several_is_named_all_at_once(kept: Path, run: Run) -> None:

@@ -15,6 +15,7 @@ from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.checks import REFUSALS, Finding, check_folder, said_by
 from reverie_eval.server.service.audit import broken_links, entries
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.deeds import unmatched
 from reverie_eval.server.service.reports import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
@@ -181,13 +182,15 @@ def _at_audit_log(session: Session) -> Iterator[Finding]:
         told = f"entry {number} was changed, or one before it was removed; compare with a backup"
         yield Finding("audit log", "fault", told)
     recorded = entries(session)
-    accepted = {entry.subject for entry in recorded if entry.action == "submitted"}
-    kept = set(session.scalars(select(Submission.id)))
-    for gone in sorted(accepted - kept):
-        told = f"submission {gone} was accepted and is not there any more; compare with a backup"
+    lost, unknown = unmatched(session)
+    for deed in lost:
+        told = f"{deed}: an entry tells of it, and it is not there any more; compare with a backup"
         yield Finding("audit log", "fault", told)
-    for unknown in sorted(kept - accepted):
-        told = f"submission {unknown} was never accepted; it was written by other means"
+    for deed in unknown:
+        told = (
+            f"{deed}: no entry tells of it; the entry was removed, or the row written by other "
+            "means: compare with a backup"
+        )
         yield Finding("audit log", "fault", told)
     if not broken:
         yield Finding("audit log", "ok", f"{len(recorded):,} entries in an unbroken chain")

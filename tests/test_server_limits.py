@@ -12,12 +12,13 @@ import json
 import pkgutil
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from time import sleep
+from typing import Any
 from unittest.mock import AsyncMock
 
 import httpx
@@ -111,6 +112,7 @@ def reply_on(connection: socket.socket) -> tuple[int, str]:
     return status, json.loads(body)["code"] if is_problem else ""
 
 
+TOKENS = "/api/v1/tokens"
 CHUNK = b"10000\r\n" + b" " * 0x10000 + b"\r\n"
 JSON = "Content-Type: application/json"
 FORM = "Content-Type: multipart/form-data"
@@ -209,7 +211,7 @@ def test_what_is_no_upload_is_short_and_quick(
     length: int, body: bytes, expected: tuple[int, str], small: Small
 ) -> None:
     with small.connect() as connection:
-        connection.sendall(small.head("/api/v1/tokens", JSON, f"Content-Length: {length}") + body)
+        connection.sendall(small.head(TOKENS, JSON, f"Content-Length: {length}") + body)
         assert reply_on(connection) == expected
 
 
@@ -270,8 +272,22 @@ def test_whoever_hangs_up_leaves_the_place_to_others(small: Small) -> None:
     with small.connect() as connection:
         connection.sendall(small.upload(f"Content-Length: {len(GOOD)}") + GOOD)
         assert reply_on(connection)[0] in {200, 201}
-    outcomes = [json.loads(line).get("outcome") for line in small.log.read_text().splitlines()]
-    assert outcomes.count("hung-up") == 3
+    assert len(hung_up(small, "/api/v1/splits/{split}/submissions")) == 3
+
+
+def hung_up(small: Small, route: str) -> Sequence[Mapping[str, Any]]:
+    """Return what the log says of requests of a route whose senders were gone before the reply."""
+    lines = [json.loads(line) for line in small.log.read_text().splitlines()]
+    gone = [line for line in lines if line.get("outcome") == "hung-up"]
+    return [line for line in gone if line["route"] == route]
+
+
+def test_whoever_hangs_up_before_the_end_of_their_json_gets_no_reply(small: Small) -> None:
+    with small.connect() as connection:
+        connection.sendall(small.head(TOKENS, JSON, "Content-Length: 100") + b"{")
+        wait_until_held(small)
+    wait_until_held(small)
+    assert [line["status"] for line in hung_up(small, TOKENS)] == [None]
 
 
 def test_nothing_of_all_that_was_a_fault(small: Small) -> None:

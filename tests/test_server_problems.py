@@ -69,9 +69,9 @@ REFUSED = {
         {"content": GOOD, "headers": {"Idempotency-Key": "x" * 201}},
     ),
     "JSON that breaks off": Refused(OWNER, "PATCH {own}", 400, BAD, ["1"], raw(b"{")),
-    "JSON without end": Refused(OWNER, "PATCH {own}", 400, BAD, (), raw(b"[" * 100_000)),
+    "JSON without end": Refused(OWNER, "PATCH {own}", 400, BAD, [""], raw(b"[" * 100_000)),
     "a number without end": Refused(
-        OWNER, "PATCH {own}", 400, BAD, (), raw(b'{"published": %s}' % (b"9" * 5000))
+        OWNER, "PATCH {own}", 400, BAD, [""], raw(b'{"published": %s}' % (b"9" * 5000))
     ),
     "JSON that says it is none": Refused(OWNER, "PATCH {own}", 400, BAD, [""], {"content": b"{}"}),
     "a list": Refused(OWNER, "PATCH {own}", 400, BAD, [""], {"json": []}),
@@ -93,7 +93,7 @@ REFUSED = {
     "half a letter": Refused(
         NOBODY, "POST /session", 400, BAD, ["token"], raw(b'{"token": "\\ud800"}')
     ),
-    "no letter": Refused(NOBODY, "POST /session", 400, BAD, (), raw(b'{"token": "\xff"}')),
+    "no letter": Refused(NOBODY, "POST /session", 400, BAD, ["11"], raw(b'{"token": "\xff"}')),
     "an empty invitation": Refused(
         NOBODY, "POST /tokens", 400, BAD, ["invitation"], {"json": {"invitation": ""}}
     ),
@@ -146,3 +146,28 @@ def test_another_key_for_another_file(server: Serving) -> None:
     server.upload(OWNER, key="one")
     reply = server.upload(OWNER, server.distinct(), key="one")
     assert (reply.status_code, reply.json()["code"]) == (409, "conflict")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        pytest.param(b"[" * 100_000, "is nested too deeply", id="deep"),
+        pytest.param(b"9" * 5000, "holds a number with too many digits", id="long"),
+        pytest.param(b"\xff", "is the byte from which on this is no UTF-8", id="other letters"),
+    ],
+)
+def test_json_that_cannot_be_read(server: Serving, content: bytes, said: str) -> None:
+    reply = server.ask(NOBODY, "POST", "/tokens", **raw(content)).json()
+    assert reply["detail"] == "the body cannot be read"
+    assert [problem["message"] for problem in reply["problems"]] == [said]
+
+
+@pytest.mark.parametrize("path", ["/sign-in", f"/api/v1{SUBMISSIONS}"])
+def test_a_form_that_cannot_be_read(server: Serving, path: str) -> None:
+    headers = {
+        "Content-Type": "multipart/form-data",
+        "Authorization": f"Bearer {server.tokens[OWNER]}",
+    }
+    reply = server.client.post(path, content=b"--x", headers=headers)
+    assert reply.status_code == 400
+    assert "form cannot be read: Missing boundary in multipart." in reply.text

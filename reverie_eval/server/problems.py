@@ -22,7 +22,7 @@ from reverie_eval.server.pages.faults import fault_page, is_page
 from reverie_eval.server.service.reports import quota_report
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.space import is_full
-from reverie_eval.server.wrong_values import wrong_value
+from reverie_eval.server.wrong_values import unreadable_json, wrong_value
 
 MEDIA_TYPE = "application/problem+json"
 LOGGER = logging.getLogger("reverie_eval.server")
@@ -105,12 +105,25 @@ def _on_http(request: Request, error: Exception) -> Response:
         # The framework says of whatever stops a body that it could not be read.
         return _on_error(request, error.__cause__)
     status = HTTPStatus(error.status_code if isinstance(error, HTTPException) else 500)
-    is_malformed = status is HTTPStatus.BAD_REQUEST
-    code = "malformed-request" if is_malformed else status.phrase.lower().replace(" ", "-")
+    if status is HTTPStatus.BAD_REQUEST:
+        return _on_unreadable(request, error)
+    code = status.phrase.lower().replace(" ", "-")
     said = _IN_WORDS.get(status, status.description or status.phrase)
     reply = _reply(request, status, code, said)
     reply.headers.update((isinstance(error, HTTPException) and error.headers) or {})
     return reply
+
+
+def _on_unreadable(request: Request, error: Exception) -> Response:
+    """Say what the framework could not read: a form, of which it says why, or JSON."""
+    status, code = STATUS_OF[errors.MalformedError]
+    cause = error.__cause__
+    if cause is None and isinstance(error, HTTPException):
+        return _reply(request, status, code, f"the form cannot be read: {error.detail}")
+    if isinstance(cause, RecursionError | ValueError):
+        found = [unreadable_json(cause)]
+        return _reply(request, status, code, "the body cannot be read", problems=found)
+    raise cause or error
 
 
 def _on_fault(request: Request, error: Exception) -> Response:

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from fastapi import Request
 from starlette.datastructures import FormData, UploadFile
-from starlette.exceptions import HTTPException
 
 from reverie_eval.server.edge.bodies import expect
 from reverie_eval.server.edge.forms import is_multipart
@@ -41,6 +40,8 @@ async def receive(request: Request, limits: Limits) -> Upload:
         If it did not come in time.
     MalformedError
         If it is a form without a file.
+    HTTPException
+        If it is no form that can be read.
     """
     is_form = is_multipart(request.headers)
     expect(request.scope, (limits.upload_mebibytes << 20) + _FORM_OVERHEAD * is_form)
@@ -49,11 +50,8 @@ async def receive(request: Request, limits: Limits) -> Upload:
 
 
 async def _of_form(request: Request, body: bytes) -> Upload:
-    try:
-        async with Request(request.scope, _replay(body)).form(max_files=1, max_fields=20) as form:
-            return await _upload(form)
-    except HTTPException as error:
-        raise MalformedError(f"the form cannot be read: {error.detail}") from None
+    async with Request(request.scope, _replay(body)).form(max_files=1, max_fields=20) as form:
+        return await _upload(form)
 
 
 async def _upload(form: FormData) -> Upload:

@@ -67,5 +67,17 @@ def wrong_value(detail: Mapping[str, Any]) -> ProblemReport:
     loc = [str(part) for part in detail["loc"]]
     where = ".".join(loc[1:] if loc and loc[0] in _CARRIERS else loc)
     sentence = _SENTENCES.get(detail["type"], detail["msg"])
-    message = sentence.format_map(detail.get("ctx", {}))
+    return _problem(where, sentence.format_map(detail.get("ctx", {})))
+
+
+def unreadable_json(error: RecursionError | ValueError) -> ProblemReport:
+    """Return what keeps a body from being read as JSON, and from which byte on."""
+    if isinstance(error, UnicodeDecodeError):
+        return _problem(str(error.start), "is the byte from which on this is no UTF-8")
+    if isinstance(error, RecursionError):
+        return _problem("", "is nested too deeply")
+    return _problem("", "holds a number with too many digits")
+
+
+def _problem(where: str, message: str) -> ProblemReport:
     return ProblemReport(code="wrong-value", where=where, message=message)

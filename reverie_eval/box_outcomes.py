@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.arrays import BoolArray, IntArray
 from reverie_eval.geometry import HEIGHT, WIDTH, is_on_grid, snap
 from reverie_eval.ground_truth import Answers
 from reverie_eval.metrics import Overlap, box_match, box_overlap
@@ -99,7 +99,7 @@ def judge_boxes(
     candidate, is_visible = answers.find(target_object[boxes.row], stop[boxes.row])
     target, has_box = answers.boxes.find(candidate, view)
     is_in_view = is_visible & has_box
-    target_xywh = answers.boxes.xywh[target].astype(np.float64)
+    target_xywh = answers.boxes.xywh[target]
     picture = np.broadcast_to([0.0, 0.0, WIDTH, HEIGHT], target_xywh.shape)
     return BoxOutcomes(
         row=boxes.row,
@@ -111,10 +111,10 @@ def judge_boxes(
     )
 
 
-def _overlap(boxes: BoxAnswers, view: IntArray, target_xywh: FloatArray) -> Overlap:
+def _overlap(boxes: BoxAnswers, view: IntArray, target_xywh: IntArray) -> Overlap:
     """Overlap where the view shows the target; what another camera drew is carried over first."""
     overlap = box_overlap(boxes.xywh, target_xywh)
-    off_grid = np.flatnonzero(~is_on_grid(boxes.camera) & (boxes.xywh[:, 2:] > 0).all(axis=1))
+    off_grid = np.flatnonzero(~is_on_grid(boxes.camera))
     if off_grid.size:
         from reverie_eval.geometry.warping import polygon_overlap, warp
 
@@ -131,7 +131,7 @@ def _only(is_in_view: BoolArray, overlap: Overlap) -> Overlap:
 
 def _has_rival(target: IntArray, answers: Answers) -> BoolArray:
     """Whether another object's box in the same picture would pass for each target's box."""
-    box_xywh = answers.boxes.xywh.astype(np.float64)
+    box_xywh = answers.boxes.xywh
     position, other = answers.boxes.beside(target)
     is_rival = box_match(box_xywh[other], box_xywh[target[position]])
     return np.bincount(position, weights=is_rival, minlength=len(target)) > 0

@@ -120,6 +120,9 @@ def judged(*records: Record) -> BoxOutcomes:
         pytest.param(drawn([0, 0, 640, 480], 24), "low IoU", 239 / 480, id="and a smaller target"),
         pytest.param(drawn([-9, -9, 900, 249], 14), "right", 1, id="cut to the picture"),
         pytest.param(drawn([900, 0, 5, 5], 14), "low IoU", 0, id="outside the picture"),
+        pytest.param(
+            drawn([900, 120, 5, 5], camera=(1.2, 0)), "low IoU", 0, id="outside, off the grid"
+        ),
         pytest.param(drawn([100, 100, 60, 40], 16), "wrong view", 0, id="a view of the sink"),
         pytest.param(drawn([100, 100, 60, 40], 0), "wrong view", 0, id="a view of nothing"),
         pytest.param(

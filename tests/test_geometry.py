@@ -88,6 +88,14 @@ def test_a_camera_off_the_grid(off: list[float]) -> None:
     assert not is_on_grid(camera).any()
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.int8, np.int64])
+def test_views_are_numbers_of_any_size(kind: type[np.integer]) -> None:
+    """Bundles hold them in 8 bits without a sign."""
+    view = np.array([0, 12, 35], dtype=kind)
+    expected = np.deg2rad([[0, -30], [0, 0], [330, 30]])
+    assert view_angles(view) == pytest.approx(expected, abs=1e-12)
+
+
 @given(cameras)
 def test_axes_are_at_right_angles_and_of_length_one(camera: np.ndarray) -> None:
     right, up, forward = axes(camera)[0]
@@ -159,6 +167,14 @@ def test_a_box_in_its_own_view() -> None:
     assert polygon.bounds == pytest.approx((320, 240, 560, 340), abs=1e-9)
     shared, total = polygon_overlap(np.array([polygon]), BOX)
     assert (shared.item(), total.item()) == pytest.approx((24000, 48000))
+
+
+@pytest.mark.parametrize("kind", [np.int16, np.uint16])
+def test_boxes_of_16_bits_keep_their_area(kind: type[np.integer]) -> None:
+    picture = np.array([[0, 0, WIDTH, HEIGHT]], dtype=kind)
+    level = np.array([12], dtype=np.uint8)
+    shared, total = polygon_overlap(warp(picture, view_angles(level), level), picture)
+    assert (shared.item(), total.item()) == pytest.approx((307_200, 614_400))
 
 
 def test_the_upper_row_shows_nothing_of_what_is_below_the_horizon() -> None:

@@ -378,6 +378,15 @@ def test_box_match_of_one_pair(*, predicted: Box, target: Box, expected: bool) -
     assert _matches(predicted, target) is expected
 
 
+@pytest.mark.parametrize("kind", [np.int16, np.uint16, np.int64, np.float32])
+def test_boxes_of_whole_numbers_of_any_size(kind: type[np.generic]) -> None:
+    """Bundles hold boxes in 16 bits, in which a picture's area has no room."""
+    picture, below = np.array([[[0, 0, 640, 480]], [[0, 120, 640, 360]]], dtype=kind)
+    assert box_iou(picture, picture).tolist() == [1.0]
+    assert box_iou(below, picture).tolist() == [0.75]
+    assert box_match(picture, below, threshold=0.75).tolist() == [True]
+
+
 def test_box_match_at_another_threshold() -> None:
     boxes = np.array([[0.0, 0, 1, 1], [0, 0, 1, 1]]), np.array([[0.0, 0, 2, 2], [0, 0, 5, 1]])
     assert box_match(*boxes, threshold=0.25).tolist() == [True, False]

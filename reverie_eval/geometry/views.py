@@ -39,7 +39,7 @@ def view_angles(view: IntArray) -> FloatArray:
     Parameters
     ----------
     view : int array of shape (n,)
-        View indexes, 0 to 35.
+        View indexes, 0 to 35; of any size, the 8 bits of a bundle too.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def view_angles(view: IntArray) -> FloatArray:
     >>> np.rad2deg(view_angles(np.array([0, 12, 35]))).round().tolist()
     [[0.0, -30.0], [0.0, 0.0], [330.0, 30.0]]
     """
-    row, column = np.divmod(view, N_HEADINGS)
+    row, column = np.divmod(view.astype(np.int64), N_HEADINGS)
     return np.stack([column * STEP, (row - 1) * STEP], axis=-1)
 
 

@@ -20,12 +20,12 @@ _ALMOST_SIDEWAYS = 1e-3
 """Depth of a ray, in units of its source's depth, below which it leaves any picture."""
 
 
-def warp(box_xywh: FloatArray, camera: FloatArray, view: IntArray) -> Array:
+def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
     """Carry boxes over from the cameras they were drawn in to views.
 
     Parameters
     ----------
-    box_xywh : float array of shape (n, 4)
+    box_xywh : float or int array of shape (n, 4)
         Left, top, width and height in pixels of the camera's picture, which has the size and the
         field of view of a view; widths and heights are positive.
     camera : float array of shape (n, 2)
@@ -45,14 +45,14 @@ def warp(box_xywh: FloatArray, camera: FloatArray, view: IntArray) -> Array:
     return np.asarray(shapely.intersection(outlines, shapely.box(0, 0, WIDTH, HEIGHT)))
 
 
-def polygon_overlap(polygons: Array, target_box_xywh: FloatArray) -> tuple[FloatArray, FloatArray]:
+def polygon_overlap(polygons: Array, target_box_xywh: Array) -> tuple[FloatArray, FloatArray]:
     """Areas that polygons share with boxes of the same view, and both areas added.
 
     Parameters
     ----------
     polygons : array of shape (n,) of shapely polygons
         As :func:`warp` gives them.
-    target_box_xywh : float array of shape (n, 4)
+    target_box_xywh : float or int array of shape (n, 4)
         Left, top, width and height in pixels.
 
     Returns
@@ -62,15 +62,15 @@ def polygon_overlap(polygons: Array, target_box_xywh: FloatArray) -> tuple[Float
     """
     import shapely
 
-    left, top, width, height = target_box_xywh.T
+    left, top, width, height = target_box_xywh.T.astype(np.float64)
     boxes = shapely.box(left, top, left + width, top + height)
     shared = shapely.area(shapely.intersection(polygons, boxes))
     return shared, shapely.area(polygons) + width * height
 
 
-def _corner_rays(box_xywh: FloatArray) -> FloatArray:
+def _corner_rays(box_xywh: Array) -> FloatArray:
     """Shape (n, 4, 3): where each box's corners look, around the box."""
-    left, top, width, height = box_xywh.T
+    left, top, width, height = box_xywh.T.astype(np.float64)
     right, bottom = left + width, top + height
     corners = [(left, top), (right, top), (right, bottom), (left, bottom)]
     return rays_of(np.array(corners).transpose(2, 0, 1))

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray
+from reverie_eval.arrays import Array, BoolArray, FloatArray
 from reverie_eval.protocol import IOU_THRESHOLD
 
 
@@ -29,22 +29,23 @@ class Overlap(NamedTuple):
         return np.greater_equal((1 + threshold) * self.intersection, threshold * self.total)
 
 
-def box_overlap(predicted_box_xywh: FloatArray, target_box_xywh: FloatArray) -> Overlap:
+def box_overlap(predicted_box_xywh: Array, target_box_xywh: Array) -> Overlap:
     """Overlap of boxes, pair by pair.
 
     Parameters
     ----------
-    predicted_box_xywh, target_box_xywh : float arrays of shape (n, 4)
+    predicted_box_xywh, target_box_xywh : float or int arrays of shape (n, 4)
         Left, top, width and height in pixels of the same view; width and height are positive
         and exclusive: the right edge is ``x + w``. A box without area overlaps nothing.
+        Integers of any size: areas are computed in float64, which 16 bits would not hold.
 
     Returns
     -------
     Overlap
         Areas in square pixels.
     """
-    first_x, first_y, first_width, first_height = predicted_box_xywh.T
-    second_x, second_y, second_width, second_height = target_box_xywh.T
+    first_x, first_y, first_width, first_height = np.asarray(predicted_box_xywh, np.float64).T
+    second_x, second_y, second_width, second_height = np.asarray(target_box_xywh, np.float64).T
     across = _shared(first_x, first_width, second_x, second_width)
     down = _shared(first_y, first_height, second_y, second_height)
     return Overlap(across * down, first_width * first_height + second_width * second_height)
@@ -58,7 +59,7 @@ def _shared(
     return np.asarray(np.maximum(end - np.maximum(first, second), 0))
 
 
-def box_iou(predicted_box_xywh: FloatArray, target_box_xywh: FloatArray) -> FloatArray:
+def box_iou(predicted_box_xywh: Array, target_box_xywh: Array) -> FloatArray:
     """Intersection over union of boxes, pair by pair.
 
     Parameters are those of :func:`box_overlap`.
@@ -77,15 +78,15 @@ def box_iou(predicted_box_xywh: FloatArray, target_box_xywh: FloatArray) -> Floa
 
 
 def box_match(
-    predicted_box_xywh: FloatArray,
-    target_box_xywh: FloatArray,
+    predicted_box_xywh: Array,
+    target_box_xywh: Array,
     threshold: float = IOU_THRESHOLD,
 ) -> BoolArray:
     """Whether a box answers right: its IoU is at least the threshold.
 
     Parameters
     ----------
-    predicted_box_xywh, target_box_xywh : float arrays of shape (n, 4)
+    predicted_box_xywh, target_box_xywh : float or int arrays of shape (n, 4)
         As for :func:`box_overlap`.
     threshold : float
         In (0, 1]; the benchmark's own is one half [1]_.

@@ -25,6 +25,7 @@ from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.intervals import Clustering
 
 SPLIT = "val_unseen"
+OTHER = f"{SPLIT}.mixed2"
 RESAMPLES = 10_000
 
 
@@ -36,14 +37,25 @@ def main() -> int:
         return 2
     with TemporaryDirectory() as temporary:
         work = Path(temporary)
-        bundle, submission = work / f"{SPLIT}.npz", work / f"{SUBMISSION}.json"
+        bundle = work / f"{SPLIT}.npz"
         dataset = unpack_dataset(folder, work)
         run(REVERIE_EVAL, "compile", dataset, "--split", SPLIT, "-o", bundle)
-        with gzip.open(folder / "reference" / "submissions" / f"{SUBMISSION}.json.gz") as packed:
-            submission.write_bytes(packed.read())
-        figures = [*interval_figures(submission, bundle), *evaluator_figures(submission, bundle)]
-        figures.append(("report with maps, s", report_seconds(submission, bundle, work), 10.0))
+        submission, other = (unpacked(folder, name, work) for name in (SUBMISSION, OTHER))
+        figures = [
+            *interval_figures(submission, bundle),
+            *evaluator_figures(submission, bundle),
+            *report_figures("report with maps", [submission], bundle),
+            *report_figures("report on two", [submission, other], bundle),
+        ]
     return judge(figures)
+
+
+def unpacked(folder: Path, name: str, work: Path) -> Path:
+    """Unpack a reference submission."""
+    submission = work / f"{name}.json"
+    with gzip.open(folder / "reference" / "submissions" / f"{name}.json.gz") as packed:
+        submission.write_bytes(packed.read())
+    return submission
 
 
 def interval_figures(submission: Path, bundle: Path) -> Sequence[tuple[str, float, float]]:
@@ -105,11 +117,17 @@ def score_table(scores: rv.Scores) -> Mapping[str, float]:
     return {key: scores[key] for key in HEADLINE}
 
 
-def report_seconds(submission: Path, bundle: Path, work: Path) -> float:
-    """Time the command that writes the report, start-up included."""
-    arguments = (submission, "--split", SPLIT, "--ground-truth", bundle)
-    page = work / "report.html"
-    return median_seconds(lambda: run(REVERIE_EVAL, "report", *arguments, "-o", page), rounds=3)
+def report_figures(
+    name: str, submissions: Sequence[Path], bundle: Path
+) -> Sequence[tuple[str, float, float]]:
+    """Time the command that writes a report, start-up included, and weigh the report."""
+    page = bundle.with_name("report.html")
+    arguments = (*submissions, "--split", SPLIT, "--ground-truth", bundle, "-o", page)
+    duration = median_seconds(lambda: run(REVERIE_EVAL, "report", *arguments), rounds=3)
+    return [
+        (f"{name}, s", duration, 10.0),
+        (f"{name}, kB", page.stat().st_size / 1000, 1000.0),
+    ]
 
 
 def median_seconds(action: Callable[[], object], rounds: int = 11) -> float:

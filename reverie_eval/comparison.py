@@ -92,7 +92,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         ProtocolError
             If they do not compare.
         """
-        _demand_comparable(scores)
+        demand_comparable(scores)
         (_, first), *others = scores.items()
         keys = [key for key in first if all(key in other for _, other in others)]
         changes = {
@@ -295,7 +295,14 @@ def p_text(p_value: float) -> str:
     return "p < 0.001" if p_value < _SMALLEST_P else f"p = {p_value:.3f}"
 
 
-def _demand_comparable(scores: Mapping[str, Scores]) -> None:
+def demand_comparable(scores: Mapping[str, Scores]) -> None:
+    """Make sure that scores can be held against each other.
+
+    Raises
+    ------
+    ProtocolError
+        If they are fewer than two, have names that are no texts, or other signatures.
+    """
     if len(scores) < _LEAST:
         raise ProtocolError("a comparison needs two submissions or more, of different names")
     demand_texts(scores)

@@ -60,10 +60,11 @@ class Intervals(Mapping[str, Interval]):
         """
         from reverie_eval.metrics import uncertainty
 
+        obstacle = cls.obstacle(truth, by)
+        if obstacle:
+            raise ProtocolError(obstacle)
         cluster = clusters_of(truth, by)
         n_clusters = len(np.unique(cluster))
-        if n_clusters < _LEAST_CLUSTERS:
-            raise ProtocolError(f"all episodes are of one {by}, which tells nothing of others")
         confidence = uncertainty.CONFIDENCE if confidence is None else confidence
         resamples = uncertainty.RESAMPLES if resamples is None else resamples
         seed = uncertainty.SEED if seed is None else seed
@@ -73,6 +74,13 @@ class Intervals(Mapping[str, Interval]):
         low, high = uncertainty.interval(means, n_clusters, confidence=confidence).tolist()
         by_key = dict(zip(episodes, map(Interval, low, high), strict=True))
         return cls(by, n_clusters, confidence, resamples, seed, by_key)
+
+    @staticmethod
+    def obstacle(truth: GroundTruth, by: Clustering) -> str | None:
+        """Say what keeps intervals from being drawn, if anything does."""
+        if len(np.unique(clusters_of(truth, by))) < _LEAST_CLUSTERS:
+            return f"all episodes are of one {by}, which tells nothing of others"
+        return None
 
     def __getitem__(self, key: str) -> Interval:
         return self._by_key[key]

@@ -75,7 +75,8 @@ class _Ranges:
 
     def of(self, values: Array) -> Sequence[str]:
         """Name the range of each value; a value on a border is in the upper range."""
-        return [self.labels[number] for number in np.digitize(values, self.starts)]
+        labels = self.labels
+        return [labels[number] for number in np.digitize(values, self.starts)]
 
 
 _LENGTHS = _Ranges((6, 8, 10, 12, 15), "m")

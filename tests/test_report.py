@@ -11,13 +11,13 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval.reporting import report_parts
-from reverie_eval.reporting.failures import lost, near_misses, on_different_ways, won
+from reverie_eval.reporting.failures import near_misses, on_different_ways, won
 from reverie_eval.reporting.report import report_html
-from reverie_eval.reporting.report_parts import PartRow, SliceTable
+from reverie_eval.reporting.report_parts import Bar, PartRow, SliceTable
 from reverie_eval.slices import SLICINGS
 from tests.conftest import SAMPLES
-from tests.flat import Run
-from tests.home import OTHER_WALKS, WALKS, home_scores, perfect
+from tests.flat import Run, words
+from tests.home import LAMP, OTHER_WALKS, WALKS, home_scores, perfect
 from tests.terminals import on_terminal
 
 HTML = "{http://www.w3.org/1999/xhtml}"
@@ -151,7 +151,7 @@ def test_bars_are_as_long_as_they_say(single: str) -> None:
 
 def test_slices(single: str) -> None:
     headings = [each.text for each in section(single, "parts").iter(f"{HTML}h3")]
-    assert headings == ["By length", "By visibility"][:1]  # both targets are seen from two places
+    assert headings == ["By length"]  # both targets are seen from two places
     ((near, far),) = tables(single, "parts")
     assert near == ["6 to 8 m", "3", "66.67", "66.67"]
     assert far == ["10 to 12 m", "2", "0.00", "0.00"]
@@ -164,9 +164,31 @@ def test_a_part_without_episodes_of_the_other_has_no_score_of_it() -> None:
         for name in ("mediocre", "good")
     }
     table = report_parts.slice_table(scores, SLICINGS["jumps"])
-    rows = {row.name: row.main for row in table.rows}
-    assert rows["jumps"][1] is None
-    assert rows["no jump"][1] == pytest.approx(100 * scores["good"]["rgspl"])
+    (_, without), (mediocre, missing) = (row.bars for row in table.rows)
+    assert [row.name for row in table.rows] == ["no jump", "jumps"]
+    assert without is not None
+    assert without.percent == pytest.approx(100 * scores["good"]["rgspl"])
+    assert mediocre is not None
+    assert missing is None
+
+
+def test_parts_have_intervals_where_the_scores_have_them() -> None:
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen").with_intervals()
+    page = report_html({"good": scores})
+    shown = {row[0]: row[-1] for table in tables(page, "parts") for row in table}
+    found = scores.breakdown("level", intervals=True).to_dict("index")["level 2"]
+    ends = " to ".join(f"{100 * found[f'rgspl_{end}']:.1f}" for end in ("low", "high"))
+    assert shown["level 2"] == f"{100 * found['rgspl']:.2f}{ends}"
+    whiskers = [
+        (each.get("x1"), each.get("x2")) for each in section(page, "parts").iter(f"{SVG}line")
+    ]
+    drawn = tuple(f"{100 * found[f'rgspl_{end}']:.2f}%" for end in ("low", "high"))
+    assert drawn in whiskers
+    assert "95\u00a0% intervals over targets below RGSPL" in page.replace("&nbsp;", "\u00a0")
+
+
+def test_parts_of_few_targets_have_none(single: str) -> None:
+    assert not list(section(single, "parts").iter(f"{SVG}line"))
 
 
 def test_scans_come_from_the_worst() -> None:
@@ -177,8 +199,9 @@ def test_scans_come_from_the_worst() -> None:
 
 
 def test_small_scans_come_last(home: rv.Scores) -> None:
-    rows = [PartRow("a", 9, [], [0.0]), PartRow("b", 10, [], [50.0]), PartRow("c", 10, [], [40.0])]
-    table = SliceTable(SLICINGS["scan"], [], rows)
+    sizes = (("a", 9, 0.0), ("b", 10, 50.0), ("c", 10, 40.0))
+    rows = [PartRow(name, episodes, "", [Bar(percent)]) for name, episodes, percent in sizes]
+    table = SliceTable(SLICINGS["scan"], rows)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report_parts, "slice_table", lambda *_: table)
         ordered = report_parts.scans_from_the_worst({"mine": home}).rows
@@ -192,6 +215,27 @@ def test_many_parts_are_folded() -> None:
     (details,) = section(page, "parts").iter(f"{HTML}details")
     assert details.findtext(f"{HTML}summary") == f"and {folded} more"
     assert len(cells(details)) == folded
+
+
+@pytest.mark.parametrize(
+    ("walk", "note"),
+    [
+        pytest.param(["hall"], "", id="never came"),
+        pytest.param(
+            ["hall", "room", "hall"],
+            "Of the 1 right from afar, 1 had come to the goal.",
+            id="came and went on",
+        ),
+    ],
+)
+def test_who_is_right_from_afar_may_have_come_to_the_goal(
+    walk: list[str], note: str, tmp_path: Path
+) -> None:
+    scores = home_scores(tmp_path, {**WALKS, "1_3_2": (walk, LAMP)})
+    page = report_html({"mine": scores})
+    (said,) = re.findall(r"counts as success\.(.*)</p>", page)
+    assert said.strip() == note
+    assert scores.anatomy.funnel["came to the goal"] == 3 + bool(note)
 
 
 def test_distributions_are_drawn(single: str) -> None:
@@ -220,8 +264,22 @@ def test_overlaps_of_boxes_are_drawn_where_there_are_some() -> None:
     assert "58.0 % of 81 boxes reach 50 % and are right" in page
 
 
+@pytest.mark.parametrize("first", ["drawn", "good"])
+def test_overlaps_are_drawn_of_whoever_has_boxes(first: str) -> None:
+    names = ["drawn", "good"] if first == "drawn" else ["good", "drawn"]
+    scores = {name: rv.evaluate(SAMPLES / f"{name}.json", split="val_unseen") for name in names}
+    page = report_html(scores)
+    *_, overlaps = section(page, "distributions").iter(f"{SVG}svg")
+    assert overlaps.findtext(f"{SVG}title") == "Distribution of intersection over union (%)"
+    kinds = {each.get("class") for each in overlaps.iter(f"{SVG}path")} - {"axis"}
+    assert kinds == ({"mark series-1"} if first == "drawn" else {"outline series-2"})
+    about = r"median of drawn \d+\.\d\d %\. 58\.0 % of 81 boxes of drawn reach 50 %"
+    assert re.search(about, page)
+
+
 def test_a_map_for_each_failure(single: str) -> None:
     shown = section(single, "episodes")
+    assert shown.findtext(f"{HTML}h2") == "Failures nearest to being right"
     kinds = [each.text for each in shown.iter(f"{HTML}h3")]
     assert kinds == ["never near", "passed by", "wrong object", "right from afar"]
     titles = [each.findtext(f"{SVG}title") for each in shown.iter(f"{SVG}svg") if each.get("role")]
@@ -263,9 +321,8 @@ def test_a_wrong_box_that_overlaps_most_is_nearest() -> None:
 
 
 def test_won_and_lost(home: rv.Scores, other: rv.Scores) -> None:
-    comparison = rv.compare(home, other, names=["mine", "theirs"])
-    assert won(comparison, "theirs") == ["2_4_1"]
-    assert lost(comparison, "theirs") == ["1_3_0"]
+    assert won(home, other) == ["2_4_1"]
+    assert won(other, home) == ["1_3_0"]
     assert on_different_ways(home, ["1_3_0", "1_3_1", "2_4_1"]) == ["1_3_0", "2_4_1"]
 
 
@@ -273,14 +330,14 @@ def test_the_clearest_change_comes_first() -> None:
     mediocre, good = (
         rv.evaluate(SAMPLES / f"{name}.json", split="val_unseen") for name in ("mediocre", "good")
     )
-    comparison = rv.compare(mediocre, good, names=["mediocre", "good"])
-    for chosen, sign in ((won(comparison, "good"), 1), (lost(comparison, "good"), -1)):
+    for chosen, sign in ((won(mediocre, good), 1), (won(good, mediocre), -1)):
         episodes = [(mediocre.episode(each).values, good.episode(each).values) for each in chosen]
         assert {sign * (after["rgs"] - before["rgs"]) for before, after in episodes} == {1.0}
         changes = [sign * (after["rgspl"] - before["rgspl"]) for before, after in episodes]
         assert changes == sorted(changes, reverse=True)
         assert len(set(changes)) > 1
-    assert len(won(comparison, "good")) == comparison["good"]["rgs"].higher
+    comparison = rv.compare(mediocre, good, names=["mediocre", "good"])
+    assert len(won(mediocre, good)) == comparison["good"]["rgs"].higher
 
 
 # Two submissions.
@@ -322,6 +379,25 @@ def test_both_are_side_by_side(both: str) -> None:
     assert funnel[1] == ["came to the goal", "3", "60.0 %", "2", "40.0 %"]
     assert outcomes[0][1:] == ["1", "20.0 %", "1", "20.0 %"]
     assert tables(both, "parts")[0][0] == ["6 to 8 m", "3", "66.67", "66.67", "33.33"]
+    (heads,) = (each for each in section(both, "parts").iter(f"{HTML}thead"))
+    assert [each.text for each in heads.iter(f"{HTML}th")] == [
+        "length",
+        "episodes",
+        "mine SR %",
+        "mine RGSPL %",
+        "theirs RGSPL %",
+        None,
+    ]
+
+
+def test_the_head_says_who_is_better_and_whose_finding_follows(
+    both: str, home: rv.Scores, other: rv.Scores
+) -> None:
+    comparison = rv.compare(home, other, names=["mine", "theirs"])
+    header = next(parsed(both).iter(f"{HTML}header"))
+    said = ["".join(each.itertext()) for each in header.iter(f"{HTML}p")]
+    assert said[1].replace("\u00a0", " ") == f"{comparison.sentence('theirs')}."
+    assert said[2].startswith("mine: 1 of 5 episodes")
 
 
 def test_episodes_won_and_lost_are_overlaid(both: str) -> None:
@@ -405,6 +481,34 @@ def test_a_terminal_is_no_place_for_it() -> None:
     shown = on_terminal(200, *REPORT)
     assert "a report is a page for a browser; name its file: -o report.html" in shown
     assert "<html" not in shown
+
+
+@pytest.mark.parametrize("by", ["target", "scan"])
+@pytest.mark.usefixtures("here")
+def test_one_cluster_has_a_report_without_intervals(by: str, run: Run) -> None:
+    options = words(f"{{split}} {{full}} --cluster {by}")
+    status, one, err = run("report", "submit.json", *options)
+    assert (status, err) == (0, "")
+    assert f"no intervals: all episodes are of one {by}" in one
+    two = run("report", "submit.json", "afar.json", *options).out
+    parsed(two)
+    assert f"not compared: all episodes are of one {by}" in two
+    ((*changes,),) = tables(two, "comparison")
+    assert [row[0] for row in changes] == list(report_parts.FROM_THE_BEST)
+    assert "1 episode: only afar answers right" in two
+
+
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        pytest.param([], "one submission, or two; got 0", id="none"),
+        pytest.param(["a", "b", "c"], "one submission, or two; got 3", id="three"),
+        pytest.param([1], "named by texts; got 1", id="a number"),
+    ],
+)
+def test_a_report_is_about_one_or_two(names: list[str], says: str, home: rv.Scores) -> None:
+    with pytest.raises(rv.ProtocolError, match=says):
+        report_html(dict.fromkeys(names, home))
 
 
 @pytest.mark.parametrize(

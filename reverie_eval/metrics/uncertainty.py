@@ -53,8 +53,8 @@ def bootstrap_means(
     for part in _parts(resamples):
         count = part.stop - part.start
         drawn = rng.integers(n_clusters, size=(count, n_clusters), dtype=np.int32)
-        drawn += n_clusters * np.arange(count, dtype=np.int32)[:, None]
-        times = np.bincount(drawn.ravel(), minlength=count * n_clusters)
+        cell = drawn + n_clusters * np.arange(count)[:, None]  # 64 bits, which bincount counts best
+        times = np.bincount(cell.ravel(), minlength=count * n_clusters)
         total = times.reshape(count, n_clusters).astype(float) @ both
         means[part] = total[:, :-1] / total[:, -1:]
     return means

@@ -53,17 +53,20 @@ class _Axes:
         yield _text(11, middle, upwards, "middle", turned)
 
 
-def histogram_svg(histogram: Histogram) -> str:
-    """Draw a histogram: bars for the first submission, an outline for the second."""
+def histogram_svg(histogram: Histogram, names: Sequence[str]) -> str:
+    """Draw a histogram: bars for the first submission, an outline for the second.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of all submissions; those that the histogram knows nothing of have no marks.
+    """
     most = max(float(share.max()) for share in histogram.share.values())
     axes = _Axes(float(histogram.edges[0]), float(histogram.edges[-1]), 1.05 * most)
-    first, *others = histogram.share.values()
     marks = [
-        f'<path class="mark series-1" d="{"".join(_bars(axes, histogram.edges, first))}"/>',
-        *(
-            f'<path class="outline series-{number}" d="{_outline(axes, histogram.edges, share)}"/>'
-            for number, share in enumerate(others, 2)
-        ),
+        _mark(axes, histogram.edges, histogram.share[name], number)
+        for number, name in enumerate(names, 1)
+        if name in histogram.share
     ]
     upwards = f"share of {histogram.nouns} (%)"
     title = f"Distribution of {histogram.label}"
@@ -94,6 +97,12 @@ def farthest_shown(scores: Scores) -> float:
     walked, shortest = scores.episodes["path_length"], scores.episodes["shortest_length"]
     most = max(float(np.percentile(walked, _NEARLY_ALL)), float(shortest.max()), 1.0)
     return float(np.ceil(most))
+
+
+def _mark(axes: _Axes, edges: FloatArray, share: FloatArray, number: int) -> str:
+    if number == 1:
+        return f'<path class="mark series-1" d="{"".join(_bars(axes, edges, share))}"/>'
+    return f'<path class="outline series-{number}" d="{_outline(axes, edges, share)}"/>'
 
 
 def _bars(axes: _Axes, edges: FloatArray, share: FloatArray) -> Iterator[str]:

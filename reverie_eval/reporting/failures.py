@@ -6,7 +6,7 @@ import numpy as np
 
 from reverie_eval.anatomy import OUTCOMES
 from reverie_eval.arrays import Array
-from reverie_eval.comparison import Comparison
+from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.scores import Scores
 
 SHOWN = 3
@@ -36,14 +36,13 @@ def near_misses(scores: Scores) -> dict[str, Sequence[str]]:
     return chosen
 
 
-def won(comparison: Comparison, name: str) -> Sequence[str]:
-    """List the episodes that a submission has right and the first has not, the clearest first."""
-    return _changed(comparison, name, 1)
-
-
-def lost(comparison: Comparison, name: str) -> Sequence[str]:
-    """List the episodes that the first has right and a submission has not, the clearest first."""
-    return _changed(comparison, name, -1)
+def won(first: Scores, other: Scores) -> Sequence[str]:
+    """List the episodes that the other has right and the first has not, the clearest first."""
+    better = other.episodes["rgs"] > first.episodes["rgs"]
+    change = other.episodes[PRIMARY_METRIC] - first.episodes[PRIMARY_METRIC]
+    rows = np.flatnonzero(better)
+    ordered = rows[np.argsort(-change[rows], kind="stable")]
+    return [first.instr_ids[row] for row in ordered.tolist()]
 
 
 def on_different_ways(scores: Scores, instr_ids: Sequence[str]) -> Sequence[str]:
@@ -61,15 +60,6 @@ def _distances(scores: Scores, outcome: str) -> Sequence[Array]:
         overlap = [-episodes["iou"]] if "iou" in episodes else []
         return [*overlap, -episodes["spl"]]
     return [episodes["navigation_error"]]
-
-
-def _changed(comparison: Comparison, name: str, sign: int) -> Sequence[str]:
-    first, other = comparison.scores[comparison.first], comparison.scores[name]
-    rows = np.flatnonzero(sign * (other.episodes["rgs"] - first.episodes["rgs"]) > 0)
-    key = comparison.primary.key
-    change = sign * (other.episodes[key] - first.episodes[key])[rows]
-    ordered = rows[np.argsort(-change, kind="stable")]
-    return [first.instr_ids[row] for row in ordered.tolist()]
 
 
 def _on_different_ways(scores: Scores, rows: Array) -> Sequence[str]:

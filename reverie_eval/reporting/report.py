@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from reverie_eval.anatomy import OUTCOMES
-from reverie_eval.comparison import Comparison
+from reverie_eval.comparison import Comparison, demand_comparable
 from reverie_eval.episode import Episode
-from reverie_eval.intervals import Clustering
+from reverie_eval.errors import ProtocolError
+from reverie_eval.intervals import FEW_CLUSTERS, Clustering, Intervals
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval.naming import demand_texts
 from reverie_eval.reporting import failures, report_parts
 from reverie_eval.reporting.comparison import grid_of, methods, sentences
 from reverie_eval.reporting.html_tables import as_markup, table_html
@@ -60,10 +62,11 @@ def report_html(scores: Mapping[str, Scores], by: Clustering = "target") -> str:
     Parameters
     ----------
     scores : mapping of Scores
-        One or two by name, with intervals if these are to be shown. The report is about the
-        first.
+        One or two by name, with intervals if these are to be shown, of parts of the episodes too.
+        The report is about the first.
     by : "target" or "scan"
-        What the comparison's episodes have in common.
+        What the comparison's episodes have in common. Where all of them are of one cluster, the
+        two are not compared, and the report says so.
 
     Returns
     -------
@@ -73,10 +76,14 @@ def report_html(scores: Mapping[str, Scores], by: Clustering = "target") -> str:
     Raises
     ------
     ProtocolError
-        If the protocol or track scores no outcomes, or the two do not compare.
+        If the protocol or track scores no outcomes, the two do not compare, or it is not one or
+        two that are given, by names that are texts.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
+    demand_texts(scores)
+    if len(scores) not in (1, 2):
+        raise ProtocolError(f"a report is about one submission, or two; got {len(scores)}")
     environment = Environment(
         loader=PackageLoader("reverie_eval.reporting", "resources"),
         autoescape=True,
@@ -89,7 +96,6 @@ def report_html(scores: Mapping[str, Scores], by: Clustering = "target") -> str:
 
 def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
     (name, first), *_ = scores.items()
-    outcomes = report_parts.outcome_lines(scores)
     tables, slice_notes = report_parts.slice_tables(scores)
     return {
         "styles": [as_markup(text_of("report.css")), as_markup(MAP_STYLE)],
@@ -98,14 +104,18 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "scores": scores,
         "first": first,
         "score_rows": report_parts.score_rows(scores),
+        "obstacle": Intervals.obstacle(first.ground_truth, by),
         "finding": report_parts.finding(first),
         "funnel": report_parts.funnel_lines(scores),
-        "outcomes": outcomes,
+        "outcomes": report_parts.outcome_lines(scores),
+        "passing_notes": report_parts.passing_notes(scores),
         "tables": tables,
         "slice_notes": slice_notes,
         "scans": report_parts.scans_from_the_worst(scores),
         "shown_parts": _SHOWN_PARTS,
         "few": report_parts.FEW,
+        "few_targets": FEW_CLUSTERS,
+        "success": CATALOGUE["success"],
         "primary": CATALOGUE[PRIMARY_METRIC],
         "charts": list(report_charts(scores)),
         "near_misses": [
@@ -114,27 +124,39 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
             if chosen
         ],
         "map_key": as_markup(map_key([""])),
-        **(_compared(scores, by) if len(scores) > 1 else {"comparison": None}),
+        **(_compared(scores, by) if len(scores) > 1 else {"other_name": None, "sentences": []}),
     }
 
 
 def _compared(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
     """Say how the second differs from the first, and where."""
-    comparison = Comparison.of(scores, by)
+    demand_comparable(scores)
     (name, first), (other_name, other) = scores.items()
     return {
-        "comparison": as_markup(table_html(grid_of(comparison))),
-        "sentences": sentences(comparison),
-        "methods": methods(comparison),
+        **_tested(scores, by),
         "outcome_names": list(report_parts.FROM_THE_BEST),
         "outcome_changes": report_parts.outcome_changes(first, other),
         "other_name": other_name,
         "changes": [
-            _change(other_name, scores, failures.won(comparison, other_name)),
-            _change(name, scores, failures.lost(comparison, other_name)),
+            _change(other_name, scores, failures.won(first, other)),
+            _change(name, scores, failures.won(other, first)),
         ],
         "listed_changes": _LISTED_CHANGES,
         "both_key": as_markup(map_key(list(scores))),
+    }
+
+
+def _tested(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
+    """Say whether the difference is more than chance, if anything can be said of that."""
+    first, _ = scores.values()
+    obstacle = Intervals.obstacle(first.ground_truth, by)
+    if obstacle:
+        return {"sentences": [], "comparison": None, "methods": [f"not compared: {obstacle}"]}
+    comparison = Comparison.of(scores, by)
+    return {
+        "sentences": sentences(comparison),
+        "comparison": as_markup(table_html(grid_of(comparison))),
+        "methods": methods(comparison),
     }
 
 

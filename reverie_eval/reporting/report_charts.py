@@ -30,29 +30,37 @@ class Chart:
 def report_charts(scores: Mapping[str, Scores]) -> Iterator[Chart]:
     """Draw lengths and distances, and overlaps of boxes where there are some."""
     (name, first), *_ = scores.items()
-    whose = f" of {name}" if len(scores) > 1 else ""
     yield Chart(
         as_markup(walks_svg(first)),
-        f"Walked and shortest length{whose}",
+        f"Walked and shortest length{_of(name, scores)}",
         _about_walks(first),
     )
     stops = histogram_of(scores, "navigation_error")
-    at_the_end = _percent((first.episodes["navigation_error"] == 0).mean())
+    right_there = _percent((first.episodes["navigation_error"] == 0).mean())
     yield Chart(
-        as_markup(histogram_svg(stops)),
+        as_markup(histogram_svg(stops, list(scores))),
         "Distance at stop",
-        f"Metres from the stop to the end of the annotated path: {_medians(stops)}. {at_the_end} % "
-        f"of episodes{whose} stop right there.",
+        f"Metres from the stop to the end of the annotated path: {_medians(stops, scores)}. "
+        f"{right_there} % of episodes{_of(name, scores)} stop right there.",
     )
-    if all("iou" in each for each in scores.values()):
-        overlaps = histogram_of(scores, "iou")
-        right = _percent(first.boxes.is_right.mean()) if first.boxes is not None else "-"
+    drawn = {name: each.boxes for name, each in scores.items() if each.boxes is not None}
+    if drawn:
+        overlaps = histogram_of({name: scores[name] for name in drawn}, "iou")
+        right = [
+            f"{_percent(boxes.is_right.mean())} % of {len(boxes):,} boxes{_of(name, scores)}"
+            for name, boxes in drawn.items()
+        ]
         yield Chart(
-            as_markup(histogram_svg(overlaps)),
+            as_markup(histogram_svg(overlaps, list(scores))),
             "Overlap of boxes",
-            f"IoU of answers by box with the target's box: {_medians(overlaps)}. {right} % of "
-            f"{overlaps.count:,} boxes{whose} reach 50 % and are right.",
+            f"IoU of answers by box with the target's box: {_medians(overlaps, scores)}. "
+            f"{' and '.join(right)} reach 50 % and are right.",
         )
+
+
+def _of(name: str, scores: Mapping[str, Scores]) -> str:
+    """Say whose something is, where there are several."""
+    return f" of {name}" if len(scores) > 1 else ""
 
 
 def _about_walks(scores: Scores) -> str:
@@ -66,16 +74,13 @@ def _about_walks(scores: Scores) -> str:
     )
 
 
-def _medians(histogram: Histogram) -> str:
+def _medians(histogram: Histogram, scores: Mapping[str, Scores]) -> str:
     metric = histogram.metric
     unit = metric.heading.removeprefix(metric.label)
-    medians = {
-        name: f"{metric.display(float(np.median(values)))}{unit}"
+    return ", ".join(
+        f"median{_of(name, scores)} {metric.display(float(np.median(values)))}{unit}"
         for name, values in histogram.values.items()
-    }
-    if len(medians) == 1:
-        return f"median {next(iter(medians.values()))}"
-    return ", ".join(f"median of {name} {median}" for name, median in medians.items())
+    )
 
 
 def _percent(share: float) -> str:

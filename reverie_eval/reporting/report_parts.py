@@ -1,7 +1,9 @@
 """The parts of a report in words and numbers, before a template lays them out."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import starmap
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -16,8 +18,6 @@ from reverie_eval.slices import SLICINGS, Slicing
 if TYPE_CHECKING:
     import pandas as pd
 
-_SLICED = ("success", "rgspl")
-"""What parts of the episodes are told by."""
 _OWN_SECTION = "scan"
 FEW = 10
 """Episodes; scans with fewer are not called the worst for what may be chance."""
@@ -40,6 +40,20 @@ class ScoreCell:
 
 
 @dataclass(frozen=True, slots=True)
+class Bar:
+    """A value as a length, in percent; with the ends of its interval where there are any."""
+
+    percent: float
+    low: float = math.nan
+    high: float = math.nan
+
+    @property
+    def interval(self) -> str:
+        """The interval in words; empty if there is none."""
+        return "" if math.isnan(self.low) else f"{self.low:.1f} to {self.high:.1f}"
+
+
+@dataclass(frozen=True, slots=True)
 class Share:
     """So many episodes of all."""
 
@@ -54,6 +68,11 @@ class Share:
         """Which part of ``of`` it is, in percent, if there is any."""
         return f"{_percent(self.count, self.of)} %" if self.of else "-"
 
+    @property
+    def bar(self) -> Bar:
+        """The same as a length."""
+        return Bar(self.percent)
+
 
 @dataclass(frozen=True, slots=True)
 class Line:
@@ -66,15 +85,15 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class PartRow:
-    """A part of the episodes: its size, the first's scores, everybody's main one in percent.
+    """A part of the episodes: its size, the first's success, everybody's primary metric.
 
     Of the others None where the part has no episode of theirs.
     """
 
     name: str
     episodes: int
-    cells: Sequence[str]
-    main: Sequence[float | None]
+    success: str
+    bars: Sequence[Bar | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +101,6 @@ class SliceTable:
     """The parts that a slicing cuts the episodes into."""
 
     slicing: Slicing
-    metrics: Sequence[Metric]
     rows: Sequence[PartRow]
 
 
@@ -185,31 +203,53 @@ def slice_tables(scores: Named) -> tuple[Sequence[SliceTable], Sequence[str]]:
 
 
 def slice_table(scores: Named, slicing: Slicing) -> SliceTable:
-    """Score the parts of one cut."""
-    first, *others = [each.breakdown(slicing.key) for each in scores.values()]
-    metrics = [CATALOGUE[key] for key in _SLICED]
+    """Score the parts of one cut, with intervals where the scores have them."""
+    first, *others = [
+        each.breakdown(slicing.key, intervals=each.intervals is not None)
+        for each in scores.values()
+    ]
+    bars = [_bars(table) for table in (first, *others)]
     rows = [
         PartRow(
-            name=str(part),
-            episodes=int(row["episodes"]),
-            cells=[metric.display(row[metric.key]) for metric in metrics],
-            main=[_main_of(frame, part) for frame in (first, *others)],
+            name=name,
+            episodes=int(episodes),
+            success=CATALOGUE["success"].display(success),
+            bars=[by_part.get(name) for by_part in bars],
         )
-        for part, row in first.iterrows()
+        for name, episodes, success in zip(
+            bars[0], first["episodes"], first["success"], strict=True
+        )
     ]
-    return SliceTable(slicing, metrics, rows)
+    return SliceTable(slicing, rows)
 
 
-def _main_of(table: "pd.DataFrame", part: object) -> float | None:
-    value = table[PRIMARY_METRIC].to_dict().get(part)
-    return None if value is None else 100 * value
+def _bars(table: "pd.DataFrame") -> Mapping[str, Bar]:
+    """Take the primary metric from a breakdown, by part."""
+    columns = [PRIMARY_METRIC, f"{PRIMARY_METRIC}_low", f"{PRIMARY_METRIC}_high"]
+    shown = 100 * table.reindex(columns=columns)
+    return dict(zip(map(str, table.index), starmap(Bar, shown.to_numpy().tolist()), strict=True))
 
 
 def scans_from_the_worst(scores: Named) -> SliceTable:
     """Score the scans, those with the lowest primary metric first; small ones come last."""
     table = slice_table(scores, SLICINGS[_OWN_SECTION])
-    rows = sorted(table.rows, key=lambda row: (row.episodes < FEW, row.main[0] or 0, row.name))
-    return SliceTable(table.slicing, table.metrics, rows)
+    return SliceTable(table.slicing, sorted(table.rows, key=_from_the_worst))
+
+
+def _from_the_worst(row: PartRow) -> tuple[bool, float, str]:
+    bar = row.bars[0]
+    return row.episodes < FEW, bar.percent if bar else 0.0, row.name
+
+
+def passing_notes(scores: Named) -> Sequence[str]:
+    """Say how many of those right from afar had come to the goal, which OSR counts too."""
+    notes = []
+    for name, each in scores.items():
+        came, afar = each.anatomy.afar_after_passing, each.anatomy.counts["right from afar"]
+        if came:
+            whose = f" that {name} has" if len(scores) > 1 else ""
+            notes.append(f"Of the {afar:,}{whose} right from afar, {came:,} had come to the goal.")
+    return notes
 
 
 def _percent(count: int, of: int) -> str:

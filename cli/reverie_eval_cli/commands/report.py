@@ -4,7 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from reverie_eval import ReverieEvalError
+from reverie_eval import ReverieEvalError, Scores
+from reverie_eval.intervals import Clustering, Intervals
 from reverie_eval_cli.arguments import (
     add_clustering,
     add_ground_truth,
@@ -41,9 +42,14 @@ def run(arguments: argparse.Namespace) -> int:
     if scores is None:
         return 1
     by = arguments.cluster
-    report = report_html({name: each.with_intervals(by) for name, each in scores.items()}, by)
+    report = report_html({name: _with_intervals(each, by) for name, each in scores.items()}, by)
     if arguments.output:
         Path(arguments.output).write_text(report, encoding="utf-8")
     else:
         sys.stdout.write(report)
     return 0
+
+
+def _with_intervals(scores: Scores, by: Clustering) -> Scores:
+    """Draw intervals, unless there is nothing to draw from, which the report then says."""
+    return scores if Intervals.obstacle(scores.ground_truth, by) else scores.with_intervals(by)

@@ -182,7 +182,7 @@ def test_who_tries_tokens_leaves_an_address(
     ("error", "said"),
     [
         pytest.param(RuntimeError(f"the target is {SECRET}"), "", id="anything"),
-        pytest.param(OSError(28, "No space left on device"), "space left", id="the system's"),
+        pytest.param(OSError(5, "Input/output error"), "output error", id="the system's"),
     ],
 )
 def test_the_organiser_finds_a_fault_by_its_id(

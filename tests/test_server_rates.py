@@ -7,6 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from reverie_eval.server.callers import COOKIE
 from reverie_eval.server.edge.rates import FAILED_COST, site_of
 from reverie_eval.server.settings import Limits
 from tests.serving import GOOD, OPEN, OTHER, OWNER, OpenServer, Serving, settings_of
@@ -54,6 +55,39 @@ def test_one_token_has_so_many_requests_from_all_addresses(
     statuses = [me(server, OWNER, f"192.0.2.{n}").status_code for n in range(PER_MINUTE + 1)]
     assert statuses == [200] * PER_MINUTE + [429]
     assert me(server, OTHER, "192.0.2.99").status_code == 200
+
+
+def test_one_token_is_one_however_it_is_written(limited: Callable[..., Serving]) -> None:
+    server = limited(PROXY)
+    schemes = ("Bearer ", "bearer ", "BEARER ", "Bearer   ")
+    for n in range(PER_MINUTE):
+        shown = schemes[n % len(schemes)] + server.tokens[OWNER]
+        headers = {"Authorization": shown, "X-Forwarded-For": f"192.0.2.{n}"}
+        assert server.ask(None, "GET", "/me", headers=headers).status_code == 200
+    assert me(server, OWNER, "192.0.2.99").status_code == 429
+
+
+def test_one_browser_session_has_so_many_requests_however_its_cookie_is_written(
+    limited: Callable[..., Serving],
+) -> None:
+    server = limited(PROXY)
+    ada, carl = (sign_in(server, who) for who in (OWNER, OTHER))
+
+    def status(cookie: str, n: int) -> int:
+        headers = {"Cookie": f"{COOKIE}={cookie}", "X-Forwarded-For": f"192.0.2.{n}"}
+        return server.ask(None, "GET", "/me", headers=headers).status_code
+
+    spellings = (ada, f"{ada}=", f"{ada}====")
+    statuses = [status(spellings[n % 3], n) for n in range(PER_MINUTE + 1)]
+    assert statuses == [200] * PER_MINUTE + [429]
+    assert status(carl, 99) == 200
+
+
+def sign_in(server: Serving, who: str) -> str:
+    """Begin a session of somebody's and return its cookie."""
+    reply = server.ask(None, "POST", "/session", json={"token": server.tokens[who]})
+    server.client.cookies.clear()
+    return reply.cookies[COOKIE]
 
 
 def test_trying_tokens_costs_more(limited: Callable[..., Serving]) -> None:

@@ -1,9 +1,13 @@
 """What may be said of a request in a log or a metric: few words, none of the sender's choice."""
 
+from fastapi.security.utils import get_authorization_scheme_param
 from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
+from reverie_eval.server.callers import COOKIE
 from reverie_eval.server.service.people import HINT_LENGTH, PREFIX
+from reverie_eval.server.service.sessions import name_in
 
 UNMATCHED = "unmatched"
 """The route of a request that none of ours answers."""
@@ -34,12 +38,17 @@ def address_of(scope: Scope) -> str:
     return str(client[0]) if client else "unknown"
 
 
-def credential_of(scope: Scope) -> str:
-    """Return what the sender shows in the Authorization header, if anything."""
-    return Headers(scope=scope).get("authorization", "")
+def token_of(scope: Scope) -> str:
+    """Return the token that the sender shows, if any, read as the routes read it."""
+    return get_authorization_scheme_param(Headers(scope=scope).get("authorization"))[1]
+
+
+def session_of(scope: Scope) -> str:
+    """Return the name of the browser session that the sender's cookie tells, if any."""
+    return name_in(HTTPConnection(scope).cookies.get(COOKIE, ""))
 
 
 def hint_of(scope: Scope) -> str:
     """Return the first letters of a token, by which the organiser knows it; never more."""
-    token = credential_of(scope).rpartition(" ")[2]
+    token = token_of(scope)
     return token[:HINT_LENGTH] if token.startswith(PREFIX) else ""

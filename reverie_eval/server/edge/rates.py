@@ -1,4 +1,4 @@
-"""How often one may ask: so many requests in a minute of one address, and of one token."""
+"""How often one may ask: so many requests in a minute of an address, a token and a session."""
 
 import hashlib
 import ipaddress
@@ -10,11 +10,12 @@ from limits.storage import MemoryStorage
 from limits.strategies import FixedWindowRateLimiter
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from reverie_eval.server.edge.labels import address_of, credential_of
+from reverie_eval.server.edge.labels import address_of, session_of, token_of
 from reverie_eval.server.errors import TooManyError
 
 FAILED_COST = 10
-"""Requests that an attempt with a wrong token, session or invitation counts for."""
+"""Requests that an attempt with a wrong token or invitation counts for. A session's name, which is
+signed, nobody tries; browsers show one that is over."""
 EXEMPT = ("/healthz", "/static/")
 """The one's answer is kept for some seconds, and whoever watches the server must not be turned
 away; the others are the pages' own files, which browsers keep."""
@@ -43,11 +44,12 @@ class RateLimits:
         if scope["type"] != "http" or scope["path"].startswith(EXEMPT):
             await self._app(scope, receive, send)
             return
-        address, credential = site_of(address_of(scope)), credential_of(scope)
+        address, token = site_of(address_of(scope)), token_of(scope)
         self._take("address", address)
-        if credential:
-            self._take("token", hashlib.sha256(credential.encode()).hexdigest())
-        attempts = bool(credential) or scope["method"] == "POST"
+        for kind, shown in (("token", token), ("session", session_of(scope))):
+            if shown:
+                self._take(kind, hashlib.sha256(shown.encode()).hexdigest())
+        attempts = bool(token) or scope["method"] == "POST"
 
         async def watching(message: Message) -> None:
             if message.get("status") == _NOT_SIGNED_IN and attempts:

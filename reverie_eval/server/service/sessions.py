@@ -96,5 +96,13 @@ class Sessions:
             )
 
 
+def name_in(cookie: str) -> str:
+    """Return the name of the session that a cookie is of, if it is signed.
+
+    A signature may be written in several ways, and all of them hold; a name in one.
+    """
+    return cookie.rpartition(".")[0]
+
+
 def _signer(secret: bytes, purpose: str) -> Signer:
     return Signer(secret, purpose, key_derivation="hmac", digest_method=hashlib.sha256)

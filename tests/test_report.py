@@ -152,6 +152,8 @@ def test_bars_are_as_long_as_they_say(single: str) -> None:
 def test_slices(single: str) -> None:
     headings = [each.text for each in section(single, "parts").iter(f"{HTML}h3")]
     assert headings == ["By length"]  # both targets are seen from two places
+    said = [each.text for each in section(single, "parts").iter(f"{HTML}p")]
+    assert said[-1] == "The shortest length to the goal."
     ((near, far),) = tables(single, "parts")
     assert near == ["6 to 8 m", "3", "66.67", "66.67"]
     assert far == ["10 to 12 m", "2", "0.00", "0.00"]
@@ -383,9 +385,9 @@ def test_both_are_side_by_side(both: str) -> None:
     assert [each.text for each in heads.iter(f"{HTML}th")] == [
         "length",
         "episodes",
-        "mine SR %",
-        "mine RGSPL %",
-        "theirs RGSPL %",
+        "mine SR\u00a0%",
+        "mine RGSPL\u00a0%",
+        "theirs RGSPL\u00a0%",
         None,
     ]
 

@@ -196,7 +196,7 @@ def slice_tables(scores: Named) -> tuple[Sequence[SliceTable], Sequence[str]]:
         try:
             table = slice_table(scores, slicing)
         except GroundTruthError as error:
-            notes.append(f"not cut by {slicing.key}: {error}")
+            notes.append(f"Not cut by {slicing.key}: {error}.")
         else:
             tables += [table] if len(table.rows) > 1 else []
     return tables, notes

@@ -28,6 +28,7 @@ from tests.serving import (
     settings_of,
     submission_for,
 )
+from tests.visiting import signed_in
 
 REQUESTS = "reverie_eval.server.requests"
 SECRET = "1999999937"
@@ -245,13 +246,12 @@ def test_metrics_count_what_was_answered(server: Serving) -> None:
     server.upload(OTHER, split="none-of-ours")
     server.ask(None, "GET", "/no-such/path")
     samples = metrics_of(server)
-    uploads = {labels: count for labels, count in samples.items() if "uploads_total" in labels[0]}
-    assert uploads == {
-        ("reverie_eval_uploads_total", "scored", OPEN): 1,
-        ("reverie_eval_uploads_total", "repeated", OPEN): 1,
-        ("reverie_eval_uploads_total", "submission-rejected", OPEN): 1,
-        ("reverie_eval_uploads_total", "scored", PRIVATE): 1,
-        ("reverie_eval_uploads_total", "not-found", "unknown"): 1,
+    assert uploads_of(samples) == {
+        ("scored", OPEN): 1,
+        ("repeated", OPEN): 1,
+        ("submission-rejected", OPEN): 1,
+        ("scored", PRIVATE): 1,
+        ("not-found", "unknown"): 1,
     }
     assert samples["reverie_eval_requests_total", "POST", SUBMIT, "201"] == 2
     assert samples["reverie_eval_requests_total", "GET", "unmatched", "404"] == 1
@@ -259,6 +259,35 @@ def test_metrics_count_what_was_answered(server: Serving) -> None:
     assert samples["reverie_eval_request_seconds_sum", "POST", SUBMIT] > 0
     assert samples[("reverie_eval_requests_in_flight",)] == 1
     assert samples[("reverie_eval_uploads_waiting",)] == 0
+
+
+def uploads_of(samples: Samples) -> Samples:
+    """Return how many uploads there were, by what they came to and their split."""
+    name = "reverie_eval_uploads_total"
+    return {labels[1:]: count for labels, count in samples.items() if labels[0] == name}
+
+
+def test_metrics_count_what_was_uploaded_with_a_form(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    owner = signed_in(server, OWNER)
+    owner.upload(GOOD)
+    owner.upload(GOOD)
+    owner.upload(BROKEN)
+    owner.upload(GOOD, "check")
+    owner.upload(BROKEN, "check")
+    owner.upload(GOOD, split="none-of-ours")
+    owner.upload(b" " * (33 << 20))
+    monkeypatch.setattr(Board, "score", fail)
+    owner.upload(server.distinct())
+    assert uploads_of(metrics_of(server)) == {
+        ("scored", OPEN): 1,
+        ("repeated", OPEN): 1,
+        ("submission-rejected", OPEN): 1,
+        ("not-found", "unknown"): 1,
+        ("too-large", "unknown"): 1,
+        ("internal", OPEN): 1,
+    }
 
 
 def test_metrics_tell_of_nobody(server: Serving) -> None:

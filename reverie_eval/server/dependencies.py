@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from reverie_eval.reading.unpacking import unpack
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.callers import Caller, Server
-from reverie_eval.server.edge.exchange import exchange_of
+from reverie_eval.server.edge.exchange import Exchange, exchange_of
 from reverie_eval.server.examples import FORM, SUBMISSION
 from reverie_eval.server.operations import Upkeep
 from reverie_eval.server.uploading import Upload, receive
@@ -51,6 +51,16 @@ FILE_BODY: dict[str, Any] = {
     }
 }
 """The body of an upload, for the API's description."""
+
+
+async def counted(request: Request) -> Exchange:
+    """Count an upload to be scored, whatever becomes of it."""
+    exchange = exchange_of(request.scope)
+    exchange.uploaded_to = request.path_params["split"]
+    return exchange
+
+
+Counted = Annotated[Exchange, Depends(counted)]
 
 
 async def received(

@@ -9,14 +9,12 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, gene
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from starlette.types import Scope
 
-from reverie_eval.server.edge.exchange import Exchange
+from reverie_eval.server.edge.exchange import OK, Exchange
 from reverie_eval.server.edge.labels import method_of, route_of
 
 MEDIA_TYPE = CONTENT_TYPE_LATEST
-UPLOAD_ROUTE = "/api/v1/splits/{split}/submissions"
 
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
-_OUTCOMES = {201: "scored", 200: "repeated"}
 
 
 class Metrics:
@@ -59,11 +57,16 @@ class Metrics:
         method, route = method_of(scope), route_of(scope)
         self._requests.labels(method, route, exchange.status or "none").inc()
         self._seconds.labels(method, route).observe(exchange.seconds)
-        if method == "POST" and route == UPLOAD_ROUTE:
-            split = scope.get("path_params", {}).get("split")
-            outcome = _OUTCOMES.get(exchange.status or 0, exchange.outcome)
-            self._uploads.labels(split if split in self._splits else "unknown", outcome).inc()
+        if exchange.uploaded_to is not None:
+            split = exchange.uploaded_to if exchange.uploaded_to in self._splits else "unknown"
+            self._uploads.labels(split, _came_to(exchange)).inc()
 
     def text(self) -> bytes:
         """Return the counts as Prometheus reads them."""
         return generate_latest(self._registry)
+
+
+def _came_to(exchange: Exchange) -> str:
+    if exchange.outcome != OK:
+        return exchange.outcome
+    return "repeated" if exchange.is_repeat else "scored"

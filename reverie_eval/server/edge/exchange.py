@@ -9,6 +9,9 @@ from starlette.types import Scope
 
 from reverie_eval.schemas.service import QuotaReport
 
+OK = "ok"
+"""The outcome of a request that came to no problem."""
+
 _KEY = "reverie_eval.exchange"
 
 
@@ -25,8 +28,12 @@ class Exchange:
     """Bytes of the reply's body."""
     status: int | None = None
     """None until the reply has begun."""
-    outcome: str = "ok"
+    outcome: str = OK
     """The code of the problem document, if it came to that."""
+    uploaded_to: str | None = None
+    """Of an upload to be scored, the split as its sender names it: empty until that is known."""
+    is_repeat: bool = False
+    """Whether the upload was scored before."""
     quota: Callable[[], QuotaReport] | None = None
     """Tells what the caller has left, where a problem document is to say so."""
 

@@ -19,6 +19,7 @@ from fastapi.responses import RedirectResponse, Response
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.callers import Server
 from reverie_eval.server.dependencies import content_of, method_from
+from reverie_eval.server.edge.exchange import exchange_of
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.operations import Upkeep
 from reverie_eval.server.pages.faults import show_faults_with
@@ -78,8 +79,12 @@ async def posted_upload(
     MalformedError
         If no file was chosen; nothing else is said of it then.
     """
+    exchange = exchange_of(request.scope)
+    exchange.uploaded_to = ""
     async with upkeep.admission.hold():
         upload = await receive(request, server.settings.limits)
+        is_to_be_scored = upload.fields.get("what") == "score"
+        exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None
         server.sessions.demand_csrf_token(found, upload.fields.get("csrf_token", ""))
         form = UploadForm(request, server, found)
 
@@ -115,6 +120,7 @@ def submit(request: Request, server: Server, member: Member, upload: PostedUploa
     accepted = server.intake.submit(
         member.token.person, board.name, upload.packed, method_from(said), key=None
     )
+    exchange_of(request.scope).is_repeat = accepted.is_repeat
     came = "again" if accepted.is_repeat else "scored"
     return RedirectResponse(f"/submissions/{accepted.submission.id}?done={came}", SEE_OTHER)
 

@@ -8,7 +8,13 @@ from fastapi.responses import PlainTextResponse
 from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.schemas.service import Accepted, Checked, Leaderboard, PhaseReport, SplitReport
 from reverie_eval.server.callers import Anybody, Caller, Server
-from reverie_eval.server.dependencies import FILE_BODY, METHOD_PARAMETERS, Content, Entered
+from reverie_eval.server.dependencies import (
+    FILE_BODY,
+    METHOD_PARAMETERS,
+    Content,
+    Counted,
+    Entered,
+)
 from reverie_eval.server.examples import BOARD_CSV
 from reverie_eval.server.openapi import problems
 from reverie_eval.server.service.boards import Board
@@ -59,7 +65,13 @@ def show_split(split: SplitName, server: Server, person: Anybody) -> SplitReport
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
 def submit(
-    split: SplitName, person: Caller, entry: Entered, server: Server, response: Response
+    *,
+    counted: Counted,
+    split: SplitName,
+    person: Caller,
+    entry: Entered,
+    server: Server,
+    response: Response,
 ) -> Accepted:
     """Score an upload and return its scores, receipt and what is left of the quota.
 
@@ -67,6 +79,7 @@ def submit(
     or the same Idempotency-Key, gets the first reply again, with status 200, and spends nothing.
     """
     accepted = server.intake.submit(person, split, entry.packed, entry.method, entry.key)
+    counted.is_repeat = accepted.is_repeat
     response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
     return accepted
 

@@ -72,6 +72,9 @@ def test_health_writes_into_the_folder_of_uploads_and_leaves_nothing(
     monkeypatch.setattr(health, "SECONDS_KEPT", 0)
     folder = server.state.settings.folder / "uploads"
     assert health_of(server) == WELL
+    assert not folder.exists()
+    folder.mkdir()
+    assert health_of(server) == WELL
     assert list(folder.rglob("*")) == []
     folder.rmdir()
     folder.write_text("no folder")

@@ -230,3 +230,55 @@ def test_nor_the_password_of_its_key(
     assert checked.status == 0
     assert "postgresql+psycopg://" in checked.out
     assert "correct-horse" not in checked.out
+
+
+def test_uploads_that_are_no_folder_are_named(folder: Path, run: Run) -> None:
+    (folder / "uploads").touch()
+    checked = run("server", "check", str(folder))
+    assert checked.status == 1
+    assert "uploads: Not a directory; name a folder that the server can write to" in checked.out
+
+
+def test_uploads_that_cannot_be_written_are_named(laptop: Laptop) -> None:
+    laptop.run("server", "init", "lab")
+    (laptop.folder / "lab" / "uploads").mkdir()
+    assert laptop.run("server", "check", "lab").status == 0
+    (laptop.folder / "lab" / "uploads").chmod(0o500)
+    checked = laptop.like_anybody("server", "check", "lab")
+    assert checked.status == 1
+    assert "uploads: Permission denied; name a folder that the server" in checked.out
+
+
+NO_STORE = "s3://kept: Could not connect to the endpoint URL"
+NO_BOTO3 = "pip install 'reverie-eval[s3]'"
+
+
+@pytest.fixture(params=[NO_STORE, NO_BOTO3], ids=["store is down", "boto3 is not there"])
+def no_store(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Set the uploads to a store that cannot be used, and return what is said of it."""
+    monkeypatch.setenv("REVERIE_EVAL_UPLOADS", "s3://kept")
+    monkeypatch.setenv("AWS_ENDPOINT_URL_S3", "http://127.0.0.1:1")
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "test")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "test")
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    if request.param == NO_BOTO3:
+        monkeypatch.setitem(sys.modules, "boto3", None)
+    told: str = request.param
+    return told
+
+
+def test_a_store_that_cannot_be_used_is_named(
+    used: Path, archive: Path, no_store: str, tmp_path: Path, run: Run
+) -> None:
+    checked = run("server", "check", str(used))
+    assert (checked.status, no_store in checked.out) == (1, True)
+    there = tmp_path / "there"
+    for words in (["backup", str(used), "-o", str(there)], ["restore", str(archive), str(there)]):
+        outcome = run("server", *words)
+        assert (outcome.status, outcome.out) == (2, "")
+        assert no_store in outcome.err
+        assert outcome.err.startswith("reverie-eval: ")
+        assert outcome.err.count("\n") == 1
+        assert "database" not in outcome.err
+        assert not there.exists()

@@ -337,6 +337,30 @@ def test_what_is_no_database_is_told_with_what_is(database: str, told: str, tmp_
     assert problems(tmp_path, f"database = '{database}'\n{SPLIT}") == [told]
 
 
+@pytest.mark.parametrize(
+    ("uploads", "told"),
+    [
+        pytest.param("gs://bucket", "takes a folder, or an S3-compatible", id="another store"),
+        pytest.param("s3://", "s3://BUCKET/PREFIX", id="no bucket"),
+        pytest.param("s3:bucket", "s3://BUCKET/PREFIX", id="no address"),
+        pytest.param("", "is the server's own folder", id="the folder itself"),
+        pytest.param("uploads/..", "is the server's own folder", id="the folder, roundabout"),
+        pytest.param("/", "is the server's own folder, or around it", id="around the folder"),
+    ],
+)
+def test_what_is_no_place_for_uploads_is_told_with_what_is(
+    uploads: str, told: str, tmp_path: Path
+) -> None:
+    (problem,) = problems(tmp_path, f"uploads = '{uploads}'\n{SPLIT}")
+    assert problem.startswith("uploads: ")
+    assert told in problem
+
+
+@pytest.mark.parametrize("uploads", ["kept/uploads", "../beside", "s3://bucket", "s3://b/a/b"])
+def test_where_uploads_may_be(uploads: str, tmp_path: Path) -> None:
+    assert loaded(tmp_path, f"uploads = '{uploads}'\n{SPLIT}").uploads == uploads
+
+
 # What the settings come to.
 
 

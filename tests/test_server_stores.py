@@ -9,7 +9,14 @@ from typing import Any
 import httpx
 import pytest
 
-from reverie_eval.server.store.uploads import PIECE, FolderUploads, S3Uploads, Uploads, open_uploads
+from reverie_eval.server.store.uploads import (
+    PIECE,
+    FolderUploads,
+    S3Uploads,
+    Uploads,
+    UploadsError,
+    open_uploads,
+)
 from tests.participants import private_submission
 from tests.serving import OWNER, PRIVATE, Serving, running
 
@@ -61,6 +68,29 @@ def test_what_was_never_put_is_not_found(uploads: Uploads) -> None:
     assert list(uploads.names()) == []
     with pytest.raises(FileNotFoundError):
         uploads.get(SHA256)
+    with pytest.raises(FileNotFoundError):
+        uploads.pieces(SHA256)
+
+
+def test_to_try_a_store_leaves_nothing_in_it(uploads: Uploads) -> None:
+    uploads.try_out()
+    uploads.put(SHA256, CONTENT)
+    uploads.try_out()
+    assert list(uploads.names()) == [f"{SHA256}.json"]
+
+
+@pytest.mark.usefixtures("bucket")
+def test_a_bucket_that_is_not_there_is_named(tmp_path: Path) -> None:
+    elsewhere = open_uploads("s3://no-such-bucket", tmp_path)
+    told = "s3://no-such-bucket: .* the bucket with these credentials"
+    for ask in (
+        elsewhere.try_out,
+        lambda: elsewhere.put(SHA256, CONTENT),
+        lambda: elsewhere.get(SHA256),
+        lambda: list(elsewhere.names()),
+    ):
+        with pytest.raises(UploadsError, match=told):
+            ask()
 
 
 def test_an_s3_store_names_more_than_a_page(bucket: str, tmp_path: Path) -> None:

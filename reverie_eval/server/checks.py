@@ -25,7 +25,7 @@ from reverie_eval.server.settings import (
 )
 from reverie_eval.server.store.database import Database, known_revisions
 from reverie_eval.server.store.tables import Submission
-from reverie_eval.server.store.uploads import open_uploads
+from reverie_eval.server.store.uploads import UploadsError, open_uploads
 from reverie_eval.version import __version__
 from reverie_eval.wording import counted
 
@@ -259,12 +259,11 @@ def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
 
 def _at_uploads(settings: Settings) -> Iterator[Finding]:
     try:
-        next(open_uploads(settings.uploads, settings.folder).names(), None)
-    except ModuleNotFoundError as error:
-        told = f"{error}; install it: pip install 'reverie-eval[s3]'"
-        yield Finding("uploads", "fault", told)
-    except Exception as error:  # noqa: BLE001  # stores far away fail in ways of their own
-        told = f"{settings.uploads}: {error}; see that it can be reached with these credentials"
+        open_uploads(settings.uploads, settings.folder).try_out()
+    except UploadsError as error:
+        yield Finding("uploads", "fault", str(error))
+    except OSError as error:
+        told = f"{settings.uploads}: {error.strerror}; name a folder that the server can write to"
         yield Finding("uploads", "fault", told)
     else:
         yield Finding("uploads", "ok", settings.uploads)

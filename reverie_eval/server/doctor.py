@@ -21,7 +21,7 @@ from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
-from reverie_eval.server.store.uploads import Uploads, open_uploads
+from reverie_eval.server.store.uploads import Uploads, UploadsError, open_uploads
 from reverie_eval.wording import counted, some
 
 Track = Callable[[Sequence[str], str], Iterable[str]]
@@ -111,7 +111,7 @@ def _trouble(uploads: Uploads, sha256: str) -> str:
         found = hashlib.sha256(uploads.get(sha256)).hexdigest()
     except FileNotFoundError:
         return "is missing"
-    except Exception as error:  # noqa: BLE001  # stores far away fail in ways of their own
+    except (OSError, UploadsError) as error:
         return f"cannot be read ({error})"
     return "" if found == sha256 else "is not what was sent"
 

@@ -10,9 +10,7 @@ import json
 import logging
 import time
 from collections.abc import Callable, Iterator, MutableMapping
-from contextlib import suppress
 from functools import cached_property, partial
-from tempfile import TemporaryFile
 
 from anyio import move_on_after
 from anyio.to_thread import run_sync
@@ -26,7 +24,6 @@ from reverie_eval.schemas.service import HealthReport, QuotaReport
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Team
-from reverie_eval.server.store.uploads import FolderUploads, Uploads
 
 SECONDS_KEPT = 10
 SECONDS_TO_ANSWER = 20
@@ -82,7 +79,7 @@ def _looks(server: ServerState) -> Iterator[tuple[str, Callable[[], None]]]:
     for board in server.boards.values():
         yield f"scoring of {board.name}", Canary(server, board).score
     yield "database", partial(_write, server)
-    yield "uploads", partial(_reach, server.uploads)
+    yield "uploads", server.uploads.try_out
 
 
 class Canary:
@@ -133,13 +130,3 @@ def _write(server: ServerState) -> None:
     """Let the database take its turn, its lock and a change, of no row."""
     with server.database.writing() as session:
         session.execute(update(Team).where(Team.id < 0).values(name=Team.name))
-
-
-def _reach(uploads: Uploads) -> None:
-    """Ask for what is not there, and write, where that is a folder, what has no name."""
-    with suppress(FileNotFoundError):
-        uploads.get(_NO_DIGEST)
-    if isinstance(uploads, FolderUploads):
-        uploads.folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=uploads.folder) as file:
-            file.write(_NO_DIGEST.encode())

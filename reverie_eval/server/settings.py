@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeAlias
+from urllib.parse import urlsplit
 
 from pydantic import (
     AfterValidator,
@@ -85,6 +86,15 @@ def _known_database(address: str) -> str:
 def _is_file(address: str) -> bool:
     name = address.removeprefix("sqlite:///")
     return name != address and name not in ("", ":memory:") and "?" not in name
+
+
+def _known_store(place: str) -> str:
+    """Return the place of uploads, if it is a folder's or one that a server can use."""
+    address = urlsplit(place)
+    is_folder = "://" not in place and address.scheme != "s3"
+    if not is_folder and not (address.scheme == "s3" and address.netloc):
+        raise ValueError("takes a folder, or an S3-compatible store, s3://BUCKET/PREFIX")
+    return place
 
 
 class _Section(BaseModel):
@@ -186,7 +196,7 @@ class Settings(BaseSettings):
     """Take no submissions; everything else goes on."""
     database: Annotated[str, AfterValidator(_known_database)] = "sqlite:///server.db"
     """A file of SQLite, or ``postgresql+psycopg://...``."""
-    uploads: str = "uploads"
+    uploads: Annotated[str, AfterValidator(_known_store)] = "uploads"
     """A folder, or ``s3://bucket/prefix``."""
     signing_key: Path = Path("signing-key.pem")
     """Signs receipts; made by ``server init``, and worth a backup of its own."""
@@ -214,6 +224,9 @@ class Settings(BaseSettings):
             raise SettingsError([_no_setting(key) for key in hidden])
         settings = cls(**content)
         settings._folder = folder.resolve()
+        if settings._folder.is_relative_to(settings.path(settings.uploads).resolve()):
+            remedy = "is the server's own folder, or around it; name one for uploads alone"
+            raise SettingsError([Problem("wrong-setting", "uploads", remedy)])
         return settings
 
     @classmethod

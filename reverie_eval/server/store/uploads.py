@@ -6,14 +6,22 @@ file that nobody asks for, never a row without its file.
 
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from tempfile import NamedTemporaryFile, TemporaryFile
 from threading import Lock
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
+from reverie_eval.errors import ReverieEvalError
+
 PIECE = 256 << 10
 """Bytes of an upload that are in memory while somebody downloads it."""
+_NO_UPLOAD = "0" * 64
+
+
+class UploadsError(ReverieEvalError):
+    """A store far away cannot be used; says why, and what to do."""
 
 
 class Uploads(Protocol):
@@ -33,6 +41,9 @@ class Uploads(Protocol):
 
     def names(self) -> Iterator[str]:
         """Return the names of all that is there; those of whole uploads are ``SHA-256.json``."""
+
+    def try_out(self) -> None:
+        """Do what fails where no upload can be kept or read; it changes nothing."""
 
 
 def open_uploads(place: str, folder: Path) -> Uploads:
@@ -71,6 +82,14 @@ class FolderUploads:
     def names(self) -> Iterator[str]:
         """List the files, those too that a crash has left half-written."""
         return (path.name for path in self.folder.rglob("*") if path.is_file())
+
+    def try_out(self) -> None:
+        """Ask for what is not there, and write what has no name, or where the folder is to be."""
+        with suppress(FileNotFoundError):
+            self.get(_NO_UPLOAD)
+        there = next(place for place in (self.folder, *self.folder.parents) if place.exists())
+        with TemporaryFile(dir=there) as file:
+            file.write(_NO_UPLOAD.encode())
 
     def _path(self, sha256: str) -> Path:
         return self.folder / sha256[:2] / f"{sha256}.json"
@@ -112,19 +131,28 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+_NOT_THERE = ("NoSuchKey", "404")
+"""What S3 says of an object that is asked for, and of one that is asked about."""
+
+
 class S3Uploads:
     """Uploads in an S3-compatible store; credentials and endpoint as boto3 finds them."""
 
     def __init__(self, bucket: str, prefix: str) -> None:
-        import boto3
-
+        try:
+            import boto3
+        except ModuleNotFoundError as error:
+            remedy = "install it: pip install 'reverie-eval[s3]'"
+            raise UploadsError(f"{error}; {remedy}") from error
         self._bucket = bucket
         self._prefix = f"{prefix}/" if prefix else ""
-        self._client: Any = boto3.client("s3")
+        with self._asking():
+            self._client: Any = boto3.client("s3")
 
     def put(self, sha256: str, content: bytes) -> None:
         """Write the object; the store does so whole or not at all."""
-        self._client.put_object(Bucket=self._bucket, Key=self._key(sha256), Body=content)
+        with self._asking():
+            self._client.put_object(Bucket=self._bucket, Key=self._key(sha256), Body=content)
 
     def get(self, sha256: str) -> bytes:
         """Read the object."""
@@ -132,23 +160,46 @@ class S3Uploads:
 
     def pieces(self, sha256: str) -> Iterator[bytes]:
         """Read the object, asked for by ranges of bytes."""
-        known = self._client.head_object(Bucket=self._bucket, Key=self._key(sha256))
+        with self._asking():
+            known = self._client.head_object(Bucket=self._bucket, Key=self._key(sha256))
         starts = range(0, known["ContentLength"], PIECE)
         return (self._read(sha256, Range=f"bytes={start}-{start + PIECE - 1}") for start in starts)
 
     def names(self) -> Iterator[str]:
         """List the objects."""
         pages = self._client.get_paginator("list_objects_v2")
-        for page in pages.paginate(Bucket=self._bucket, Prefix=self._prefix):
-            yield from (found["Key"].rpartition("/")[2] for found in page.get("Contents", ()))
+        with self._asking():
+            for page in pages.paginate(Bucket=self._bucket, Prefix=self._prefix):
+                yield from (found["Key"].rpartition("/")[2] for found in page.get("Contents", ()))
+
+    def try_out(self) -> None:
+        """Ask for what is not there."""
+        with suppress(FileNotFoundError):
+            self.get(_NO_UPLOAD)
 
     def _read(self, sha256: str, **part: str) -> bytes:
-        try:
+        with self._asking():
             answer = self._client.get_object(Bucket=self._bucket, Key=self._key(sha256), **part)
-        except self._client.exceptions.NoSuchKey:
-            raise FileNotFoundError(sha256) from None
-        content: bytes = answer["Body"].read()
+            content: bytes = answer["Body"].read()
         return content
+
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """Word what the store refuses, or that it cannot be reached."""
+        from botocore.exceptions import BotoCoreError, ClientError
+
+        try:
+            yield
+        except ClientError as error:
+            if error.response["Error"]["Code"] in _NOT_THERE:
+                raise FileNotFoundError(str(error)) from error
+            raise self._refusal(error) from error
+        except (BotoCoreError, ValueError) as error:  # which an endpoint is that is no URL
+            raise self._refusal(error) from error
+
+    def _refusal(self, error: Exception) -> UploadsError:
+        remedy = "see that it can be reached, and the bucket with these credentials"
+        return UploadsError(f"s3://{self._bucket}: {error}; {remedy}")
 
     def _key(self, sha256: str) -> str:
         return f"{self._prefix}{sha256[:2]}/{sha256}.json"

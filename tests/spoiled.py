@@ -76,6 +76,17 @@ def all_round(key: int) -> Spoil:
     return listed(key=key, visible_pos=list(range(36)), bbox2d=[BOX] * 36)
 
 
+def sofas(hidden: int, visible: int) -> Spoil:
+    """List sofas at a viewpoint, some of which no view shows."""
+    views: list[list[int]] = [[]] * hidden + [[13]] * visible
+    return both(
+        *(
+            listed(key=100 + n, name="sofa", visible_pos=shown, bbox2d=[BOX] * len(shown))
+            for n, shown in enumerate(views)
+        )
+    )
+
+
 def both(*spoils: Spoil) -> Spoil:
     """Do one after the other."""
     return lambda folder: [spoil(folder) for spoil in spoils]

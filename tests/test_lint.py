@@ -33,6 +33,7 @@ from tests.spoiled import (
     may_stay,
     no_way,
     shed,
+    sofas,
     tasks,
     two_splits,
     unanswered,
@@ -193,6 +194,19 @@ LOST_GRAPH = {"boxes-of-unknown-viewpoint": 3, "unknown-scan": 1}
             {"several-names": 1},
             id="names",
         ),
+        pytest.param(
+            sofas(51, 49),
+            {"hidden-name": 1, "listed-not-visible": 51, "never-visible": 51},
+            id="name that is mostly not visible",
+        ),
+        pytest.param(
+            sofas(50, 50), {"listed-not-visible": 50, "never-visible": 50}, id="name half visible"
+        ),
+        pytest.param(
+            sofas(99, 0),
+            {"listed-not-visible": 99, "never-visible": 99},
+            id="name not often listed",
+        ),
         pytest.param(listed(visible_pos=[35]), {}, id="last view"),
         pytest.param(listed(visible_pos=[36]), {"view-out-of-range": 1}, id="view 36"),
         pytest.param(listed(visible_pos=[-1]), {"view-out-of-range": 1}, id="view -1"),
@@ -314,6 +328,26 @@ def test_distances_from_the_camera_to_the_centre(
     assert report.sound
     objects, targets = report.sections[-1].spreads
     assert (objects.number, objects.mean, targets.number, targets.mean) == (1, height, 1, height)
+
+
+@pytest.mark.parametrize(("height", "near"), [(0.0, 1), (1.999, 1), (2.0, 0)])
+def test_a_viewpoint_near_what_it_lists(height: float, near: int, flat: Path) -> None:
+    """The bathtub is above the camera that lists it; the hall's lamp is listed nowhere."""
+    expected = {"within-reach": near, "unlisted-within-reach": 0}
+    assert _near(flat, [8.0, 6.0, height]) == expected
+
+
+def test_a_viewpoint_near_what_it_does_not_list(flat: Path) -> None:
+    """The bathtub is listed in the bathroom, and stands in the hall."""
+    assert _near(flat, [8.0, 0.0, 0.0]) == {"within-reach": 1, "unlisted-within-reach": 1}
+
+
+def _near(flat: Path, tub: Sequence[float]) -> dict[str, int]:
+    centres = flat / OBJECT_POSITIONS
+    lamp = 99
+    write_json(centres, {"flat": {str(TUB): tub, str(lamp): [8, 0, 0]}, "annex": {"1": [0, 0, 0]}})
+    counts = linted(flat, object_positions=centres).sections[-1].counts
+    return {count.code: count.found.number for count in counts if "within" in count.code}
 
 
 def test_object_positions_that_cannot_be_read(flat: Path) -> None:

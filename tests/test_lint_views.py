@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 
 from reverie_eval.linting.boxes import Boxes, Entry, Listed
 from reverie_eval.linting.graphs import Place
-from reverie_eval.linting.view_checks import edge_differences, neighbours
+from reverie_eval.linting.view_checks import (
+    ENOUGH,
+    LEVEL_PAIRS,
+    centre_differences,
+    edge_differences,
+    neighbours,
+    view_counts,
+    view_spreads,
+)
 from tests.spoiled import BOX
 
 FOCAL = 240 / np.tan(np.pi / 6)
@@ -25,8 +33,13 @@ def _shown(view: int, left: float, right: float) -> list[int]:
 
 
 def _object(views: Sequence[int], boxes: Sequence[Sequence[int]]) -> Boxes:
-    entry = Entry(list(views), [(a, b, c, d) for a, b, c, d in boxes])
-    return Boxes([Place("flat", "bath")], [Listed(0, 5, entry)], [], [], is_folder=True)
+    return _objects(views, [boxes])
+
+
+def _objects(views: Sequence[int], objects: Sequence[Sequence[Sequence[int]]]) -> Boxes:
+    entries = [Entry(list(views), [(a, b, c, d) for a, b, c, d in boxes]) for boxes in objects]
+    listed = [Listed(0, object_id, entry) for object_id, entry in enumerate(entries)]
+    return Boxes([Place("flat", "bath")], listed, [], [], is_folder=True)
 
 
 @given(st.integers(12, 22), st.floats(-5, 20), st.floats(2, 10))
@@ -35,7 +48,7 @@ def test_edges_in_neighbouring_views_agree_up_to_a_pixel(
 ) -> None:
     left = azimuth + 30 * (view - 12)
     boxes = _object([view, view + 1], [_shown(v, left, left + width) for v in (view, view + 1)])
-    pairs = neighbours(boxes)
+    pairs = neighbours(boxes, LEVEL_PAIRS)
     assert pairs.tolist() == [[0, 1]]
     assert (edge_differences(boxes, pairs) < 0.14).all()
 
@@ -58,4 +71,62 @@ def test_edges_in_neighbouring_views_agree_up_to_a_pixel(
 def test_neighbours_are_level_and_not_cut(
     views: list[int], boxes: list[list[int]], pairs: list[list[int]]
 ) -> None:
-    assert neighbours(_object(views, boxes)).tolist() == pairs
+    assert neighbours(_object(views, boxes), LEVEL_PAIRS).tolist() == pairs
+
+
+def _around(view: int, azimuth: float, elevation: float) -> list[int]:
+    """Return a small box, in any view, around a direction in degrees."""
+    heading, tilt = np.deg2rad([30 * (view % 12), 30 * (view // 12 - 1)])
+    turn, rise = np.deg2rad([azimuth, elevation])
+    forward, right = np.cos(rise) * np.cos(turn - heading), np.cos(rise) * np.sin(turn - heading)
+    depth = forward * np.cos(tilt) + np.sin(rise) * np.sin(tilt)
+    up = np.sin(rise) * np.cos(tilt) - forward * np.sin(tilt)
+    x, y = 320 + FOCAL * right / depth, 240 - FOCAL * up / depth
+    return [round(x - 5), round(y - 5), 10, 10]
+
+
+@pytest.mark.parametrize(
+    ("views", "azimuth", "elevation", "code"),
+    [
+        pytest.param([14, 15], 75, 10, "level", id="level"),
+        pytest.param([11, 0], 345, -40, "lower", id="downwards, round to the first"),
+        pytest.param([26, 27], 72, 45, "upper", id="upwards"),
+        pytest.param([3, 15], 100, -15, "row", id="downwards and level"),
+        pytest.param([15, 27], 80, 15, "row", id="level and upwards"),
+    ],
+)
+def test_centres_in_neighbouring_views_agree_up_to_a_pixel(
+    views: list[int], azimuth: float, elevation: float, code: str
+) -> None:
+    boxes = _object(views, [_around(view, azimuth, elevation) for view in views])
+    spreads = {spread.code: spread for spread in view_spreads(boxes)}
+    numbers = {
+        kind: spreads[f"{kind}-centre-agreement"].number
+        for kind in ("level", "lower", "upper", "row")
+    }
+    assert numbers == dict.fromkeys(numbers, 0) | {code: 1}
+    assert spreads[f"{code}-centre-agreement"].percentiles["100"] < 0.2
+
+
+def test_centres_apart_are_an_angle_apart() -> None:
+    """Straight ahead in a view is 30 degrees from straight ahead in the next."""
+    boxes = _object([12, 13], [[310, 230, 20, 20]] * 2)
+    apart = centre_differences(boxes, np.array([[0, 1]]))
+    assert apart == pytest.approx([30])
+
+
+@pytest.mark.parametrize(
+    ("apart", "agreeing", "faults"),
+    [
+        pytest.param(ENOUGH, 0, ENOUGH, id="all of enough"),
+        pytest.param(ENOUGH - 1, 0, 0, id="too few to tell"),
+        pytest.param(ENOUGH // 2, ENOUGH // 2, 0, id="half"),
+        pytest.param(ENOUGH // 2 + 1, ENOUGH // 2 - 1, ENOUGH // 2 + 1, id="one more than half"),
+    ],
+)
+def test_views_disagree_if_most_objects_are_elsewhere(
+    apart: int, agreeing: int, faults: int
+) -> None:
+    same, other = ([_shown(12, 10, 15), _shown(13, left, left + 5)] for left in (10, 12))
+    remark, fault = view_counts(_objects([12, 13], [other] * apart + [same] * agreeing))
+    assert (remark.found.number, fault.found.number) == (apart, faults)

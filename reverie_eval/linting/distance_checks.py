@@ -34,6 +34,7 @@ def distance_counts(boxes: Boxes, graphs: Graphs, centres: Centres) -> list[Coun
         return f"{boxes.name_of_entry(entry)} {distance[entry]:.2f} m"
 
     beyond = "metres or more"
+    within = _n_within_reach(boxes, graphs, centres)
     return [
         fact(
             "measured",
@@ -61,6 +62,17 @@ def distance_counts(boxes: Boxes, graphs: Graphs, centres: Centres) -> list[Coun
             "is no success.",
             Found.where(distance > SUCCESS_DISTANCE, name),
         ),
+        fact(
+            "within-reach",
+            f"viewpoints nearer than {REACH:g} metres to an object, of objects listed anywhere",
+            within,
+        ),
+        fact(
+            "unlisted-within-reach",
+            "such viewpoints that do not list the object",
+            within - int((distance < REACH).sum()),
+            within,
+        ),
     ]
 
 
@@ -80,6 +92,17 @@ def distance_spreads(
         spread("object-distance", "from the camera to listed objects", "m", _known(listed)),
         spread("target-distance", "from the goal to the target, of tasks", "m", _known(targets)),
     ]
+
+
+def _n_within_reach(boxes: Boxes, graphs: Graphs, centres: Centres) -> int:
+    """Count the pairs of an object that is listed anywhere and an included viewpoint near it."""
+    objects = {(boxes.places[place].scan_id, object_id) for place, object_id, _ in boxes.listed}
+    return sum(
+        int((np.linalg.norm(graphs.scans[scan_id].position - centre, axis=1) < REACH).sum())
+        for scan_id, object_id in objects
+        if scan_id in graphs.scans
+        and (centre := centres.get(scan_id, {}).get(str(object_id))) is not None
+    )
 
 
 def _listed_distances(boxes: Boxes, graphs: Graphs, centres: Centres) -> FloatArray:

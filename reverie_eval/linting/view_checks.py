@@ -1,14 +1,15 @@
-"""Whether boxes of one object in neighbouring level views show it in the same direction.
+"""Whether boxes of one object in neighbouring views show it in the same direction.
 
-The camera turns in place by 30 degrees from one level view to the next, so a vertical edge that
-both show has one azimuth, whichever of them it is measured in. Boxes in views that are numbered or
-mirrored in another way, or of another picture size, do not agree.
+The camera turns in place by 30 degrees from one view to the next, so a vertical edge that two level
+views show has one azimuth, whichever of them it is measured in. Boxes in views that are numbered or
+mirrored in another way, or of another picture size, do not agree. Centres need not agree exactly,
+in any two views: what is a rectangle in one is none in the other.
 """
 
 import numpy as np
 
-from reverie_eval.arrays import Array, FloatArray
-from reverie_eval.geometry import FOCAL_LENGTH, WIDTH
+from reverie_eval.arrays import Array, FloatArray, IntArray
+from reverie_eval.geometry import FOCAL_LENGTH, N_VIEWS, VIEW_AXES, WIDTH, rays_of
 from reverie_eval.geometry.views import N_HEADINGS, STEP
 from reverie_eval.linting.box_size_checks import border
 from reverie_eval.linting.boxes import Boxes
@@ -19,10 +20,23 @@ AGREEMENT = 0.15
 ENOUGH = 20
 """Pairs of boxes from which on a majority says something of the dataset."""
 
+ROWS = np.arange(N_VIEWS).reshape(-1, N_HEADINGS)
+"""The views that look down, those that are level, and those that look up."""
+LOWER, LEVEL, UPPER = ROWS
+_NEXT = np.roll(ROWS, -1, axis=1)
+"""The view to the right of each."""
+LEVEL_PAIRS = np.stack([LEVEL, _NEXT[1]], axis=-1)
+_CENTRE_PAIRS = (
+    ("level", "a level view and in the next", LEVEL_PAIRS),
+    ("lower", "a view that looks down and in the next", np.stack([LOWER, _NEXT[0]], axis=-1)),
+    ("upper", "a view that looks up and in the next", np.stack([UPPER, _NEXT[2]], axis=-1)),
+    ("row", "a view and in the one above", np.stack([ROWS[:-1], ROWS[1:]], -1).reshape(-1, 2)),
+)
+
 
 def view_counts(boxes: Boxes) -> list[Count]:
     """Count objects that neighbouring views show in different directions."""
-    pairs = neighbours(boxes)
+    pairs = neighbours(boxes, LEVEL_PAIRS)
     is_apart = edge_differences(boxes, pairs).max(axis=1, initial=0.0) > AGREEMENT
     apart = Found.where(is_apart, lambda row: boxes.name_of_box(pairs[row, 0]))
     is_most = len(pairs) >= ENOUGH and 2 * apart.number > len(pairs)
@@ -46,28 +60,43 @@ def view_counts(boxes: Boxes) -> list[Count]:
 
 def view_spreads(boxes: Boxes) -> list[Spread]:
     """Measure by how much neighbouring level views disagree."""
-    left, right = edge_differences(boxes, neighbours(boxes)).T
+    left, right = edge_differences(boxes, neighbours(boxes, LEVEL_PAIRS)).T
     says = "{} edge of an object in a level view and in the next, azimuths apart"
     return [
         spread("left-edge-agreement", says.format("left"), "deg", left),
         spread("right-edge-agreement", says.format("right"), "deg", right),
+        *(
+            spread(
+                f"{code}-centre-agreement",
+                f"centre of an object's box in {words}, directions apart",
+                "deg",
+                centre_differences(boxes, neighbours(boxes, views)),
+            )
+            for code, words, views in _CENTRE_PAIRS
+        ),
     ]
 
 
-def neighbours(boxes: Boxes) -> Array:
-    """Pair the boxes of an object in a level view and in the next one to the right.
+def neighbours(boxes: Boxes, views: IntArray) -> Array:
+    """Pair the boxes of an object in two views.
+
+    Parameters
+    ----------
+    boxes : Boxes
+        The columns of boxes.
+    views : int array of shape (n, 2)
+        Which views to look for together.
 
     Returns
     -------
     int array of shape (n_pairs, 2)
         Rows of boxes, none of which touches a border: a box that does is cut.
     """
-    column = boxes.box_view - N_HEADINGS
-    is_level = (column >= 0) & (column < N_HEADINGS)
-    usable = np.flatnonzero(is_level & ~border(boxes.box_xywh).any(axis=1))
-    box_in = np.full((len(boxes.listed), N_HEADINGS), -1)
-    box_in[boxes.box_entry[usable], column[usable]] = usable
-    pairs = np.stack([box_in, np.roll(box_in, -1, axis=1)], axis=-1).reshape(-1, 2)
+    is_view = np.isin(boxes.box_view, ROWS)
+    usable = np.flatnonzero(is_view & ~border(boxes.box_xywh).any(axis=1))
+    box_in = np.full((len(boxes.listed), N_VIEWS), -1)
+    box_in[boxes.box_entry[usable], boxes.box_view[usable]] = usable
+    pairs = box_in[:, views].reshape(-1, 2)
     return np.asarray(pairs[(pairs >= 0).all(axis=1)])
 
 
@@ -90,3 +119,21 @@ def edge_differences(boxes: Boxes, pairs: Array) -> FloatArray:
     edge = np.stack([left, left + width], axis=-1)[pairs]
     azimuth = np.arctan((edge - WIDTH / 2) / FOCAL_LENGTH)
     return np.asarray(np.rad2deg(np.abs(azimuth[:, 0] - azimuth[:, 1] - STEP)))
+
+
+def centre_differences(boxes: Boxes, pairs: Array) -> FloatArray:
+    """Degrees between the directions in which two views show the centres of boxes.
+
+    Parameters are those of :func:`edge_differences`.
+
+    Returns
+    -------
+    float array of shape (n_pairs,)
+        Never negative.
+    """
+    left, top, width, height = boxes.box_xywh.T
+    rays = rays_of(np.stack([left + width / 2, top + height / 2], axis=-1)[pairs])
+    world = np.einsum("nvi,nvij->nvj", rays, VIEW_AXES[boxes.box_view[pairs]])
+    first, second = world[:, 0], world[:, 1]
+    across = np.linalg.norm(np.cross(first, second), axis=-1)
+    return np.asarray(np.rad2deg(np.arctan2(across, (first * second).sum(axis=-1))))

@@ -1,11 +1,17 @@
 """Which objects can be seen, from how many viewpoints and in how many views."""
 
+from collections import Counter
+
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, IntArray
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.linting.boxes import Boxes
 from reverie_eval.linting.rows import Count, Found, Spread, fact, remark, spread
+from reverie_eval.wording import category_in_words
+
+OFTEN = 100
+"""Times that a name is listed, from which on the share of them that is visible says something."""
 
 
 def visibility_counts(boxes: Boxes) -> list[Count]:
@@ -32,6 +38,7 @@ def visibility_counts(boxes: Boxes) -> list[Count]:
             "Listed is not visible: the dataset's own eval_release.py leaves them out.",
             Found.where(~boxes.is_visible, boxes.name_of_entry),
         ),
+        _hidden_names(boxes),
         fact("visible", "listed objects that a view shows", len(boxes.visible), len(boxes.listed)),
         *(
             fact(code, f"objects visible from {words}", int((seen_from == n).sum()), len(seen_from))
@@ -44,6 +51,25 @@ def visibility_counts(boxes: Boxes) -> list[Count]:
             found_visible(boxes, boxes.n_views == N_VIEWS),
         ),
     ]
+
+
+def _hidden_names(boxes: Boxes) -> Count:
+    names = [entry.name for _, _, entry in boxes.listed]
+    listed, visible = Counter(names), Counter(names[row] for row in boxes.visible.tolist())
+    often = {name: visible[name] / count for name, count in listed.items() if count >= OFTEN}
+    hidden = sorted((share, name) for name, share in often.items() if share < 1 / 2)
+    return remark(
+        "hidden-name",
+        f"names that are listed {OFTEN} times or more, mostly where no view shows the object",
+        "Large things near the camera are often not visible in v1; small ones nearly always are.",
+        Found.among(
+            [
+                f"{category_in_words(name)}: {listed[name] - visible[name]} of {listed[name]}"
+                for _, name in hidden
+            ],
+            len(often),
+        ),
+    )
 
 
 _FEW = (

@@ -78,6 +78,12 @@ def test_a_view_is_its_own_whatever_the_turns(
     assert (snap(camera).item(), is_on_grid(camera).item()) == (view, True)
 
 
+def test_a_camera_at_the_edge_of_the_grid() -> None:
+    """A thousandth of a radian off is still on it."""
+    off = [[0.0, 0.001], [0.0, -0.001], [0.001, 0.0]]
+    assert is_on_grid(np.array(off)).tolist() == [True, True, True]
+
+
 @pytest.mark.parametrize(
     "off",
     [[0.0011, 0], [-0.0011, 0], [0, 0.0011], [0, -0.0011]],

@@ -230,6 +230,16 @@ def test_what_is_no_http_is_told_so(small: Small) -> None:
         assert reply_on(connection)[0] == 400
 
 
+def test_a_connection_goes_on_after_head(small: Small) -> None:
+    with httpx.Client(base_url=f"http://127.0.0.1:{small.port}") as client:
+        statuses = [
+            client.request(method, path).status_code
+            for path in ("/healthz", "/api/v1/openapi.json", "/api/v1/me")
+            for method in ("HEAD", "GET")
+        ]
+    assert statuses == [200, 200, 200, 200, 401, 401]
+
+
 def test_uploads_wait_for_their_turn_and_too_many_are_sent_away(small: Small) -> None:
     head = small.upload(f"Content-Length: {len(GOOD)}")
     with small.connect() as first, small.connect() as second, small.connect() as third:

@@ -80,6 +80,26 @@ def test_every_reply_has_the_headers(
     assert re.fullmatch(r"[0-9a-f]{16}", reply.headers["x-request-id"])
 
 
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/healthz", 200),
+        ("/api/v1/splits", 200),
+        (f"/boards/{OPEN}", 200),
+        ("/static/style.css", 200),
+        ("/submit", 303),
+        ("/metrics", 401),
+        ("/api/v1/nothing", 404),
+        ("/api/v1/tokens", 405),
+    ],
+)
+def test_head_is_get_without_a_body(path: str, status: int, server: Serving) -> None:
+    got, head = server.client.get(path), server.client.head(path)
+    assert (got.status_code, head.status_code, head.content) == (status, status, b"")
+    del got.headers["x-request-id"], head.headers["x-request-id"]
+    assert head.headers == got.headers
+
+
 def test_a_method_that_is_not_allowed_says_which_are(server: Serving) -> None:
     assert server.ask(OWNER, "PUT", "/me").headers["allow"] == "GET"
 
@@ -125,6 +145,7 @@ def test_a_request_is_a_line(server: Serving, log: Callable[..., list[dict[str, 
     ("asks", "status", "outcome", "route"),
     [
         ("GET /me", 200, "ok", "/api/v1/me"),
+        ("HEAD /me", 200, "ok", "/api/v1/me"),
         ("GET /splits/none", 404, "not-found", "/api/v1/splits/{split}"),
         ("GET /no/such", 404, "not-found", "unmatched"),
         ("BREW /me", 405, "method-not-allowed", "/api/v1/me"),

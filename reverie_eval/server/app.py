@@ -10,6 +10,7 @@ from reverie_eval.server.edge.bodies import BodyLimits
 from reverie_eval.server.edge.following import Following
 from reverie_eval.server.edge.forms import FormCharsets
 from reverie_eval.server.edge.headers import SecurityHeaders
+from reverie_eval.server.edge.heads import Heads
 from reverie_eval.server.edge.labels import API
 from reverie_eval.server.edge.rates import RateLimits
 from reverie_eval.server.openapi import describe
@@ -64,6 +65,7 @@ def create_app(server: ServerState) -> FastAPI:
 def add_edge(app: FastAPI, settings: Settings) -> None:
     """Put around the routes what every request passes, the innermost first."""
     limits = settings.limits
+    app.add_middleware(Heads)
     app.add_middleware(FormCharsets)
     app.add_middleware(BodyLimits, seconds=limits.seconds_for_body)
     app.add_middleware(RateLimits, per_minute=limits.requests_per_minute)

@@ -14,7 +14,7 @@ import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from time import sleep
@@ -24,7 +24,6 @@ from unittest.mock import AsyncMock
 import httpx
 import pytest
 import uvicorn
-from anyio.from_thread import BlockingPortal
 from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
@@ -35,10 +34,10 @@ from reverie_eval.server.edge.bodies import SMALL, BodyLimits
 from reverie_eval.server.edge.exchange import begin, exchange_of
 from reverie_eval.server.listening import listen
 from reverie_eval.server.service.people import add_person, add_team, mint
-from reverie_eval.server.settings import Limits, load_settings
+from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
-from tests.serving import GOOD, OPEN, OWNER, InProcess, OpenServer, Serving, running, settings_of
+from tests.serving import GOOD, OPEN, OWNER, Serving, running
 
 SECONDS = 1
 """That the server gives to a body."""
@@ -424,26 +423,3 @@ def test_nothing_more_is_awaited_of_a_request_that_is_being_answered() -> None:
 
     begin(scope)
     asyncio.run(BodyLimits(app, seconds=0)(scope, hang_up, AsyncMock()))
-
-
-@pytest.mark.parametrize("path", ["validate", "submissions?name=x"])
-def test_a_place_is_free_before_the_reply_is_taken(
-    path: str, folder: Path, open_server: OpenServer, portal: BlockingPortal
-) -> None:
-    limits = Limits(uploads_at_once=1, uploads_waiting=0)
-    server = open_server(settings_of(folder).model_copy(update={"limits": limits}))
-    app = create_app(server.state)
-
-    async def replying_beside_another(scope: Scope, receive: Receive, send: Send) -> None:
-        async def sending(message: Message) -> None:
-            async with app.state.operations.admission.hold():
-                await send(message)
-
-        await app(scope, receive, sending)
-
-    transport = InProcess(replying_beside_another, portal)
-    with httpx.Client(transport=transport, base_url="http://server") as client:
-        reply = replace(server, client=client).ask(
-            OWNER, "POST", f"/splits/{OPEN}/{path}", content=GOOD
-        )
-    assert reply.status_code in {200, 201}

@@ -73,7 +73,7 @@ async def received(
     split = request.path_params["split"]
     if split in server.boards:
         exchange_of(request.scope).quota = partial(server.intake.quota, person, split)
-    async with upkeep.admission.hold():
+    async with upkeep.admission.hold(person.id):
         upload = await receive(request, server.settings.limits)
         async with upkeep.admission.score():
             yield upload

@@ -81,7 +81,7 @@ async def posted_upload(
     """
     exchange = exchange_of(request.scope)
     exchange.uploaded_to = ""
-    async with upkeep.admission.hold():
+    async with upkeep.admission.hold(found.token.person_id):
         upload = await receive(request, server.settings.limits)
         is_to_be_scored = upload.fields.get("what") == "score"
         exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None

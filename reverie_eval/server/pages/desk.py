@@ -10,7 +10,7 @@ from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.operations import Upkeep
 from reverie_eval.server.pages.desk_forms import Here
 from reverie_eval.server.service.attempts import OUR_FAULT, OUTCOMES, latest_attempts
-from reverie_eval.server.service.audit import broken_links, latest_entries
+from reverie_eval.server.service.audit import altered, broken_links, latest_entries
 from reverie_eval.server.service.overview import counts_of_splits, last_day, totals
 
 router = APIRouter()
@@ -69,13 +69,16 @@ def show_uploads(here: Here, before: Before = None, outcome: Sought = "") -> Res
 
 @router.get("/desk/audit")
 def show_audit(
-    here: Here, before: Before = None, actor: Sought = "", subject: Sought = ""
+    here: Here, before: Before = None, actor: Sought = "", subject: Sought = "", whole: Sought = ""
 ) -> Response:
-    """Show who did what, the latest first, and whether the chain of entries is unbroken."""
+    """Show who did what, the latest first, and whether it is what was written.
+
+    That of the entries on the page; of the whole chain, which may be long, if somebody asks.
+    """
     actor, subject = _findable(actor), _findable(subject)
     with here.server.database.reading() as session:
         found = latest_entries(session, ON_A_PAGE + 1, before, actor=actor, subject=subject)
-        broken = list(broken_links(session))
+        broken = list(broken_links(session)) if whole else altered(found[:ON_A_PAGE])
     return here.draw(
         "desk-audit.html",
         entries=found[:ON_A_PAGE],
@@ -84,6 +87,7 @@ def show_audit(
         actor=actor,
         subject=subject,
         broken=broken,
+        is_whole=bool(whole),
     )
 
 

@@ -55,6 +55,11 @@ def latest_entries(
     return session.scalars(chosen).all()
 
 
+def altered(found: Sequence[AuditEntry]) -> Sequence[int]:
+    """Return those of some entries that are not what was once written."""
+    return [entry.id for entry in found if entry.digest != _digest(entry)]
+
+
 def broken_links(session: Session) -> Iterator[int]:
     """Return the entries that are not what was once written, or follow one that is missing."""
     previous = _BEFORE_THE_FIRST

@@ -260,6 +260,7 @@ def test_a_token_is_shown_once(kind: str, desk: Visitor) -> None:
     (text,) = set(re.findall(r"rv_[\w-]{43}", page.text))
     assert (page.status_code, page.headers["cache-control"]) == (200, "no-store")
     assert "worthless after 2026-03-31 23:59 UTC" in said(page)
+    assert "at http://server/sign-in" in said(page)
     with desk.server.state.database.reading() as session:
         token = all_tokens(session)[-1]
     assert (token.kind, token.hint) == (kind, text[:11])
@@ -319,12 +320,23 @@ def test_the_audit_log_is_paged_and_searched(desk: Visitor) -> None:
 
 
 def test_the_audit_log_says_whether_it_is_whole(desk: Visitor) -> None:
-    assert "The chain is unbroken." in said(desk.get("/desk/audit"))
+    assert "The entries on this page are as they were written." in said(desk.get("/desk/audit"))
+    assert "The chain is unbroken." in said(desk.get("/desk/audit?whole=yes"))
     with desk.server.state.database.writing() as session:
         session.execute(update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody"))
-    words = said(desk.get("/desk/audit"))
-    assert "The chain is broken at 1 entry, the first of them 2:" in words
-    assert "The chain is unbroken." not in words
+    for query in ("", "?whole=yes"):
+        words = said(desk.get(f"/desk/audit{query}"))
+        assert "The log was changed at 1 entry, the first of them 2:" in words
+        assert "unbroken" not in words
+
+
+def test_what_is_on_another_page_of_the_log_is_checked_with_the_whole(desk: Visitor) -> None:
+    with desk.server.state.database.writing() as session:
+        for number in range(ON_A_PAGE):
+            record(session, NOON, "Zoe", "did", f"thing {number}")
+        session.execute(update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody"))
+    assert "as they were written" in said(desk.get("/desk/audit"))
+    assert "the first of them 2:" in said(desk.get("/desk/audit?whole=yes"))
 
 
 def test_an_upload_on_the_page_is_noted_too(server: Serving) -> None:

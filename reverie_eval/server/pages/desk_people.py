@@ -89,7 +89,8 @@ def mint(here: Here, form: Posted) -> Response:
             actor=here.name,
             expires_at=new.expires_at,
         )
-    return here.draw("desk-token.html", minted=minted, person=new.person)
+    sign_in = str(here.request.url_for("show_sign_in"))
+    return here.draw("desk-token.html", minted=minted, person=new.person, sign_in=sign_in)
 
 
 @router.post(f"{PAGE}/tokens/{{hint}}/revoke")

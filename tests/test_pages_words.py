@@ -11,12 +11,14 @@ import pytest
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.protocol import PROTOCOLS
-from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.reporting.leaderboards import FLAGS
+from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.schemas.submission import SUBMISSION, Prediction
 from reverie_eval.server.openapi import CODES
+from reverie_eval.server.pages.board_query import BoardQuery
 from reverie_eval.server.pages.headings import heading
 from reverie_eval.server.pages.schema_words import in_words
-from reverie_eval.server.settings import Phase, Quota
+from reverie_eval.server.settings import Limits, Phase, Quota
 from tests.serving import NOON, OWNER, PRIVATE, OpenServer, Serving, adjusted, settings_of
 from tests.visiting import Visitor, said
 
@@ -43,9 +45,9 @@ def test_every_field_of_a_submission_is_told_of(server: Serving) -> None:
     for name, field in Prediction.model_fields.items():
         assert f"{name} required" in text or not field.is_required()
         assert str(field.description) in text
-    assert "instr_id required text The episode:" in text
-    assert "predView whole number, at least 0, below 36 The view" in text
-    assert "trajectory required list of 1 or more of [text, number, number] The agent's" in text
+    assert "instr_id required Text. The episode:" in text
+    assert "predView Whole number, at least 0, below 36. The view" in text
+    assert "trajectory required List of 1 or more of [text, number, number]. The agent's" in text
 
 
 def test_the_example_is_a_submission(server: Serving) -> None:
@@ -103,6 +105,25 @@ def test_the_rules_are_those_of_the_settings(open_server: OpenServer, folder: Pa
     assert f"{PRIVATE} private duet 91 3 17 1,234" in text
     assert f"{PRIVATE} <i>Spring</i> 2027-03-02 12:00 UTC - closed" in text
     assert "here also code, extra data" in text
+
+
+def test_large_numbers_can_be_read(open_server: OpenServer, folder: Path) -> None:
+    limits = Limits(requests_per_minute=1_000_000)
+    server = open_server(settings_of(folder).model_copy(update={"limits": limits}))
+    assert "Up to 1,000,000 requests a minute" in words(server, "/api")
+
+
+def test_equal_values_and_unequal_ranks_are_explained(server: Serving) -> None:
+    assert "further digits decide" in words(server, "/rules")
+    assert "by all their digits, of which two decimals are shown" in words(server, "/metrics")
+
+
+def test_every_flag_of_a_method_is_worded_filtered_and_explained(server: Serving) -> None:
+    flags = {name for name, field in Method.model_fields.items() if field.annotation is bool}
+    assert set(FLAGS) == flags
+    assert flags < set(BoardQuery.model_fields)
+    text = words(server, "/rules")
+    assert all(f"{FLAGS[name]} {Method.model_fields[name].description}" in text for name in flags)
 
 
 def test_every_problem_has_a_place(server: Serving) -> None:

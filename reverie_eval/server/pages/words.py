@@ -7,7 +7,6 @@ from fastapi.responses import Response
 
 from reverie_eval.geometry import HEIGHT, WIDTH
 from reverie_eval.protocol import ALIASES, PROTOCOLS
-from reverie_eval.reporting.leaderboards import FLAGS
 from reverie_eval.schemas.service import Method
 from reverie_eval.schemas.submission import Prediction
 from reverie_eval.server.callers import Server
@@ -73,7 +72,6 @@ def show_rules(request: Request, server: Server, visitor: Visitor) -> Response:
         now=server.clock(),
         required=server.settings.required_metadata,
         said=Method.model_fields,
-        flags=FLAGS,
     )
 
 

@@ -172,7 +172,7 @@ def serious_violations(page: Page) -> list[str]:
     axe-core 4.12 (Deque Systems), which comes with the package axe-playwright-python.
     """
     page.evaluate(files("axe_playwright_python").joinpath("axe.min.js").read_text())
-    found = page.evaluate("axe.run()")["violations"]
+    found = page.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } })")["violations"]
     return [
         f"{each['id']}: {each['help']}: {node['target']} {node.get('failureSummary', '')}"
         for each in found

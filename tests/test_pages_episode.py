@@ -109,7 +109,7 @@ def test_equal_names_are_told_apart(home: Serving, submission: str) -> None:
 def test_an_unknown_episode(instr_id: str, home: Serving, submission: str) -> None:
     for query in ("", f"?submission={submission}"):
         reply = signed_in(home, OWNER).get(f"/episodes/{OPEN}/{instr_id}{query}")
-        assert (reply.status_code, "<h1>Not Found</h1>" in reply.text) == (404, True)
+        assert (reply.status_code, "<h1>Nothing is here</h1>" in reply.text) == (404, True)
 
 
 @pytest.mark.parametrize("id_", ["0123456789abcdef", "%00", "'", "../x", "ünknown"])

@@ -197,6 +197,18 @@ def test_outcomes_of_two(home: Serving, submission: str, other: str) -> None:
     assert listed(improved) == ["2_4_1"]
 
 
+def test_what_is_chosen_is_marked_where_it_was_chosen(
+    home: Serving, submission: str, other: str
+) -> None:
+    browser, both = signed_in(home, OWNER), f"submission={submission}&other={other}"
+    page = browser.get(f"/episodes/{OPEN}?{both}&outcome=right&other_outcome=never near").text
+    marked = re.findall(r'<td class="number"><a aria-current="true" href="([^"]*)"', page)
+    assert ["other_outcome" in link.replace("&amp;outcome=right", "") for link in marked] == [
+        False,
+        True,
+    ]
+
+
 def counts(reply: httpx.Response) -> list[tuple[str, list[int]]]:
     """Return the rows of the table of outcomes."""
     table = re.search(r'<table class="outcomes">.*?</table>', reply.text, re.DOTALL)

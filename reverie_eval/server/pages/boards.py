@@ -11,7 +11,6 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
-from reverie_eval.reporting.leaderboards import FLAGS
 from reverie_eval.server.callers import Server
 from reverie_eval.server.pages.board_query import BoardQuery
 from reverie_eval.server.pages.rendering import page
@@ -72,7 +71,6 @@ def show_board(
         columns=_columns(query, [*part.rows, *apart]),
         offered=[m for m in CATALOGUE.values() if m.key in {*ranking.metrics, query.x, query.y}],
         primary=PRIMARY_METRIC,
-        flags=FLAGS,
         part=part,
         rows=part.rows,
         apart=apart[:PER_PAGE],

@@ -8,6 +8,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE
+from reverie_eval.reporting.leaderboards import FLAGS
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.errors import MalformedError
@@ -28,7 +29,6 @@ from reverie_eval.server.service import reported
 router = APIRouter()
 
 PAGE = "/desk/reported"
-FLAGS = ("extra_data", "pre_exploration", "ground_truth_objects", "ensemble")
 _PER_CENT = 100
 
 
@@ -44,7 +44,7 @@ def draw(
         results=results,
         splits=list(here.server.boards),
         catalogue=CATALOGUE.values(),
-        flags={name: Method.model_fields[name].description for name in FLAGS},
+        said=Method.model_fields,
         typed=typed,
         done=what,
     )

@@ -130,7 +130,6 @@ def show_episodes(
         count=len(rows),
         number=number,
         pages=pages,
-        per_page=PER_PAGE,
         funnels=_funnels(browsing, selection),
         parts=_parts(browsing, selection),
         outcomes=FROM_THE_BEST,

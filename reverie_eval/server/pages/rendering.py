@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from reverie_eval.metrics import CATALOGUE
+from reverie_eval.reporting.leaderboards import FLAGS
 from reverie_eval.server.pages.files import SHELVES
 from reverie_eval.server.pages.headings import heading
 from reverie_eval.server.service.people import CALLED
@@ -83,7 +84,7 @@ def _site(request: Request, session: BrowserSession | None, *, is_well: bool) ->
     return Site(
         title=server.settings.title,
         banner=standing.banner,
-        places=[*boards, Place("Episodes", "/episodes"), *own, Place("Words", "/words"), *desk],
+        places=[*boards, Place("Episodes", "/episodes"), *own, Place("Guide", "/words"), *desk],
         here=request.url.path,
         person=person,
         csrf_token="" if session is None else server.sessions.csrf_token(session),
@@ -99,13 +100,19 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {"static": static_url, "metrics": CATALOGUE, "called": CALLED}
+    environment.globals |= {
+        "called": CALLED,
+        "flags": FLAGS,
+        "metrics": CATALOGUE,
+        "static": static_url,
+    }
     environment.filters |= {
         "category": category_in_words,
         "counted": counted,
         "heading": heading,
         "instant": instant,
         "metric": lambda value, key: CATALOGUE[key].display(value),
+        "number": "{:,}".format,
         "sentence": sentence,
     }
     return environment

@@ -35,7 +35,6 @@ from reverie_eval.server.edge.exchange import begin, exchange_of
 from reverie_eval.server.listening import listen
 from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from tests.serving import GOOD, OPEN, OWNER, Serving, running
 
@@ -309,7 +308,6 @@ def test_nothing_of_all_that_was_a_fault(small: Small) -> None:
 class Impatient:
     """A server in this process, with little patience, that can tell who is connected to it."""
 
-    state: ServerState
     server: uvicorn.Server
     port: int
 
@@ -341,7 +339,7 @@ def impatient(server: Serving, monkeypatch: pytest.MonkeyPatch) -> Iterator[Impa
     running = uvicorn.Server(run.configuration(create_app(server.state)))
     thread = threading.Thread(target=running.run, kwargs={"sockets": [listening]})
     thread.start()
-    yield Impatient(server.state, running, listening.getsockname()[1])
+    yield Impatient(running, listening.getsockname()[1])
     running.should_exit = True
     thread.join()
 
@@ -396,8 +394,8 @@ def unread(impatient: Impatient, head: bytes) -> bytes:
     return received
 
 
-def test_a_reply_that_nobody_takes_is_given_up(impatient: Impatient) -> None:
-    whole = httpx.get(f"http://127.0.0.1:{impatient.port}/api/v1/openapi.json").content
+def test_a_reply_that_nobody_takes_is_given_up(impatient: Impatient, server: Serving) -> None:
+    whole = server.client.get("/api/v1/openapi.json").content
     assert len(unread(impatient, b"GET /api/v1/openapi.json HTTP/1.1\r\n")) < len(whole)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from jsonschema import Draft202012Validator
 from pydantic import ValidationError
 
 from reverie_eval import GroundTruth, SubmissionError, evaluate
@@ -19,7 +20,7 @@ from reverie_eval.reading.document import parse_document
 from reverie_eval.reading.official import decode_official
 from reverie_eval.schemas.submission import SUBMISSION
 from tests import forms
-from tests.conftest import SAMPLES
+from tests.conftest import REPOSITORY, SAMPLES
 from tests.flat import Run
 from tests.forms import FORMS, OFFICIAL, Form
 from tests.worlds import (
@@ -116,8 +117,8 @@ def test_a_converted_file_has_the_schema(form: Form) -> None:
             id="box in a view",
         ),
         pytest.param(
-            {"trajectory": [["a", 1, 2, 9]], "predBox": [-1, 0, 9, 9], "predView": None},
-            {"trajectory": [["a", 1.0, 2.0]], "predBox": [-1.0, 0.0, 9.0, 9.0]},
+            {"trajectory": [["a", 1, 0.5, 9]], "predBox": [-1, 0, 9, 9], "predView": None},
+            {"trajectory": [["a", 1.0, 0.5]], "predBox": [-1.0, 0.0, 9.0, 9.0]},
             id="box by the camera, not cut",
         ),
         pytest.param(
@@ -247,6 +248,34 @@ def test_the_samples_have_the_schema(name: str) -> None:
         {**record, "trajectory": [[place, *map(float, at)] for place, *at in record["trajectory"]]}
         for record in parse_document(content)
     ]
+
+
+BOX = [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("answer", "is_one"),
+    [
+        pytest.param({"predObjId": 0}, True, id="object"),
+        pytest.param({"predObjId": -1}, True, id="no object"),
+        pytest.param({"predBox": BOX, "predView": 12}, True, id="box"),
+        pytest.param({"predBox": BOX, "predView": 12, "predObjId": -1}, True, id="box, no object"),
+        pytest.param({"predBox": None, "predObjId": 0}, True, id="object, box null"),
+        pytest.param({"predBox": BOX, "predView": 12, "predObjId": 0}, False, id="box and object"),
+        pytest.param({"predView": 12}, False, id="neither"),
+        pytest.param({"predBox": [1, 2, 0, 4], "predView": 12}, False, id="box without width"),
+        pytest.param({"predBox": BOX, "predView": 36}, False, id="view 36"),
+        pytest.param({"predObjId": 2**31}, False, id="object 2**31"),
+    ],
+)
+def test_the_published_schema_takes_the_answers_that_reading_takes(
+    answer: dict[str, Any], *, is_one: bool
+) -> None:
+    where = {"instr_id": "7_1_1", "trajectory": [["hall", 1.5, 0.0]]}
+    records = [{**where, "instr_id": "7_1_0", "predObjId": 3}, {**where, **answer}]
+    schema = json.loads((REPOSITORY / "docs" / "schemas" / "submission.schema.json").read_text())
+    assert Draft202012Validator(schema).is_valid(records) == is_one
+    assert (problems_of_reading(json.dumps(records).encode()) == ()) == is_one
 
 
 RIGHT = {"instr_id": "7_1_0", "trajectory": [["hall", 1.5, 0.0]], "predObjId": 3}

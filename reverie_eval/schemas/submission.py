@@ -22,7 +22,13 @@ class Prediction(BaseModel):
         use_attribute_docstrings=True,
         extra="ignore",
         allow_inf_nan=False,
-        json_schema_extra={"anyOf": [{"required": ["predObjId"]}, {"required": ["predBox"]}]},
+        json_schema_extra={
+            "anyOf": [{"required": ["predObjId"]}, {"required": ["predBox"]}],
+            "not": {
+                "required": ["predObjId", "predBox"],
+                "properties": {"predObjId": {"minimum": 0}, "predBox": {"type": "array"}},
+            },
+        },
     )
 
     instr_id: str

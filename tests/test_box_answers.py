@@ -56,6 +56,14 @@ CARRIED_OVER = (
             id="angles of other types",
         ),
         pytest.param({"trajectory": ["bath"]}, [math.pi / 3, 0], id="a view needs no angles"),
+        pytest.param(
+            {"trajectory": [["bath", 90, 30]]}, [math.pi / 3, 0], id="a view for angles in degrees"
+        ),
+        pytest.param(
+            {"predView": None, "trajectory": [["bath", 90, -math.pi / 2]]},
+            [90, -math.pi / 2],
+            id="straight down, and often round",
+        ),
     ],
 )
 def test_the_camera(fields: Mapping[str, Any], camera: list[float]) -> None:
@@ -84,6 +92,15 @@ def test_a_camera_off_the_grid_is_said(off: float, phrases: list[str]) -> None:
     for angles in ([off, 0], [math.tau - off, 0], [0, off], [math.pi, -math.pi / 6 - off]):
         record = answer(predView=WITHOUT, trajectory=[["bath", *angles]])
         assert read(record).read_as == phrases
+
+
+def test_a_camera_far_off_the_grid_is_said() -> None:
+    """Both ways off come to more than 15 degrees where each is less."""
+    far = "{} of these carried over by more than 15 degrees, where exact boxes fail more often"
+    angles = np.deg2rad(np.array([[14.9, 0], [345.1, 0], [9, 9], [14, 14], [100, 46]]))
+    poses = [["bath", *pair] for pair in angles.tolist()]
+    records = [answer(predView=WITHOUT, trajectory=[pose]) for pose in poses]
+    assert read(*records).read_as == [CARRIED_OVER.format(5), far.format(2)]
 
 
 # Where in the picture.

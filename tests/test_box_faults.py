@@ -24,12 +24,13 @@ def problems_of(records: Sequence[Record], *, answers_only: bool = False) -> Seq
 
 BOX_FORM = "expected [x, y, width, height] in pixels from the upper left corner"
 VIEW_FORM = (
-    "expected a view from 0 to 35: 0-11 look down, 12-23 are level, 24-35 look up, each row "
-    "turning right from heading 0"
+    "expected a view, a whole number from 0 to 35: 0-11 look down, 12-23 are level, 24-35 look up, "
+    "each row turning right from heading 0"
 )
 SIZE_FORM = "expected [width, height] of the picture that predBox is drawn in, at least 1 each"
 POSITIVE = f"{BOX_FORM}, with positive width and height"
 FINITE = f"{BOX_FORM}, finite numbers"
+NO_ANSWER = "has neither predObjId nor predBox; add one"
 NO_VIEW = "has a predBox and no predView; add the view that it is drawn in (0-35)"
 OR_POSE = ", or give heading and elevation in the last pose"
 
@@ -86,6 +87,22 @@ def no_view(*trajectory: object, view: object = WITHOUT) -> Fault:
     return Fault(fields, "missing-field", "", NO_VIEW + OR_POSE)
 
 
+def wrong_camera(elevation: float, found: str) -> Fault:
+    """Return the fault of a box by a camera that is turned beyond straight up or down."""
+    message = (
+        f"the box was drawn by a camera with an elevation of {found}, beyond straight up or down "
+        "(pi / 2); give radians, or the view in predView (0-35)"
+    )
+    fields = {"predView": WITHOUT, "trajectory": [["hall", 0, 0], ["bath", 1, elevation]]}
+    return Fault(fields, "wrong-camera", ".trajectory[1]", message)
+
+
+def wrong_pose(code: str, pose: object, message: str) -> Fault:
+    """Return the fault of a last pose whose angles cannot be read."""
+    fields = {"predView": WITHOUT, "trajectory": [["hall", 0, 0], pose]}
+    return Fault(fields, code, ".trajectory[1]", message)
+
+
 WRONG = {
     "number": wrong_box(7, "7"),
     "text": wrong_box("1 2 3 4", "'1 2 3 4'"),
@@ -137,6 +154,19 @@ WRONG = {
     "angles before the last pose": no_view(["hall", 1, 2], ["bath"]),
     "hop": no_view(["hall", "bath"]),
     "view null": no_view(["bath"], view=None),
+    "degrees": wrong_camera(30, "30"),
+    "upside down": wrong_camera(math.nextafter(math.pi / 2, 2), "1.5707963267948968"),
+    "upside down, downwards": wrong_camera(-1.6, "-1.6"),
+    "heading NaN": wrong_pose(
+        "not-finite",
+        ["bath", math.nan, 0],
+        "got ['bath', nan, 0]; heading and elevation are finite numbers of radians",
+    ),
+    "heading as text": wrong_pose(
+        "wrong-type",
+        ["bath", "1", 0],
+        "got ['bath', '1', 0]; expected [viewpoint_id, heading, elevation]",
+    ),
 }
 
 
@@ -194,7 +224,7 @@ def test_where_trajectories_are_not_looked_at_a_view_is_needed() -> None:
 def test_a_box_answers_beside_records_without_an_answer() -> None:
     """So the file is no navigation alone, and the answer is missing."""
     (problem,) = problems_of([answer(), answer(predBox=WITHOUT)])
-    assert (problem.code, problem.message) == ("missing-field", "has no predObjId; add it")
+    assert (problem.code, problem.message) == ("missing-field", NO_ANSWER)
 
 
 # Whatever stands in the fields.
@@ -244,6 +274,7 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 corners = finite | st.floats(-1000, 1000) | st.integers(-700, 700)
 extents = finite.map(abs).filter(bool) | st.floats(1e-9, 1000) | st.integers(1, 700)
 angles = finite | st.floats(-7, 7)
+elevations = st.floats(-math.pi / 2, math.pi / 2)
 
 
 @settings(deadline=None, max_examples=500)
@@ -251,11 +282,11 @@ angles = finite | st.floats(-7, 7)
     box=st.tuples(corners, corners, extents, extents),
     view=st.none() | st.integers(0, 35),
     size=st.none() | st.tuples(*[st.floats(1, allow_infinity=False)] * 2),
-    pose=st.tuples(st.just("bath"), angles, angles),
+    pose=st.tuples(st.just("bath"), angles, elevations),
 )
 @example(box=(1e308, 1e308, 1e308, 1e308), view=3, size=(1, 1), pose=("bath", 0, 0))
 @example(box=(0, 0, 5e-324, 5e-324), view=None, size=None, pose=("bath", 0.2, 0.2))
-@example(box=(300, 300, 1e-300, 1), view=None, size=(1e308, 1), pose=("bath", 1e308, -1e308))
+@example(box=(300, 300, 1e-300, 1), view=None, size=(1e308, 1), pose=("bath", 1e308, -math.pi / 2))
 def test_any_sound_numbers_are_scored(
     box: object, view: object, size: object, pose: object
 ) -> None:

@@ -234,7 +234,7 @@ NO_ANSWER = {"instr_id": "7_1_1", "trajectory": [["a", 0, 0]]}
             [RECORD, NO_ANSWER],
             "missing-field",
             "[1]",
-            "has no predObjId; add it",
+            "has neither predObjId nor predBox; add one",
             id="an answer here, none there",
         ),
         pytest.param(
@@ -255,7 +255,7 @@ NO_ANSWER = {"instr_id": "7_1_1", "trajectory": [["a", 0, 0]]}
             {"7_1_0": RECORD, "7_1_1": NO_ANSWER},
             "missing-field",
             '["7_1_1"]',
-            "has no predObjId",
+            "has neither predObjId nor predBox",
             id="the same, keyed",
         ),
         pytest.param(
@@ -371,7 +371,7 @@ NO_ANSWER = {"instr_id": "7_1_1", "trajectory": [["a", 0, 0]]}
             answering(objId=402, predObjId=None) + answering(objId=402),
             "missing-field",
             "[1]",
-            "has no predObjId",
+            "has neither predObjId nor predBox",
             id="the dataset's key for the target",
         ),
     ],

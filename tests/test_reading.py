@@ -210,7 +210,11 @@ SECOND_POSE = ".trajectory[1]"
             without("trajectory"), "missing-field", "", "no trajectory", id="trajectory missing"
         ),
         pytest.param(
-            without("predObjId"), "missing-field", "", "no predObjId", id="object missing"
+            without("predObjId"),
+            "missing-field",
+            "",
+            "neither predObjId nor predBox",
+            id="object missing",
         ),
         pytest.param(record(instr_id="7"), "wrong-type", ".instr_id", NO_ID, id="id is a number"),
         pytest.param(record(instr_id="null"), "wrong-type", ".instr_id", NO_ID, id="id is null"),

@@ -2,6 +2,7 @@
 
 from reverie_eval.geometry.projection import into_camera, pixels_of, rays_of
 from reverie_eval.geometry.views import (
+    FAR_OFF,
     FIELD_OF_VIEW,
     FOCAL_LENGTH,
     HEIGHT,
@@ -10,12 +11,14 @@ from reverie_eval.geometry.views import (
     VIEW_AXES,
     WIDTH,
     axes,
+    degrees_off,
     is_on_grid,
     snap,
     view_angles,
 )
 
 __all__ = [
+    "FAR_OFF",
     "FIELD_OF_VIEW",
     "FOCAL_LENGTH",
     "HEIGHT",
@@ -24,6 +27,7 @@ __all__ = [
     "VIEW_AXES",
     "WIDTH",
     "axes",
+    "degrees_off",
     "into_camera",
     "is_on_grid",
     "pixels_of",

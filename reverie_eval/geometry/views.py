@@ -32,6 +32,9 @@ ON_GRID = 1e-3
 """Radians by which a camera's angles may differ from a view's and be that view's: less than half
 a pixel at the centre, more than three decimals round away."""
 
+FAR_OFF = 15.0
+"""Degrees from a camera to its view beyond which carrying a box over costs many an exact one."""
+
 
 def view_angles(view: IntArray) -> FloatArray:
     """Heading and elevation of views.
@@ -100,6 +103,26 @@ def is_on_grid(camera: FloatArray) -> BoolArray:
     heading_off = np.mod(heading_off + np.pi, 2 * np.pi) - np.pi
     off = np.maximum(np.abs(heading_off), np.abs(elevation_off))
     return np.asarray(off <= ON_GRID)
+
+
+def degrees_off(camera: FloatArray) -> FloatArray:
+    """Degrees between where a camera looks and where the view does that it snaps to.
+
+    Parameters are those of :func:`snap`.
+
+    Returns
+    -------
+    float array of shape (n,)
+        The angle between the optical axes.
+
+    Examples
+    --------
+    >>> degrees_off(np.deg2rad([[10.0, 0.0], [60.0, 45.0], [0.0, 90.0]])).round(6).tolist()
+    [10.0, 15.0, 60.0]
+    """
+    looks, view_looks = axes(camera)[:, 2], VIEW_AXES[snap(camera), 2]
+    apart = np.linalg.norm(np.cross(looks, view_looks), axis=1)
+    return np.asarray(np.rad2deg(np.arctan2(apart, (looks * view_looks).sum(axis=1))))
 
 
 def axes(camera: FloatArray) -> FloatArray:

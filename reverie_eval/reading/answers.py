@@ -50,7 +50,7 @@ def read_answer(
         found.differences["abstentions"] += 1
         return Answer(ABSTAINED)
     if not keys:
-        found.problems.append(problems.missing_field(place, ANSWER_KEYS[0]))
+        found.problems.append(problems.no_answer(place, ANSWER_KEYS[0], BOX_KEY))
         return Answer(ABSTAINED)
     key, value = keys[0], record[keys[0]]
     found.differences["other key"] += key != ANSWER_KEYS[0]

@@ -5,6 +5,7 @@ box is scaled to a view's 640 x 480 pixels if the record gives the size of the p
 drawn in, and then cut to the picture.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeGuard
 
@@ -21,6 +22,8 @@ VIEW_KEY = "predView"
 IMAGE_SIZE_KEY = "predImageSize"
 BOX_KEYS = (BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY)
 
+_STRAIGHT_UP = math.pi / 2
+"""Radians."""
 _SLACK = 1e-6
 """Pixels by which scaling alone may carry a box beyond the picture."""
 
@@ -82,8 +85,11 @@ def _read_camera(
         return None
     stop = poses[-1] if poses else None
     if stop is not None and stop.heading is not None and stop.elevation is not None:
-        return Camera(float(stop.heading), float(stop.elevation))
-    if poses is None or stop is not None:  # an unreadable trajectory has been reported
+        if abs(stop.elevation) <= _STRAIGHT_UP:
+            return Camera(float(stop.heading), float(stop.elevation))
+        found.problems.append(problems.upside_down(place, stop.path[:1], stop.elevation, VIEW_KEY))
+    elif poses is None or (stop is not None and not stop.is_reported):
+        # A trajectory, or a pose, that cannot be read has been reported.
         found.problems.append(problems.no_view(place, VIEW_KEY, may_be_posed=poses is not None))
     return None
 

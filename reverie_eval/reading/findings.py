@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, get_args
 
 from reverie_eval.errors import Problem
+from reverie_eval.geometry import FAR_OFF
 
 Difference = Literal[
     "keyed",
@@ -24,6 +25,7 @@ Difference = Literal[
     "cut boxes",
     "boxes outside",
     "cameras off the grid",
+    "far cameras",
 ]
 """How a file may differ from the official form and still say the same."""
 
@@ -76,4 +78,6 @@ _WORDS: dict[Difference, str] = {
     "boxes outside": "{:,} boxes that lie wholly outside the picture, which match nothing",
     "cameras off the grid": "{:,} boxes drawn by a camera that is none of the 36 views, carried "
     "over to the nearest view",
+    "far cameras": f"{{:,}} of these carried over by more than {FAR_OFF:g} degrees, where exact "
+    "boxes fail more often",
 }

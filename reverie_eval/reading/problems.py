@@ -218,6 +218,11 @@ def missing_field(place: Place, field: str) -> Problem:
     return _in_row("missing-field", place, f"has no {field}; add it")
 
 
+def no_answer(place: Place, object_key: str, box_key: str) -> Problem:
+    """Build the problem for a record without an answer, in a file where others have one."""
+    return _in_row("missing-field", place, f"has neither {object_key} nor {box_key}; add one")
+
+
 def wrong_instr_id(place: Place, found: object) -> Problem:
     """Build the problem for an instr_id that is no text."""
     return _in_row(
@@ -264,8 +269,8 @@ def empty_box(place: Place, key: str, found: Sequence[object]) -> Problem:
 def wrong_view(place: Place, key: str, found: object) -> Problem:
     """Build the problem for something that is none of the 36 views."""
     message = (
-        f"got {_found(found)}; expected a view from 0 to 35: 0-11 look down, 12-23 are level, "
-        "24-35 look up, each row turning right from heading 0"
+        f"got {_found(found)}; expected a view, a whole number from 0 to 35: 0-11 look down, 12-23 "
+        "are level, 24-35 look up, each row turning right from heading 0"
     )
     return _in_row("wrong-view", place, message, f".{key}")
 
@@ -277,6 +282,17 @@ def no_view(place: Place, key: str, *, may_be_posed: bool) -> Problem:
         "missing-field",
         place,
         f"has a predBox and no {key}; add the view that it is drawn in (0-35){pose}",
+    )
+
+
+def upside_down(place: Place, path: PosePath, elevation: float, key: str) -> Problem:
+    """Build the problem for a box by a camera that is turned beyond straight up or down."""
+    return _in_pose(
+        "wrong-camera",
+        place,
+        path,
+        f"the box was drawn by a camera with an elevation of {_found(elevation)}, beyond straight "
+        f"up or down (pi / 2); give radians, or the view in {key} (0-35)",
     )
 
 

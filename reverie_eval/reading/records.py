@@ -12,7 +12,7 @@ import numpy as np
 
 from reverie_eval.arrays import offsets_of
 from reverie_eval.errors import SubmissionError
-from reverie_eval.geometry import is_on_grid
+from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.reading import problems
 from reverie_eval.reading.answers import ANSWER_KEYS, Answer, has_answer, read_answer
@@ -127,6 +127,7 @@ def _columns(records: Sequence[ReadRecord], found: Findings) -> Predictions:
     answers = [record.answer for record in records]
     boxes = _box_columns(answers)
     found.differences["cameras off the grid"] += int((~is_on_grid(boxes.camera)).sum())
+    found.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
     return Predictions(
         instr_ids=[record.instr_id for record in records],
         viewpoint_ids=[pose.viewpoint_id for pose in poses],

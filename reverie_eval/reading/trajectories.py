@@ -24,6 +24,8 @@ class Pose(NamedTuple):
     elevation: float | None = None
     continues_hop: bool = False
     """Whether a reader of each hop's first viewpoint alone would miss it."""
+    is_reported: bool = False
+    """Whether a problem says already why viewpoint or angles are not known."""
 
 
 def read_trajectory(place: Place, record: Mapping[str, Any], found: Findings) -> list[Pose]:
@@ -59,11 +61,11 @@ def _read_element(place: Place, number: int, element: Any, found: Findings) -> l
         return _read_hop(number, element, found)
     if not _is_pose(element):
         found.problems.append(problems.wrong_pose(place, (number,), element))
-        return [Pose((number,), None)]
+        return [Pose((number,), None, is_reported=True)]
     viewpoint_id, *angles = element
     if not all(map(is_finite, angles)):
         found.problems.append(problems.not_finite(place, (number,), element))
-        return [Pose((number, 0), viewpoint_id)]
+        return [Pose((number, 0), viewpoint_id, is_reported=True)]
     found.differences["no angles"] += not angles
     found.differences["further numbers"] += len(angles) > 2
     return [Pose((number, 0), viewpoint_id, *angles[:2])]

@@ -18,6 +18,7 @@ from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.box_building.occlusion import is_hidden
 from reverie_eval.box_building.scans import read_poses
 from reverie_eval.geometry import HEIGHT, NEAR, VIEW_AXES, WIDTH, pixels_of
+from reverie_eval.ground_truth.dataset import connectivity_files
 from reverie_eval.schemas.dataset import BOXES, OBJECT_POSITIONS, ObjectBoxes, Position
 
 MARGIN = 1.0
@@ -72,8 +73,7 @@ def viewpoints(
 ) -> Iterator[tuple[Position, dict[str, ObjectBoxes], dict[str, Position]]]:
     """Yield each viewpoint's position, what is listed there, and the centres in its scan."""
     boxes = dataset / "tasks" / "REVERIE" / "data" / "BBox"
-    for file in sorted((dataset / "connectivity").glob("*_connectivity.json")):
-        scan = file.name.removesuffix("_connectivity.json")
+    for scan, file in connectivity_files(dataset / "connectivity").items():
         for viewpoint in read_poses(file):
             content = (boxes / f"{scan}_{viewpoint.image_id}.json").read_bytes()
             objects = BOXES.validate_json(content)[viewpoint.image_id]

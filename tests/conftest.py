@@ -1,5 +1,6 @@
 """What tests stand on: the demo world as files, and the published REVERIE files where they are."""
 
+import lzma
 import os
 from pathlib import Path
 from typing import NoReturn
@@ -59,6 +60,17 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
     unpack_dataset(folder, unpacked)
     (unpacked / "reference").symlink_to(folder / "reference")
     return unpacked
+
+
+@pytest.fixture(scope="session")
+def published_centres(published: Path) -> Path:
+    """Unpack the centres of REVERIE's objects."""
+    packed = (published_folder() or Path()) / "objpos.json.xz"
+    if not packed.is_file():
+        unavailable("the centres of the objects are not here (objpos.json.xz)")
+    centres = published / "objpos.json"
+    centres.write_bytes(lzma.decompress(packed.read_bytes()))
+    return centres
 
 
 @pytest.fixture(scope="session")

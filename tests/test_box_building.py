@@ -344,13 +344,16 @@ def test_the_command(command: Run, built: dict[Occlusion, Path], tmp_path: Path)
     first, second = out.splitlines()
     counts = "7 scans, 206 viewpoints, 2,720 listed objects, 17,888 boxes"
     assert first == f"{tmp_path / 'out'}: {counts}"
-    assert second.endswith("not exactly such: docs/boxes-from-houses.md")
+    assert second.endswith(
+        "4.9 % of their boxes miss their object's centre (docs/boxes-from-houses.md)"
+    )
     assert contents(tmp_path / "out") == contents(built["paper"])
 
 
 def test_options_of_the_command(command: Run, built: dict[Occlusion, Path], tmp_path: Path) -> None:
     status, _, _ = command(
-        "--max-distance", "1.5", "--exclude", "chair", "light switch", "--scans", "DemoCottage"
+        *("--max-distance", "1.5", "--scans", "DemoCottage"),
+        *("--exclude", "chair", "--exclude", "light switch"),
     )
     listed, everything = listed_in(tmp_path / "out"), listed_in(built["none"])
     assert status == 0
@@ -359,6 +362,36 @@ def test_options_of_the_command(command: Run, built: dict[Occlusion, Path], tmp_
     names = {name for name, _ in listed.values()}
     assert "picture" in names
     assert not names & {"chair", "light switch"}
+
+
+@pytest.mark.parametrize(
+    ("words", "excluded"),
+    [
+        pytest.param([], EXCLUDED_NAMES, id="those that are never listed"),
+        pytest.param(["--exclude", "sofa"], {"sofa"}, id="one name"),
+        pytest.param(["--exclude", "sofa", "--exclude", "sun bed"], {"sofa", "sun bed"}, id="two"),
+        pytest.param(["--exclude-nothing"], set(), id="none"),
+    ],
+)
+def test_names_are_left_out_wherever_the_options_stand(
+    words: list[str],
+    excluded: set[str],
+    run: Run,
+    *,
+    demo_world: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rules: list[Rules] = []
+
+    def build_boxes(scans: Any, folder: Path, asked: Rules, **_: Any) -> build.Built:
+        rules.append(asked)
+        return build.Built(0, 0, 0)
+
+    monkeypatch.setattr(build, "build_boxes", build_boxes)
+    where = [str(demo_world / "houses"), str(demo_world / "connectivity")]
+    assert run("boxes", *words, *where, "-o", str(tmp_path / "out")).status == 0
+    assert rules == [Rules(excluded_names=frozenset(excluded))]
 
 
 def test_scans_with_files_of_one_kind_are_named(
@@ -409,14 +442,20 @@ def test_folders_that_are_not_there(run: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "words",
+    ("words", "reason"),
     [
-        ("--max-distance", "0"),
-        ("--max-distance", "nan"),
-        ("--jobs", "0"),
-        ("--occlusion", "some"),
+        (("--max-distance", "0"), "'0' is no distance; give metres, more than 0"),
+        (("--max-distance", "nan"), "'nan' is no distance"),
+        (("--max-distance", "abc"), "'abc' is no distance"),
+        (("--jobs", "0"), "'0' is no number of 1 or more"),
+        (("--jobs", "x"), "'x' is no number of 1 or more"),
+        (("--occlusion", "some"), "invalid choice: 'some'"),
+        (("--exclude", "wall", "--exclude-nothing"), "not allowed with argument --exclude"),
     ],
 )
-def test_options_that_make_no_sense(command: Run, words: tuple[str, str]) -> None:
+def test_options_that_make_no_sense(
+    command: Run, words: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit, match="2"):
         command(*words)
+    assert reason in capsys.readouterr().err

@@ -4,32 +4,25 @@ Every number was measured on them by other code first: structure, ranges, agreem
 distances, targets and graphs.
 """
 
-import lzma
 from itertools import chain
 from pathlib import Path
 
 import pytest
 
-from fixtures.published import published_folder
 from reverie_eval.ground_truth.dataset import DatasetFiles
 from reverie_eval.linting.lint import lint_dataset
 from reverie_eval.reporting.lint import lint_text
 from reverie_eval.schemas.lint import CountReport, LintReport, SpreadReport
-from tests.conftest import REPOSITORY, unavailable
+from tests.conftest import REPOSITORY
 
 pytestmark = pytest.mark.dataset
 
 
 @pytest.fixture(scope="module")
-def report(published: Path, tmp_path_factory: pytest.TempPathFactory) -> LintReport:
+def report(published: Path, published_centres: Path) -> LintReport:
     """Check the published files with the centres of all objects."""
-    packed = (published_folder() or Path()) / "objpos.json.xz"
-    if not packed.is_file():
-        unavailable("the centres of the objects are not here (objpos.json.xz)")
-    centres = tmp_path_factory.mktemp("centres") / "objpos.json"
-    centres.write_bytes(lzma.decompress(packed.read_bytes()))
     root = published / "reverie-v1"
-    return lint_dataset(DatasetFiles.find(None, root, object_positions=centres))
+    return lint_dataset(DatasetFiles.find(None, root, object_positions=published_centres))
 
 
 def count_of(report: LintReport, code: str, split: str | None) -> CountReport:

@@ -3,13 +3,14 @@
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from playwright.sync_api import Browser
 
 from tests.browser import (
     DESKTOP,
     PHONE,
+    WIDE,
     Size,
     browsing,
     chromium_path,
@@ -21,7 +22,22 @@ from tests.demo_site import Site
 from tests.page_routes import EXAMPLES, Example
 
 Scheme = Literal["light", "dark"]
-SCREENS = {"desktop": DESKTOP, "phone": PHONE}
+
+
+class Screen(NamedTuple):
+    """Where somebody sits before a page."""
+
+    size: Size
+    zone: str = "UTC"
+    under: str = "/"
+    """Pages that look another way there."""
+
+
+SCREENS = {
+    "desktop": Screen(DESKTOP),
+    "phone": Screen(PHONE, zone="Asia/Tokyo"),  # where one's own time is beside each instant
+    "wide": Screen(WIDE, under="/boards/"),
+}
 SCHEMES: tuple[Scheme, ...] = ("light", "dark")
 
 
@@ -38,14 +54,15 @@ def main(folder: Path, *only: str) -> int:
         demo_site(Path(temporary) / "server") as site,
         browsing(chromium) as browser,
     ):
-        for screen, size in SCREENS.items():
+        for name, screen in SCREENS.items():
             for example in wanted:
-                _take(browser, site, example, size, folder / f"{example.name}.{screen}")
+                if example.route.startswith(screen.under):
+                    _take(browser, site, example, screen, folder / f"{example.name}.{name}")
     return 0
 
 
-def _take(browser: Browser, site: Site, example: Example, size: Size, to: Path) -> None:
-    context = new_context(browser, site, size)
+def _take(browser: Browser, site: Site, example: Example, screen: Screen, to: Path) -> None:
+    context = new_context(browser, site, screen.size, timezone_id=screen.zone)
     page = context.new_page()
     if example.who is not None:
         sign_in(page, site.tokens[example.who])

@@ -5,7 +5,7 @@ function colours() {
   const of = (name) => style.getPropertyValue(name).trim();
   return {
     ink: of("--ink"), quiet: of("--quiet"), line: of("--line"),
-    accent: of("--accent"), paper: of("--paper"), good: of("--good"),
+    accent: of("--accent"), paper: of("--paper"),
   };
 }
 

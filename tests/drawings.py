@@ -48,7 +48,7 @@ def random_drawing(random: Random, stop: Viewpoint, target: int) -> Drawing:
             return Drawing(_resized(seen, size), None, camera, size)
         case _:
             camera = _camera(random, view, 0.25)
-            steep = camera[0], camera[1] * random.uniform(1, 3)
+            steep = camera[0], camera[1] * random.uniform(1, 2)
             box = random.choice([random_box(random), PICTURE])
             return Drawing(_resized(box, size), None, steep, size)
 

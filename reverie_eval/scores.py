@@ -178,7 +178,7 @@ class Scores(Mapping[str, float]):
 
     @property
     def headline(self) -> Sequence[Metric]:
-        """The metrics that a score table shows, in its order."""
+        """The metrics that every score table shows, in its order."""
         scored = (CATALOGUE[key] for key in self.episodes)
         return [metric for metric in scored if metric.headline]
 

@@ -11,7 +11,7 @@ import pytest
 from reverie_eval import CATALOGUE, evaluate, validate
 from reverie_eval.metrics import BOX_METRICS
 from tests.flat import NOTE as JUMPS
-from tests.flat import TABLE, TUB, WALKS, Run, signature, words
+from tests.flat import TUB, WALKS, Run, signature, words
 from tests.worlds import SPLIT
 
 USUAL = [1, 2, 30, 40]
@@ -28,7 +28,15 @@ NOTE = (
     "IoU 25.00 %; the whole picture in their place would be right in 0.00 %; 0.00 % of the views "
     "that show the target are ambiguous"
 )
-BOX_TABLE = TABLE.replace("40.00    29.33", "20.00    20.00").replace(JUMPS, f"{NOTE}\n{JUMPS}")
+BOX_TABLE = f"""\
+ TL m   SR %  OSR %  SPL %  RGS %  RGSPL %  IoU %  IoU>=.25 %  IoU>=.5 %  IoU>=.75 %
+22.00  60.00  80.00  35.42  20.00    20.00  20.00       20.00      20.00       20.00
+
+SIGNATURE
+ground truth: full.npz (custom)
+{NOTE}
+{JUMPS}
+"""
 BOX_REPORT = {
     "answers": 4,
     "right": 1,
@@ -64,6 +72,28 @@ def boxes(here: Path) -> Path:
 @pytest.mark.usefixtures("boxes")
 def test_the_table_and_its_note(run: Run) -> None:
     assert run(*SCORE) == (0, BOX_TABLE.replace("SIGNATURE", signature()), "")
+
+
+@pytest.mark.usefixtures("boxes")
+@pytest.mark.parametrize(
+    ("style", "headings"),
+    [
+        ("markdown", "| RGSPL % | IoU % | IoU>=.25 % | IoU>=.5 % | IoU>=.75 % |"),
+        ("latex", r"& RGSPL \% & IoU \% & IoU\textgreater{}=.25 \% & IoU\textgreater{}=.5 \% &"),
+    ],
+)
+def test_the_columns_in_other_formats(style: str, headings: str, run: Run) -> None:
+    assert headings in run(*SCORE, "--format", style).out
+
+
+@pytest.mark.usefixtures("boxes")
+def test_the_columns_under_every_protocol(run: Run) -> None:
+    """Boxes are judged alike; where grounding is not scored, they are not either."""
+    headings, *rows = run(*SCORE, "--protocol", "all").out.partition("\n\n")[0].splitlines()
+    values = {name: row[-4:] for name, *row in map(str.split, rows)}
+    assert headings.endswith("  IoU %  IoU>=.25 %  IoU>=.5 %  IoU>=.75 %")
+    assert values.pop("r2r-style") == ["-"] * 4
+    assert values == dict.fromkeys(values, ["20.00"] * 4)
 
 
 @pytest.mark.usefixtures("boxes")
@@ -142,7 +172,8 @@ def test_the_grounding_track(run: Run) -> None:
     """At the goal the second box is right too."""
     status, out, err = run(*SCORE, "--track", "grounding")
     headings, values, _, signed, *_ = out.splitlines()
-    assert (status, err, headings, values) == (0, "", "RGS %", "40.00")
+    assert (status, err) == (0, "")
+    assert (headings.split()[:2], values.split()[0]) == (["RGS", "%"], "40.00")
     assert signed == signature("official-v1|track:grounding")
     assert "note: 4 answers by box, 2 right (misses: 1 low IoU, 1 wrong view, 0 target" in out
 

@@ -16,6 +16,7 @@ from reverie_eval.schemas.service import Receipt
 from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.service.reviews import lift, review
 from reverie_eval.server.settings import Quota
+from tests.conftest import SAMPLES
 from tests.serving import (
     GOOD,
     MATE,
@@ -67,6 +68,15 @@ def test_the_team_sees_all_of_it(owner: Visitor) -> None:
     assert '"proof": "' in words
     assert "199 of 200 in 24 hours; more from 2026-03-03 12:00 UTC" in words
     assert '<a href="https://example.org/p" rel="nofollow noopener noreferrer">Paper' in page.text
+
+
+def test_boxes_are_shown_beside_what_chance_would_have_done(owner: Visitor) -> None:
+    content = (SAMPLES / "drawn.json").read_bytes()
+    reply = owner.server.upload(OWNER, content, OPEN).json()
+    words = said(owner.get(f"/submissions/{reply['submission']['id']}"))
+    assert "Answers that are boxes 81, of which 47 match the target's Mean IoU 55.48 %" in words
+    assert "The whole picture in their place would match in 3.70 %" in words
+    assert "Ambiguous views 0.00 % of those that show the target" in words
 
 
 def test_what_can_be_downloaded_is_what_was_sent_and_signed(owner: Visitor) -> None:

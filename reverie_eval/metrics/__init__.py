@@ -8,6 +8,7 @@ from reverie_eval.metrics.catalogue import (
     PRIMARY_METRIC,
     Metric,
     primary_of,
+    table_metrics,
     units_of,
 )
 from reverie_eval.metrics.fidelity import cls, dtw, ndtw, sdtw
@@ -48,5 +49,6 @@ __all__ = [
     "spl",
     "steps",
     "success",
+    "table_metrics",
     "units_of",
 ]

@@ -1,6 +1,6 @@
 """The catalogue of metrics: what the command line, the notebook and the docs all read."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -22,7 +22,7 @@ class Metric:
     better: Direction
     definition: str
     headline: bool = False
-    """Whether the score table shows it; JSON, CSV and the notebook give all of them."""
+    """Whether every score table shows it; JSON, CSV and the notebook give all of them."""
 
     @property
     def upper_bound(self) -> float:
@@ -223,6 +223,12 @@ BINARY_METRICS = frozenset({"success", "oracle_success", "rgs", "iou_25", "iou_5
 
 PRIMARY_METRIC = "rgspl"
 """What the benchmark ranks by (REVERIE challenge rules, 2020 to 2022)."""
+
+
+def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
+    """Return what a score table shows: the headline, and what is scored of boxes if any are."""
+    shown = (metric for metric in CATALOGUE.values() if metric.key in scored)
+    return [metric for metric in shown if metric.headline or metric.key in BOX_METRICS]
 
 
 def primary_of(scored: Collection[str]) -> Metric:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TextIO
 
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import CATALOGUE, Metric, table_metrics
 from reverie_eval.reporting.latex import comments, escaped, table_row
 from reverie_eval.scores import Scores
 
@@ -37,7 +37,7 @@ class Table:
 def table_of(results: Sequence[Scores]) -> Table:
     """Word a submission's scores, under one protocol or several."""
     first = results[0]
-    metrics = [metric for metric in CATALOGUE.values() if metric.headline and metric.key in first]
+    metrics = table_metrics(first.keys())
     several = len(results) > 1
     has_names = several or first.intervals is not None
     named = [row for scores in results for row in _rows(scores, first, metrics)]
@@ -58,7 +58,7 @@ def table_of(results: Sequence[Scores]) -> Table:
 
 def table_of_report(report: "ScoreReport", provenance: str) -> Table:
     """Word a report as its scores were worded where it was made, with its notes."""
-    metrics = [m for m in CATALOGUE.values() if m.headline and m.key in report.scores]
+    metrics = table_metrics(report.scores)
     return Table(
         headings=[metric.heading for metric in metrics],
         rows=[[metric.display(report.scores[metric.key]) for metric in metrics]],

@@ -22,6 +22,7 @@ from reverie_eval.arrays import FloatArray
 from reverie_eval.box_building.build import build_boxes
 from reverie_eval.box_building.rules import Occlusion, Rules
 from reverie_eval.box_building.scans import Scan
+from reverie_eval.ground_truth.dataset import connectivity_file
 from reverie_eval.metrics.boxes import box_iou
 
 OBJECTS, VIEWPOINTS = 1_000, 200
@@ -47,7 +48,7 @@ def main() -> int:
 
 def write_scan(folder: Path, rng: np.random.Generator) -> Scan:
     """Write the files of an invented scan."""
-    house, connectivity = folder / "x.house", folder / "x_connectivity.json"
+    house, connectivity = folder / "x.house", connectivity_file(folder, "x")
     columns = [
         np.arange(OBJECTS)[:, None],
         np.full((OBJECTS, 2), [-1, 0]),

@@ -37,6 +37,12 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
     -------
     array of shape (n,) of shapely polygons
         In pixels of the views, cut to the picture; empty where nothing of the box is in it.
+
+    References
+    ----------
+    .. [1] Hartley and Zisserman, "Multiple View Geometry in Computer Vision", 2nd edition, 2004,
+       section 8.4: pictures from one place differ by the homography ``K R K^-1``, whatever the
+       depth. Here it is applied to corners one by one, for those behind the view to be cut away.
     """
     import shapely
 

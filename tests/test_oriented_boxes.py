@@ -70,6 +70,7 @@ def bounds_of(box: OrientedBoxes, position: FloatArray = EYE) -> Bounds:
         ),
         pytest.param(upright((0, 0.05, 0), (9, 0.04, 9)), 12, None, id="before the picture begins"),
         pytest.param(upright((0, 5, 0), (9, 1, 9)), 12, WHOLE_PICTURE, id="larger than the view"),
+        pytest.param(upright((0, 50, 0), (90, 1, 90)), 12, WHOLE_PICTURE, id="and far away"),
         pytest.param(BESIDE, 28, WHOLE_PICTURE, id="bottom at eye height, to the border below"),
         pytest.param(BENEATH, 4, WHOLE_PICTURE, id="top at eye height, to the border above"),
         pytest.param(BESIDE, 4, (0, 0, 640, 0), id="bottom at eye height, only the border"),

@@ -600,6 +600,13 @@ def problems_of(world: Path) -> Sequence[Problem]:
             id="view without a box",
         ),
         pytest.param(
+            _box_at_first_goal(visible_pos=[3, 3], bbox2d=[[0, 0, 9, 9]] * 2),
+            "malformed-file",
+            BOXES,
+            "two boxes in one view",
+            id="view given twice",
+        ),
+        pytest.param(
             _box_at_first_goal(bbox2d=[[0, 0, 0, 9]]),
             "malformed-file",
             BOXES,

@@ -96,6 +96,8 @@ class ObjectBoxes(_Published):
     def _one_box_per_view(self) -> Self:
         if len(self.visible_pos) != len(self.bbox2d):
             raise ValueError(f"views: {len(self.visible_pos)}, boxes: {len(self.bbox2d)}")
+        if len(set(self.visible_pos)) < len(self.visible_pos):
+            raise ValueError("two boxes in one view")
         return self
 
     @model_validator(mode="after")

@@ -124,7 +124,7 @@ def test_what_cannot_be_noted_fails_no_upload(
             raise OperationalError("", {}, Exception("database or disk is full"))
 
     monkeypatch.setattr(
-        server.state.submissions,
+        server.state.intake,
         "_attempts",
         Attempts(Full(), server.clock),  # type: ignore[arg-type]
     )

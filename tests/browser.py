@@ -15,6 +15,7 @@ from playwright.sync_api import (
     Page,
     Request,
     Response,
+    expect,
     sync_playwright,
 )
 
@@ -24,6 +25,10 @@ from tests.demo_site import Site, furnish
 from tests.serving import running
 
 CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome")
+MILLISECONDS = 30_000
+"""That a page has for what is waited for."""
+expect.set_options(timeout=MILLISECONDS)
+
 FLAGS = (
     "--no-sandbox",
     "--disable-gpu",
@@ -152,7 +157,7 @@ def new_context(browser: Browser, site: Site, size: Size, **of: Any) -> BrowserC
     width, height = size
     viewport = {"width": width, "height": height}
     context = browser.new_context(base_url=site.url, viewport=viewport, **of)  # type: ignore[arg-type]
-    context.set_default_timeout(10_000)
+    context.set_default_timeout(MILLISECONDS)
     return context
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
+from hypothesis import settings
 
 from fixtures.demo_world import write_demo_world
 from fixtures.published import published_folder, unpack_dataset
@@ -23,6 +24,9 @@ pytest_plugins = [
     "tests.browser",
     "tests.episode_pages",
 ]
+
+settings.register_profile("unhurried", deadline=None)  # a slow machine is no failure
+settings.load_profile("unhurried")
 
 REPOSITORY = Path(__file__).parents[1]
 SAMPLES = REPOSITORY / "fixtures" / "submissions"

@@ -8,13 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from reverie_eval.arrays import IntArray, frozen, offsets_of, row_of, take_rows
-from tests.worlds import unhurried
 
 ragged = st.lists(st.lists(st.integers(0, 99), max_size=4), min_size=1, max_size=6)
 """Rows of numbers, some of them empty."""
 
 
-@unhurried
 @given(rows=ragged, data=st.data())
 def test_take_rows_lays_the_chosen_rows_end_to_end(
     rows: list[list[int]], data: st.DataObject
@@ -25,7 +23,6 @@ def test_take_rows_lays_the_chosen_rows_end_to_end(
     assert taken.tolist() == list(chain.from_iterable(rows[row] for row in chosen))
 
 
-@unhurried
 @given(rows=ragged)
 def test_row_of_names_the_owner_of_every_value(rows: list[list[int]]) -> None:
     expected = [number for number, row in enumerate(rows) for _ in row]

@@ -251,7 +251,7 @@ image_sizes = st.tuples(numbers, numbers).map(list)
 poses = st.tuples(st.just("bath"), numbers, numbers).map(list)
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(
     box=boxes | values,
     view=st.none() | st.integers(-1, 36) | values,
@@ -277,7 +277,7 @@ angles = finite | st.floats(-7, 7)
 elevations = st.floats(-math.pi / 2, math.pi / 2)
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(
     box=st.tuples(corners, corners, extents, extents),
     view=st.none() | st.integers(0, 35),

@@ -28,7 +28,6 @@ from tests.worlds import (
     random_case,
     records_of,
     scores_of,
-    unhurried,
 )
 
 KINDS = {
@@ -84,7 +83,7 @@ NEVER_ABOVE = [
 ]
 
 every_metric = pytest.mark.parametrize("key", CATALOGUE)
-few_examples = settings(unhurried, max_examples=10)
+few_examples = settings(max_examples=10)
 
 
 def test_every_metric_is_classified() -> None:
@@ -104,7 +103,6 @@ def test_every_protocol_agrees_with_the_oracle() -> None:
         assert _differences(case, submission, truth) == [], f"seed {seed}"
 
 
-@unhurried
 @given(case=cases)
 def test_every_protocol_agrees_with_the_oracle_from_files(case: Case) -> None:
     assert _differences(case, file_of(case), ground_truth_of(case.world)) == []
@@ -124,7 +122,6 @@ def test_random_boxes_come_to_everything() -> None:
     assert min(found.values()) >= 50
 
 
-@unhurried
 @given(case=cases)
 def test_score_is_the_mean_over_episodes(case: Case) -> None:
     episodes = list(score(case.world, case.predictions).values())

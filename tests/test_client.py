@@ -157,13 +157,11 @@ def test_a_slow_reply_is_asked_for_again(
 def test_a_server_that_says_nothing_is_given_up(
     real_server: RealServer, monkeypatch: pytest.MonkeyPatch, pauses: list[float]
 ) -> None:
-    monkeypatch.setattr(sending, "_TIMEOUT", httpx.Timeout(30, read=0.2))
     monkeypatch.setattr(sending, "PATIENCE", 0)
-    with (
-        somebody_at(real_server, "late") as (client, proxy),
-        pytest.raises(UnreachableError, match="does not answer in time"),
-    ):
-        client.submit("test", private_submission(), OURS)
+    with somebody_at(real_server, "late") as (client, proxy):
+        client._sender._http.timeout = httpx.Timeout(30, read=0.2)  # noqa: SLF001
+        with pytest.raises(UnreachableError, match="does not answer in time"):
+            client.submit("test", private_submission(), OURS)
     assert len(proxy.uploads) == 1
     assert pauses == []
 

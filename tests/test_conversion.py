@@ -29,7 +29,6 @@ from tests.worlds import (
     cases_with_boxes,
     ground_truth_by_hand,
     records_of,
-    unhurried,
 )
 
 every_form = pytest.mark.parametrize("form", FORMS.values(), ids=list(FORMS))
@@ -153,7 +152,7 @@ def test_a_converted_record(record: dict[str, Any], expected: dict[str, Any]) ->
 
 
 @pytest.mark.parametrize("keyed", [False, True], ids=["list", "keyed"])
-@settings(unhurried, max_examples=20)
+@settings(max_examples=20)
 @given(case=cases_with_boxes)
 def test_converted_boxes_score_the_same(case: Case, *, keyed: bool) -> None:
     """To the last digit, and every box comes to the same."""

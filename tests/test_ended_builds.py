@@ -44,11 +44,14 @@ def test_an_interrupt_does_not_wait_for_scans() -> None:
     interrupt = threading.Timer(2, os.kill, (os.getpid(), signal.SIGINT))
     interrupt.start()
     start = time.monotonic()
-    with (
-        pytest.raises(KeyboardInterrupt),
-        closing(build._outcomes(_linger, TWO_SCANS, 2)) as outcomes,  # noqa: SLF001
-    ):
-        list(outcomes)
+    try:
+        with (
+            pytest.raises(KeyboardInterrupt),
+            closing(build._outcomes(_linger, TWO_SCANS, 2)) as outcomes,  # noqa: SLF001
+        ):
+            list(outcomes)
+    finally:
+        interrupt.cancel()
     assert time.monotonic() - start < LONG / 2
     assert multiprocessing.active_children() == []
 
@@ -67,8 +70,10 @@ def test_no_process_outlives_the_one_that_it_works_for(tmp_path: Path) -> None:
     for file in held:
         file.touch()
     parent = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], cwd=REPOSITORY)
-    wait_until(lambda: all(map(is_held, held)))
-    parent.kill()
+    try:
+        wait_until(lambda: all(map(is_held, held)))
+    finally:
+        parent.kill()
     parent.wait()
     wait_until(lambda: not any(map(is_held, held)))
 

@@ -29,7 +29,6 @@ from reverie_eval.metrics import (
     steps,
     success,
 )
-from tests.worlds import unhurried
 
 Box: TypeAlias = tuple[int, int, int, int]
 """Left, top, width, height."""
@@ -252,13 +251,11 @@ def distance_tables(draw: st.DrawFn) -> Table:
     )
 
 
-@unhurried
 @given(tables=st.lists(distance_tables(), min_size=1, max_size=8))
 def test_dtw_agrees_with_two_plain_loops(tables: list[Table]) -> None:
     assert dtw(*_laid_out(tables)).tolist() == [_warped(table) for table in tables]
 
 
-@unhurried
 @given(tables=st.lists(distance_tables(), min_size=1, max_size=8))
 def test_dtw_is_symmetric(tables: list[Table]) -> None:
     """Poses may be aligned with nodes or nodes with poses."""
@@ -417,7 +414,6 @@ crops = boxes_within(4, 3)
 pairs = st.one_of(st.tuples(views, views), st.tuples(crops, crops))
 
 
-@unhurried
 @given(pair=pairs)
 def test_box_iou_agrees_with_shapely(pair: tuple[Box, Box]) -> None:
     predicted, target = (shapely.box(x, y, x + w, y + h) for x, y, w, h in pair)
@@ -425,27 +421,23 @@ def test_box_iou_agrees_with_shapely(pair: tuple[Box, Box]) -> None:
     assert _iou(*pair) == pytest.approx(expected, rel=1e-12)
 
 
-@unhurried
 @given(pair=pairs)
 def test_box_match_agrees_with_exact_arithmetic(pair: tuple[Box, Box]) -> None:
     assert _matches(*pair) is (_exact_iou(*pair) >= Fraction(1, 2))
 
 
-@unhurried
 @given(pair=pairs)
 def test_box_iou_is_symmetric(pair: tuple[Box, Box]) -> None:
     predicted, target = pair
     assert _iou(predicted, target) == _iou(target, predicted)
 
 
-@unhurried
 @given(pair=pairs, right=st.integers(-640, 640), down=st.integers(-480, 480))
 def test_moving_both_boxes_changes_nothing(pair: tuple[Box, Box], right: int, down: int) -> None:
     predicted, target = ((x + right, y + down, w, h) for x, y, w, h in pair)
     assert _iou(predicted, target) == _iou(*pair)
 
 
-@unhurried
 @given(pair=pairs, across=st.integers(1, 9), along=st.integers(1, 9))
 def test_stretching_both_boxes_changes_nothing(
     pair: tuple[Box, Box], across: int, along: int

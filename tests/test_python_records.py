@@ -199,7 +199,7 @@ submissions: Any = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(submission=submissions)
 def test_the_fast_lane_declines_or_agrees(submission: Any) -> None:
     predictions = convert_official(submission)
@@ -213,7 +213,6 @@ def test_the_fast_lane_declines_or_agrees(submission: Any) -> None:
         assert not [*carefully.read_as, *carefully.problems]
 
 
-@settings(deadline=None)
 @given(submission=st.lists(right_records.filter(lambda it: it["instr_id"]), min_size=1, max_size=3))
 def test_plain_records_take_the_fast_lane(submission: Any) -> None:
     """But for what a text of another type, or a prefix, may mean."""

@@ -584,7 +584,7 @@ def damaged_documents(draw: st.DrawFn) -> bytes:
     return content[:begin] + draw(st.binary(max_size=3)) + content[end:]
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(content=documents | damaged_documents())
 def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
     predictions = decode_official(content)
@@ -598,7 +598,7 @@ def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
         assert not [*carefully.read_as, *carefully.problems]
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(content=damaged_documents() | st.binary())
 def test_bytes_are_read_or_rejected(content: bytes) -> None:
     """Anything but a rejection would be an error of ours, and fail here."""
@@ -606,7 +606,7 @@ def test_bytes_are_read_or_rejected(content: bytes) -> None:
         assert problem.message
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(content=documents | damaged_documents(), answers_only=st.booleans())
 def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
     """Whatever is read: a value for each record, and a place for each pose."""
@@ -627,7 +627,7 @@ def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
         assert (np.diff(predictions.first_of_hops().offsets) >= 1).all()
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(content=documents)
 def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> None:
     """But for angles that the file does not give, which become 0."""

@@ -38,7 +38,7 @@ from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from tests.serving import GOOD, OPEN, OWNER, Serving, running
 
-SECONDS = 1
+SECONDS = 3
 """That the server gives to a body."""
 PATIENCE = 30
 """Seconds after which a test takes it that nothing will come any more."""
@@ -244,7 +244,7 @@ def test_uploads_wait_for_their_turn_and_too_many_are_sent_away(small: Small) ->
         first.sendall(head + GOOD[:1])
         wait_until_held(small)
         second.sendall(head + GOOD)
-        sleep(0.2)
+        sleep(0.5)
         third.sendall(head + GOOD)
         assert reply_on(third) == (503, "busy")
         first.sendall(GOOD[1:])

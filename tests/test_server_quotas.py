@@ -29,7 +29,6 @@ from tests.serving import (
     adjusted,
     settings_of,
 )
-from tests.worlds import unhurried
 
 QUOTA = Quota(day=2, month=4, year=6)
 HOUR, DAY = 1, 24
@@ -151,7 +150,6 @@ _whens = st.lists(st.integers(-1, 750), max_size=8)
 _grants = st.lists(st.tuples(st.integers(1, 3), st.integers(-2, 800)), max_size=3)
 
 
-@unhurried
 @given(_whens, _whens, _grants, st.lists(st.integers(0, 4), min_size=3, max_size=3))
 def test_quotas_agree_with_counting_every_half_day(
     team: Sequence[int],

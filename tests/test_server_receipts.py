@@ -24,7 +24,6 @@ from reverie_eval.receipts import NotGenuineError, ReceiptError, canonical, key_
 from reverie_eval.schemas.service import QuotaReport, QuotaWindow, Receipt
 from reverie_eval.server.service.receipts import Signer, load_key, make_key, public_pem_of
 from tests.serving import GOOD, NOON, OWNER, PRIVATE, Serving, submission_for
-from tests.worlds import unhurried
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 OTHER_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
@@ -128,7 +127,6 @@ def test_the_table_changes_every_field() -> None:
     assert {name for row in table for name in row.values[0]} == set(Receipt.model_fields)
 
 
-@unhurried
 @given(st.integers(0, len(base64.b64decode(RECEIPT.proof)) * 8 - 1))
 def test_a_bit_of_the_proof_is_enough(bit: int) -> None:
     proof = bytearray(base64.b64decode(RECEIPT.proof))
@@ -186,7 +184,6 @@ def test_a_receipt_stays_what_it_was(server: Serving) -> None:
     assert again.json()["receipt"] == submission["receipt"]
 
 
-@unhurried
 @given(st.datetimes(timezones=st.sampled_from([UTC, timezone(timedelta(hours=-9))])))
 def test_times_are_signed_in_one_form(received_at: datetime) -> None:
     receipt = SIGNER.sign(**{**SAID, "received_at": received_at})

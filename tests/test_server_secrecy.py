@@ -43,7 +43,6 @@ from tests.serving import (
     submission_for,
 )
 from tests.visiting import FIELD
-from tests.worlds import unhurried
 
 PLENTY = {"day": 1000, "month": 1000, "year": 1000}
 EVERYBODY = (ANYBODY, OWNER, OTHER, ORGANISER)
@@ -430,7 +429,6 @@ def said(board: Board, content: bytes) -> object:
     return json.dumps([notes, list(checked)]).encode()
 
 
-@unhurried
 @given(st.integers(0, 2**31 - 2), st.integers(1, 90), st.sampled_from(range(18)))
 def test_problems_and_notes_are_the_same_whatever_the_answers_are(
     seed: int, offset: int, which: int

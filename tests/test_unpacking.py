@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from reverie_eval import SubmissionError
 from reverie_eval.reading import read_predictions
 from reverie_eval.reading.unpacking import unpack
-from tests.worlds import unhurried
 
 TEXT = b'[{"instr_id": "7_1_0"}]'
 LIMIT = 1 << 20
@@ -206,7 +205,6 @@ SPOILED = [
 ]
 
 
-@unhurried
 @given(st.sampled_from(SPOILED), st.integers(0, 3), st.randoms(use_true_random=False))
 def test_whatever_was_damaged_comes_out_or_is_refused(
     packed: bytes, times: int, random: Random
@@ -219,7 +217,6 @@ def test_whatever_was_damaged_comes_out_or_is_refused(
         assert len(unpack(bytes(spoiled[:cut]), LIMIT)) <= LIMIT
 
 
-@unhurried
 @given(st.lists(st.binary(max_size=9), max_size=9))
 def test_any_bytes_survive_packing(parts: list[bytes]) -> None:
     content = b"[" + bytes(chain.from_iterable(parts))

@@ -18,7 +18,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from hypothesis import settings
 from hypothesis import strategies as st
 
 from reverie_eval import GroundTruth, Scores, evaluate
@@ -43,9 +42,6 @@ SPLIT = "val_unseen"
 OBJECT_POSITIONS = "objpos.json"
 
 Record = dict[str, Any]
-
-unhurried = settings(deadline=None)
-"""No deadline per example: a slow machine is no failure."""
 
 _SIZES: Sequence[Callable[[Random], float]] = (
     lambda random: random.randint(-20_000, 20_000) / 1000,

@@ -27,7 +27,7 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
     ----------
     box_xywh : float or int array of shape (n, 4)
         Left, top, width and height in pixels of the camera's picture, which has the size and the
-        field of view of a view; widths and heights are positive.
+        field of view of a view; widths and heights are not negative.
     camera : float array of shape (n, 2)
         Heading and elevation, radians.
     view : int array of shape (n,)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from reverie_eval.schemas.service import Method, PublicReview
-from reverie_eval.schemas.wire import Https, Instant, Name, Said
+from reverie_eval.schemas.wire import LONGEST_LINE, Https, Instant, Name, Said
 
 
 class NewTeam(Said):
@@ -79,7 +79,7 @@ class NewGrant(Said):
     split: str
     extra: Annotated[int, Field(ge=1, le=MOST_EXTRA)]
     """By which each limit is raised, the team's and each person's in it."""
-    reason: Annotated[str, Field(min_length=1, max_length=500)]
+    reason: Annotated[str, Field(min_length=1, max_length=LONGEST_LINE)]
     """For the audit log; a line."""
     expires_at: Instant
 
@@ -114,7 +114,7 @@ class NewReview(Said):
     submission_id: Annotated[str, Field(max_length=32)]
     verdict: Literal["verified", "baseline", "flagged", "disqualified"]
     """Verified, flagged and disqualified take each other's place; baseline stands beside them."""
-    reason: Annotated[str, Field(min_length=1, max_length=500)]
+    reason: Annotated[str, Field(min_length=1, max_length=LONGEST_LINE)]
     """Public; a line."""
 
 

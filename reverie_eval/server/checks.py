@@ -236,7 +236,8 @@ def _at_secrets(settings: Settings) -> Iterator[Finding]:
         return
     with closing(Database(settings.database_url)) as database, database.reading() as session:
         for board in boards.values():
-            yield from _at_exact_values(session, board)
+            if board.is_private:
+                yield from _at_exact_values(session, board)
 
 
 def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:

@@ -171,7 +171,7 @@ class Limits(_Section):
     seconds_for_body: PositiveInt = 60
     """Until an upload must have arrived."""
     requests_per_minute: PositiveInt = 120
-    """Of one address, and of one token."""
+    """Of one address, of one token, and of one browser session."""
     uploads_at_once: PositiveInt = 32
     """That are held in memory: coming in, waiting to be scored, or being scored."""
     uploads_waiting: NonNegativeInt = 500

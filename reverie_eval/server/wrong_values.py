@@ -66,8 +66,9 @@ def wrong_value(detail: Mapping[str, Any]) -> ProblemReport:
     """Return what the framework found wrong with a value, and where: by the name of its field."""
     loc = [str(part) for part in detail["loc"]]
     where = ".".join(loc[1:] if loc and loc[0] in _CARRIERS else loc)
-    sentence = _SENTENCES.get(detail["type"], detail["msg"])
-    return _problem(where, sentence.format_map(detail.get("ctx", {})))
+    sentence = _SENTENCES.get(detail["type"])
+    message = sentence.format_map(detail.get("ctx", {})) if sentence else str(detail["msg"])
+    return _problem(where, message)
 
 
 def unreadable_json(error: RecursionError | ValueError) -> ProblemReport:

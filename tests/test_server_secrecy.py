@@ -294,7 +294,7 @@ def test_a_server_refuses_to_keep_exact_values_of_a_private_split(
 
 
 def test_results_that_cannot_be_read_are_the_doctor_s(server: Serving, folder: Path) -> None:
-    server.upload(OWNER)
+    server.upload(OWNER, sound()[0], PRIVATE)
     with closing(sqlite3.connect(folder / "server.db")) as database, database:
         database.execute("UPDATE submission SET report = '[]'")
     (note,) = [finding for finding in check_folder(folder) if finding.kind != "ok"]

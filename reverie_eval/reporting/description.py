@@ -5,13 +5,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from reverie_eval.description import Answers, Comparison, DatasetDescription, Distribution, Part
-from reverie_eval.reporting.grids import Grid, aligned, rich_table
+from reverie_eval.reporting.grids import Grid, aligned, rich_table, room_for
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 UNKNOWN = "-"
-_ANY_WIDTH = 1000
 _SOURCE = "paper: Qi et al., REVERIE, CVPR 2020, section 3"
 _GROUPS: Mapping[tuple[str, ...], str] = MappingProxyType(
     {
@@ -38,8 +37,7 @@ def show(description: DatasetDescription, console: "Console") -> None:
     """Print the tables on a terminal; where one does not fit, its lines wrap and nothing is cut."""
     for grid in grids_of(description):
         table = rich_table(grid)
-        unbounded = console.options.update_width(_ANY_WIDTH)
-        if console.measure(table, options=unbounded).maximum <= console.width:
+        if room_for(table, console).maximum <= console.width:
             console.print(table)
         else:
             console.print(aligned(grid), end="\n\n", markup=False, highlight=False, soft_wrap=True)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.measure import Measurement
     from rich.table import Table
 
 _ANY_WIDTH = 1000
@@ -48,13 +49,17 @@ def aligned(grid: Grid) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
+def room_for(table: "Table", console: "Console") -> "Measurement":
+    """Return the fewest and the most columns that a table takes, however many there are."""
+    return console.measure(table, options=console.options.update_width(_ANY_WIDTH))
+
+
 def show_grid(grid: Grid, console: "Console") -> None:
     """Print a table on a terminal, wrapped where it does not fit.
 
     Where not even that helps, the terminal breaks the lines: nothing is cut.
     """
-    unbounded = console.options.update_width(_ANY_WIDTH)
-    if console.measure(rich_table(_narrowest(grid)), options=unbounded).maximum <= console.width:
+    if room_for(rich_table(_narrowest(grid)), console).maximum <= console.width:
         console.print(rich_table(grid))
     else:
         console.print(aligned(grid), end="\n\n", markup=False, highlight=False, soft_wrap=True)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from reverie_eval.metrics import CATALOGUE, Metric
-from reverie_eval.reporting.grids import Grid, aligned, rich_table
+from reverie_eval.reporting.grids import Grid, aligned, rich_table, room_for
 from reverie_eval.schemas.service import Leaderboard, LeaderboardRow, Method
 from reverie_eval.wording import printable
 
@@ -26,7 +26,6 @@ _STANDINGS = {
 """Why a result takes no part in the ranking, in words."""
 _WARNINGS = ("flagged", "disqualified")
 _FINGERPRINT_SHOWN = 12
-_ANY_WIDTH = 1000
 
 
 def leaderboard_grid(board: Leaderboard) -> Grid:
@@ -65,10 +64,9 @@ def show_leaderboard(board: Leaderboard, console: "Console") -> None:
     """
     grid = leaderboard_grid(board)
     wide, narrow = rich_table(grid), rich_table(narrow_leaderboard_grid(board))
-    unbounded = console.options.update_width(_ANY_WIDTH)
-    if console.measure(wide, options=unbounded).maximum <= console.width:
+    if room_for(wide, console).maximum <= console.width:
         console.print(wide)
-    elif console.measure(narrow, options=unbounded).minimum <= console.width:
+    elif room_for(narrow, console).minimum <= console.width:
         console.print(narrow)
     else:
         console.print(aligned(grid), markup=False, highlight=False, soft_wrap=True)

@@ -7,10 +7,10 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval.reporting.grids import room_for
 from reverie_eval.reporting.tables import MARK, Table, table_of
 from reverie_eval.scores import Scores
 
-_ANY_WIDTH = 1000
 _PRIMARY = CATALOGUE[PRIMARY_METRIC].heading
 
 
@@ -22,8 +22,7 @@ def show(results: Sequence[Scores], console: Console) -> None:
 def show_table(table: Table, console: Console) -> None:
     """Print a table that is in words already, as :func:`show` does."""
     across = _across(table)
-    unbounded = console.options.update_width(_ANY_WIDTH)
-    fits = console.measure(across, options=unbounded).maximum <= console.width
+    fits = room_for(across, console).maximum <= console.width
     console.print(across if fits else _down(table))
     for caption in table.captions:
         console.print(caption, style="dim", markup=False, highlight=False, soft_wrap=True)

@@ -20,6 +20,16 @@ from datetime import timedelta
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.server.service.quotas import QuotaState
 
+NO_SUCH_METHOD = "this address is there for other methods; look at Allow"
+NO_ROOM = (
+    "the server has no room left to keep anything; nothing was spent. Tell the organiser, and send "
+    "it again when there is room"
+)
+FAILED = (
+    "the server failed, not your file. Send it again, no file is counted twice; if it fails again, "
+    "tell the organiser this request's id: {id}"
+)
+
 
 class RequestError(ReverieEvalError):
     """A request that comes to nothing, and why."""

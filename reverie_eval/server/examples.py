@@ -48,6 +48,7 @@ from reverie_eval.schemas.service import (
     Welcome,
 )
 from reverie_eval.schemas.wire import Https
+from reverie_eval.server import errors
 from reverie_eval.version import __version__
 
 _NOON = datetime(2027, 6, 1, 12, tzinfo=UTC)
@@ -57,6 +58,7 @@ _NEXT_YEAR = datetime(2028, 5, 31, 12, tzinfo=UTC)
 _TOKEN = "rv_" + "3Zk0b9Xw" + 35 * "."  # nobody's
 _INVITATION = "rv_" + "Yq71mPaa" + 35 * "."
 _ID = "5f2b0c9a4d7e1f36"
+_REQUEST_ID = "5f0c1be2a97d4e36"
 _SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
 _FINGERPRINT = "6f9511abdb3f6c1d8e0a2b4c5d7f9e1032547698badcfe10f0e1d2c3b4a59687"
 _SIGNATURE = (
@@ -307,7 +309,7 @@ DETAILS: dict[str, dict[str, Any]] = {
         "detail": "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session tells it"
     },
     "not-found": {"detail": f"there is no submission '{_ID}' of your team"},
-    "method-not-allowed": {"detail": "this address is there for other methods; look at Allow"},
+    "method-not-allowed": {"detail": errors.NO_SUCH_METHOD},
     "conflict": {"detail": "a withdrawn submission is not published; restore it first"},
     "not-open": {
         "detail": "test takes no submissions now; the next phase opens 2027-07-01T12:00:00+00:00"
@@ -329,15 +331,7 @@ DETAILS: dict[str, dict[str, Any]] = {
     "busy": {
         "detail": "too many uploads at once; nothing was spent, send yours again in 10 seconds"
     },
-    "storage-full": {
-        "detail": "the server has no room left to keep anything; nothing was spent. Tell the "
-        "organiser, and send it again when there is room",
-        "request_id": "5f0c1be2a97d4e36",
-    },
-    "internal": {
-        "detail": "the server failed, not your file. Send it again, no file is counted twice; if "
-        "it fails again, tell the organiser this request's id: 5f0c1be2a97d4e36",
-        "request_id": "5f0c1be2a97d4e36",
-    },
+    "storage-full": {"detail": errors.NO_ROOM, "request_id": _REQUEST_ID},
+    "internal": {"detail": errors.FAILED.format(id=_REQUEST_ID), "request_id": _REQUEST_ID},
 }
 """What is said beside the code of a problem, by the code."""

@@ -45,7 +45,7 @@ STATUS_OF: dict[type[ReverieEvalError], tuple[HTTPStatus, str]] = {
 
 _IN_WORDS = {
     HTTPStatus.NOT_FOUND: "there is nothing at this address",
-    HTTPStatus.METHOD_NOT_ALLOWED: "this address is there for other methods; look at Allow",
+    HTTPStatus.METHOD_NOT_ALLOWED: errors.NO_SUCH_METHOD,
 }
 """What the framework refuses, as whoever asked should read it."""
 
@@ -131,17 +131,10 @@ def _on_fault(request: Request, error: Exception) -> Response:
     log_fault(request, error)
     identity = exchange_of(request.scope).id
     if is_full(error):
-        detail = (
-            "the server has no room left to keep anything; nothing was spent. Tell the organiser, "
-            "and send it again when there is room"
-        )
         status = HTTPStatus.INSUFFICIENT_STORAGE
-        return _reply(request, status, NO_SPACE, detail, request_id=identity)
-    detail = (
-        "the server failed, not your file. Send it again, no file is counted twice; if it fails "
-        f"again, tell the organiser this request's id: {identity}"
-    )
-    return _reply(request, HTTPStatus.INTERNAL_SERVER_ERROR, FAULT, detail, request_id=identity)
+        return _reply(request, status, NO_SPACE, errors.NO_ROOM, request_id=identity)
+    said = errors.FAILED.format(id=identity)
+    return _reply(request, HTTPStatus.INTERNAL_SERVER_ERROR, FAULT, said, request_id=identity)
 
 
 def _reply(

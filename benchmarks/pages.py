@@ -28,6 +28,8 @@ from urllib.parse import urlsplit
 from playwright.sync_api import Page
 from sqlalchemy import insert, select
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 from fixtures.servers import make_folder
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.service.audit import record

@@ -19,11 +19,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.bars import judge
 from reverie_eval.arrays import FloatArray
-from reverie_eval.box_building.build import build_boxes
-from reverie_eval.box_building.rules import Occlusion, Rules
-from reverie_eval.box_building.scans import Scan
-from reverie_eval.ground_truth.dataset import connectivity_file
-from reverie_eval.metrics.boxes import box_iou
+from reverie_eval.dataset import build_boxes
+from reverie_eval.dataset._box_builder import Scan
+from reverie_eval.dataset._files import connectivity_file
+from reverie_eval.dataset._object_boxes import BoxRules, Occlusion
+from reverie_eval.metrics import box_iou
 
 OBJECTS, VIEWPOINTS = 1_000, 200
 HOUSE = (20.0, 20.0, 5.6)
@@ -76,7 +76,7 @@ def write_scan(folder: Path, rng: np.random.Generator) -> Scan:
 def build_seconds(scan: Scan, max_distance: float, occlusion: Occlusion) -> float:
     """Time building a scan in one process, its files read and written."""
     with TemporaryDirectory() as temporary:
-        rules = Rules(max_distance, occlusion)
+        rules = BoxRules(max_distance, occlusion)
         return seconds(lambda: build_boxes([scan], Path(temporary, "boxes"), rules))
 
 

@@ -38,7 +38,7 @@ from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState, utc_now
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
-from tests.browser import browsing, chromium_path
+from tests.support.browser import browsing, chromium_path
 
 SAMPLE = Path(__file__).parents[1] / "fixtures" / "submissions" / "good.json"
 SPLIT = "val_unseen"

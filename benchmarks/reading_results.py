@@ -22,7 +22,7 @@ import reverie_eval as rv
 from benchmarks.bars import judge
 from benchmarks.scoring import HEADLINE, REVERIE_EVAL, SUBMISSION, ratio_of_medians, run, seconds
 from fixtures.published import published_folder, unpack_dataset
-from reverie_eval.intervals import Clustering
+from reverie_eval.scoring import Clustering
 
 SPLIT = "val_unseen"
 OTHER = f"{SPLIT}.mixed2"

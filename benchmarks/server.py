@@ -29,8 +29,7 @@ from urllib.parse import urlsplit
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fixtures.published import published_folder, unpack_dataset
-from reverie_eval.ground_truth.compile import compile_split
-from reverie_eval.ground_truth.dataset import DatasetFiles
+from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.server.folder import upgrade_folder
 from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.service.receipts import make_key
@@ -117,7 +116,7 @@ def main() -> int:
     with TemporaryDirectory() as temporary:
         work = Path(temporary)
         dataset = unpack_dataset(folder, work)
-        bundle = compile_split(DatasetFiles.find(SPLIT, dataset), SPLIT)
+        bundle = compile_split(DatasetFiles.find(dataset, split=SPLIT), SPLIT)
         ratios = []
         for visibility in ("private", "open"):
             server = work / visibility

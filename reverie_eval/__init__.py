@@ -6,7 +6,7 @@
 True
 """
 
-from reverie_eval.comparison import Comparison, compare
+from reverie_eval.analysis import Comparison, compare
 from reverie_eval.errors import (
     DatasetError,
     GroundTruthError,
@@ -16,12 +16,19 @@ from reverie_eval.errors import (
     ReverieEvalError,
     SubmissionError,
 )
-from reverie_eval.evaluation import diagnose, evaluate, evaluate_protocols, validate
-from reverie_eval.evaluator import Evaluator
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.protocol import PROTOCOLS
-from reverie_eval.scores import Scores, Validation
+from reverie_eval.notebook import attach_methods
+from reverie_eval.scoring import (
+    PROTOCOLS,
+    Evaluator,
+    Scores,
+    Validation,
+    diagnose,
+    evaluate,
+    evaluate_protocols,
+    validate,
+)
 from reverie_eval.version import __version__
 
 __all__ = [
@@ -46,3 +53,6 @@ __all__ = [
     "evaluate_protocols",
     "validate",
 ]
+
+attach_methods()
+del attach_methods

@@ -22,7 +22,7 @@ from cryptography.hazmat.primitives.serialization import (
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import Receipt
-from reverie_eval.wording import printable
+from reverie_eval.text import printable
 
 _KEY_ID_LENGTH = 16
 

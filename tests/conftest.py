@@ -11,18 +11,17 @@ from hypothesis import settings
 from fixtures.demo_world import write_demo_world
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval import GroundTruth
-from reverie_eval.ground_truth.compile import compile_split
-from reverie_eval.ground_truth.dataset import DatasetFiles
+from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval_cli.main import main
-from tests.flat import Outcome, Run, write_flat
+from tests.support.flat import Outcome, Run, write_flat
 
 pytest_plugins = [
-    "tests.serving",
-    "tests.participants",
-    "tests.kept",
-    "tests.processes",
-    "tests.browser",
-    "tests.episode_pages",
+    "tests.support.serving",
+    "tests.support.participants",
+    "tests.support.kept",
+    "tests.support.processes",
+    "tests.support.browser",
+    "tests.support.episode_pages",
 ]
 
 settings.register_profile("unhurried", deadline=None)  # a slow machine is no failure
@@ -82,7 +81,7 @@ def published_bundles(published: Path, tmp_path_factory: pytest.TempPathFactory)
     """Compile the bundles of REVERIE v1."""
     folder = tmp_path_factory.mktemp("bundles")
     for split in ("val_seen", "val_unseen", "test"):
-        bundle = compile_split(DatasetFiles.find(split, published / "reverie-v1"), split)
+        bundle = compile_split(DatasetFiles.find(published / "reverie-v1", split=split), split)
         bundle.save(folder / f"{split}{'.public' if bundle.is_public else ''}.npz")
     return folder
 

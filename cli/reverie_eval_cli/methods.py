@@ -74,7 +74,7 @@ def _option(field: str) -> str:
 
 def _stem(submission: str) -> str:
     """Return a file's name up to the first dot."""
-    from reverie_eval.wording import printable
+    from reverie_eval.text import printable
 
     stem = "" if submission == "-" else Path(submission).name.partition(".")[0]
     return printable(stem)[:_LONGEST_NAME].strip() or "unnamed"

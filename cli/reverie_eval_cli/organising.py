@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from reverie_eval.reporting.grids import Grid, aligned, rich_table
+from reverie_eval.reporting._grids import Grid, aligned, rich_table
 
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from reverie_eval import PROTOCOLS, Scores, SubmissionError, evaluate
 from reverie_eval.ground_truth import find_ground_truth
-from reverie_eval.protocol import ALIASES, DEFAULT_PROTOCOL
+from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL
 from reverie_eval_cli.submissions import rejection
 
 
@@ -25,7 +25,7 @@ def evaluate_each(
     submissions: Sequence[str], arguments: argparse.Namespace
 ) -> Mapping[str, Scores] | None:
     """Score all by their names; if some are rejected, say what is wrong with each of them."""
-    from reverie_eval.naming import names_of
+    from reverie_eval.submissions import submission_names
 
     truth = find_ground_truth(arguments.ground_truth, arguments.split)
     where = {"split": arguments.split, "ground_truth": truth, "protocol": arguments.protocol}
@@ -37,4 +37,4 @@ def evaluate_each(
             print(rejection(submission, error), file=sys.stderr)
     if len(scores) < len(submissions):
         return None
-    return dict(zip(names_of(submissions), scores, strict=True))
+    return dict(zip(submission_names(submissions), scores, strict=True))

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from reverie_eval import ReverieEvalError, variables
+from reverie_eval import ReverieEvalError
+from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
-    from reverie_eval.client.sending import Notice
+    from reverie_eval.client._sending import Notice
 
 
 def add_server(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
@@ -20,7 +21,7 @@ def add_server(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGr
     named.add_argument(
         "--server",
         metavar="URL",
-        help=f"the evaluation server (default: ${variables.SERVER}, then the latest `login`)",
+        help=f"the evaluation server (default: ${SERVER_VARIABLE}, then the latest `login`)",
     )
     parser.add_argument(
         "--plain-http",
@@ -38,12 +39,12 @@ def server_of(arguments: argparse.Namespace) -> str:
     ReverieEvalError
         If none is named anywhere.
     """
-    from reverie_eval.client.addresses import server_url
-    from reverie_eval.client.logins import Logins
+    from reverie_eval.client._logins import Logins
+    from reverie_eval.client._sending import server_url
 
-    named = arguments.server or os.environ.get(variables.SERVER) or Logins.load().latest
+    named = arguments.server or os.environ.get(SERVER_VARIABLE) or Logins.load().latest
     if not named:
-        raise ReverieEvalError(f"which server? Name it with --server URL or {variables.SERVER}")
+        raise ReverieEvalError(f"which server? Name it with --server URL or {SERVER_VARIABLE}")
     return server_url(named)
 
 
@@ -58,7 +59,7 @@ def connect(
 
 def tell_banner(client: "Client") -> None:
     """Pass on what the organiser has to say to everybody."""
-    from reverie_eval.wording import printable
+    from reverie_eval.text import printable
 
     if banner := client.server().banner:
         print(f"{client.url}: {printable(banner)}", file=sys.stderr)
@@ -72,13 +73,13 @@ def token_for(server: str) -> str:
     ReverieEvalError
         If there is none.
     """
-    from reverie_eval.client.logins import Logins
+    from reverie_eval.client._logins import Logins
 
-    token = os.environ.get(variables.TOKEN) or Logins.load().tokens.get(server)
+    token = os.environ.get(TOKEN_VARIABLE) or Logins.load().tokens.get(server)
     if not token:
         raise ReverieEvalError(
             f"you are not signed in to {server}; run `reverie-eval login --server {server}`, or "
-            f"put your token into {variables.TOKEN}"
+            f"put your token into {TOKEN_VARIABLE}"
         )
     return token
 
@@ -100,6 +101,6 @@ def showing_token(server: str) -> Iterator[None]:
         if error.document.code != "not-signed-in":
             raise
         remedy = f"run `reverie-eval login --server {server}` to be asked for another"
-        if os.environ.get(variables.TOKEN):
-            remedy = f"it came from {variables.TOKEN}: correct that, or unset it to use the login's"
+        if os.environ.get(TOKEN_VARIABLE):
+            remedy = f"it came from {TOKEN_VARIABLE}: correct that, or unset it to use the login's"
         raise ReverieEvalError(f"{error}; {remedy}") from None

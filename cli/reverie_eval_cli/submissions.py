@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from reverie_eval import SubmissionError
-from reverie_eval.reading import called
+from reverie_eval.submissions import source_name
 
 
 def write_submission(records: Sequence[Mapping[str, Any]], output: str | None) -> None:
@@ -22,4 +22,4 @@ def write_submission(records: Sequence[Mapping[str, Any]], output: str | None) -
 
 def rejection(submission: str, error: SubmissionError) -> str:
     """Say what is wrong with which submission."""
-    return f"{called(submission)}: {error}"
+    return f"{source_name(submission)}: {error}"

@@ -1,7 +1,7 @@
 """Talk to an evaluation server: ``Client(url, token).submit(...)``."""
 
-from reverie_eval.client.client import Client
-from reverie_eval.client.errors import (
+from reverie_eval.client._client import Client
+from reverie_eval.client._errors import (
     NotAServerError,
     QuotaSpentError,
     RefusedError,

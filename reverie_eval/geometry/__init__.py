@@ -1,7 +1,7 @@
 """The geometry of panoramas: views, projection, and boxes seen from another camera."""
 
-from reverie_eval.geometry.projection import into_camera, pixels_of, rays_of
-from reverie_eval.geometry.views import (
+from reverie_eval.geometry._projection import into_camera, pixels_of, rays_of
+from reverie_eval.geometry._views import (
     FAR_OFF,
     FIELD_OF_VIEW,
     FOCAL_LENGTH,

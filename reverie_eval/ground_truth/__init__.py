@@ -1,19 +1,39 @@
-"""The ground truth: compiled once from the published files, loaded in milliseconds.
+"""The ground truth of a split: compiled once from the published files, loaded in milliseconds.
 
-Compiling lives in :mod:`reverie_eval.ground_truth.compile` and is imported only when asked for.
+:mod:`reverie_eval.dataset` compiles it.
 """
 
-from reverie_eval.ground_truth.bundle import Bundle
-from reverie_eval.ground_truth.graph import NavigationGraph
-from reverie_eval.ground_truth.locate import bundle_name, find_ground_truth
-from reverie_eval.ground_truth.truth import Answers, Episodes, GroundTruth
+from reverie_eval.ground_truth._answers import Answers, CandidateBoxes
+from reverie_eval.ground_truth._bundle import (
+    LARGEST_OBJECT_ID,
+    Bundle,
+    BundleHeader,
+    bundle_name,
+    pack_texts,
+)
+from reverie_eval.ground_truth._graph import NavigationGraph
+from reverie_eval.ground_truth._truth import (
+    DEMO_BUNDLES,
+    DEMO_DATASET,
+    GROUND_TRUTH_VARIABLE,
+    Episodes,
+    GroundTruth,
+    find_ground_truth,
+)
 
 __all__ = [
+    "DEMO_BUNDLES",
+    "DEMO_DATASET",
+    "GROUND_TRUTH_VARIABLE",
+    "LARGEST_OBJECT_ID",
     "Answers",
     "Bundle",
+    "BundleHeader",
+    "CandidateBoxes",
     "Episodes",
     "GroundTruth",
     "NavigationGraph",
     "bundle_name",
     "find_ground_truth",
+    "pack_texts",
 ]

@@ -1,19 +1,27 @@
 """The metrics: pure functions from arrays to arrays, one row per episode."""
 
-from reverie_eval.metrics.boxes import Overlap, box_iou, box_match, box_overlap
-from reverie_eval.metrics.catalogue import (
-    BINARY_METRICS,
-    BOX_METRICS,
+from reverie_eval.metrics._catalogue import (
     CATALOGUE,
     PRIMARY_METRIC,
     Metric,
-    primary_of,
+    primary_metric,
     table_metrics,
     units_of,
 )
-from reverie_eval.metrics.fidelity import cls, dtw, ndtw, sdtw
-from reverie_eval.metrics.grounding import ABSTAINED, candidate_match
-from reverie_eval.metrics.navigation import (
+from reverie_eval.metrics._fidelity import FIDELITY_DISTANCE, cls, dtw, ndtw, sdtw
+from reverie_eval.metrics._grounding import (
+    ABSTAINED,
+    IOU_THRESHOLD,
+    LOOSE_IOU_THRESHOLD,
+    STRICT_IOU_THRESHOLD,
+    Overlap,
+    box_iou,
+    box_match,
+    box_overlap,
+    candidate_match,
+)
+from reverie_eval.metrics._navigation import (
+    SUCCESS_DISTANCE,
     jumps,
     navigation_error,
     oracle_error,
@@ -26,10 +34,13 @@ from reverie_eval.metrics.navigation import (
 
 __all__ = [
     "ABSTAINED",
-    "BINARY_METRICS",
-    "BOX_METRICS",
     "CATALOGUE",
+    "FIDELITY_DISTANCE",
+    "IOU_THRESHOLD",
+    "LOOSE_IOU_THRESHOLD",
     "PRIMARY_METRIC",
+    "STRICT_IOU_THRESHOLD",
+    "SUCCESS_DISTANCE",
     "Metric",
     "Overlap",
     "box_iou",
@@ -44,7 +55,7 @@ __all__ = [
     "oracle_error",
     "oracle_success",
     "path_length",
-    "primary_of",
+    "primary_metric",
     "sdtw",
     "spl",
     "steps",

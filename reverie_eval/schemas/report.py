@@ -12,7 +12,7 @@ class BoxReport(BaseModel):
 
     answers: int
     """Number of answers that are boxes."""
-    right: int
+    correct: int
     """Number of them with an IoU of at least one half, wherever else the protocol looks."""
     mean_iou: float
     """Mean IoU over them; 0 where the view does not show the target."""

@@ -26,8 +26,8 @@ from reverie_eval.server.settings import (
 from reverie_eval.server.store.database import Database, known_revisions
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
+from reverie_eval.text import count_text
 from reverie_eval.version import __version__
-from reverie_eval.wording import counted
 
 _DEFAULT_PASSWORDS = frozenset({"postgres", "password", "secret", "changeme", "change-me", "admin"})
 REFUSALS = (SQLAlchemyError, ModuleNotFoundError, ValueError)
@@ -251,7 +251,7 @@ def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
         return
     if exact:
         told = (
-            f"{board.name} is private, but was open when {counted(exact, 'result')} of it came "
+            f"{board.name} is private, but was open when {count_text(exact, 'result')} of it came "
             "about, whose exact values are kept; make it open again, and give the private split a "
             "name of its own"
         )

@@ -8,13 +8,13 @@ from fastapi import Depends, Header, Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 
-from reverie_eval.reading.unpacking import unpack
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.callers import Caller, Server
 from reverie_eval.server.edge.exchange import Exchange, exchange_of
 from reverie_eval.server.examples import FORM, SUBMISSION
 from reverie_eval.server.operations import Upkeep
 from reverie_eval.server.uploading import Upload, receive
+from reverie_eval.submissions._sources import unpack
 
 _SAID: dict[str, Any] = Method.model_json_schema()["properties"]
 _PACKED = {"schema": {"type": "string", "format": "binary"}}

@@ -22,7 +22,7 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, open_uploads
-from reverie_eval.wording import counted, some
+from reverie_eval.text import count_text, first_few
 
 Track = Callable[[Sequence[str], str], Iterable[str]]
 """Shows progress while items are worked on."""
@@ -98,11 +98,11 @@ def _at_uploads(
         trouble = _trouble(uploads, sha256)
         sound += not trouble
         if trouble:
-            whose = some([report.id for report in reports if report.sha256 == sha256])
+            whose = first_few([report.id for report in reports if report.sha256 == sha256])
             remedy = f"put uploads/{sha256}.json of a backup in its place"
             told = f"{sha256[:2]}/{sha256}.json of submission {whose} {trouble}; {remedy}"
             yield Finding("uploads", "fault", told)
-    yield Finding("uploads", "ok", f"{counted(sound, 'upload')} whole, of {len(expected):,}")
+    yield Finding("uploads", "ok", f"{count_text(sound, 'upload')} whole, of {len(expected):,}")
 
 
 def _trouble(uploads: Uploads, sha256: str) -> str:
@@ -121,8 +121,8 @@ def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
     strays = sorted(name for name in uploads.names() if name not in expected)
     if strays:
         told = (
-            f"{counted(len(strays), 'file')} of no submission: {some(strays)}; left by a crash, or "
-            "about to be accepted. Without a server running, they can be deleted"
+            f"{count_text(len(strays), 'file')} of no submission: {first_few(strays)}; left by a "
+            "crash, or about to be accepted. Without a server running, they can be deleted"
         )
         yield Finding("uploads", "note", told)
 
@@ -143,11 +143,11 @@ def _at_reports(
             current += 1
     for (split, fingerprint), number in older.items():
         told = (
-            f"{counted(number, 'submission')} to {split} scored by ground truth "
+            f"{count_text(number, 'submission')} to {split} scored by ground truth "
             f"{fingerprint[:12]}, which is not that of now: these scores do not compare"
         )
         yield Finding("reports", "note", told)
-    yield Finding("reports", "ok", f"{counted(current, 'report')} by the ground truth of now")
+    yield Finding("reports", "ok", f"{count_text(current, 'report')} by the ground truth of now")
 
 
 def _at_receipts(submissions: Sequence[SubmissionReport], public_pem: str) -> Iterator[Finding]:
@@ -164,7 +164,7 @@ def _at_receipts(submissions: Sequence[SubmissionReport], public_pem: str) -> It
         if trouble:
             remedy = "put back the key or the database of the last backup"
             yield Finding("receipts", "fault", f"{submission.id}: {trouble}; {remedy}")
-    yield Finding("receipts", "ok", f"{counted(sound, 'receipt')} verified")
+    yield Finding("receipts", "ok", f"{count_text(sound, 'receipt')} verified")
 
 
 def _says_what_is_kept(kept: SubmissionReport) -> bool:

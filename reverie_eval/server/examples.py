@@ -4,7 +4,6 @@ from datetime import UTC, datetime
 from typing import Any
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
-from reverie_eval.protocol import DEFAULT_PROTOCOL
 from reverie_eval.schemas.organising import (
     AttemptReport,
     AuditReport,
@@ -48,6 +47,7 @@ from reverie_eval.schemas.service import (
     Welcome,
 )
 from reverie_eval.schemas.wire import Https
+from reverie_eval.scoring import DEFAULT_PROTOCOL
 from reverie_eval.server import errors
 from reverie_eval.version import __version__
 

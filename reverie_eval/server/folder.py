@@ -16,9 +16,9 @@ from datetime import datetime
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from reverie_eval.appearing import appearing
 from reverie_eval.errors import Problem
-from reverie_eval.ground_truth.locate import DEMO_BUNDLES, bundle_name
+from reverie_eval.files import staged_folder
+from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_name
 from reverie_eval.server.checks import demand_known
 from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.service.receipts import make_key
@@ -105,7 +105,7 @@ def building(folder: Path) -> Iterator[Path]:
         remedy = f"{kind}; choose a new or an empty folder"
         raise SettingsError([Problem("folder-taken", str(folder), remedy)])
     # The settings come last: with them, it is a server's folder.
-    with appearing(folder, mode=0o700, last=SETTINGS_FILE) as aside:
+    with staged_folder(folder, mode=0o700, last=SETTINGS_FILE) as aside:
         yield aside
         if place.exists():
             place.chmod(0o700)

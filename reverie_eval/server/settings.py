@@ -30,13 +30,15 @@ from pydantic_settings import SettingsError as UnreadableVariableError
 from sqlalchemy import URL, make_url
 from sqlalchemy.exc import ArgumentError
 
-from reverie_eval import variables
+from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
-from reverie_eval.protocol import DEFAULT_PROTOCOL, protocol_named
+from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
 from reverie_eval.schemas.wire import Line, Name
+from reverie_eval.scoring import DEFAULT_PROTOCOL, find_protocol
 
 SETTINGS_FILE = "reverie-eval.toml"
-_NO_SETTINGS = frozenset({variables.GROUND_TRUTH, variables.SERVER, variables.TOKEN})
+_PREFIX = "REVERIE_EVAL_"
+_NO_SETTINGS = frozenset({GROUND_TRUTH_VARIABLE, SERVER_VARIABLE, TOKEN_VARIABLE})
 """Variables that mean something elsewhere."""
 _POSTGRESQL = "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
 _DATABASES = f"takes a file of SQLite, sqlite:///FILE, or PostgreSQL, {_POSTGRESQL}"
@@ -61,7 +63,7 @@ class SettingsError(RejectedError):
 
 def _known_protocol(name: str) -> str:
     try:
-        return protocol_named(name).name
+        return find_protocol(name).name
     except ProtocolError as error:
         raise ValueError(str(error)) from None
 
@@ -184,7 +186,7 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(
         frozen=True,
         extra="forbid",
-        env_prefix=variables.PREFIX,
+        env_prefix=_PREFIX,
         env_nested_delimiter="__",
         use_attribute_docstrings=True,
     )
@@ -271,13 +273,13 @@ def variables_ignored() -> Sequence[str]:
     They may be misspelt; but orchestrators set variables too, named after a service, so they are
     no fault.
     """
-    ours = {name for name in os.environ if name.startswith(variables.PREFIX)} - _NO_SETTINGS
+    ours = {name for name in os.environ if name.startswith(_PREFIX)} - _NO_SETTINGS
     return sorted(name for name in ours if not _is_setting(name))
 
 
 def _is_setting(variable: str) -> bool:
-    name, _, _ = variable.lower().removeprefix(variables.PREFIX.lower()).partition("__")
-    return variable.lower().startswith(variables.PREFIX.lower()) and name in Settings.model_fields
+    name, _, _ = variable.lower().removeprefix(_PREFIX.lower()).partition("__")
+    return variable.lower().startswith(_PREFIX.lower()) and name in Settings.model_fields
 
 
 def load_settings(folder: Path) -> Settings:
@@ -300,7 +302,7 @@ def load_settings(folder: Path) -> Settings:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SettingsError([Problem("not-toml", str(file), str(error))]) from None
     except UnreadableVariableError as error:
-        raise SettingsError([Problem("wrong-setting", variables.PREFIX, str(error))]) from None
+        raise SettingsError([Problem("wrong-setting", _PREFIX, str(error))]) from None
     except ValidationError as error:
         raise SettingsError(list(_problems(error))) from None
 

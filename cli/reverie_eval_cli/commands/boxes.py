@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import get_args
 
-from reverie_eval.box_building.rules import EXCLUDED_NAMES, MAX_DISTANCE, Occlusion, Rules
-from reverie_eval.wording import counted
+from reverie_eval.dataset._object_boxes import EXCLUDED_NAMES, MAX_DISTANCE, BoxRules, Occlusion
+from reverie_eval.text import count_text
 from reverie_eval_cli.arguments import positive_number
 from reverie_eval_cli.progress import with_progress
 
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--occlusion",
         choices=get_args(Occlusion),
-        default=Rules().occlusion,
+        default=BoxRules().occlusion,
         help="paper: take away boxes within the box of a nearer object (default: %(default)s)",
     )
     left_out = parser.add_mutually_exclusive_group()
@@ -82,8 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Build the boxes and say how many."""
-    from reverie_eval.box_building.build import build_boxes
-    from reverie_eval.box_building.scans import find_scans
+    from reverie_eval.dataset import build_boxes, find_scans
 
     found = find_scans(arguments.houses, arguments.connectivity, arguments.scans)
     for note in found.notes():
@@ -93,14 +92,14 @@ def run(arguments: argparse.Namespace) -> int:
         built = build_boxes(
             found.complete,
             arguments.output,
-            Rules(arguments.max_distance, arguments.occlusion, excluded),
+            BoxRules(arguments.max_distance, arguments.occlusion, excluded),
             jobs=arguments.jobs or os.cpu_count() or 1,
-            track=lambda outcomes, total: with_progress(outcomes, "boxes", total),
+            progress=lambda outcomes, total: with_progress(outcomes, "boxes", total),
         )
     counts = [
-        counted(len(found.complete), "scan"),
-        counted(built.viewpoints, "viewpoint"),
-        counted(built.listed, "listed object"),
+        count_text(len(found.complete), "scan"),
+        count_text(built.viewpoints, "viewpoint"),
+        count_text(built.listed, "listed object"),
         f"{built.boxes:,} boxes",
     ]
     print(f"{arguments.output}: {', '.join(counts)}")

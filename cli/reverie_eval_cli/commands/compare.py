@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Score all, compare, and say it."""
-    from reverie_eval.comparison import Comparison
+    from reverie_eval import Comparison
 
     submissions = [arguments.first, *arguments.others]
     check_outputs([arguments.episodes], [*submissions, arguments.ground_truth])
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _show(comparison: "Comparison", form: str) -> None:
-    from reverie_eval.reporting.comparison import (
+    from reverie_eval.reporting._comparison import (
         comparison_latex,
         comparison_markdown,
         comparison_text,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.ground_truth import Bundle, bundle_name
-from reverie_eval.wording import counted
+from reverie_eval.text import count_text
 from reverie_eval_cli.arguments import add_dataset, add_object_positions, add_split
 from reverie_eval_cli.outputs import check_outputs
 from reverie_eval_cli.progress import with_progress
@@ -35,27 +35,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compile the split, write its bundle and say what it holds."""
-    from reverie_eval.ground_truth.compile import compile_split
-    from reverie_eval.ground_truth.dataset import DatasetFiles
+    from reverie_eval.dataset import DatasetFiles, compile_split
 
     if not re.fullmatch(r"\w+", arguments.split):
         raise ReverieEvalError(f"{arguments.split!r} is no name of a split; use letters and _")
     files = DatasetFiles.find(
-        arguments.split,
         arguments.dataset,
+        split=arguments.split,
         annotations=arguments.annotations,
         boxes=arguments.boxes,
         connectivity=arguments.connectivity,
         object_positions=arguments.object_positions,
     )
-    bundle = compile_split(files, arguments.split, track=with_progress)
+    bundle = compile_split(files, arguments.split, progress=with_progress)
     if arguments.public:
         bundle = bundle.public()
     output = _output(arguments, bundle)
-    check_outputs([output], [files.annotations, files.boxes, files.object_positions])
+    check_outputs([output], [*files.annotations.values(), files.boxes, files.object_positions])
     bundle.save(output)
     parts = {"episode": "instr_id", "scan": "scan_id", "viewpoint": "viewpoint_id"}
-    counts = [counted(len(bundle.arrays[array]), noun) for noun, array in parts.items()]
+    counts = [count_text(len(bundle.arrays[array]), noun) for noun, array in parts.items()]
     print(f"{output}: {bundle.header.dataset} {arguments.split}, {', '.join(counts)}")
     if bundle.is_public:
         print("it holds no answers: it checks submissions (`reverie-eval validate`)")

@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from reverie_eval.reading import called
+from reverie_eval.submissions import source_name
 from reverie_eval_cli.arguments import add_output, add_submission
 from reverie_eval_cli.outputs import check_outputs
 from reverie_eval_cli.submissions import write_submission
@@ -19,11 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Convert the submission and say what was read differently, and what was dropped."""
-    from reverie_eval.conversion import convert
+    from reverie_eval.submissions import convert
 
     check_outputs([arguments.output], [arguments.submission])
     conversion = convert(arguments.submission)
     write_submission(conversion.records, arguments.output)
     for note in conversion.notes:
-        print(f"{called(arguments.submission)}: {note}", file=sys.stderr)
+        print(f"{source_name(arguments.submission)}: {note}", file=sys.stderr)
     return 0

@@ -12,7 +12,7 @@ from reverie_eval_cli.progress import with_progress
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from reverie_eval.description import DatasetDescription
+    from reverie_eval.dataset import DatasetDescription
 
 SUMMARY = "describe a dataset in numbers and figures, beside those of the REVERIE paper"
 
@@ -33,16 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Describe the splits that are there, and draw what was asked for."""
-    from reverie_eval.description.describe import describe_dataset, find_splits
+    from reverie_eval.dataset import DatasetFiles, describe_dataset
 
     write_figures = _figure_writer() if arguments.figures else None
-    files = find_splits(
+    files = DatasetFiles.find(
         arguments.dataset,
         annotations=arguments.annotations,
         boxes=arguments.boxes,
         connectivity=arguments.connectivity,
     )
-    description = describe_dataset(files, track=with_progress)
+    description = describe_dataset(files, progress=with_progress)
     if write_figures:
         write_figures(description, arguments.figures)
     _show(description, arguments.format)
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _figure_writer() -> "Callable[[DatasetDescription, Path], Sequence[Path]]":
     """Return what draws, before any time is spent on a dataset that could not be drawn."""
     try:
-        from reverie_eval.reporting.dataset_figures import write_figures
+        from reverie_eval.reporting._dataset_figures import write_figures
     except ModuleNotFoundError as error:
         raise ReverieEvalError(
             "--figures needs matplotlib; install it with: pip install 'reverie-eval[figures]'"
@@ -61,7 +61,7 @@ def _figure_writer() -> "Callable[[DatasetDescription, Path], Sequence[Path]]":
 
 
 def _show(description: "DatasetDescription", form: str) -> None:
-    from reverie_eval.reporting.description import FORMATS, show
+    from reverie_eval.reporting._description import FORMATS, show
 
     if form == "table" and sys.stdout.isatty():
         from rich.console import Console

@@ -4,8 +4,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from reverie_eval import ReverieEvalError
-from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval import CATALOGUE, ReverieEvalError
+from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval_cli.servers import add_server, connect, tell_banner
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the leaderboard."""
-    from reverie_eval.wording import printable
+    from reverie_eval.text import printable
 
     with connect(arguments) as client:
         tell_banner(client)
@@ -60,8 +60,8 @@ def _first_split(client: "Client") -> str:
 
 
 def _show(board: "Leaderboard") -> None:
-    from reverie_eval.reporting.grids import aligned
-    from reverie_eval.reporting.leaderboards import (
+    from reverie_eval.reporting._grids import aligned
+    from reverie_eval.reporting._leaderboards import (
         leaderboard_captions,
         leaderboard_grid,
         show_leaderboard,

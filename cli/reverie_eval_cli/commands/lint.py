@@ -1,6 +1,6 @@
 """``reverie-eval lint DATASET``: check the published files, all splits and scans of them.
 
-Exit status: 0 sound, 1 faults were found, 2 it could not be tried.
+Exit status: 0 sound, 1 errors were found, 2 it could not be tried.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from reverie_eval_cli.arguments import add_dataset, add_object_positions
 from reverie_eval_cli.progress import with_progress
 
 if TYPE_CHECKING:
-    from reverie_eval.schemas.lint import LintReport
+    from reverie_eval.dataset import LintReport
 
 SUMMARY = "check all published files of a dataset: what is in them, and what is wrong"
 
@@ -31,12 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Look through the files and say what is in them."""
-    from reverie_eval.ground_truth.dataset import DatasetFiles
-    from reverie_eval.linting.lint import lint_dataset
+    from reverie_eval.dataset import DatasetFiles, lint_dataset
 
     try:
         files = DatasetFiles.find(
-            None,
             arguments.dataset,
             annotations=arguments.annotations,
             boxes=arguments.boxes,
@@ -45,16 +43,20 @@ def run(arguments: argparse.Namespace) -> int:
         )
     except DatasetError as error:
         raise ReverieEvalError(str(error)) from error
-    report = lint_dataset(files, track=with_progress)
+    report = lint_dataset(files, progress=with_progress)
     _show(report, arguments.format)
     return 0 if report.sound else 1
 
 
 def _show(report: "LintReport", form: str) -> None:
-    from reverie_eval.reporting.lint import lint_text, show_lint
+    from reverie_eval.reporting._lint import lint_text, show_lint
 
     if form == "json":
-        print(report.model_dump_json(indent=2))
+        from pydantic import TypeAdapter
+
+        from reverie_eval.dataset import LintReport
+
+        print(TypeAdapter(LintReport).dump_json(report, indent=2).decode())
     elif sys.stdout.isatty():
         from rich.console import Console
 

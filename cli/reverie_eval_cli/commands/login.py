@@ -10,7 +10,8 @@ import sys
 from getpass import getpass
 from typing import TYPE_CHECKING
 
-from reverie_eval import ReverieEvalError, variables
+from reverie_eval import ReverieEvalError
+from reverie_eval.client._logins import TOKEN_VARIABLE
 from reverie_eval_cli.servers import add_server, connect, server_of, tell_banner
 
 if TYPE_CHECKING:
@@ -26,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Keep a token and say whose it is."""
-    from reverie_eval.client.logins import Logins
-    from reverie_eval.wording import printable
+    from reverie_eval.client._logins import Logins
+    from reverie_eval.text import printable
 
     logins = Logins.load()
     logins.save()  # an invitation is used up by asking: see first that its token can be kept
@@ -39,8 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         me = client.me()
     who = printable(f"{me.person} of {me.team} ({me.role})")
     print(f"signed in to {client.url} as {who}; kept in {place}")
-    if variables.TOKEN in os.environ:
-        print(f"note: {variables.TOKEN} is set, and goes before what was kept", file=sys.stderr)
+    if TOKEN_VARIABLE in os.environ:
+        print(f"note: {TOKEN_VARIABLE} is set, and goes before what was kept", file=sys.stderr)
     return 0
 
 

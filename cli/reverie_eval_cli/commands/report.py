@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from reverie_eval import ReverieEvalError, Scores
-from reverie_eval.intervals import Clustering, Intervals
+from reverie_eval.scoring import Clustering, Intervals
 from reverie_eval_cli.arguments import (
     add_clustering,
     add_ground_truth,
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Score what was given, and write a report on it."""
-    from reverie_eval.reporting.report import report_html
+    from reverie_eval.reporting._report import report_html
 
     submissions = [arguments.submission, *([arguments.other] if arguments.other else [])]
     check_outputs([arguments.output], [*submissions, arguments.ground_truth])
@@ -52,4 +52,4 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _with_intervals(scores: Scores, by: Clustering) -> Scores:
     """Draw intervals, unless there is nothing to draw from, which the report then says."""
-    return scores if Intervals.obstacle(scores.ground_truth, by) else scores.with_intervals(by)
+    return scores if Intervals.why_not(scores.ground_truth, by) else scores.with_intervals(by)

@@ -30,18 +30,18 @@ def schema_text(name: str) -> str:
     """Return a schema as indented JSON."""
     from pydantic import TypeAdapter
 
-    from reverie_eval.schemas.comparison import ComparisonReport
-    from reverie_eval.schemas.description import DescriptionReport
-    from reverie_eval.schemas.lint import LintReport
+    from reverie_eval.dataset import DatasetDescription, LintReport
+    from reverie_eval.reporting._comparison import ComparisonReport
     from reverie_eval.schemas.report import ScoreReport, ValidationReport
-    from reverie_eval.schemas.submission import SUBMISSION
+    from reverie_eval.submissions import submission_schema
 
     adapters: dict[str, TypeAdapter[Any]] = {
-        "submission": SUBMISSION,
         "score-report": TypeAdapter(ScoreReport),
         "validation-report": TypeAdapter(ValidationReport),
         "comparison-report": TypeAdapter(ComparisonReport),
         "lint-report": TypeAdapter(LintReport),
-        "dataset-description": TypeAdapter(DescriptionReport),
+        "dataset-description": TypeAdapter(DatasetDescription),
     }
-    return json.dumps(adapters[name].json_schema(), indent=2)
+    if name == "submission":
+        return json.dumps(submission_schema(), indent=2)
+    return json.dumps(adapters[name].json_schema(mode="serialization"), indent=2)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from reverie_eval import PROTOCOLS, ReverieEvalError, Scores, diagnose, evaluate, evaluate_protocols
 from reverie_eval.ground_truth import find_ground_truth
-from reverie_eval.protocol import ALIASES, DEFAULT_PROTOCOL
-from reverie_eval.reporting.tables import FORMATS, write_episodes
+from reverie_eval.reporting._tables import FORMATS, write_episodes
+from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL
 from reverie_eval_cli.arguments import add_clustering, add_ground_truth, add_split, add_submission
 from reverie_eval_cli.outputs import check_outputs
 
@@ -90,6 +90,6 @@ def _evaluate(arguments: argparse.Namespace) -> Sequence[Scores]:
 def _show_on_terminal(results: Sequence[Scores]) -> None:
     from rich.console import Console
 
-    from reverie_eval.reporting.terminal import show
+    from reverie_eval.reporting._terminal import show
 
     show(results, Console())

@@ -90,13 +90,13 @@ def _tell(line: str) -> None:
 
 
 def _content(submission: str) -> bytes:
-    from reverie_eval.reading.sources import read_bytes
+    from reverie_eval.submissions import read_bytes
 
     return read_bytes(submission)
 
 
 def _split(client: "Client", name: str) -> "SplitReport":
-    from reverie_eval.wording import printable
+    from reverie_eval.text import printable
 
     splits = {split.name: split for split in client.splits()}
     if name not in splits:
@@ -176,15 +176,15 @@ def _change(accepted: "Accepted", arguments: argparse.Namespace) -> "SubmissionC
 
 
 def _show(accepted: "Accepted", server: str, kept: Path | None) -> None:
-    from reverie_eval.reporting.service import quota_lines, submission_lines, table_of_submission
-    from reverie_eval.reporting.tables import laid_out
+    from reverie_eval.reporting._service import quota_lines, submission_lines, table_of_submission
+    from reverie_eval.reporting._tables import laid_out
 
     submission = accepted.submission
     table = table_of_submission(submission.report, server)
     if sys.stdout.isatty():
         from rich.console import Console
 
-        from reverie_eval.reporting.terminal import show_table
+        from reverie_eval.reporting._terminal import show_table
 
         show_table(table, Console())
     else:

@@ -3,7 +3,7 @@
 import argparse
 
 from reverie_eval import SubmissionError, Validation, validate
-from reverie_eval.reading import called
+from reverie_eval.submissions import source_name
 from reverie_eval_cli.arguments import add_ground_truth, add_split, add_submission
 
 SUMMARY = "check a submission without scoring it; a public bundle is enough"
@@ -43,7 +43,11 @@ def _as_text(checked: Validation, arguments: argparse.Namespace) -> str:
     verdict = f"valid, with a prediction for each of the {count:,} episodes of {truth.split}"
     notes = [f"note: {note}" for note in checked.notes]
     return "\n".join(
-        [f"{called(arguments.submission)}: {verdict}", f"ground truth: {truth.provenance}", *notes]
+        [
+            f"{source_name(arguments.submission)}: {verdict}",
+            f"ground truth: {truth.provenance}",
+            *notes,
+        ]
     )
 
 

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Say whether the receipt is genuine, and what it proves."""
     from reverie_eval.receipts import NotGenuineError, verify
-    from reverie_eval.reporting.service import receipt_lines
+    from reverie_eval.reporting._service import receipt_lines
     from reverie_eval_cli.receipts import read_receipt
 
     receipt = read_receipt(arguments.receipt)
@@ -65,6 +65,6 @@ def _key(arguments: argparse.Namespace) -> tuple[str, str]:
 
 
 def _is_of(receipt: "Receipt", submission: str) -> bool:
-    from reverie_eval.reading.sources import read_bytes
+    from reverie_eval.submissions import read_bytes
 
     return hashlib.sha256(read_bytes(submission)).hexdigest() == receipt.sha256

@@ -7,7 +7,7 @@ from urllib.parse import urlencode
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
-from reverie_eval.reporting.leaderboards import FLAGS
+from reverie_eval.reporting._leaderboards import FLAGS
 from reverie_eval.server.service.filters import Filter
 from reverie_eval.server.service.leaderboard import SORTABLE
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting.leaderboards import FLAGS
+from reverie_eval.reporting._leaderboards import FLAGS
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.errors import MalformedError

@@ -10,13 +10,13 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response
 from markupsafe import Markup
 
-from reverie_eval.episode import Episode
+from reverie_eval.analysis import Episode
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting.map_page import page_map
-from reverie_eval.reporting.map_svg import map_key
-from reverie_eval.reporting.maps import EpisodeMap
-from reverie_eval.reporting.report_parts import FROM_THE_BEST
-from reverie_eval.reporting.walks import Step, remark_on, steps_of
+from reverie_eval.reporting._map_page import page_map
+from reverie_eval.reporting._map_svg import map_key
+from reverie_eval.reporting._maps import EpisodeMap
+from reverie_eval.reporting._report_parts import FROM_THE_BEST
+from reverie_eval.reporting._walks import Step, remark_on, steps_of
 from reverie_eval.server.callers import Server
 from reverie_eval.server.dependencies import Turn
 from reverie_eval.server.pages.rendering import page
@@ -235,9 +235,9 @@ def _walks(runs: Sequence[Run], walked: Mapping[str, Episode], shown: EpisodeMap
 def _sights(episode: Episode, shown: EpisodeMap) -> Sequence[tuple[str, int, float]]:
     """List where a stop is a success: the viewpoint, its level, metres to the path's end."""
     graph = episode.graph
-    numbers = np.array([graph.index[id_] for id_ in episode.success_viewpoints], dtype=np.int64)
+    numbers = np.array([graph.index[id_] for id_ in episode.goal_viewpoints], dtype=np.int64)
     goal = np.full(len(numbers), graph.index[episode.goal])
     metres = graph.distance_between(numbers, goal)
     levels = shown.storey[shown.success] + 1
-    listed = zip(episode.success_viewpoints, levels.tolist(), metres.tolist(), strict=True)
+    listed = zip(episode.goal_viewpoints, levels.tolist(), metres.tolist(), strict=True)
     return sorted(listed, key=lambda sight: sight[2])

@@ -14,14 +14,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting.leaderboards import FLAGS
+from reverie_eval.reporting._leaderboards import FLAGS
 from reverie_eval.server.pages.files import SHELVES
 from reverie_eval.server.pages.headings import heading
 from reverie_eval.server.service.people import CALLED
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.tables import BrowserSession, Person
+from reverie_eval.text import category_text, count_text
 from reverie_eval.version import __version__
-from reverie_eval.wording import category_in_words, counted
 
 STATIC = "/static"
 HEADERS = {
@@ -107,8 +107,8 @@ def _environment() -> Environment:
         "static": static_url,
     }
     environment.filters |= {
-        "category": category_in_words,
-        "counted": counted,
+        "category": category_text,
+        "counted": count_text,
         "heading": heading,
         "instant": instant,
         "metric": lambda value, key: CATALOGUE[key].display(value),

@@ -6,9 +6,8 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from reverie_eval.geometry import HEIGHT, WIDTH
-from reverie_eval.protocol import ALIASES, PROTOCOLS
 from reverie_eval.schemas.service import Method
-from reverie_eval.schemas.submission import Prediction
+from reverie_eval.scoring import ALIASES, PROTOCOLS
 from reverie_eval.server.callers import Server
 from reverie_eval.server.examples import DETAILS, SUBMISSION
 from reverie_eval.server.pages.rendering import page
@@ -16,6 +15,7 @@ from reverie_eval.server.pages.schema_words import fields_of
 from reverie_eval.server.pages.visitors import Visitor
 from reverie_eval.server.service.attempts import DAYS_KEPT
 from reverie_eval.server.service.sessions import LIFETIME
+from reverie_eval.submissions import submission_schema
 
 router = APIRouter(prefix="/words")
 
@@ -33,7 +33,7 @@ def show_submitting(request: Request, server: Server, visitor: Visitor) -> Respo
         request,
         "words/submitting.html",
         visitor,
-        fields=fields_of(Prediction.model_json_schema()),
+        fields=fields_of(submission_schema()["$defs"]["Prediction"]),
         example=_example(),
         picture=(WIDTH, HEIGHT),
         limits=server.settings.limits,

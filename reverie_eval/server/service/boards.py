@@ -7,17 +7,14 @@ from pathlib import Path
 from types import MappingProxyType
 
 from reverie_eval.errors import GroundTruthError, Problem
-from reverie_eval.evaluation import Reading
-from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.ground_truth.bundle import Bundle
+from reverie_eval.ground_truth import Bundle, GroundTruth
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.protocol import protocol_named
-from reverie_eval.reading import Predictions, read_text
-from reverie_eval.reading.document import demand_few_values
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.scores import Scores, signature_of
+from reverie_eval.scoring import PreparedSubmission, Scores, find_protocol, signature_of, why_not
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.settings import Settings, SettingsError, Split
+from reverie_eval.submissions import Predictions, parse_predictions
+from reverie_eval.submissions._document import check_value_count
 
 MAX_VALUES = 5_000_000
 """Of an upload, a sixth of what is read at home: some thirty times what the usual file
@@ -44,13 +41,13 @@ class Board:
     @property
     def signature(self) -> str:
         """Everything that the scores depend on that are given now."""
-        return signature_of(self.truth, protocol_named(self.split.protocol))
+        return signature_of(self.truth, find_protocol(self.split.protocol))
 
     def is_open(self, now: datetime) -> bool:
         """Whether submissions are taken at this time."""
         return any(phase.is_open(now) for phase in self.split.phases)
 
-    def read(self, content: bytes) -> Reading:
+    def read(self, content: bytes) -> PreparedSubmission:
         """Read a submission's JSON text and hold it against the split.
 
         Raises
@@ -58,16 +55,16 @@ class Board:
         SubmissionError
             Listing everything that is wrong; nothing in it tells of answers.
         """
-        reading = Reading.of(_predictions(content), self.truth)
-        return reading.discreet() if self.is_private else reading
+        reading = PreparedSubmission.of(_predictions(content), self.truth)
+        return reading.without_answer_hints() if self.is_private else reading
 
-    def check(self, content: bytes) -> Reading:
+    def check(self, content: bytes) -> PreparedSubmission:
         """Do what :meth:`read` does, without the answers at hand."""
-        return Reading.of(_predictions(content), replace(self.truth, answers=None))
+        return PreparedSubmission.of(_predictions(content), replace(self.truth, answers=None))
 
-    def score(self, reading: Reading) -> Scores:
+    def score(self, reading: PreparedSubmission) -> Scores:
         """Judge a submission by the split's protocol."""
-        return reading.score(protocol_named(self.split.protocol))
+        return reading.score(find_protocol(self.split.protocol))
 
     def measures_as(self, report: ScoreReport) -> bool:
         """Whether a report's numbers come from this ground truth by this protocol."""
@@ -76,7 +73,7 @@ class Board:
             self.split.protocol,
         )
 
-    def report(self, scores: Scores, reading: Reading) -> ScoreReport:
+    def report(self, scores: Scores, reading: PreparedSubmission) -> ScoreReport:
         """Return what may leave the server: of a private split rounded means, and no more.
 
         The headline metrics alone, to two decimals as people read them. Every further figure, and
@@ -117,8 +114,8 @@ def _discreet(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:
 
 
 def _predictions(content: bytes) -> Predictions:
-    demand_few_values(content, MAX_VALUES)
-    return read_text(content)
+    check_value_count(content, MAX_VALUES)
+    return parse_predictions(content)
 
 
 def load_boards(settings: Settings) -> Mapping[str, Board]:
@@ -161,11 +158,12 @@ def board_named(boards: Mapping[str, Board], split: str) -> Board:
 def _load(name: str, split: Split, path: Path) -> Board:
     bundle = Bundle.load(path)
     truth = GroundTruth.from_bundle(bundle, origin=str(path))
-    answers = truth.secret
+    truth.require_answers()
     if truth.split != name:
         raise GroundTruthError(f"this is the ground truth of {truth.split}, not of {name}")
-    if not answers.serves(protocol_named(split.protocol)):
-        raise GroundTruthError(f"was compiled without what {split.protocol} measures by")
+    reason = why_not(find_protocol(split.protocol), truth)
+    if reason:
+        raise GroundTruthError(reason)
     mode = path.stat().st_mode
     if split.visibility == "private" and mode & _OTHERS_MAY_READ:
         raise GroundTruthError(f"others can read these answers; run `chmod 600 {path}`")

@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from urllib.parse import urljoin
 
 from reverie_eval.metrics import Metric
-from reverie_eval.reporting.latex import comments, escaped
-from reverie_eval.reporting.results import Cell, ResultsTable, column
+from reverie_eval.reporting._latex import comments, escaped
+from reverie_eval.reporting._results import Cell, ResultsTable, column
 from reverie_eval.server.service.leaderboard import Ranking
 from reverie_eval.server.service.standings import Row
 

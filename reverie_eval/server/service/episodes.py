@@ -10,22 +10,19 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from reverie_eval.alignment import AlignedSubmission
-from reverie_eval.anatomy import OUTCOMES, Anatomy, anatomy_of, outcomes_of
+from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray
-from reverie_eval.episode import Episode
 from reverie_eval.errors import GroundTruthError, ProtocolError
-from reverie_eval.evaluation import Reading
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
-from reverie_eval.reading.predictions import NO_BOXES
 from reverie_eval.schemas.service import SubmissionReport
-from reverie_eval.scores import Scores
+from reverie_eval.scoring import OUTCOMES, FailureModes, PreparedSubmission, Scores
+from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.store.tables import Person
-from reverie_eval.slices import slicing_named
+from reverie_eval.submissions import NO_BOXES, AlignedSubmission
 
 MOST_LISTED = 200
 """Submissions that one can choose among; older ones have their links."""
@@ -57,7 +54,7 @@ class Run:
     def outcome(self) -> Sequence[str]:
         """What became of each episode; empty if the protocol does not score what it takes."""
         try:
-            numbers = outcomes_of(self.scores.episodes)
+            numbers = outcome_indices(self.scores.episodes)
         except ProtocolError:
             return ()
         return [list(OUTCOMES)[number] for number in numbers]
@@ -79,11 +76,11 @@ class Annotations:
     def of(cls, board: Board) -> "Annotations":
         """Gather them."""
         truth = board.truth
-        scores = board.score(Reading(_standing(truth), truth, ()))
+        scores = board.score(PreparedSubmission(_standing(truth), truth))
         return cls(
             scores=scores,
-            scan=slicing_named("scan").parts(scores),
-            category=_if_known(lambda: slicing_named("category").parts(scores)),
+            scan=find_grouping("scan").groups(scores),
+            category=_if_known(lambda: find_grouping("category").groups(scores)),
             instruction=_if_known(lambda: truth.episodes.instructions),
         )
 
@@ -115,7 +112,7 @@ class Browsing:
         fits &= np.array([sought in text for text in self.annotations.searched], dtype=bool)
         return np.flatnonzero(fits)
 
-    def anatomy(self, run: Run, wanted: Wanted) -> Anatomy | None:
+    def anatomy(self, run: Run, wanted: Wanted) -> FailureModes | None:
         """Count what became of the episodes that are wanted, whatever became of them.
 
         None if the protocol does not score what it takes.
@@ -123,7 +120,7 @@ class Browsing:
         if not run.outcome:
             return None
         rows = self.rows(replace(wanted, outcome="", other_outcome=""))
-        return anatomy_of({key: column[rows] for key, column in run.scores.episodes.items()})
+        return failure_modes({key: column[rows] for key, column in run.scores.episodes.items()})
 
     def episode(self, instr_id: str) -> Episode:
         """Return an episode without an agent that matters.
@@ -134,7 +131,7 @@ class Browsing:
             If the split has none of that id.
         """
         self.row(instr_id)
-        return self.annotations.scores.episode(instr_id)
+        return episode(self.annotations.scores, instr_id)
 
     def row(self, instr_id: str) -> int:
         """Return an episode's row; errors are those of :meth:`episode`."""

@@ -14,7 +14,6 @@ from datetime import datetime
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from reverie_eval.reading.unpacking import unpack
 from reverie_eval.schemas.service import Accepted, Checked, Method, QuotaReport
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
 from reverie_eval.server.service.attempts import Attempts
@@ -28,6 +27,7 @@ from reverie_eval.server.service.reports import quota_report, submission_report
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.server.store.uploads import Uploads
+from reverie_eval.submissions._sources import unpack
 
 Clock = Callable[[], datetime]
 

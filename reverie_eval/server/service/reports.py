@@ -4,13 +4,7 @@ from datetime import datetime
 from math import ceil
 
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import (
-    Method,
-    QuotaReport,
-    QuotaWindow,
-    Receipt,
-    SubmissionReport,
-)
+from reverie_eval.schemas.service import Method, QuotaReport, QuotaWindow, Receipt, SubmissionReport
 from reverie_eval.server.service.quotas import QuotaState
 from reverie_eval.server.store.tables import Submission
 

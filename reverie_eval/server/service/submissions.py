@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ProtocolError
 from reverie_eval.schemas.service import Method, SubmissionChange, SubmissionReport
-from reverie_eval.scores import Scores
+from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.audit import record
 from reverie_eval.server.service.boards import Board, board_named

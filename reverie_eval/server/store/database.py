@@ -20,7 +20,7 @@ from sqlalchemy import URL, Connection, create_engine, event, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.wording import some
+from reverie_eval.text import first_few
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 
@@ -135,7 +135,7 @@ def _prepare_sqlite(connection: sqlite3.Connection, _: Any) -> None:
 def _demand_foreign_keys(connection: Connection) -> None:
     broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
     if broken:
-        tables = some(sorted({row[0] for row in broken}))
+        tables = first_few(sorted({row[0] for row in broken}))
         raise ReverieEvalError(
             f"the database is damaged: rows of {tables} refer to what is not there; nothing was "
             "changed, restore a backup"

@@ -7,7 +7,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from reverie_eval.wording import counted, some
+from reverie_eval.text import count_text, first_few
 from reverie_eval_cli.arguments import add_server_folder
 
 SUMMARY = "write everything that a server is to one .tar.gz, also while it serves"
@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     report = write_backup(arguments.folder, arguments.output)
     rows = report.manifest.rows
-    counts = [counted(rows.get(table, 0), table) for table in ("submission", "team", "person")]
+    counts = [count_text(rows.get(table, 0), table) for table in ("submission", "team", "person")]
     print(f"{arguments.output}: {', '.join(counts)}, {report.size / 1e6:,.1f} MB")
     print("it holds answers and the signing key: keep it where nobody else can read it")
     for setting, name in report.moved.items():
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     lacking = report.manifest.lacking
     if lacking:
         reason = "missing or damaged, and not in the backup"
-        _note(f"{counted(len(lacking), 'upload')} {reason}: {some(lacking)}")
+        _note(f"{count_text(len(lacking), 'upload')} {reason}: {first_few(lacking)}")
     return 1 if lacking else 0
 
 

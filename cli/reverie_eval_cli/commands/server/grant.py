@@ -3,7 +3,7 @@
 import argparse
 from datetime import timedelta
 
-from reverie_eval.wording import counted
+from reverie_eval.text import count_text
 from reverie_eval_cli.arguments import add_server_folder, days, positive_number
 from reverie_eval_cli.organising import actor, minute, now, writing
 
@@ -48,6 +48,6 @@ def run(arguments: argparse.Namespace) -> int:
             expires_at=ends,
             actor=actor(),
         )
-    further = counted(arguments.number, "further submission")
+    further = count_text(arguments.number, "further submission")
     print(f"{arguments.team}: {further} to {arguments.split} until {minute(ends)} UTC")
     return 0

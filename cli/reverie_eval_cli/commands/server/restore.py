@@ -6,7 +6,7 @@ Exit status: 0 it can serve, 1 the backup was rejected or something is to be men
 import argparse
 from pathlib import Path
 
-from reverie_eval.wording import counted
+from reverie_eval.text import count_text
 from reverie_eval_cli.organising import show_findings
 
 SUMMARY = "make a server from a backup, in an empty folder and an empty database"
@@ -24,6 +24,6 @@ def run(arguments: argparse.Namespace) -> int:
     from reverie_eval.server.restore import restore_backup
 
     rows = restore_backup(arguments.backup, arguments.folder).rows
-    counts = [counted(rows.get(table, 0), table) for table in ("submission", "team", "person")]
+    counts = [count_text(rows.get(table, 0), table) for table in ("submission", "team", "person")]
     print(f"{arguments.folder}: restored, {', '.join(counts)}")
     return show_findings(check_folder(arguments.folder))

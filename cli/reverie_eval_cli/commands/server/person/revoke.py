@@ -2,7 +2,7 @@
 
 import argparse
 
-from reverie_eval.wording import counted
+from reverie_eval.text import count_text
 from reverie_eval_cli.arguments import add_server_folder
 from reverie_eval_cli.organising import actor, now, writing
 
@@ -22,5 +22,5 @@ def run(arguments: argparse.Namespace) -> int:
     with writing(arguments.folder) as session:
         people = [person_named(session, arguments.name)]
         revoked = revoke_all(session, people, now=now(), actor=actor())
-    print(f"{arguments.name}: {counted(len(revoked), 'token')} revoked")
+    print(f"{arguments.name}: {count_text(len(revoked), 'token')} revoked")
     return 0

@@ -1,0 +1,149 @@
+"""Stop, Shortest and Random.
+
+References
+----------
+.. [1] Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor
+   Environments", CVPR 2020, section 5: the baselines without learning.
+"""
+
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import ABSTAINED
+
+
+class Surroundings:
+    """The navigation graphs and candidates of a split, viewpoint by viewpoint."""
+
+    def __init__(self, ground_truth: GroundTruth) -> None:
+        self._graph = ground_truth.graph
+        self._answers = ground_truth.require_answers()
+        self._neighbours: dict[int, list[int]] = {}
+
+    def neighbours(self, viewpoint: int) -> list[int]:
+        """Return the viewpoints that an edge leads to, or the viewpoint itself if none does."""
+        if viewpoint not in self._neighbours:
+            scan = np.flatnonzero(
+                self._graph.viewpoint_scan == self._graph.viewpoint_scan[viewpoint]
+            )
+            here = np.full_like(scan, viewpoint)
+            found = scan[self._graph.has_edge(here, scan)].tolist()
+            self._neighbours[viewpoint] = found or [viewpoint]
+        return self._neighbours[viewpoint]
+
+    def shortest_route(self, start: int, goal: int) -> list[int]:
+        """Return the viewpoints of a shortest route, both ends included."""
+        route = [start]
+        while route[-1] != goal:
+            choices = np.array(self.neighbours(route[-1]))
+            here, there = np.full_like(choices, route[-1]), np.full_like(choices, goal)
+            length = self._graph.distance_between(here, choices)
+            length = length + self._graph.distance_between(choices, there)
+            route.append(int(choices[np.argmin(length)]))
+        return route
+
+    def visible_objects(self, viewpoint: int) -> list[int]:
+        """Return the ids of the objects that are visible from a viewpoint."""
+        begin, end = np.searchsorted(self._answers.candidate_viewpoint, [viewpoint, viewpoint + 1])
+        objects: list[int] = self._answers.candidate_object[begin:end].tolist()
+        return objects
+
+    def poses(self, viewpoints: Sequence[int]) -> list[list[str | float]]:
+        """Return poses that look where the agent came to, the first one north and level."""
+        poses: list[list[str | float]] = []
+        previous = viewpoints[0]
+        for viewpoint in viewpoints:
+            position = self._graph.viewpoint_position
+            x, y, z = (position[viewpoint] - position[previous]).tolist()
+            heading, elevation = math.atan2(x, y) % math.tau, math.atan2(z, math.hypot(x, y))
+            poses.append([self._graph.viewpoint_ids[viewpoint], heading, elevation])
+            previous = viewpoint
+        return poses
+
+
+MAX_RANDOM_STEPS = 10
+
+Record: TypeAlias = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class AgentTask:
+    """What an agent is told of an episode; the goal and the target are for those who cheat."""
+
+    start: int
+    goal: int
+    target_object: int
+
+
+@dataclass(frozen=True, slots=True)
+class Behaviour:
+    """Where an agent walked, and the object that it names at the end."""
+
+    viewpoints: Sequence[int]
+    object_id: int
+
+
+Agent: TypeAlias = Callable[[AgentTask, Surroundings, random.Random], Behaviour]
+
+
+def stop(task: AgentTask, surroundings: Surroundings, chance: random.Random) -> Behaviour:  # noqa: ARG001
+    """Stay at the start and name no object."""
+    return Behaviour([task.start], ABSTAINED)
+
+
+def shortest(task: AgentTask, surroundings: Surroundings, chance: random.Random) -> Behaviour:  # noqa: ARG001
+    """Follow the shortest route to the goal and name the target."""
+    return Behaviour(surroundings.shortest_route(task.start, task.goal), task.target_object)
+
+
+def wander(task: AgentTask, surroundings: Surroundings, chance: random.Random) -> Behaviour:
+    """Walk up to ten random steps and name a random object that is visible at the end."""
+    viewpoints = [task.start]
+    for _ in range(chance.randint(0, MAX_RANDOM_STEPS)):
+        viewpoints.append(chance.choice(surroundings.neighbours(viewpoints[-1])))
+    visible = surroundings.visible_objects(viewpoints[-1])
+    return Behaviour(viewpoints, chance.choice(visible) if visible else ABSTAINED)
+
+
+AGENTS: Mapping[str, Agent] = MappingProxyType(
+    {"shortest": shortest, "random": wander, "stop": stop}
+)
+"""Every reference agent by its name."""
+
+
+def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Record]:
+    """Let an agent walk every episode of a split and return its submission.
+
+    Parameters
+    ----------
+    name : str
+        A name in ``AGENTS``.
+    ground_truth : GroundTruth
+        A bundle with answers.
+    seed : int
+        Of the agent's choices; the same seed gives the same submission.
+
+    Raises
+    ------
+    GroundTruthError
+        If the bundle is public.
+    """
+    answers, episodes = ground_truth.require_answers(), ground_truth.episodes
+    surroundings, chance = Surroundings(ground_truth), random.Random(seed)  # noqa: S311
+    columns = np.stack([episodes.start, answers.goal, answers.target_object], axis=1)
+    behaviours = [AGENTS[name](AgentTask(*task), surroundings, chance) for task in columns.tolist()]
+    return [
+        {
+            "instr_id": instr_id,
+            "trajectory": surroundings.poses(behaviour.viewpoints),
+            "predObjId": behaviour.object_id,
+        }
+        for instr_id, behaviour in zip(episodes.instr_ids, behaviours, strict=True)
+    ]

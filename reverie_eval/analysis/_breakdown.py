@@ -1,0 +1,255 @@
+"""Breakdowns: the same scores over groups of episodes, to see where a method is strong or weak.
+
+Episodes are grouped by something known beforehand (building, target, instruction), or by a
+property of the trajectory (jumps). Numbers are divided into ranges that are the same for every
+submission.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from reverie_eval.arrays import Array, FloatArray, IntArray
+from reverie_eval.errors import ProtocolError
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import units_of
+from reverie_eval.scoring import FEW_CLUSTERS, Scores, clusters_of
+from reverie_eval.text import category_text, did_you_mean, tokenize
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NO_CATEGORY = "unnamed"
+"""The group of episodes whose target has no name in the annotation."""
+NO_LEVEL = "no level"
+"""The group of episodes whose instruction gives no level by its number."""
+
+_ORDINALS = {"first": 1, "second": 2, "third": 3, "fourth": 4, "fifth": 5}
+_NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5}
+_LEVEL = re.compile(
+    rf"\b(?:level|floor)\s+(\d|{'|'.join(_NUMBERS)})\b"
+    rf"|\b(?:(\d)(?:st|nd|rd|th)|({'|'.join(_ORDINALS)}))\s+(?:level|floor)\b"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Grouping:
+    """A way to divide the episodes into groups."""
+
+    key: str
+    meaning: str
+    """What the groups are."""
+    groups: Callable[[Scores], Sequence[str]]
+    """Return the group of each episode."""
+    order: Sequence[str] = ()
+    """Of the groups; if not given, the largest comes first."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Ranges:
+    """Ranges of numbers with labels; each begins at one of ``starts``, the lowest below them."""
+
+    starts: Sequence[int]
+    unit: str
+    are_counts: bool = False
+    """Whether the numbers are integers from 1."""
+
+    @property
+    def labels(self) -> Sequence[str]:
+        """The labels, the lowest range first."""
+        between = [self._label(start, end) for start, end in pairwise(self.starts)]
+        first, last = self.starts[0], self.starts[-1]
+        lowest = self._label(1, first) if self.are_counts else f"below {first}"
+        return [f"{label} {self.unit}".rstrip() for label in (lowest, *between, f"{last} or more")]
+
+    def _label(self, start: int, end: int) -> str:
+        last = end - 1 if self.are_counts else end
+        return f"{start}" if last == start else f"{start} to {last}"
+
+    def of(self, values: Array) -> Sequence[str]:
+        """Return the label of each value; a value on a border is in the upper range."""
+        labels = self.labels
+        return [labels[index] for index in np.digitize(values, self.starts)]
+
+
+_LENGTHS = _Ranges((6, 8, 10, 12, 15), "m")
+_WORDS = _Ranges((12, 16, 20, 25), "words", are_counts=True)
+_SIGHTS = _Ranges((2, 3, 4, 6), "", are_counts=True)
+_LEVELS = (*(f"level {number}" for number in range(10)), NO_LEVEL)
+_JUMPS = ("no jump", "jumps")
+
+
+def _by_scan(scores: Scores) -> Sequence[str]:
+    graph = scores.ground_truth.graph
+    return [graph.scan_of(start) for start in scores.ground_truth.episodes.start]
+
+
+def _by_length(scores: Scores) -> Sequence[str]:
+    truth = scores.ground_truth
+    goal = truth.require_answers().goal
+    return _LENGTHS.of(truth.graph.distance_between(truth.episodes.start, goal))
+
+
+def _by_words(scores: Scores) -> Sequence[str]:
+    instructions = scores.ground_truth.episodes.instructions
+    return _WORDS.of(np.array([len(tokenize(instruction)) for instruction in instructions]))
+
+
+def _by_category(scores: Scores) -> Sequence[str]:
+    truth = scores.ground_truth
+    categories = [
+        category_text(name).strip().lower() or NO_CATEGORY
+        for name in truth.require_answers().target_categories
+    ]
+    return [categories[task] for task in truth.episodes.task]
+
+
+def _by_level(scores: Scores) -> Sequence[str]:
+    return [level_in(instruction) for instruction in scores.ground_truth.episodes.instructions]
+
+
+def level_in(instruction: str) -> str:
+    """Return the level of the building that an instruction gives by its number.
+
+    The dataset has no levels of its own; annotators were shown one, and many wrote it down.
+
+    >>> level_in("Go to the bathroom on level 2"), level_in("the first floor kitchen")
+    ('level 2', 'level 1')
+    >>> level_in("clean the floor")
+    'no level'
+    """
+    match = _LEVEL.search(instruction.lower())
+    if match is None:
+        return NO_LEVEL
+    word = next(filter(None, match.groups()))
+    return f"level {_ORDINALS.get(word) or _NUMBERS.get(word) or word}"
+
+
+def _by_visibility(scores: Scores) -> Sequence[str]:
+    """Group by the number of viewpoints from which the target is visible."""
+    truth = scores.ground_truth
+    answers = truth.require_answers()
+    scan = truth.graph.viewpoint_scan.astype(np.int64)
+    # One number for scan and object: object ids are unique within a scan only, and fit 32 bits.
+    seen = (scan[answers.candidate_viewpoint] << 32) | answers.candidate_object
+    objects, counts = np.unique(seen, return_counts=True)
+    targets = (scan[truth.episodes.start] << 32) | answers.target_object
+    return _SIGHTS.of(counts[np.searchsorted(objects, targets)])
+
+
+def _by_jumps(scores: Scores) -> Sequence[str]:
+    if "jumps" not in scores:
+        raise ProtocolError("this track ignores trajectories, so there are no jumps")
+    return [_JUMPS[int(jumps > 0)] for jumps in scores.episodes["jumps"]]
+
+
+GROUPINGS: Mapping[str, Grouping] = MappingProxyType(
+    {
+        grouping.key: grouping
+        for grouping in (
+            Grouping("scan", "the building", _by_scan),
+            Grouping("length", "the shortest length to the goal", _by_length, _LENGTHS.labels),
+            Grouping("words", "the number of words in the instruction", _by_words, _WORDS.labels),
+            Grouping("category", "the annotated name of the target", _by_category),
+            Grouping("level", "the level given in the instruction", _by_level, _LEVELS),
+            Grouping(
+                "visibility",
+                "the number of viewpoints that see the target",
+                _by_visibility,
+                _SIGHTS.labels,
+            ),
+            Grouping("jumps", "moves between unconnected viewpoints", _by_jumps, _JUMPS),
+        )
+    }
+)
+"""The groupings by key."""
+
+
+def find_grouping(key: str) -> Grouping:
+    """Return the grouping with a key.
+
+    Raises
+    ------
+    ProtocolError
+        If there is no such grouping.
+    """
+    if key not in GROUPINGS:
+        raise ProtocolError(f"unknown grouping {key!r}{did_you_mean(key, GROUPINGS)}")
+    return GROUPINGS[key]
+
+
+def breakdown(scores: Scores, by: str, *, intervals: bool = False) -> "pd.DataFrame":
+    """Score each group of episodes separately.
+
+    Parameters
+    ----------
+    scores : Scores
+        The scores to break down.
+    by : str
+        A key of ``GROUPINGS``.
+    intervals : bool
+        Whether to add the ends of a 95 % interval for every metric, ``spl_low`` and ``spl_high``:
+        as ``scores.with_intervals()`` computes it, over the targets of the group. Missing if these
+        are fewer than 5.
+
+    Returns
+    -------
+    DataFrame
+        A row per group that has episodes, with their number and the mean of every headline metric,
+        in the metrics' own units, which ``attrs["units"]`` names by column.
+
+    Raises
+    ------
+    ProtocolError
+        If there is no such grouping, or the track does not score what it needs.
+    GroundTruthError
+        If the ground truth was compiled without what it needs.
+    """
+    import pandas as pd
+
+    grouping = find_grouping(by)
+    keys = [metric.key for metric in scores.headline]
+    values = pd.DataFrame({key: scores.episodes[key] for key in keys})
+    groups = np.array(grouping.groups(scores))
+    grouped = values.groupby(groups)
+    table = grouped.mean()
+    if intervals:
+        rows = [np.flatnonzero(groups == group) for group in table.index]
+        table = table.assign(**_interval_columns(values, rows, scores.ground_truth))
+    table.insert(0, "episodes", grouped.size())
+    table = table.rename_axis(index=by)
+    ends = ("", "_low", "_high") if intervals else ("",)
+    units = {f"{key}{end}": unit for key, unit in units_of(keys).items() for end in ends}
+    table.attrs["units"] = {"episodes": "count", **units}
+    if grouping.order:
+        return table.reindex([group for group in grouping.order if group in table.index])
+    return table.sort_values("episodes", ascending=False, kind="stable")
+
+
+def _interval_columns(
+    values: "pd.DataFrame", groups: Sequence[IntArray], truth: GroundTruth
+) -> dict[str, FloatArray]:
+    """Compute the intervals of groups, given by the rows of their episodes."""
+    cluster = clusters_of(truth, "target")
+    table = values.to_numpy()
+    bounds = np.stack([_bounds(table[rows], cluster[rows]) for rows in groups])
+    return {
+        f"{key}_{end}": bounds[:, row, column]
+        for column, key in enumerate(values)
+        for row, end in enumerate(("low", "high"))
+    }
+
+
+def _bounds(values: FloatArray, cluster: IntArray) -> FloatArray:
+    """Return the ends of the intervals of a group, shape (2, n_metrics)."""
+    from reverie_eval.metrics.uncertainty import bootstrap_means, interval
+
+    n_clusters = len(np.unique(cluster))
+    if n_clusters < FEW_CLUSTERS:
+        return np.full((2, values.shape[1]), np.nan)
+    return interval(bootstrap_means(values, cluster), n_clusters)

@@ -1,0 +1,368 @@
+"""Compare submissions: whether one is better than another, by how much, and in which episodes.
+
+Submissions are compared on the same episodes, each with the first. Two that fail in the same
+episodes differ more clearly than their separate intervals suggest, so differences have intervals
+of their own.
+"""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from reverie_eval.arrays import Array, IntArray
+from reverie_eval.errors import ProtocolError, SubmissionError
+from reverie_eval.ground_truth import GroundTruth, find_ground_truth
+from reverie_eval.metrics import CATALOGUE, Metric, primary_metric, units_of
+from reverie_eval.scoring import (
+    DEFAULT_PROTOCOL,
+    Clustering,
+    Interval,
+    Intervals,
+    Scores,
+    clusters_of,
+    evaluate,
+)
+from reverie_eval.submissions import Submission, check_names, submission_names
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_LEAST = 2
+_SMALLEST_P = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How a submission differs from the first in one metric, in the metric's own unit."""
+
+    mean: float
+    """Of the submission's values minus the first's."""
+    interval: Interval
+    p_value: float
+    """Of the paired randomisation test over clusters, two-sided; corrected by Holm's method for
+    the number of submissions compared with the first."""
+    higher: int
+    """Episodes in which the submission's value is higher."""
+    lower: int
+    """Episodes in which it is lower."""
+    mcnemar_p: float | None
+    """Of McNemar's exact test, corrected likewise; null for metrics that are not binary."""
+
+    @property
+    def reversed(self) -> Self:
+        """How the first differs from the submission."""
+        return replace(
+            self,
+            mean=-self.mean,
+            interval=Interval(-self.interval.high, -self.interval.low),
+            higher=self.lower,
+            lower=self.higher,
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Mapping[str, Mapping[str, Difference]]):
+    """How submissions differ from the first of them: ``comparison["b"]["rgspl"].mean``.
+
+    Keys are the names of all but the first; below each are the keys of the CATALOGUE.
+    """
+
+    scores: Mapping[str, Scores]
+    """The scores of all submissions by name."""
+    intervals: Mapping[str, Intervals]
+    """Of the differences, by the names of all but the first."""
+    differences: Mapping[str, Mapping[str, Difference]] = field(repr=False)
+    """By the names of all but the first, and by metric."""
+
+    # Set by reverie_eval.notebook, because they need a room above this one.
+    to_report: ClassVar[Any]
+    _repr_html_: ClassVar[Any]
+
+    @classmethod
+    def of(cls, scores: Mapping[str, Scores], by: Clustering = "target", *, seed: int = 0) -> Self:
+        """Compare existing scores.
+
+        Parameters
+        ----------
+        scores : mapping of Scores
+            Two or more, by name, of the same episodes under the same protocol.
+        by : "target" or "scan"
+            What dependent episodes share.
+        seed : int
+            Of the resamples and swaps.
+
+        Raises
+        ------
+        ProtocolError
+            If they are not comparable.
+        """
+        check_comparable(scores)
+        (_, first), *others = scores.items()
+        keys = [key for key in first if all(key in other for _, other in others)]
+        changes = {
+            name: {key: other.episodes[key] - first.episodes[key] for key in keys}
+            for name, other in others
+        }
+        cluster = clusters_of(first.ground_truth, by)
+        intervals = {
+            name: Intervals.of(change, cluster, by, seed=seed) for name, change in changes.items()
+        }
+        return cls(scores, intervals, _differences(changes, intervals, cluster, seed))
+
+    def __getitem__(self, name: str) -> Mapping[str, Difference]:
+        return self.differences[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.differences)
+
+    def __len__(self) -> int:
+        return len(self.differences)
+
+    @property
+    def first(self) -> str:
+        """The name of the submission that the others are compared with."""
+        return next(iter(self.scores))
+
+    @property
+    def primary(self) -> Metric:
+        """The metric that decides which is better: RGSPL, else RGS, else SPL."""
+        return primary_metric(self._scored)
+
+    @property
+    def correctness(self) -> Metric:
+        """The metric that tells whether an episode is correct: RGS, else success."""
+        return CATALOGUE["rgs" if "rgs" in self._scored else "success"]
+
+    @property
+    def _scored(self) -> Mapping[str, Difference]:
+        return next(iter(self.values()))
+
+    def is_identical(self, name: str) -> bool:
+        """Whether a submission and the first have the same value in every episode and metric."""
+        return not any(each.higher or each.lower for each in self[name].values())
+
+    def is_significant(self, name: str) -> bool:
+        """Whether interval and test agree that a submission differs in the primary metric."""
+        difference = self[name][self.primary.key]
+        interval, confidence = difference.interval, self.intervals[name].confidence
+        excludes_zero = interval.low > 0 or interval.high < 0
+        return excludes_zero and difference.p_value + confidence < 1
+
+    def sentence(self, name: str) -> str:
+        """Return in a sentence whether a submission is better than the first."""
+        metric, difference = self.primary, self[name][self.primary.key]
+        if self.is_identical(name):
+            return f"{name} and {self.first} score the same in every episode"
+        if not self.is_significant(name):
+            size = f"difference {metric.display(difference.mean)}"
+            between = f"No significant difference between {name} and {self.first}"
+            return f"{between} in {metric.label}: {size}, {self._evidence(name, difference)}"
+        is_better = difference.mean > 0
+        verdict = f"{name} is {'better' if is_better else 'worse'} than {self.first}"
+        shown = difference if is_better else difference.reversed
+        size = f"{metric.display(shown.mean)} {metric.label}"
+        return f"{verdict} by {size}, {self._evidence(name, shown)}"
+
+    def _evidence(self, name: str, difference: Difference) -> str:
+        low, high = map(self.primary.display, (difference.interval.low, difference.interval.high))
+        label, p_value = self.intervals[name].label, p_text(difference.p_value)
+        return f"{label} interval {low} to {high}, {p_value}"
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a row per submission and metric, indexed by both.
+
+        Values are in the metrics' own units, which ``attrs["units"]`` names by metric.
+        """
+        import pandas as pd
+
+        rows = {
+            (name, key): {
+                "first": self.scores[self.first][key],
+                "value": self.scores[name][key],
+                "difference": difference.mean,
+                "low": difference.interval.low,
+                "high": difference.interval.high,
+                "p_value": difference.p_value,
+                "higher": difference.higher,
+                "lower": difference.lower,
+                "mcnemar_p": difference.mcnemar_p,
+            }
+            for name, differences in self.items()
+            for key, difference in differences.items()
+        }
+        frame = pd.DataFrame.from_dict(rows, orient="index")
+        frame.attrs["units"] = units_of(self._scored)
+        return frame.rename_axis(index=["submission", "metric"])
+
+    def episodes(self, metric: str | None = None) -> "pd.DataFrame":
+        """Return the episodes with different values: a row per instr_id, a column per name.
+
+        ``attrs["units"]`` names the metric's unit, by column.
+
+        Parameters
+        ----------
+        metric : str, optional
+            The metric whose values are compared; :attr:`correctness` if not given.
+        """
+        import pandas as pd
+
+        key = self.correctness.key if metric is None else metric
+        values = {name: each.episodes[key] for name, each in self.scores.items()}
+        index = pd.Index(self.scores[self.first].instr_ids, name="instr_id")
+        frame = pd.DataFrame(values, index=index)
+        frame.attrs["units"] = dict.fromkeys(values, CATALOGUE[key].unit)
+        return frame[frame.ne(frame[self.first], axis=0).any(axis=1)]
+
+    def __repr__(self) -> str:
+        return f"<Comparison: {'; '.join(map(self.sentence, self))}>"
+
+
+class ComparedSubmissionsError(SubmissionError):
+    """Some of the submissions to compare are invalid; ``errors`` has the error of each by name."""
+
+    def __init__(self, errors: Mapping[str, SubmissionError]) -> None:
+        self.errors = errors
+        super().__init__([problem for error in errors.values() for problem in error.problems])
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name}: {error}" for name, error in self.errors.items())
+
+
+def compare(
+    *submissions: Submission | Scores,
+    split: str | None = None,
+    ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
+    protocol: str = DEFAULT_PROTOCOL,
+    names: Sequence[str] | None = None,
+    by: Clustering = "target",
+    seed: int = 0,
+) -> Comparison:
+    """Score submissions on the same episodes, and compare all others with the first.
+
+    Parameters
+    ----------
+    submissions : two or more, as for :func:`reverie_eval.evaluate`
+        Or existing scores.
+    split, ground_truth, protocol
+        As for :func:`reverie_eval.evaluate`; not used if all are scores.
+    names : sequence of str, optional
+        Names of the submissions; if not given, those of their files.
+    by, seed
+        As for :meth:`Comparison.of`.
+
+    Raises
+    ------
+    ProtocolError
+        If there are fewer than two, or they are not comparable.
+    SubmissionError, GroundTruthError, OSError
+        As :func:`reverie_eval.evaluate` does; invalid submissions are reported together.
+
+    Examples
+    --------
+    >>> samples = [f"fixtures/submissions/{name}.json" for name in ("mediocre", "good")]
+    >>> comparison = compare(*samples, split="val_unseen")
+    >>> comparison["good"]["rgspl"].mean > 0, comparison.is_significant("good")
+    (True, True)
+    """
+    names = submission_names(submissions) if names is None else names
+    if len(set(names)) != len(submissions):
+        given = ", ".join(map(str, names))
+        raise ProtocolError(f"every submission needs a name of its own; got {given}")
+    named = dict(zip(names, submissions, strict=True))
+    scores = score_all(named, split=split, ground_truth=ground_truth, protocol=protocol)
+    return Comparison.of(scores, by, seed=seed)
+
+
+def score_all(
+    submissions: Mapping[str, Submission | Scores],
+    *,
+    split: str | None = None,
+    ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
+    protocol: str = DEFAULT_PROTOCOL,
+) -> Mapping[str, Scores]:
+    """Score several submissions by name; scores stay what they are.
+
+    Parameters are those of :func:`compare`.
+
+    Raises
+    ------
+    ComparedSubmissionsError
+        If some are invalid; all of them are reported.
+    ProtocolError, GroundTruthError, OSError
+        As :func:`reverie_eval.evaluate` does.
+    """
+    if split is None and not all(isinstance(each, Scores) for each in submissions.values()):
+        raise ProtocolError("name the split that the submissions are for: split=...")
+    truth = find_ground_truth(ground_truth, split) if split else None
+    scores: dict[str, Scores] = {}
+    errors: dict[str, SubmissionError] = {}
+    for name, each in submissions.items():
+        if isinstance(each, Scores):
+            scores[name] = each
+            continue
+        try:
+            scores[name] = evaluate(each, split=str(split), ground_truth=truth, protocol=protocol)
+        except SubmissionError as error:
+            errors[name] = error
+    if errors:
+        raise ComparedSubmissionsError(errors)
+    return scores
+
+
+def p_text(p_value: float) -> str:
+    """Format a p-value as papers do.
+
+    >>> p_text(0.0312), p_text(0.00009999)
+    ('p = 0.031', 'p < 0.001')
+    """
+    return "p < 0.001" if p_value < _SMALLEST_P else f"p = {p_value:.3f}"
+
+
+def check_comparable(scores: Mapping[str, Scores]) -> None:
+    """Refuse scores that cannot be compared.
+
+    Raises
+    ------
+    ProtocolError
+        If there are fewer than two, a name is not text, or signatures differ.
+    """
+    if len(scores) < _LEAST:
+        raise ProtocolError("a comparison needs two or more submissions with different names")
+    check_names(scores)
+    signatures = {each.signature for each in scores.values()}
+    if len(signatures) > 1:
+        raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
+
+
+def _differences(
+    changes: Mapping[str, Mapping[str, Array]],
+    intervals: Mapping[str, Intervals],
+    cluster: IntArray,
+    seed: int,
+) -> Mapping[str, Mapping[str, Difference]]:
+    """Test every change, arrays of shape (n_episodes,) by submission and metric, all together."""
+    # scipy is needed for comparisons only.
+    from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
+
+    tables = [np.column_stack(list(change.values())) for change in changes.values()]
+    p_value = holm(np.stack([randomisation_p(table, cluster, seed=seed) for table in tables]))
+    higher = np.stack([(table > 0).sum(axis=0) for table in tables])
+    lower = np.stack([(table < 0).sum(axis=0) for table in tables])
+    mcnemar = holm(mcnemar_p(higher, lower))
+    return {
+        name: {
+            key: Difference(
+                mean=float(values.mean()),
+                interval=intervals[name][key],
+                p_value=float(p_value[row, column]),
+                higher=int(higher[row, column]),
+                lower=int(lower[row, column]),
+                mcnemar_p=float(mcnemar[row, column]) if CATALOGUE[key].is_binary else None,
+            )
+            for column, (key, values) in enumerate(change.items())
+        }
+        for row, (name, change) in enumerate(changes.items())
+    }

@@ -1,0 +1,186 @@
+"""One episode: its instruction, where the agent went, its answer, and the outcome."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from reverie_eval.arrays import FloatArray, IntArray
+from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
+from reverie_eval.ground_truth import GroundTruth, NavigationGraph
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.scoring import Protocol, Scores, is_goal
+from reverie_eval.text import category_text, count_text, first_few
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Episode:
+    """A single episode of a submission, as ``scores.episode(instr_id)`` returns it.
+
+    Viewpoints are given by their ids; :meth:`positions` returns where they are.
+    """
+
+    instr_id: str
+    scan: str
+    instruction: str
+    """Empty if the ground truth was compiled without instructions."""
+    outcome: str
+    """One of ``OUTCOMES``; empty if the protocol or track does not score them."""
+    values: Mapping[str, float]
+    """By metric; fractions in [0, 1], lengths in metres."""
+    start: str
+    """The viewpoint where the episode starts."""
+    trajectory: Sequence[str]
+    """The viewpoint of every pose."""
+    annotated_path: Sequence[str]
+    goal_viewpoints: Sequence[str]
+    """Where a stop counts as success under the protocol."""
+    target_object: int
+    """Object id within the scan."""
+    target_category: str
+    """The annotated name of the target; empty if there is none."""
+    predicted_object: int | None
+    """None if the agent predicted no object, or a box."""
+    box_outcome: str
+    """The outcome of the predicted box, one of ``BOX_OUTCOMES``; empty without a box."""
+    graph: NavigationGraph
+    """Of all scans of the split."""
+
+    # Set by reverie_eval.notebook, because they need a room above this one.
+    plot: ClassVar[Any]
+    _repr_html_: ClassVar[Any]
+
+    @property
+    def stop(self) -> str:
+        """The viewpoint where the agent stopped."""
+        return self.trajectory[-1]
+
+    @property
+    def goal(self) -> str:
+        """The viewpoint where the annotated path ends."""
+        return self.annotated_path[-1]
+
+    def positions(self, viewpoint_ids: Sequence[str]) -> FloatArray:
+        """Return where viewpoints are.
+
+        Returns
+        -------
+        array, shape (n_viewpoints, 3)
+            Metres in the scan's own frame, z up.
+        """
+        rows = [self.graph.index[viewpoint_id] for viewpoint_id in viewpoint_ids]
+        return self.graph.viewpoint_position[rows]
+
+    @property
+    def caption(self) -> str:
+        """Target, answer and walk in one line."""
+        return "; ".join([self._answer_text, *self._walk_texts])
+
+    @property
+    def _answer_text(self) -> str:
+        target = f"object {self.target_object}"
+        if self.target_category:
+            target = f"{category_text(self.target_category)} ({target})"
+        if self.predicted_object == self.target_object:
+            text = f"predicted the target, {target}"
+        elif self.box_outcome:
+            text = f"predicted a box ({self.box_outcome}), the target is {target}"
+        else:
+            is_none = self.predicted_object is None
+            predicted = "no object" if is_none else f"object {self.predicted_object}"
+            text = f"predicted {predicted}, the target is {target}"
+        return f"{self.outcome}: {text}" if self.outcome else text
+
+    @property
+    def _walk_texts(self) -> Iterator[str]:
+        if "path_length" in self.values:
+            walked, shortest = self.values["path_length"], self.values["shortest_length"]
+            yield f"walked {walked:.1f} m, shortest {shortest:.1f} m"
+            yield f"stopped {self.values['navigation_error']:.1f} m from the path's end"
+
+    def __repr__(self) -> str:
+        return f"<Episode {self.instr_id} in {self.scan}: {self.caption}>"
+
+
+def episode(scores: Scores, instr_id: str) -> Episode:
+    """Gather what is known about one episode.
+
+    Raises
+    ------
+    ReverieEvalError
+        If the split has no such episode, or the scores have no trajectories.
+    """
+    truth, submission = scores.ground_truth, scores.submission
+    if submission is None:
+        raise ReverieEvalError("these scores have no trajectories; evaluate the file")
+    row = _row(instr_id, truth)
+    graph, answers = truth.graph, truth.require_answers()
+    task = int(truth.episodes.task[row])
+    start = int(truth.episodes.start[row])
+    poses = submission.viewpoint[slice(*submission.offsets[row : row + 2])]
+    path = answers.path[slice(*answers.path_offsets[task : task + 2])]
+    predicted = int(submission.predicted_object[row])
+    return Episode(
+        instr_id=instr_id,
+        scan=graph.scan_of(start),
+        instruction=_instruction(truth, row),
+        outcome=_outcome(scores, row),
+        values={key: float(column[row]) for key, column in scores.episodes.items()},
+        start=graph.viewpoint_ids[start],
+        trajectory=_ids(graph, poses),
+        annotated_path=_ids(graph, path),
+        goal_viewpoints=_ids(graph, _goal_viewpoints(scores.protocol, truth, row)),
+        target_object=int(answers.target_object[row]),
+        target_category=_category(truth, task),
+        predicted_object=None if predicted == ABSTAINED else predicted,
+        box_outcome=scores.box_outcomes[row],
+        graph=graph,
+    )
+
+
+def _row(instr_id: str, truth: GroundTruth) -> int:
+    row = truth.episodes.index.get(instr_id)
+    if row is None:
+        from difflib import get_close_matches  # slow to import, and seldom needed
+
+        known = truth.episodes.instr_ids
+        close = get_close_matches(str(instr_id), known)
+        examples = f"did you mean {first_few(close)}?" if close else f"such as {first_few(known)}"
+        number = count_text(len(known), "episode")
+        raise ReverieEvalError(
+            f"no episode {instr_id!r} among the {number} of {truth.split}; {examples}"
+        )
+    return row
+
+
+def _ids(graph: NavigationGraph, viewpoints: IntArray) -> Sequence[str]:
+    return tuple(graph.viewpoint_ids[viewpoint] for viewpoint in viewpoints.tolist())
+
+
+def _instruction(truth: GroundTruth, row: int) -> str:
+    try:
+        return truth.episodes.instructions[row]
+    except GroundTruthError:
+        return ""
+
+
+def _category(truth: GroundTruth, task: int) -> str:
+    try:
+        return truth.require_answers().target_categories[task]
+    except GroundTruthError:
+        return ""
+
+
+def _outcome(scores: Scores, row: int) -> str:
+    try:
+        return scores.outcomes[row]
+    except ProtocolError:
+        return ""
+
+
+def _goal_viewpoints(protocol: Protocol, truth: GroundTruth, row: int) -> IntArray:
+    scan = truth.graph.viewpoint_scan
+    viewpoints = np.flatnonzero(scan == scan[truth.episodes.start[row]])
+    episodes = np.full_like(viewpoints, row)
+    return viewpoints[is_goal(protocol.goal, truth, episodes, viewpoints)]

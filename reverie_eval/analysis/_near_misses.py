@@ -1,0 +1,71 @@
+"""Near misses, and episodes that only one of two submissions got right."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from reverie_eval.arrays import Array
+from reverie_eval.metrics import PRIMARY_METRIC
+from reverie_eval.scoring import OUTCOMES, Scores
+
+_SHOWN = 3
+"""Episodes of each kind, with different routes."""
+
+_FAILURES = tuple(outcome for outcome in OUTCOMES if outcome != "correct")
+
+
+def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
+    """Choose episodes of every failure mode, the nearest to being correct first.
+
+    Nearest are: of those that never reached the goal, the ones that came closest to the path's
+    end; of those that overshot, or had the correct object at the wrong stop, the ones that stopped
+    closest to it; of wrong objects, the ones whose box overlaps most, and then the highest SPL.
+
+    Returns
+    -------
+    mapping of lists of str
+        By outcome; the same scores give the same episodes.
+    """
+    outcome = np.array(scores.outcomes)
+    chosen = {}
+    for failure in _FAILURES:
+        rows = np.flatnonzero(outcome == failure)
+        # lexsort takes the most important key last.
+        order = np.lexsort([column[rows] for column in reversed(_distances(scores, failure))])
+        chosen[failure] = _with_different_routes(scores, rows[order])
+    return chosen
+
+
+def episodes_won(first: Scores, other: Scores) -> Sequence[str]:
+    """List the episodes that only the other got right, the largest difference first."""
+    better = other.episodes["rgs"] > first.episodes["rgs"]
+    change = other.episodes[PRIMARY_METRIC] - first.episodes[PRIMARY_METRIC]
+    rows = np.flatnonzero(better)
+    ordered = rows[np.argsort(-change[rows], kind="stable")]
+    return [first.instr_ids[row] for row in ordered.tolist()]
+
+
+def with_different_routes(scores: Scores, instr_ids: Sequence[str]) -> Sequence[str]:
+    """Return the first few episodes that differ in start or goal."""
+    index = scores.ground_truth.episodes.index
+    rows = np.array([index[instr_id] for instr_id in instr_ids], dtype=int)
+    return _with_different_routes(scores, rows)
+
+
+def _distances(scores: Scores, failure: str) -> Sequence[Array]:
+    """Return how far each episode is from being correct, the most important quantity first."""
+    episodes = scores.episodes
+    if failure == "never reached":
+        return [episodes["oracle_error"]]
+    if failure == "wrong object":
+        overlap = [-episodes["iou"]] if "iou" in episodes else []
+        return [*overlap, -episodes["spl"]]
+    return [episodes["navigation_error"]]
+
+
+def _with_different_routes(scores: Scores, rows: Array) -> Sequence[str]:
+    truth = scores.ground_truth
+    routes = np.column_stack([truth.episodes.start[rows], truth.require_answers().goal[rows]])
+    _, first_of_route = np.unique(routes, axis=0, return_index=True)
+    shown = rows[np.sort(first_of_route)][:_SHOWN]
+    return [truth.episodes.instr_ids[row] for row in shown.tolist()]

@@ -1,0 +1,31 @@
+"""The published dataset: checked, compiled, described, and built from Matterport's files."""
+
+from reverie_eval.dataset._box_builder import build_boxes, find_scans
+from reverie_eval.dataset._compile import compile_split
+from reverie_eval.dataset._describe import DatasetDescription, describe_dataset
+from reverie_eval.dataset._description import AnswerDescription, Distribution, SplitDescription
+from reverie_eval.dataset._files import DatasetFiles
+from reverie_eval.dataset._lint import LintReport, LintSection, lint_dataset
+from reverie_eval.dataset._object_boxes import BoxRules
+from reverie_eval.dataset._paper import PaperComparison
+from reverie_eval.dataset._rules import Finding, Found, Spread
+
+__all__ = [
+    "AnswerDescription",
+    "BoxRules",
+    "DatasetDescription",
+    "DatasetFiles",
+    "Distribution",
+    "Finding",
+    "Found",
+    "LintReport",
+    "LintSection",
+    "PaperComparison",
+    "SplitDescription",
+    "Spread",
+    "build_boxes",
+    "compile_split",
+    "describe_dataset",
+    "find_scans",
+    "lint_dataset",
+]

@@ -1,0 +1,262 @@
+"""Build the boxes of many scans, and write them as the published dataset does.
+
+The folder has its files when all are written. If building fails or is interrupted, it has none.
+"""
+
+from collections.abc import Callable, Collection, Generator, Iterable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import msgspec
+
+from reverie_eval.dataset._files import find_graphs, graph_name
+from reverie_eval.dataset._graph_rules import GRAPH_RULES
+from reverie_eval.dataset._graphs import read_graphs
+from reverie_eval.dataset._houses import House, read_house
+from reverie_eval.dataset._lint import file_problems
+from reverie_eval.dataset._object_boxes import BoxRules, list_objects, listable, published_form
+from reverie_eval.dataset._reader import Reader
+from reverie_eval.dataset._rules import problems
+from reverie_eval.errors import DatasetError, Problem, ReverieEvalError
+from reverie_eval.files import staged_folder
+from reverie_eval.text import count_text, first_few
+
+_HOUSE = ".house"
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A scan's files."""
+
+    scan_id: str
+    house: Path
+    connectivity: Path
+
+
+@dataclass(frozen=True, slots=True)
+class FoundScans:
+    """Scans that have both files, and those that have one of them."""
+
+    complete: tuple[Scan, ...]
+    without_house: tuple[str, ...]
+    without_connectivity: tuple[str, ...]
+
+    def notes(self) -> list[str]:
+        """Say which scans were left out, and why."""
+        left_out = {
+            "no .house file": self.without_house,
+            "no connectivity file": self.without_connectivity,
+        }
+        return [
+            f"{reason} for {count_text(len(scans), 'scan')}, left out: {first_few(scans)}"
+            for reason, scans in left_out.items()
+            if scans
+        ]
+
+
+def find_scans(houses: Path, connectivity: Path, wanted: Iterable[str] | None = None) -> FoundScans:
+    """Find the files of scans.
+
+    Parameters
+    ----------
+    houses : Path
+        A folder with ``{scan}.house`` at any depth, as in Matterport's download.
+    connectivity : Path
+        The folder of ``{scan}_connectivity.json`` files.
+    wanted : iterable of str, optional
+        The scans that are needed, with both files; by default all that have both.
+
+    Raises
+    ------
+    DatasetError
+        Listing everything that is missing or ambiguous.
+    """
+    _check_folders(houses, connectivity)
+    house_files = sorted(houses.rglob(f"*{_HOUSE}"))
+    house_of = {path.stem: path for path in house_files}
+    graph_of = find_graphs(connectivity)
+    scans = sorted(house_of.keys() | graph_of.keys() if wanted is None else set(wanted))
+    found = FoundScans(
+        complete=tuple(
+            Scan(scan, house_of[scan], graph_of[scan])
+            for scan in scans
+            if scan in house_of and scan in graph_of
+        ),
+        without_house=tuple(scan for scan in scans if scan not in house_of),
+        without_connectivity=tuple(scan for scan in scans if scan not in graph_of),
+    )
+    missing = _second_houses([path for path in house_files if path.stem in scans])
+    if wanted is not None or not found.complete:
+        house, graph = f"SCAN{_HOUSE}", graph_name("SCAN")
+        missing += _missing("missing-house", houses, house, found.without_house, scans)
+        missing += _missing("missing-scan", connectivity, graph, found.without_connectivity, scans)
+    if missing:
+        raise DatasetError(missing)
+    return found
+
+
+def _check_folders(*folders: Path) -> None:
+    missing = [
+        Problem("missing-input", str(folder), "there is no such folder")
+        for folder in folders
+        if not folder.is_dir()
+    ]
+    if missing:
+        raise DatasetError(missing)
+
+
+def _missing(
+    code: str, folder: Path, file: str, without: Sequence[str], scans: Collection[str]
+) -> list[Problem]:
+    if not scans:
+        return [Problem(code, str(folder), f"no {file} here")]
+    if not without:
+        return []
+    message = f"no {file} for {count_text(len(without), 'scan')}: {first_few(without)}"
+    return [Problem(code, str(folder), message)]
+
+
+def _second_houses(houses: Iterable[Path]) -> list[Problem]:
+    first: dict[str, Path] = {}
+    return [
+        Problem(
+            "duplicate-house",
+            str(path),
+            f"the scan also has the file {first[path.stem]}; keep one of them",
+        )
+        for path in houses
+        if first.setdefault(path.stem, path) != path
+    ]
+
+
+class BuiltBoxes(NamedTuple):
+    """How much was built."""
+
+    viewpoints: int
+    listed: int
+    """Objects at viewpoints, visible or not."""
+    boxes: int
+
+
+ScanResult: TypeAlias = BuiltBoxes | DatasetError
+BuildProgress: TypeAlias = Callable[[Iterable[ScanResult], int], Iterable[ScanResult]]
+"""Wraps so many results as they come: where progress is shown."""
+
+
+def no_build_progress(results: Iterable[ScanResult], total: int) -> Iterable[ScanResult]:  # noqa: ARG001
+    """Show no progress."""
+    return results
+
+
+def build_boxes(
+    scans: Sequence[Scan],
+    folder: Path,
+    rules: BoxRules,
+    *,
+    jobs: int = 1,
+    progress: BuildProgress = no_build_progress,
+) -> BuiltBoxes:
+    """Build the boxes of scans into a folder of ``{scan}_{viewpoint}.json`` files.
+
+    Every included viewpoint gets a file, also where nothing is listed. The files are the same
+    whatever the number of processes.
+
+    Parameters
+    ----------
+    scans : sequence of Scan
+        From :func:`find_scans`.
+    folder : Path
+        Where to write: a folder that does not exist yet, or is empty.
+    rules : BoxRules
+        What is listed, and what is hidden.
+    jobs : int
+        How many processes share the work.
+    progress : callable, optional
+        Shows progress; called with the results to come and their number.
+
+    Raises
+    ------
+    DatasetError
+        Listing everything that is wrong with the scans' files; nothing is written then.
+    ReverieEvalError
+        If the folder is not empty, or a process of the work was killed.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ReverieEvalError(f"{folder} is not an empty folder; name another, or remove it first")
+    with staged_folder(folder) as staging:
+        build = partial(_build_scan, folder=staging, rules=rules)
+        with closing(_results(build, scans, min(jobs, len(scans)))) as results:
+            done = list(progress(results, len(scans)))
+        wrong = [
+            replace(problem, position=(place, *problem.position))
+            for place, each in enumerate(done)
+            for problem in _problems(each)
+        ]
+        if wrong:
+            raise DatasetError(wrong)
+    built = [each for each in done if isinstance(each, BuiltBoxes)]
+    return BuiltBoxes(*map(sum, zip(*built, strict=True)))
+
+
+def _results(
+    build: Callable[[Scan], ScanResult], scans: Sequence[Scan], jobs: int
+) -> Generator[ScanResult]:
+    if jobs <= 1:
+        yield from map(build, scans)
+        return
+    from pebble import ProcessExpired, ProcessPool
+
+    # Fresh processes: a copy of one that runs threads, as a progress bar does, may hang.
+    with ProcessPool(jobs, context=get_context("spawn")) as pool:
+        try:
+            yield from pool.map(build, scans).result()
+        except ProcessExpired as error:
+            pool.stop()
+            raise ReverieEvalError(
+                "a process that was building boxes was killed, perhaps for lack of memory; try "
+                "fewer --jobs"
+            ) from error
+        except BaseException:
+            pool.stop()  # or leaving the block would wait for scans that nobody wants any more
+            raise
+
+
+def _build_scan(scan: Scan, *, folder: Path, rules: BoxRules) -> ScanResult:
+    """Build and write one scan; an error is returned, to be raised with those of other scans."""
+    house = _read_house(scan.house)
+    reader = Reader()
+    graphs = read_graphs(reader, {scan.scan_id: scan.connectivity})
+    wrong = [
+        *_problems(house),
+        *file_problems(reader, "boxes"),
+        *problems(GRAPH_RULES, graphs, scan.connectivity, "boxes"),
+    ]
+    if isinstance(house, DatasetError) or wrong:
+        return DatasetError(wrong)
+    graph, house = graphs.scans[scan.scan_id], listable(house, rules)
+    listed = boxes = 0
+    for viewpoint_id, position in zip(graph.viewpoint_ids, graph.position, strict=True):
+        objects = list_objects(house, position, rules)
+        content = {viewpoint_id: published_form(house, objects)}
+        file = folder / f"{scan.scan_id}_{viewpoint_id}.json"
+        file.write_bytes(msgspec.json.encode(content) + b"\n")
+        listed += len(objects)
+        boxes += sum(map(len, objects.values()))
+    return BuiltBoxes(len(graph.viewpoint_ids), listed, boxes)
+
+
+def _read_house(path: Path) -> House | DatasetError:
+    try:
+        return read_house(path)
+    except DatasetError as error:
+        return error
+    except OSError as error:
+        return DatasetError([Problem("unreadable-file", str(path), f"{error.strerror}")])
+
+
+def _problems(result: object) -> tuple[Problem, ...]:
+    return result.problems if isinstance(result, DatasetError) else ()

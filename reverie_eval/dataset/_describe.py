@@ -1,0 +1,172 @@
+"""Describe the published files of a dataset: read them once, and count what is in them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import ConfigDict
+
+from reverie_eval.dataset._boxes import Boxes
+from reverie_eval.dataset._dataset import read_dataset
+from reverie_eval.dataset._description import AnswerFacts, SplitDescription, TaskFacts
+from reverie_eval.dataset._files import DatasetFiles
+from reverie_eval.dataset._lint import check_sound
+from reverie_eval.dataset._paper import PaperComparison, compare_with_paper
+from reverie_eval.dataset._reader import Progress, no_progress
+from reverie_eval.dataset._records import Task, ViewpointKey
+from reverie_eval.dataset._splits import Split
+from reverie_eval.ground_truth import NavigationGraph
+from reverie_eval.text import category_text, count_text, tokenize
+from reverie_eval.version import __version__
+
+
+@dataclass(frozen=True, eq=False)
+class DatasetDescription:
+    """What a dataset is made of, beside the REVERIE paper's own numbers."""
+
+    __pydantic_config__: ClassVar = ConfigDict(
+        use_attribute_docstrings=True, extra="forbid", arbitrary_types_allowed=True
+    )
+
+    splits: Mapping[str, SplitDescription]
+    """Each split by itself."""
+    total: SplitDescription
+    """All splits together."""
+    buildings: int
+    """Scans that have a navigation graph, whether tasks are in them or not."""
+    viewpoints: int
+    """Included viewpoints of these graphs: panoramas."""
+    paper: Sequence[PaperComparison]
+    """The paper's numbers beside those of this dataset."""
+    notes: Sequence[str] = ()
+    """What a reader of the numbers should know, a sentence each."""
+    schema_version: Literal[1] = 1
+    version: str = __version__
+    """Version of reverie-eval that described it."""
+
+    @classmethod
+    def of(
+        cls, facts: Mapping[str, Sequence[TaskFacts]], viewpoint_counts: Mapping[str, int]
+    ) -> Self:
+        """Describe a dataset.
+
+        Parameters
+        ----------
+        facts : mapping
+            The tasks of each split, of which there is at least one.
+        viewpoint_counts : mapping
+            How many included viewpoints each scan has.
+        """
+
+        @cache
+        def together(splits: tuple[str, ...]) -> SplitDescription:
+            return SplitDescription.of({split: facts[split] for split in splits}, viewpoint_counts)
+
+        alone = {split: together((split,)) for split in facts}
+        buildings, viewpoints = len(viewpoint_counts), sum(viewpoint_counts.values())
+        return cls(
+            splits=alone,
+            total=together(tuple(facts)),
+            buildings=buildings,
+            viewpoints=viewpoints,
+            paper=compare_with_paper(alone, together, buildings=buildings, viewpoints=viewpoints),
+            notes=_notes(alone),
+        )
+
+
+def describe_dataset(
+    files: DatasetFiles, *, progress: Progress = no_progress
+) -> DatasetDescription:
+    """Describe the splits of a dataset.
+
+    A target that is not visible at its goal is counted and noted, not refused: the paper's own
+    train split has one.
+
+    Parameters
+    ----------
+    files : DatasetFiles
+        Where the published files are.
+    progress : callable, optional
+        Shows progress; called with the files about to be read and a description.
+
+    Raises
+    ------
+    DatasetError
+        Listing everything else that ``reverie-eval lint`` calls an error.
+    """
+    dataset = read_dataset(files, progress)
+    check_sound(dataset, "describe")
+    graph = dataset.graphs.ground_truth()
+    facts = {split.name: _task_facts(split, graph, dataset.boxes) for split in dataset.splits}
+    viewpoint_counts = {
+        scan_id: len(scan.viewpoint_ids) for scan_id, scan in dataset.graphs.scans.items()
+    }
+    return DatasetDescription.of(facts, viewpoint_counts)
+
+
+def _notes(splits: Mapping[str, SplitDescription]) -> Sequence[str]:
+    without = [name for name, split in splits.items() if split.answers is None]
+    return [
+        *(f"{name} has no targets: its goals and paths are not known" for name in without),
+        *(
+            f"{name}: the target is not visible at the goal in {hidden:,} of "
+            f"{count_text(split.tasks, 'task')}; `reverie-eval lint` says which"
+            for name, split in splits.items()
+            if split.answers and (hidden := split.answers.hidden_targets)
+        ),
+    ]
+
+
+def _task_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Sequence[TaskFacts]:
+    """Return what each task adds to the description of its split."""
+    answers = _answer_facts(split, graph, boxes)
+    return [
+        TaskFacts(task.scan, [tokenize(text) for text in task.instructions], answer)
+        for task, answer in zip(split.tasks, answers, strict=True)
+    ]
+
+
+def _answer_facts(
+    split: Split, graph: NavigationGraph, boxes: Boxes
+) -> Iterator[AnswerFacts | None]:
+    names = _object_names(boxes)
+    counts = _counts_at(boxes)
+    for task in split.tasks:
+        if task.objId is None:
+            yield None
+            continue
+        goal = task.viewpoints[-1]
+        entry = boxes.entry_at.get((goal, task.objId))
+        goal_objects, goal_boxes = counts.get(goal, (0, 0))
+        yield AnswerFacts(
+            target=(split.name, task.scan, task.objId),
+            category=names.get((task.scan, task.objId), ""),
+            is_visible=entry is not None and bool(boxes.is_visible[entry]),
+            path_steps=len(task.path) - 1,
+            path_length=_path_length(task, graph),
+            goal_objects=goal_objects,
+            goal_boxes=goal_boxes,
+        )
+
+
+def _object_names(boxes: Boxes) -> Mapping[tuple[str, int], str]:
+    """Return the category of each object by scan and id."""
+    return {
+        (boxes.viewpoints[viewpoint].scan_id, object_id): category_text(record.name)
+        for viewpoint, object_id, record in boxes.entries
+    }
+
+
+def _counts_at(boxes: Boxes) -> Mapping[ViewpointKey, tuple[int, int]]:
+    """Count the visible objects of each viewpoint, and their boxes."""
+    size = len(boxes.viewpoints)
+    objects = np.bincount(boxes.viewpoint[boxes.is_visible], minlength=size).tolist()
+    n_boxes = np.bincount(boxes.viewpoint[boxes.box_entry], minlength=size).tolist()
+    return dict(zip(boxes.viewpoints, zip(objects, n_boxes, strict=True), strict=True))
+
+
+def _path_length(task: Task, graph: NavigationGraph) -> float:
+    path = np.array([graph.index[viewpoint_id] for viewpoint_id in task.path])
+    return float(graph.distance_between(path[:-1], path[1:]).sum())

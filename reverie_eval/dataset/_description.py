@@ -1,0 +1,178 @@
+"""A split in numbers."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field
+
+from reverie_eval.arrays import FloatArray, frozen
+
+_FREQUENT = 5
+"""How often a word occurs at least to be frequent, in all that is described.
+
+The dataset's own vocabulary for training is built so: ``build_vocab(min_count=5)`` in
+``tasks/REVERIE/utilsFast.py`` of its repository.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerFacts:
+    """What is known about a task that has a target."""
+
+    target: tuple[str, str, int]
+    """Split, scan and object id."""
+    category: str
+    """The target's name; empty if no viewpoint lists the target."""
+    is_visible: bool
+    """Whether the target is visible at the goal."""
+    path_steps: int
+    """Moves of the annotated path: its viewpoints less one."""
+    path_length: float
+    """Metres of the annotated path along the navigation graph."""
+    goal_objects: int
+    """Objects that are visible at the goal."""
+    goal_boxes: int
+    """Boxes of these objects in all views of the goal."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskFacts:
+    """What is known about a task."""
+
+    scan: str
+    words: Sequence[Sequence[str]]
+    """The words of each instruction."""
+    answer: AnswerFacts | None
+    """None where the annotations have no target."""
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """One quantity over many tasks or instructions; nothing is rounded."""
+
+    mean: float
+    median: float
+    """The middle value; of an even number, the mean of the two in the middle."""
+    minimum: float
+    maximum: float
+    counts: Mapping[int, int]
+    """How many values there are from each whole number up to below the next."""
+    values: Annotated[FloatArray, Field(exclude=True)]
+    """Shape (n,), n > 0; read-only."""
+
+    @classmethod
+    def of(cls, values: Iterable[float]) -> Self:
+        """Describe values, of which there is at least one.
+
+        >>> lengths = Distribution.of([2.0, 2.9, 5.0, 11.0])
+        >>> lengths.mean, lengths.median, lengths.minimum, lengths.maximum
+        (5.225, 3.95, 2.0, 11.0)
+        >>> lengths.counts
+        {2: 2, 5: 1, 11: 1}
+        """
+        array = frozen(np.fromiter(values, dtype=np.float64))
+        return cls(
+            mean=float(array.mean()),
+            median=float(np.median(array)),
+            minimum=float(array.min()),
+            maximum=float(array.max()),
+            counts=dict(sorted(Counter(np.floor(array).astype(int).tolist()).items())),
+            values=array,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class AnswerDescription:
+    """The tasks that have a target, in numbers."""
+
+    tasks: int
+    """Tasks that have a target."""
+    hidden_targets: int
+    """Tasks whose target is not visible at the goal."""
+    target_objects: int
+    """Different targets; of several splits the sum, as in the paper, whose 4,140 are the 2,353 of
+    train, the 953 of val_seen and val_unseen, and the 834 of test."""
+    target_categories: int
+    """Different categories of target objects."""
+    category_counts: Mapping[str, int]
+    """Target objects by category, the most frequent first; those without a name in none."""
+    path_steps: Distribution
+    """Moves per annotated path."""
+    path_length: Distribution
+    """Metres per annotated path, along the navigation graph."""
+    goal_objects: Distribution
+    """Objects that are visible at the goal, per task."""
+    goal_boxes: Distribution
+    """Boxes of visible objects in all views of the goal, per task."""
+
+    @classmethod
+    def of(cls, facts: Sequence[AnswerFacts]) -> Self:
+        """Add up tasks, of which there is at least one."""
+        category = {answer.target: answer.category for answer in facts}
+        named = Counter(name for name in category.values() if name)
+        return cls(
+            tasks=len(facts),
+            hidden_targets=sum(not answer.is_visible for answer in facts),
+            target_objects=len(category),
+            target_categories=len(named),
+            category_counts=dict(sorted(named.items(), key=lambda item: (-item[1], item[0]))),
+            path_steps=Distribution.of(answer.path_steps for answer in facts),
+            path_length=Distribution.of(answer.path_length for answer in facts),
+            goal_objects=Distribution.of(answer.goal_objects for answer in facts),
+            goal_boxes=Distribution.of(answer.goal_boxes for answer in facts),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SplitDescription:
+    """A split in numbers, or several taken together."""
+
+    splits: Sequence[str]
+    tasks: int
+    instructions: int
+    """Episodes: a task has one for each of its instructions."""
+    scans: int
+    """Buildings that the tasks are in."""
+    viewpoints: int
+    """Included viewpoints of these buildings."""
+    words: Distribution
+    """Words per instruction."""
+    vocabulary: int
+    """Different words, in lower case."""
+    frequent_vocabulary: int
+    """Different words that occur at least five times."""
+    answers: AnswerDescription | None
+    """Of the tasks that have a target; null if no task does."""
+
+    @classmethod
+    def of(
+        cls, facts: Mapping[str, Sequence[TaskFacts]], viewpoint_counts: Mapping[str, int]
+    ) -> Self:
+        """Describe splits together.
+
+        Parameters
+        ----------
+        facts : mapping
+            The tasks of each split; at least one split, and each with a task.
+        viewpoint_counts : mapping
+            How many included viewpoints each scan has.
+        """
+        tasks = [task for split in facts.values() for task in split]
+        instructions = [words for task in tasks for words in task.words]
+        word_counts = Counter(word for words in instructions for word in words)
+        scans = {task.scan for task in tasks}
+        answers = [task.answer for task in tasks if task.answer]
+        return cls(
+            splits=list(facts),
+            tasks=len(tasks),
+            instructions=len(instructions),
+            scans=len(scans),
+            viewpoints=sum(viewpoint_counts[scan] for scan in scans),
+            words=Distribution.of(len(words) for words in instructions),
+            vocabulary=len(word_counts),
+            frequent_vocabulary=sum(count >= _FREQUENT for count in word_counts.values()),
+            answers=AnswerDescription.of(answers) if answers else None,
+        )

@@ -1,0 +1,126 @@
+"""Rules for distances from cameras to objects, which reveal the rule they were listed by."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, FloatArray
+from reverie_eval.dataset._boxes import Boxes
+from reverie_eval.dataset._dataset import Centres
+from reverie_eval.dataset._records import Position, Task, ViewpointKey
+from reverie_eval.dataset._rules import Found, Rule, Spread, info, spread, warning
+from reverie_eval.metrics import SUCCESS_DISTANCE
+
+_REACH = 2.0
+"""Metres from camera to centre below which v1 lists objects: all but ten."""
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """From the cameras to the centres of objects."""
+
+    boxes: Boxes
+    centres: Centres
+    tasks: Sequence[Task]
+    """Those that have a target, and their whole path in the graph."""
+
+    @cached_property
+    def offset(self) -> FloatArray:
+        """Shape (n_entries, 3): from the camera to each listed object; nan if not known."""
+        entries = self.boxes.entries
+        pairs = [(self.boxes.viewpoints[n], object_id) for n, object_id, _ in entries]
+        return self._offsets(pairs)
+
+    @cached_property
+    def listed(self) -> FloatArray:
+        """Shape (n_entries,): metres to each listed object; nan if not known."""
+        return np.asarray(np.linalg.norm(self.offset, axis=1))
+
+    @cached_property
+    def target(self) -> FloatArray:
+        """Shape (n_tasks,): metres from the goal to the target; nan if not known."""
+        pairs = [(task.viewpoints[-1], task.target) for task in self.tasks]
+        return np.asarray(np.linalg.norm(self._offsets(pairs), axis=1))
+
+    @cached_property
+    def n_within_reach(self) -> int:
+        """The number of pairs of an object that is listed anywhere and a viewpoint near it."""
+        boxes, scans = self.boxes, self.boxes.graphs.scans
+        objects = {(boxes.viewpoints[n].scan_id, object_id) for n, object_id, _ in boxes.entries}
+        return sum(
+            int((np.linalg.norm(scans[scan_id].position - centre, axis=1) < _REACH).sum())
+            for scan_id, object_id in objects
+            if scan_id in scans and (centre := self._centre(scan_id, object_id)) is not None
+        )
+
+    def _offsets(self, pairs: Sequence[tuple[ViewpointKey, int]]) -> FloatArray:
+        return np.array([self._offset(*pair) for pair in pairs], np.float64).reshape(-1, 3)
+
+    def _offset(self, key: ViewpointKey, object_id: int) -> FloatArray:
+        centre, graphs = self._centre(key.scan_id, object_id), self.boxes.graphs
+        if centre is None or not graphs.is_node(key):
+            return np.full(3, np.nan)
+        scan = graphs.scans[key.scan_id]
+        position: FloatArray = scan.position[scan.row[key.viewpoint_id]]
+        return np.asarray(centre) - position
+
+    def _centre(self, scan_id: str, object_id: int) -> Position | None:
+        return self.centres.get(scan_id, {}).get(str(object_id))
+
+
+def _listed_where(distances: Distances, mask: BoolArray) -> Found:
+    def text(entry: int) -> str:
+        return f"{distances.boxes.entry_text(entry)} {distances.listed[entry]:.2f} m"
+
+    return Found.where(mask, text)
+
+
+def _measured(distances: Distances) -> Found:
+    return Found(int(np.isfinite(distances.listed).sum()), len(distances.listed))
+
+
+def _unlisted(distances: Distances) -> Found:
+    within = distances.n_within_reach
+    return Found(within - int((distances.listed < _REACH).sum()), within)
+
+
+DISTANCE_RULES: Sequence[Rule[Distances]] = (
+    info("measured", "listed objects whose centre is known", _measured),
+    warning(
+        "unknown-centre",
+        "listed objects without a centre, or of a viewpoint without a graph",
+        "They are not measured.",
+        lambda distances: Found.where(np.isnan(distances.listed), distances.boxes.entry_text),
+    ),
+    warning(
+        "beyond-reach",
+        f"listed objects {_REACH:g} metres or more from camera to centre",
+        f"v1 lists what is nearer than {_REACH:g} m, except for ten objects; another release may "
+        "reach farther.",
+        lambda distances: _listed_where(distances, distances.listed >= _REACH),
+    ),
+    warning(
+        "beyond-success",
+        f"listed objects more than {SUCCESS_DISTANCE:g} metres away",
+        "Farther than the paper's rule allows; under the protocol challenge-2022 a stop that sees "
+        "one is not a success.",
+        lambda distances: _listed_where(distances, distances.listed > SUCCESS_DISTANCE),
+    ),
+    info(
+        "within-reach",
+        f"viewpoints nearer than {_REACH:g} metres to an object, of objects listed anywhere",
+        lambda distances: Found(distances.n_within_reach),
+    ),
+    info("unlisted-within-reach", "such viewpoints that do not list the object", _unlisted),
+)
+
+
+def distance_spreads(distances: Distances) -> list[Spread]:
+    """Measure from cameras to centres, of listed objects and of targets."""
+    listed, target = (each[~np.isnan(each)] for each in (distances.listed, distances.target))
+    return [
+        spread("object-distance", "from the camera to listed objects", "m", listed),
+        spread("target-distance", "from the goal to the target, of tasks", "m", target),
+    ]

@@ -1,0 +1,148 @@
+"""Where the published files of a dataset are.
+
+Layout of a clone of the dataset repository::
+
+    tasks/REVERIE/data/REVERIE_{split}.json
+    tasks/REVERIE/data/BBox/{scan}_{viewpoint}.json     or BBoxes.json, all of them in one file
+    connectivity/{scan}_connectivity.json
+
+Each of the three may be elsewhere.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from reverie_eval.errors import DatasetError, Problem
+
+_SPLITS = ("train", "val_seen", "val_unseen", "test")
+"""The published splits, in the order in which they are shown."""
+_DATA = Path("tasks", "REVERIE", "data")
+_PREFIX = "REVERIE_"
+_ALL_BOXES = "BBoxes.json"
+_CONNECTIVITY = "_connectivity.json"
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetFiles:
+    """Where a dataset's published files are."""
+
+    annotations: Mapping[str, Path]
+    """``REVERIE_{split}.json`` by split: the published splits in their order, then others."""
+    boxes: Path
+    """The ``BBox`` folder, or one file with all boxes."""
+    connectivity: Path
+    """The folder of ``{scan}_connectivity.json`` files."""
+    object_positions: Path | None = None
+    """``objpos.json``, for the protocol that measures the distance to the object."""
+
+    @classmethod
+    def find(
+        cls,
+        root: Path | None = None,
+        *,
+        split: str | None = None,
+        annotations: Path | None = None,
+        boxes: Path | None = None,
+        connectivity: Path | None = None,
+        object_positions: Path | None = None,
+    ) -> Self:
+        """Find the files in a clone, or where they are pointed at.
+
+        Parameters
+        ----------
+        root : Path, optional
+            A clone of the dataset repository, for whatever is not pointed at.
+        split : str, optional
+            The split that is needed; the others are found as well, to recognise their episodes.
+        annotations : Path, optional
+            A folder of ``REVERIE_{split}.json`` files. Or one file of any name: it is ``split``,
+            or the only split if none is named.
+        boxes : Path, optional
+            The ``BBox`` folder, or DUET's ``BBoxes.json``.
+        connectivity : Path, optional
+            The folder of ``{scan}_connectivity.json`` files.
+        object_positions : Path, optional
+            A file with the centres of all objects; never looked for by itself.
+
+        Raises
+        ------
+        DatasetError
+            Listing each of them that is missing.
+        """
+        data = root / _DATA if root else None
+        boxes = boxes or (_boxes_below(data) if data else None)
+        if boxes and (boxes / _ALL_BOXES).is_file():
+            boxes = boxes / _ALL_BOXES
+        connectivity = connectivity or (root / "connectivity" if root else None)
+        needed = {
+            "annotations": _needed_annotations(annotations or data, split),
+            "boxes": boxes,
+            "connectivity": connectivity,
+        }
+        if object_positions:
+            needed["object-positions"] = object_positions
+        problems = [
+            _missing(kind, path) for kind, path in needed.items() if not (path and path.exists())
+        ]
+        if problems or not (boxes and connectivity):
+            raise DatasetError(problems)
+        splits = _annotations(data, annotations, split)
+        return cls(splits, boxes, connectivity, object_positions)
+
+
+def find_graphs(connectivity: Path, scans: Collection[str] | None = None) -> Mapping[str, Path]:
+    """Return the connectivity files in a folder by scan: of all scans, or of those named."""
+    paths = {
+        path.name.removesuffix(_CONNECTIVITY): path
+        for path in sorted(connectivity.glob(f"*{_CONNECTIVITY}"))
+    }
+    return {scan: path for scan, path in paths.items() if scans is None or scan in scans}
+
+
+def graph_name(scan_id: str) -> str:
+    """Return the name of a scan's connectivity file."""
+    return f"{scan_id}{_CONNECTIVITY}"
+
+
+def _needed_annotations(place: Path | None, split: str | None) -> Path | None:
+    """Return the file that has to be there, if its folder is known."""
+    if place is None or place.is_file():
+        return place
+    if split is None:
+        return min(place.glob(f"{_PREFIX}*.json"), default=place / f"{_PREFIX}*.json")
+    return place / f"{_PREFIX}{split}.json"
+
+
+def _annotations(data: Path | None, given: Path | None, split: str | None) -> Mapping[str, Path]:
+    """Return the annotations by split."""
+    if given is None or given.is_dir():
+        published = {} if split is None else _splits_in(data)
+        return published | _splits_in(given or data)
+    if split is None:
+        return {given.stem.removeprefix(_PREFIX): given}
+    others = _splits_in(data) | _splits_in(given.parent)
+    return {name: path for name, path in others.items() if path != given} | {split: given}
+
+
+def _splits_in(folder: Path | None) -> dict[str, Path]:
+    if folder is None:
+        return {}
+    paths = {path.stem.removeprefix(_PREFIX): path for path in folder.glob(f"{_PREFIX}*.json")}
+    published = [split for split in _SPLITS if split in paths]
+    return {split: paths[split] for split in [*published, *sorted(paths.keys() - {*published})]}
+
+
+def _boxes_below(data: Path) -> Path:
+    folder, file = data / "BBox", data / _ALL_BOXES
+    return file if file.exists() and not folder.exists() else folder
+
+
+def _missing(kind: str, path: Path | None) -> Problem:
+    return Problem(
+        "missing-input",
+        str(path or kind),
+        f"no {kind} found here; give a clone of the dataset repository, or point at them "
+        f"with --{kind}",
+    )

@@ -1,0 +1,159 @@
+"""The navigation graphs of the scans, as published and as ground truth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
+from reverie_eval.dataset._reader import Reader
+from reverie_eval.dataset._records import CONNECTIVITY, Viewpoint, ViewpointKey
+from reverie_eval.ground_truth import NavigationGraph
+
+
+@dataclass(frozen=True, eq=False)
+class ScanGraph:
+    """The navigation graph of a scan: its included viewpoints and the edges between them."""
+
+    scan_id: str
+    excluded: frozenset[str]
+    """Viewpoints of the file that are not nodes."""
+    viewpoint_ids: tuple[str, ...]
+    position: FloatArray
+    """Shape (n, 3): metres."""
+    edge: BoolArray
+    """Shape (n, n): whether the row's viewpoint is unobstructed to the column's, another one."""
+
+    @cached_property
+    def component(self) -> IntArray:
+        """Shape (n,): the connected component of each viewpoint, edges taken either way."""
+        _, labels = connected_components(self.edge, directed=False)
+        return np.asarray(labels)
+
+    @cached_property
+    def row(self) -> Mapping[str, int]:
+        """The row of each viewpoint id."""
+        return {viewpoint_id: row for row, viewpoint_id in enumerate(self.viewpoint_ids)}
+
+    def has_edge(self, start: str, end: str) -> bool:
+        """Whether an edge leads from one viewpoint to the other; both are nodes."""
+        return bool(self.edge[self.row[start], self.row[end]])
+
+    @cached_property
+    def edge_lengths(self) -> FloatArray:
+        """Shape (n_edges,): metres between the ends of each pair with an edge either way."""
+        start, end = np.nonzero(np.triu(self.edge | self.edge.T))
+        return np.asarray(np.linalg.norm(self.position[start] - self.position[end], axis=1))
+
+    def distance(self) -> FloatArray:
+        """Shape (n, n): metres along the graph; inf where there is no route."""
+        start, end = np.nonzero(self.edge)
+        position = self.position.tolist()
+        length = [
+            _straight(position[a], position[b])
+            for a, b in zip(start.tolist(), end.tolist(), strict=True)
+        ]
+        return np.asarray(dijkstra(csr_array((length, (start, end)), shape=self.edge.shape)))
+
+
+def _straight(start: Sequence[float], end: Sequence[float]) -> float:
+    """Metres in a straight line.
+
+    Powers of Python floats, not products and roots of arrays: a C library's ``pow`` differs from
+    those in the last bit of one edge in a thousand, and the published evaluators use it.
+    """
+    dx, dy, dz = (a - b for a, b in zip(start, end, strict=True))
+    return float((dx**2 + dy**2 + dz**2) ** 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Graphs:
+    """The graphs of all scans whose files could be read."""
+
+    scans: Mapping[str, ScanGraph]
+    ragged: Sequence[str]
+    """Scans whose ``unobstructed`` lists do not have one entry for each viewpoint."""
+    unreadable: frozenset[str]
+    """Scans whose file could not be read, or is ragged: nothing is known about them."""
+
+    def is_node(self, key: ViewpointKey) -> bool:
+        """Whether it is an included viewpoint."""
+        return key.scan_id in self.scans and key.viewpoint_id in self.scans[key.scan_id].row
+
+    def has_file(self, scan_id: str) -> bool:
+        """Whether a scan has a file, be it unreadable."""
+        return scan_id in self.scans or scan_id in self.unreadable
+
+    def is_excluded(self, key: ViewpointKey) -> bool:
+        """Whether it is in the file, and not included."""
+        scan = self.scans.get(key.scan_id)
+        return scan is not None and key.viewpoint_id in scan.excluded
+
+    @cached_property
+    def nodes(self) -> Sequence[ViewpointKey]:
+        """Every included viewpoint, in the order of the files."""
+        return [
+            ViewpointKey(scan.scan_id, viewpoint_id)
+            for scan in self.scans.values()
+            for viewpoint_id in scan.viewpoint_ids
+        ]
+
+    def ground_truth(self) -> NavigationGraph:
+        """Return the graphs with the distance of every pair of viewpoints.
+
+        Nodes are the included viewpoints, edges the unobstructed pairs of them, and an edge is as
+        long as the straight line between its ends [1]_. The graphs must be symmetric, and no
+        viewpoint id may occur twice.
+
+        References
+        ----------
+        .. [1] ``load_nav_graphs`` in ``tasks/REVERIE/utilsFast.py`` of the dataset's repository;
+           every published evaluator does the same.
+        """
+        scans = list(self.scans.values())
+        return NavigationGraph(
+            scan_ids=tuple(self.scans),
+            viewpoint_ids=tuple(key.viewpoint_id for key in self.nodes),
+            viewpoint_scan=np.repeat(
+                np.arange(len(scans)), [len(scan.viewpoint_ids) for scan in scans]
+            ),
+            viewpoint_position=np.concatenate(
+                [np.zeros((0, 3)), *(scan.position for scan in scans)]
+            ),
+            distance=_end_to_end([scan.distance() for scan in scans]),
+            edge=_end_to_end([scan.edge for scan in scans]),
+        )
+
+
+def read_graphs(reader: Reader, files: Mapping[str, Path]) -> Graphs:
+    """Read connectivity files, which are given by scan."""
+    scan_of = {path: scan_id for scan_id, path in files.items()}
+    scans, ragged = {}, []
+    for path, viewpoints in reader.read_each(CONNECTIVITY, list(files.values()), "connectivity"):
+        if any(len(viewpoint.unobstructed) != len(viewpoints) for viewpoint in viewpoints):
+            ragged.append(scan_of[path])
+        else:
+            scans[scan_of[path]] = _scan_graph(scan_of[path], viewpoints)
+    return Graphs(scans, ragged, frozenset(files.keys() - scans.keys()))
+
+
+def _scan_graph(scan_id: str, viewpoints: Sequence[Viewpoint]) -> ScanGraph:
+    rows = [row for row, viewpoint in enumerate(viewpoints) if viewpoint.included]
+    size = len(viewpoints), len(viewpoints)
+    unobstructed = np.array([v.unobstructed for v in viewpoints], dtype=np.bool_).reshape(size)
+    np.fill_diagonal(unobstructed, val=False)
+    return ScanGraph(
+        scan_id,
+        frozenset(v.image_id for v in viewpoints if not v.included),
+        tuple(viewpoints[row].image_id for row in rows),
+        np.array([viewpoints[row].position for row in rows]).reshape(-1, 3),
+        unobstructed[np.ix_(rows, rows)],
+    )
+
+
+def _end_to_end(blocks: Sequence[Array]) -> Array:
+    return np.concatenate([np.zeros(0, dtype=np.bool_), *(block.ravel() for block in blocks)])

@@ -1,0 +1,162 @@
+"""Check the published files of a dataset against all rules, or against those that are errors."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from os.path import commonpath
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from pydantic import ConfigDict
+
+from reverie_eval.dataset._box_rules import (
+    BOX_RULES,
+    SIZE_RULES,
+    VISIBILITY_RULES,
+    size_spreads,
+    visibility_spreads,
+)
+from reverie_eval.dataset._boxes import Boxes
+from reverie_eval.dataset._dataset import Centres, Dataset, read_dataset
+from reverie_eval.dataset._distance_rules import DISTANCE_RULES, Distances, distance_spreads
+from reverie_eval.dataset._files import DatasetFiles
+from reverie_eval.dataset._graph_rules import FILE_RULES, GRAPH_RULES, graph_spreads
+from reverie_eval.dataset._reader import Progress, Reader, no_progress
+from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, problems
+from reverie_eval.dataset._splits import Split, Targets, Tasks
+from reverie_eval.dataset._task_rules import TARGET_RULES, TASK_RULES, target_spreads
+from reverie_eval.dataset._view_rules import VIEW_RULES, view_spreads
+from reverie_eval.errors import DatasetError, Problem
+from reverie_eval.version import __version__
+
+_BOX_SECTIONS: Sequence[tuple[str, Sequence[Rule[Boxes]], Callable[[Boxes], list[Spread]]]] = (
+    ("boxes", BOX_RULES, lambda _: []),
+    ("visibility", VISIBILITY_RULES, visibility_spreads),
+    ("box sizes", SIZE_RULES, size_spreads),
+    ("neighbouring views", VIEW_RULES, view_spreads),
+)
+_NO_CENTRES = "left out: the centres of the objects are not given (--object-positions objpos.json)"
+_NO_ANSWERS = "targets left out: the tasks have none, as in the published test file"
+
+
+@dataclass(frozen=True, slots=True)
+class LintSection:
+    """What was found in one kind of files."""
+
+    title: str
+    split: str | None = None
+    """The split that the section is about."""
+    counts: Sequence[Finding] = ()
+    spreads: Sequence[Spread] = ()
+    note: str = ""
+    """What was left out, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class LintReport:
+    """What is in the published files of a dataset, and what is wrong with them."""
+
+    __pydantic_config__: ClassVar = ConfigDict(use_attribute_docstrings=True, extra="forbid")
+
+    version: str
+    """Version of reverie-eval that looked."""
+    sound: bool
+    """Whether there is no error."""
+    sections: Sequence[LintSection]
+    schema_version: Literal[1] = 1
+
+
+def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> LintReport:
+    """Count what is in the published files: all splits, all scans, used by a task or not.
+
+    Parameters
+    ----------
+    files : DatasetFiles
+        Where the files are.
+    progress : callable, optional
+        Shows progress; called with the files about to be read and a description.
+
+    Returns
+    -------
+    LintReport
+        Information, warnings and errors by section; ``sound`` if there is no error.
+    """
+    dataset = read_dataset(files, progress)
+    splits = sorted(dataset.splits, key=lambda split: split.name)
+    tasks = [Tasks(split, dataset.graphs, _elsewhere(split, splits)) for split in splits]
+    boxes = dataset.boxes
+    sections = [
+        _section("files", FILE_RULES, dataset.reader),
+        _section("navigation graphs", GRAPH_RULES, dataset.graphs, graph_spreads(dataset.graphs)),
+        *(_section(title, rules, boxes, of(boxes)) for title, rules, of in _BOX_SECTIONS),
+        *(_annotations(each, boxes) for each in tasks),
+        _distances(boxes, dataset.centres, tasks),
+    ]
+    findings = [finding for section in sections for finding in section.counts]
+    is_sound = not any(each.severity == "error" and each.found.number for each in findings)
+    return LintReport(__version__, is_sound, sections)
+
+
+def check_sound(dataset: Dataset, purpose: Purpose) -> None:
+    """Check the content of files against the rules that are errors for a purpose.
+
+    Raises
+    ------
+    DatasetError
+        Listing every error that :func:`lint_dataset` finds in the same files.
+    """
+    files, graphs, boxes = dataset.files, dataset.graphs, dataset.boxes
+    found = [
+        *file_problems(dataset.reader, purpose),
+        *problems(GRAPH_RULES, graphs, files.connectivity, purpose),
+    ]
+    if dataset.has_answers:
+        for _, rules, _ in _BOX_SECTIONS:
+            found += problems(rules, boxes, files.boxes, purpose)
+    for split in dataset.splits:
+        tasks = Tasks(split, graphs)
+        found += problems(TASK_RULES, tasks, split.path, purpose)
+        if split.has_answers:
+            targets = Targets(split, tasks.answered, boxes)
+            found += problems(TARGET_RULES, targets, split.path, purpose)
+    if found:
+        raise DatasetError(found)
+
+
+def file_problems(reader: Reader, purpose: Purpose) -> Iterator[Problem]:
+    """Yield what is wrong with the files as such."""
+    paths = [file.path for file in reader.unreadable]
+    return problems(FILE_RULES, reader, Path(commonpath(paths) if paths else ""), purpose)
+
+
+def _elsewhere(split: Split, splits: Sequence[Split]) -> Mapping[str, str]:
+    return {
+        instr_id: other.name
+        for other in splits
+        if other is not split
+        for instr_id in other.instr_ids
+    }
+
+
+def _annotations(tasks: Tasks, boxes: Boxes) -> LintSection:
+    split = tasks.split
+    counts = [rule.check(tasks) for rule in TASK_RULES]
+    if not split.has_answers:
+        return LintSection("annotations", split.name, counts, note=_NO_ANSWERS)
+    targets = Targets(split, tasks.answered, boxes)
+    counts += [rule.check(targets) for rule in TARGET_RULES]
+    return LintSection("annotations", split.name, counts, target_spreads(targets))
+
+
+def _distances(boxes: Boxes, centres: Centres | None, tasks: Sequence[Tasks]) -> LintSection:
+    if centres is None:
+        return LintSection("distances", note=_NO_CENTRES)
+    answered = [task for each in tasks for task in each.answered]
+    distances = Distances(boxes, centres, answered)
+    return _section("distances", DISTANCE_RULES, distances, distance_spreads(distances))
+
+
+def _section(
+    title: str, rules: Sequence[Rule[S]], subject: S, spreads: Sequence[Spread] = ()
+) -> LintSection:
+    counts = [rule.check(subject) for rule in rules]
+    return LintSection(title, counts=counts, spreads=spreads)

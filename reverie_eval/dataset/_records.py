@@ -1,0 +1,128 @@
+"""The records of the dataset's published files: annotations, navigation graphs and boxes."""
+
+import re
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    TypeAdapter,
+)
+
+from reverie_eval.ground_truth import LARGEST_OBJECT_ID
+
+FARTHEST = 1e6
+"""Metres, along any axis, from a scan's origin to a camera or an object, and of half an object's
+extent. No building comes near it, though a map in whose frame it stands may; beyond it a number was
+misread, and its square might overflow."""
+
+_OBJECT_KEY = re.compile(r"0|[1-9]\d{0,9}", re.ASCII)
+
+
+def object_key(text: str) -> str:
+    """Return the key of a JSON object if it is an object id.
+
+    Raises
+    ------
+    ValueError
+        If it is not, or not written as in the published files: without a sign or leading zeros.
+    """
+    if _OBJECT_KEY.fullmatch(text) and int(text) <= LARGEST_OBJECT_ID:
+        return text
+    raise ValueError(f"expected an object id, a whole number from 0 to {LARGEST_OBJECT_ID:,}")
+
+
+class ViewpointKey(NamedTuple):
+    """A viewpoint of a scan."""
+
+    scan_id: str
+    viewpoint_id: str
+
+    def __str__(self) -> str:
+        return "_".join(self)
+
+
+Name = Annotated[str, StringConstraints(min_length=1)]
+ObjectId = Annotated[int, Field(ge=0, le=LARGEST_OBJECT_ID, strict=True)]
+ObjectKey = Annotated[str, AfterValidator(object_key)]
+Metres = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
+Position = tuple[Metres, Metres, Metres]
+"""In the scan's own frame, z up."""
+
+
+class _Published(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+
+
+class Task(_Published):
+    """One record of ``REVERIE_{split}.json``: a path, a target and up to three instructions."""
+
+    scan: Name
+    id: Annotated[str, Field(coerce_numbers_to_str=True, min_length=1)]
+    """The published id; episode ``k`` of the task is ``{id}_{k}``."""
+    path: Annotated[list[Name], Field(min_length=1)]
+    """Viewpoints of the annotated path. A public test file gives the start alone."""
+    instructions: Annotated[list[str], Field(min_length=1)]
+    objId: ObjectId | None = None  # noqa: N815  # the published name
+    """The target object's id within the scan; absent from a public test file."""
+
+    @property
+    def instr_ids(self) -> list[str]:
+        """The ids of the task's episodes, one per instruction."""
+        return [f"{self.id}_{index}" for index in range(len(self.instructions))]
+
+    @property
+    def viewpoints(self) -> list[ViewpointKey]:
+        """The viewpoints of the path, the start first and the goal last."""
+        return [ViewpointKey(self.scan, viewpoint_id) for viewpoint_id in self.path]
+
+    @property
+    def target(self) -> int:
+        """The target object, of a task that has one."""
+        if self.objId is None:
+            raise ValueError(f"task {self.id} has no target")
+        return self.objId
+
+
+class Viewpoint(_Published):
+    """One record of ``{scan}_connectivity.json``."""
+
+    image_id: Annotated[str, StringConstraints(pattern=r"^[^/\\]+$")]
+    """Part of the names of files."""
+    pose: Annotated[list[Metres], Field(min_length=16, max_length=16)]
+    """Row-major 4 x 4 camera-to-world matrix; metres in elements 3, 7 and 11."""
+    included: bool
+    unobstructed: list[bool]
+    """Which viewpoints of the same file an agent can walk to from here."""
+
+    @property
+    def position(self) -> Position:
+        """The camera's position in the world, in metres."""
+        return self.pose[3], self.pose[7], self.pose[11]
+
+
+_Number = Annotated[int, msgspec.Meta(ge=-(2**31), lt=2**31)]
+
+
+class ObjectRecord(msgspec.Struct, frozen=True):
+    """An object listed at a viewpoint; the rules say whether its values make sense."""
+
+    visible_pos: list[_Number]
+    """The views that show the object. Empty: listed, but not visible."""
+    bbox2d: list[tuple[_Number, _Number, _Number, _Number]]
+    """Left, top, width, height in pixels, in the order of the views."""
+    name: str = ""
+
+
+TASKS = TypeAdapter(Annotated[list[Any], Field(min_length=1)])
+"""An annotation file, whose records are read one by one as :class:`Task`."""
+CONNECTIVITY = TypeAdapter(list[Viewpoint])
+BOXES = TypeAdapter(dict[str, dict[str, Any]])
+"""A file of the ``BBox`` folder (key: viewpoint) or ``BBoxes.json`` (key: ``scan_viewpoint``); its
+entries are read one by one as :class:`ObjectRecord`."""
+OBJECT_POSITIONS = TypeAdapter(dict[str, dict[ObjectKey, Position]])
+"""``objpos.json``: the centre of every object by scan and object id."""

@@ -1,0 +1,117 @@
+"""The tasks of a split, and their targets among the listed objects."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from reverie_eval.arrays import BoolArray, IntArray
+from reverie_eval.dataset._boxes import Boxes
+from reverie_eval.dataset._graphs import Graphs
+from reverie_eval.dataset._reader import Reader, explain
+from reverie_eval.dataset._records import TASKS, Task
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """The records of an annotation file."""
+
+    name: str
+    path: Path
+    tasks: Sequence[Task]
+    malformed: Sequence[str] = ()
+    """Records that are not tasks, with the reason."""
+
+    @property
+    def scans(self) -> set[str]:
+        """The scans of the tasks."""
+        return {task.scan for task in self.tasks}
+
+    @property
+    def instr_ids(self) -> list[str]:
+        """The ids of the episodes, in the order of the file."""
+        return [instr_id for task in self.tasks for instr_id in task.instr_ids]
+
+    @property
+    def has_answers(self) -> bool:
+        """Whether tasks have targets; those of the published test file do not."""
+        return any(task.objId is not None for task in self.tasks)
+
+
+@dataclass(frozen=True, eq=False)
+class Tasks:
+    """The tasks of a split in the navigation graphs."""
+
+    split: Split
+    graphs: Graphs
+    elsewhere: Mapping[str, str] = field(default_factory=dict)
+    """The episodes of other splits: the split of each instr_id."""
+
+    def is_placed(self, task: Task) -> bool:
+        """Whether every viewpoint of a task's path is in the graph of its scan."""
+        return all(map(self.graphs.is_node, task.viewpoints))
+
+    @cached_property
+    def placed(self) -> Sequence[Task]:
+        """The tasks whose whole path is in the graph."""
+        return [task for task in self.split.tasks if self.is_placed(task)]
+
+    @cached_property
+    def answered(self) -> Sequence[Task]:
+        """Placed tasks that have a target."""
+        return [task for task in self.placed if task.objId is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """The targets of a split's tasks among the listed objects."""
+
+    split: Split
+    tasks: Sequence[Task]
+    """Those that have a target, and their whole path in the graph."""
+    boxes: Boxes
+
+    @cached_property
+    def at_start(self) -> IntArray:
+        """Shape (n_tasks,): the entry of each target at the start; -1 if not listed there."""
+        return self._entries(0)
+
+    @cached_property
+    def at_goal(self) -> IntArray:
+        """Shape (n_tasks,): the entry of each target at the goal; -1 if not listed there."""
+        return self._entries(-1)
+
+    def is_visible(self, entry: IntArray) -> BoolArray:
+        """Whether there is an entry, and a view in it."""
+        n_views = np.append(self.boxes.n_views, 0)
+        return np.asarray(n_views[entry] > 0)
+
+    @cached_property
+    def n_viewpoints(self) -> IntArray:
+        """Shape (n_listed,): from how many viewpoints each target listed at its goal is visible."""
+        boxes = self.boxes
+        visible, number = np.unique(boxes.scan_object[boxes.is_visible], return_counts=True)
+        target = boxes.scan_object[self.at_goal[self.at_goal >= 0]]
+        slot = np.searchsorted(visible, target)
+        found = np.append(visible, -1)[slot] == target
+        return np.where(found, np.append(number, 0)[slot], 0)
+
+    def _entries(self, end: int) -> IntArray:
+        entry_at = self.boxes.entry_at
+        entries = [entry_at.get((task.viewpoints[end], task.target), -1) for task in self.tasks]
+        return np.array(entries, dtype=np.int64)
+
+
+def read_split(reader: Reader, name: str, path: Path) -> Split:
+    """Read an annotation file record by record."""
+    tasks, malformed = [], []
+    records = reader.read(TASKS, path, "annotations")
+    for number, record in enumerate(records or []):
+        try:
+            tasks.append(Task.model_validate(record))
+        except ValidationError as error:
+            malformed.append(f"[{number}]: {explain(error)}")
+    return Split(name, path, tasks, malformed)

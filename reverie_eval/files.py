@@ -1,0 +1,69 @@
+"""Files and folders that appear complete or not at all."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import BinaryIO
+
+
+@contextmanager
+def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
+    """Open a file for writing that replaces ``path`` once it is complete.
+
+    A file that is replaced keeps its permissions. A device or a pipe is written to directly.
+
+    Parameters
+    ----------
+    path : Path
+        A file in an existing folder.
+    mode : int
+        Permissions of a new file, before the process's umask.
+    """
+    if path.exists() and not path.is_file():
+        with path.open("wb") as file:
+            yield file
+        return
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        descriptor = os.open(draft, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, mode)
+        with os.fdopen(descriptor, "wb") as file:
+            if path.exists():
+                draft.chmod(path.stat().st_mode)
+            yield file
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterator[Path]:
+    """Yield a hidden folder to fill; its contents move to ``folder`` once that is done.
+
+    A new folder appears in one step. An existing one may be a mounted disk, or a shell's working
+    directory, and is kept: its contents are moved in one by one.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder that does not exist yet, or is empty.
+    mode : int
+        Permissions of a new folder, before the process's umask.
+    last : str
+        The entry that is moved last, which marks the folder as complete.
+    """
+    place = folder.absolute()
+    is_new = not place.exists()
+    beside = place.parent if is_new else place
+    beside.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{place.name}-", dir=beside) as hidden:
+        # One level deeper, because the temporary folder is private to its owner.
+        staging = Path(hidden, place.name)
+        staging.mkdir(mode)
+        yield staging
+        if is_new:
+            staging.rename(place)
+            return
+        for entry in sorted(staging.iterdir(), key=lambda entry: entry.name == last):
+            entry.rename(place / entry.name)

@@ -1,0 +1,256 @@
+"""The bundle file: everything that scoring one split needs, as plain arrays.
+
+A bundle is an ``.npz`` file (without pickle) with a JSON header. The file is the privacy border: a
+*public* bundle of a split does not contain the answers at all.
+"""
+
+import errno
+import hashlib
+import os
+import tokenize
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import BinaryIO, Self
+
+import msgspec
+import numpy as np
+
+from reverie_eval.arrays import Array, frozen
+from reverie_eval.errors import GroundTruthError
+from reverie_eval.files import staged_file
+
+LARGEST_OBJECT_ID = 2**31 - 1
+"""Bundles store object ids in 32 bits."""
+
+
+FORMAT_VERSION = 1
+
+PUBLIC_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "instr_id": "U",  # (n_episodes,)
+        "episode_task": "i4",  # (n_episodes,) row of the episode's task
+        "task_start": "i4",  # (n_tasks,) viewpoint
+        "scan_id": "U",  # (n_scans,)
+        "viewpoint_id": "U",  # (n_viewpoints,) scan by scan
+        "viewpoint_scan": "i4",  # (n_viewpoints,)
+        "viewpoint_position": "f8",  # (n_viewpoints, 3) metres
+        "distance": "f8",  # all pairs of each scan's viewpoints, end to end
+        "edge": "b1",  # likewise
+    }
+)
+ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "task_target": "i4",  # (n_tasks,) object id within the scan
+        "path": "i4",  # annotated paths, end to end
+        "path_offsets": "i8",  # (n_tasks + 1,)
+        "candidate_viewpoint": "i4",  # (n_candidates,) ordered by viewpoint, then object
+        "candidate_object": "i4",  # (n_candidates,) object id, visible from the viewpoint
+        "box_candidate": "i4",  # (n_boxes,) row of the candidate that the box surrounds
+        "box_view": "u1",  # (n_boxes,) view index, 0 to 35
+        "box_xywh": "i2",  # (n_boxes, 4) pixels of the 640 x 480 view
+    }
+)
+OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
+    }
+)
+PUBLIC_TEXTS = frozenset({"instruction"})
+"""Texts that are public; ``target_category`` is an answer."""
+_HEADER = "header"
+_DAMAGE = (
+    *(ValueError, TypeError, AttributeError, KeyError, EOFError, SyntaxError),
+    *(NotImplementedError, RuntimeError, tokenize.TokenError, zipfile.BadZipFile),
+)
+"""What zipfile and numpy raise for damaged files."""
+_OTHER_SPLIT = "other_split/"
+_TEXT = "text/"
+
+
+@dataclass(frozen=True, slots=True)
+class BundleHeader:
+    """What a bundle is and where it comes from."""
+
+    split: str
+    dataset: str
+    """The release: ``REVERIE v1``, ``demo``, ``custom``."""
+    sources: Mapping[str, str]
+    """SHA-256 of the annotations, boxes and connectivity files that it was compiled from."""
+    fingerprint: str
+    """SHA-256 over name, type, shape and bytes of every array."""
+    format_version: int = FORMAT_VERSION
+
+
+class _AnyHeader(msgspec.Struct):
+    format_version: int
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """The content of a bundle file; its arrays are read-only."""
+
+    header: BundleHeader
+    arrays: Mapping[str, Array]
+    other_splits: Mapping[str, Array] = field(default_factory=dict)
+    """The instr_ids of the dataset's other splits: used in messages, not in scores."""
+    texts: Mapping[str, Array] = field(default_factory=dict)
+    """Instructions and categories, as :func:`pack_texts` wrote them: not used in scores."""
+
+    @classmethod
+    def build(
+        cls,
+        split: str,
+        dataset: str,
+        sources: Mapping[str, str],
+        arrays: Mapping[str, Array],
+        other_splits: Mapping[str, Array],
+        *,
+        texts: Mapping[str, Array] = MappingProxyType({}),
+    ) -> Self:
+        """Make a bundle of arrays, each converted to the type that the format states."""
+        formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **OPTIONAL_ANSWER_ARRAYS}
+        typed = {name: frozen(array.astype(formats[name])) for name, array in arrays.items()}
+        header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed))
+        return cls(header, typed, other_splits, texts)
+
+    @property
+    def is_public(self) -> bool:
+        """Whether it has no answers."""
+        return not ANSWER_ARRAYS.keys() & self.arrays.keys()
+
+    def public(self) -> Self:
+        """Return the bundle without answers."""
+        arrays = {name: self.arrays[name] for name in PUBLIC_ARRAYS}
+        sources = {"connectivity": self.header.sources["connectivity"]}
+        texts = {name: text for name, text in self.texts.items() if name in PUBLIC_TEXTS}
+        split, dataset = self.header.split, self.header.dataset
+        return self.build(split, dataset, sources, arrays, self.other_splits, texts=texts)
+
+    def save(self, path: Path) -> None:
+        """Write the bundle; the file appears complete or not at all."""
+        members: dict[str, Array] = {
+            _HEADER: np.frombuffer(msgspec.json.encode(self.header), np.uint8)
+        }
+        members |= self.arrays
+        members |= {_OTHER_SPLIT + split: ids for split, ids in self.other_splits.items()}
+        members |= {_TEXT + name: text for name, text in self.texts.items()}
+        if not path.parent.is_dir():
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+        with staged_file(path) as file:
+            _write_members(file, members)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a bundle and check that it is complete.
+
+        Raises
+        ------
+        GroundTruthError
+            If the file is not a bundle, is damaged, or has another format version.
+        FileNotFoundError
+            If there is no such file.
+        """
+        members = _read_members(path)
+        header = _read_header(path, members.pop(_HEADER, None))
+        other_splits, texts = _take(members, _OTHER_SPLIT), _take(members, _TEXT)
+        if not _is_complete(members) or fingerprint_of(members) != header.fingerprint:
+            raise GroundTruthError(f"{path} is damaged: its content does not match its header")
+        arrays = {name: frozen(array) for name, array in members.items()}
+        return cls(header, arrays, other_splits, texts)
+
+
+def bundle_name(split: str, *, public: bool) -> str:
+    """Return the name of a split's bundle in a folder of bundles."""
+    return f"{split}.public.npz" if public else f"{split}.npz"
+
+
+def pack_texts(texts: Sequence[str]) -> Array:
+    """Return texts as a bundle stores them: JSON, in bytes."""
+    return np.frombuffer(msgspec.json.encode(texts), np.uint8)
+
+
+def unpack_texts(packed: Array | None, what: str, count: int) -> tuple[str, ...]:
+    """Return the texts that :func:`pack_texts` packed.
+
+    Raises
+    ------
+    GroundTruthError
+        If there are none, or not ``count`` of them; ``what`` names them.
+    """
+    if packed is None:
+        raise GroundTruthError(
+            f"this ground truth was compiled without {what}; compile it again with this version"
+        )
+    try:
+        texts = msgspec.json.decode(packed.tobytes(), type=tuple[str, ...])
+    except msgspec.DecodeError:
+        texts = ()
+    if len(texts) != count:
+        raise GroundTruthError(f"the {what} of this ground truth are damaged; compile it again")
+    return texts
+
+
+def _take(members: dict[str, Array], prefix: str) -> dict[str, Array]:
+    """Remove the members with a prefix, and return them by their names without it."""
+    names = [name for name in members if name.startswith(prefix)]
+    return {name.removeprefix(prefix): members.pop(name) for name in names}
+
+
+def _is_complete(arrays: Mapping[str, Array]) -> bool:
+    """Whether all public arrays are present, and either all answers or none."""
+    answers = ANSWER_ARRAYS.keys() & arrays.keys()
+    return PUBLIC_ARRAYS.keys() <= arrays.keys() and len(answers) in (0, len(ANSWER_ARRAYS))
+
+
+def fingerprint_of(arrays: Mapping[str, Array]) -> str:
+    """SHA-256 over name, type, shape and bytes of the arrays, in order of their names.
+
+    Distances are taken in single precision: C libraries differ in the last bit of some, and the
+    same dataset must have the same fingerprint on every machine.
+    """
+    digest = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        hashed = array.astype("f4") if name == "distance" else np.ascontiguousarray(array)
+        digest.update(f"{name} {hashed.dtype.str} {hashed.shape}\n".encode())
+        digest.update(hashed.data)
+    return digest.hexdigest()
+
+
+def _write_members(file: BinaryIO, members: Mapping[str, Array]) -> None:
+    """Write an ``.npz`` as ``np.savez`` does, but undated: the same content has the same bytes."""
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, array in members.items():
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def _read_members(path: Path) -> dict[str, Array]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return {name: np.asarray(archive[name]) for name in archive.files}
+    except _DAMAGE as error:
+        raise _not_a_bundle(path) from error
+
+
+def _read_header(path: Path, header: Array | None) -> BundleHeader:
+    if header is None:
+        raise _not_a_bundle(path)
+    try:
+        version = msgspec.json.decode(header.tobytes(), type=_AnyHeader).format_version
+        if version == FORMAT_VERSION:
+            return msgspec.json.decode(header.tobytes(), type=BundleHeader)
+    except msgspec.DecodeError as error:
+        raise _not_a_bundle(path) from error
+    raise GroundTruthError(
+        f"{path} has bundle format {version}, this version of reverie-eval reads format "
+        f"{FORMAT_VERSION}; compile it again"
+    )
+
+
+def _not_a_bundle(path: Path) -> GroundTruthError:
+    return GroundTruthError(
+        f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` makes one"
+    )

@@ -1,0 +1,82 @@
+"""The navigation graphs of a split's scans: edges between viewpoints, and all distances."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, offsets_of
+
+
+@dataclass(frozen=True, eq=False)
+class NavigationGraph:
+    """Viewpoints of several scans, numbered scan by scan.
+
+    ``distance`` and ``edge`` hold one square block per scan, laid end to end: all pairs of a
+    scan's viewpoints, row by row. Viewpoints without a route between them are at distance inf.
+    """
+
+    scan_ids: tuple[str, ...]
+    viewpoint_ids: tuple[str, ...]
+    """Every included viewpoint; an id is unique over all scans."""
+    viewpoint_scan: IntArray
+    """Shape (n_viewpoints,): index into ``scan_ids``, ascending."""
+    viewpoint_position: FloatArray
+    """Shape (n_viewpoints, 3): the camera's position in the scan's own frame, metres, z up."""
+    distance: FloatArray
+    """Metres along the graph from the row's viewpoint to the column's."""
+    edge: BoolArray
+    """Whether an edge leads from the row's viewpoint to the column's."""
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Array]) -> Self:
+        """Read the graphs from a bundle's arrays."""
+        return cls(
+            scan_ids=tuple(arrays["scan_id"].tolist()),
+            viewpoint_ids=tuple(arrays["viewpoint_id"].tolist()),
+            viewpoint_scan=arrays["viewpoint_scan"],
+            viewpoint_position=arrays["viewpoint_position"],
+            distance=arrays["distance"],
+            edge=arrays["edge"],
+        )
+
+    def to_arrays(self) -> dict[str, Array]:
+        """Return the graphs as a bundle's arrays."""
+        return {
+            "scan_id": np.array(self.scan_ids, dtype=np.str_),
+            "viewpoint_id": np.array(self.viewpoint_ids, dtype=np.str_),
+            "viewpoint_scan": self.viewpoint_scan,
+            "viewpoint_position": self.viewpoint_position,
+            "distance": self.distance,
+            "edge": self.edge,
+        }
+
+    @cached_property
+    def index(self) -> Mapping[str, int]:
+        """The index of each viewpoint id."""
+        return {viewpoint_id: index for index, viewpoint_id in enumerate(self.viewpoint_ids)}
+
+    def scan_of(self, viewpoint: int) -> str:
+        """Return the scan id of a viewpoint."""
+        return self.scan_ids[int(self.viewpoint_scan[viewpoint])]
+
+    def distance_between(self, start: IntArray, end: IntArray) -> FloatArray:
+        """Metres along the graph from each start to each end, which share a scan."""
+        return self.distance[self._pair(start, end)]
+
+    def has_edge(self, start: IntArray, end: IntArray) -> BoolArray:
+        """Whether an edge leads from each start to each end, which share a scan."""
+        return self.edge[self._pair(start, end)]
+
+    def _pair(self, start: IntArray, end: IntArray) -> IntArray:
+        return self._row_begin[start] + end
+
+    @cached_property
+    def _row_begin(self) -> IntArray:
+        """Where the row of each viewpoint begins, if columns are numbered over all scans."""
+        size = np.bincount(self.viewpoint_scan, minlength=len(self.scan_ids))
+        row_length = size[self.viewpoint_scan]
+        first_of_scan = offsets_of(size)[self.viewpoint_scan]
+        return offsets_of(row_length)[:-1] - first_of_scan

@@ -1,0 +1,379 @@
+"""The catalogue of metrics: one entry each, which the scorer, tables, pages and docs all read.
+
+To add a metric, write its arithmetic in this room and an entry here. ``inputs`` names what the
+function takes, in its order: a fact about the episodes (a property of
+:class:`reverie_eval.scoring.EpisodeTable` or of :class:`reverie_eval.scoring.Lookups`), another
+metric, or a property of the protocol.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from reverie_eval.arrays import Array
+from reverie_eval.metrics._fidelity import cls, dtw, ndtw, sdtw
+from reverie_eval.metrics._grounding import (
+    IOU_THRESHOLD,
+    LOOSE_IOU_THRESHOLD,
+    STRICT_IOU_THRESHOLD,
+    iou,
+    iou_reaches,
+    remote_grounding_success,
+)
+from reverie_eval.metrics._navigation import (
+    jumps,
+    navigation_error,
+    oracle_error,
+    oracle_success,
+    path_length,
+    spl,
+    steps,
+    success,
+)
+
+Unit = Literal["fraction", "metres", "count"]
+Direction = Literal["higher", "lower", "neither"]
+Need = Literal["trajectory", "answer", "box"]
+
+_SUFFIXES: Mapping[Unit, str] = MappingProxyType({"fraction": "%", "metres": "m", "count": ""})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metric:
+    """What a metric is called, what it means, and how it is computed.
+
+    Values lie in ``[0, upper_bound]``.
+    """
+
+    key: str
+    label: str
+    name: str
+    definition: str
+    unit: Unit
+    better: Direction
+    needs: frozenset[Need]
+    """What a submission must have for the metric to be scored."""
+    asks: frozenset[str] = frozenset()
+    """Properties of the protocol that the value depends on, directly or through another metric."""
+    compute: Callable[..., Array]
+    inputs: tuple[str, ...]
+    """What ``compute`` takes, in its order."""
+    is_binary: bool = False
+    """Whether every value is 0 or 1."""
+    headline: bool = False
+    """Whether every score table shows it; JSON, CSV and the notebook give all of them."""
+    ranks: int | None = None
+    """Place in the order of metrics that decide which submission is better; the first of them
+    that is scored does."""
+
+    @property
+    def upper_bound(self) -> float:
+        """The largest value an episode can have."""
+        return 1.0 if self.unit == "fraction" else float("inf")
+
+    @property
+    def heading(self) -> str:
+        """The label with the unit that :meth:`display` uses: ``SR %``."""
+        return f"{self.label} {_SUFFIXES[self.unit]}".rstrip()
+
+    def rounded(self, value: float) -> float:
+        """Round to the digits that :meth:`display` shows.
+
+        >>> CATALOGUE["success"].rounded(0.54532677), CATALOGUE["path_length"].rounded(9.4734)
+        (0.5453, 9.47)
+        """
+        return round(value, 4 if self.unit == "fraction" else 2)
+
+    def display(self, value: float) -> str:
+        """Format a value for people: fractions in percent, two decimals.
+
+        >>> CATALOGUE["success"].display(0.54532677)
+        '54.53'
+        """
+        return f"{100 * value if self.unit == 'fraction' else value:.2f}"
+
+
+_TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
+_ANSWER: frozenset[Need] = frozenset({"answer"})
+_BOX: frozenset[Need] = frozenset({"answer", "box"})
+_ANSWER_RULES = frozenset({"grounding", "goal", "text_ids_count"})
+_BOX_INPUTS = ("box_overlap", "box_row", "n_episodes")
+
+_METRICS = (
+    Metric(
+        key="path_length",
+        label="TL",
+        name="trajectory length",
+        definition="metres along the navigation graph from pose to pose",
+        unit="metres",
+        better="neither",
+        needs=_TRAJECTORY,
+        compute=path_length,
+        inputs=("leg_length", "offsets"),
+        headline=True,
+    ),
+    Metric(
+        key="success",
+        label="SR",
+        name="success rate",
+        definition="the target object is visible where the agent stops",
+        unit="fraction",
+        better="higher",
+        needs=_TRAJECTORY,
+        asks=frozenset({"goal"}),
+        compute=success,
+        inputs=("at_goal", "offsets"),
+        is_binary=True,
+        headline=True,
+    ),
+    Metric(
+        key="oracle_success",
+        label="OSR",
+        name="oracle success rate",
+        definition="the target object is visible from any viewpoint of the trajectory",
+        unit="fraction",
+        better="higher",
+        needs=_TRAJECTORY,
+        asks=frozenset({"goal"}),
+        compute=oracle_success,
+        inputs=("at_goal", "offsets"),
+        is_binary=True,
+        headline=True,
+    ),
+    Metric(
+        key="spl",
+        label="SPL",
+        name="success weighted by path length",
+        definition="success, times the shortest length over the larger of walked and shortest "
+        "length",
+        unit="fraction",
+        better="higher",
+        needs=_TRAJECTORY,
+        asks=frozenset({"goal", "spl_numerator", "spl_floor"}),
+        compute=spl,
+        inputs=("success", "path_length", "reference_length", "spl_floor"),
+        headline=True,
+        ranks=3,
+    ),
+    Metric(
+        key="rgs",
+        label="RGS",
+        name="remote grounding success",
+        definition="the predicted object is the target object, or the predicted box matches it",
+        unit="fraction",
+        better="higher",
+        needs=_ANSWER,
+        asks=_ANSWER_RULES,
+        compute=remote_grounding_success,
+        inputs=("is_answer_correct", "success", "needs_success"),
+        is_binary=True,
+        headline=True,
+        ranks=2,
+    ),
+    Metric(
+        key="rgspl",
+        label="RGSPL",
+        name="remote grounding success weighted by path length",
+        definition="remote grounding success, weighted as SPL is; the benchmark's primary metric",
+        unit="fraction",
+        better="higher",
+        needs=_TRAJECTORY | _ANSWER,
+        asks=_ANSWER_RULES | {"spl_numerator", "rgspl_floor"},
+        compute=spl,
+        inputs=("rgs", "path_length", "reference_length", "rgspl_floor"),
+        headline=True,
+        # What the benchmark ranks by: the REVERIE challenge rules, 2020 to 2022.
+        ranks=1,
+    ),
+    Metric(
+        key="iou",
+        label="IoU",
+        name="intersection over union",
+        definition="of the predicted box with the target's in the same view; 0 without a "
+        "predicted box",
+        unit="fraction",
+        better="higher",
+        needs=_BOX,
+        asks=frozenset({"grounding"}),
+        compute=iou,
+        inputs=_BOX_INPUTS,
+    ),
+    Metric(
+        key="iou_25",
+        label="IoU>=.25",
+        name="boxes with an IoU of at least one quarter",
+        definition="the answer is a box whose IoU is at least 0.25",
+        unit="fraction",
+        better="higher",
+        needs=_BOX,
+        asks=frozenset({"grounding"}),
+        compute=partial(iou_reaches, LOOSE_IOU_THRESHOLD),
+        inputs=_BOX_INPUTS,
+        is_binary=True,
+    ),
+    Metric(
+        key="iou_50",
+        label="IoU>=.5",
+        name="boxes with an IoU of at least one half",
+        definition="the answer is a box whose IoU is at least 0.5, the benchmark's threshold",
+        unit="fraction",
+        better="higher",
+        needs=_BOX,
+        asks=frozenset({"grounding"}),
+        compute=partial(iou_reaches, IOU_THRESHOLD),
+        inputs=_BOX_INPUTS,
+        is_binary=True,
+    ),
+    Metric(
+        key="iou_75",
+        label="IoU>=.75",
+        name="boxes with an IoU of at least three quarters",
+        definition="the answer is a box whose IoU is at least 0.75",
+        unit="fraction",
+        better="higher",
+        needs=_BOX,
+        asks=frozenset({"grounding"}),
+        compute=partial(iou_reaches, STRICT_IOU_THRESHOLD),
+        inputs=_BOX_INPUTS,
+        is_binary=True,
+    ),
+    Metric(
+        key="navigation_error",
+        label="NE",
+        name="navigation error",
+        definition="metres along the navigation graph from the stop to the end of the annotated "
+        "path",
+        unit="metres",
+        better="lower",
+        needs=_TRAJECTORY,
+        compute=navigation_error,
+        inputs=("goal_distance", "offsets"),
+    ),
+    Metric(
+        key="oracle_error",
+        label="ONE",
+        name="oracle navigation error",
+        definition="metres from the trajectory's nearest viewpoint to the end of the annotated "
+        "path",
+        unit="metres",
+        better="lower",
+        needs=_TRAJECTORY,
+        compute=oracle_error,
+        inputs=("goal_distance", "offsets"),
+    ),
+    Metric(
+        key="dtw",
+        label="DTW",
+        name="dynamic time warping",
+        definition="least total distance of an alignment of trajectory and annotated path in order",
+        unit="metres",
+        better="lower",
+        needs=_TRAJECTORY,
+        compute=dtw,
+        inputs=("pose_to_node", "n_poses", "n_nodes"),
+    ),
+    Metric(
+        key="ndtw",
+        label="nDTW",
+        name="normalised dynamic time warping",
+        definition="exp(-DTW / (3 m x nodes of the annotated path))",
+        unit="fraction",
+        better="higher",
+        needs=_TRAJECTORY,
+        compute=ndtw,
+        inputs=("dtw", "n_nodes"),
+    ),
+    Metric(
+        key="sdtw",
+        label="SDTW",
+        name="success weighted by normalised dynamic time warping",
+        definition="nDTW of successful episodes, 0 of others",
+        unit="fraction",
+        better="higher",
+        needs=_TRAJECTORY,
+        asks=frozenset({"goal"}),
+        compute=sdtw,
+        inputs=("ndtw", "success"),
+    ),
+    Metric(
+        key="cls",
+        label="CLS",
+        name="coverage weighted by length score",
+        definition="how near the trajectory comes to the annotated path, times how well the "
+        "lengths agree",
+        unit="fraction",
+        better="higher",
+        needs=_TRAJECTORY,
+        compute=cls,
+        inputs=("pose_to_node", "n_poses", "n_nodes", "path_length", "annotated_length"),
+    ),
+    Metric(
+        key="shortest_length",
+        label="S",
+        name="shortest length",
+        definition="metres of the shortest route from the start to the end of the annotated path",
+        unit="metres",
+        better="neither",
+        needs=_TRAJECTORY,
+        compute=np.asarray,
+        inputs=("shortest_length",),
+    ),
+    Metric(
+        key="steps",
+        label="steps",
+        name="steps",
+        definition="poses after the first one",
+        unit="count",
+        better="neither",
+        needs=_TRAJECTORY,
+        compute=steps,
+        inputs=("offsets",),
+    ),
+    Metric(
+        key="jumps",
+        label="jumps",
+        name="jumps",
+        definition="moves between unconnected viewpoints, counted at shortest-path distance",
+        unit="count",
+        better="lower",
+        needs=_TRAJECTORY,
+        compute=jumps,
+        inputs=("is_jump", "offsets"),
+    ),
+)
+
+CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metric in _METRICS})
+"""Every metric by its key, in the order in which tables show them."""
+
+
+def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
+    """Return what a score table shows: the headline, and the box metrics if they are scored."""
+    shown = (metric for metric in CATALOGUE.values() if metric.key in scored)
+    return [metric for metric in shown if metric.headline or "box" in metric.needs]
+
+
+def primary_metric(scored: Collection[str] = CATALOGUE) -> Metric:
+    """Return what decides which submission is better: RGSPL, else RGS, else SPL.
+
+    >>> primary_metric().key, primary_metric(["success", "spl"]).key
+    ('rgspl', 'spl')
+    """
+    ranking = (CATALOGUE[key] for key in scored if CATALOGUE[key].ranks is not None)
+    return min(ranking, key=lambda metric: metric.ranks or 0)
+
+
+PRIMARY_METRIC = primary_metric().key
+"""What the benchmark ranks by."""
+
+
+def units_of(keys: Iterable[str]) -> dict[str, Unit]:
+    """Return the units of metrics, as data frames carry them.
+
+    >>> units_of(["path_length", "success"])
+    {'path_length': 'metres', 'success': 'fraction'}
+    """
+    return {key: CATALOGUE[key].unit for key in keys}

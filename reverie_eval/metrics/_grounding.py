@@ -1,0 +1,215 @@
+"""Whether the agent pointed at the right object, by its id or by a box: one value per episode."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
+
+ABSTAINED = -1
+"""Stands for an answer that predicts no object; a target's id is never negative."""
+
+IOU_THRESHOLD = 0.5
+"""A predicted box is correct if its intersection over union with the target's is at least this.
+
+Source: Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor
+Environments", CVPR 2020, section 3 on the evaluation of REVERIE success.
+"""
+
+LOOSE_IOU_THRESHOLD, STRICT_IOU_THRESHOLD = 0.25, 0.75
+"""Shown beside the benchmark's own threshold, to tell near misses and exact boxes apart."""
+
+
+def candidate_match(predicted_object: IntArray, target_object: IntArray) -> BoolArray:
+    """Whether the predicted object is the target, per episode.
+
+    Parameters
+    ----------
+    predicted_object : int array of shape (n_episodes,)
+        Object id within the scan, or -1 for an agent that predicted none.
+    target_object : int array of shape (n_episodes,)
+        Object id within the scan, at least 0.
+
+    Returns
+    -------
+    bool array of shape (n_episodes,)
+        True is better. An abstention is never correct.
+
+    References
+    ----------
+    .. [1] ``eval_release.py`` lines 77-81 of the dataset's repository: the two ids are compared
+       as text, and where the agent stopped plays no part.
+
+    Examples
+    --------
+    >>> candidate_match(np.array([7, 7, -1]), np.array([7, 8, 9]))
+    array([ True, False, False])
+    """
+    return np.equal(predicted_object, target_object)
+
+
+def remote_grounding_success(
+    is_correct: BoolArray,
+    success: BoolArray,
+    needs_success: bool,  # noqa: FBT001
+) -> BoolArray:
+    """Whether the answer counts as correct, per episode.
+
+    Parameters
+    ----------
+    is_correct : bool array of shape (n_episodes,)
+        Whether the predicted object or box is the target's.
+    success : bool array of shape (n_episodes,)
+        Whether the agent stopped on a goal viewpoint.
+    needs_success : bool
+        Whether a correct answer counts only with success: the paper's text asks for it, the
+        dataset's own script does not [1]_.
+
+    Returns
+    -------
+    bool array of shape (n_episodes,)
+        True is better.
+
+    References
+    ----------
+    .. [1] Qi et al., REVERIE, CVPR 2020, section 3; ``eval_release.py`` lines 77-81.
+    """
+    return is_correct & success if needs_success else is_correct
+
+
+class Overlap(NamedTuple):
+    """Areas of pairs of shapes, which IoU is computed from."""
+
+    intersection: FloatArray
+    """Shape (n,): area that both shapes cover."""
+    total: FloatArray
+    """Shape (n,): sum of the two areas; positive."""
+
+    def iou(self) -> FloatArray:
+        """Intersection over union, in [0, 1]; higher is better."""
+        return self.intersection / (self.total - self.intersection)
+
+    def reaches(self, threshold: float) -> BoolArray:
+        """Whether the IoU is at least the threshold, a number in (0, 1].
+
+        Decided without division: ``I / (A + B - I) >= t`` is ``(1 + t) I >= t (A + B)``, which at
+        one half is ``3 I >= A + B`` and exact for whole pixels, also at the tie.
+        """
+        return np.greater_equal((1 + threshold) * self.intersection, threshold * self.total)
+
+
+def box_overlap(predicted_box_xywh: Array, target_box_xywh: Array) -> Overlap:
+    """Overlap of boxes, pair by pair.
+
+    Parameters
+    ----------
+    predicted_box_xywh, target_box_xywh : float or int arrays of shape (n, 4)
+        Left, top, width and height in pixels of the same view; width and height are positive
+        and exclusive: the right edge is ``x + w``. A box without area overlaps nothing.
+        Integers of any size: areas are computed in float64, since 16 bits would overflow.
+
+    Returns
+    -------
+    Overlap
+        Areas in square pixels.
+    """
+    first_x, first_y, first_width, first_height = np.asarray(predicted_box_xywh, np.float64).T
+    second_x, second_y, second_width, second_height = np.asarray(target_box_xywh, np.float64).T
+    across = _shared_length(first_x, first_width, second_x, second_width)
+    down = _shared_length(first_y, first_height, second_y, second_height)
+    return Overlap(across * down, first_width * first_height + second_width * second_height)
+
+
+def _shared_length(
+    first: FloatArray, first_size: FloatArray, second: FloatArray, second_size: FloatArray
+) -> FloatArray:
+    end = np.minimum(first + first_size, second + second_size)
+    return np.asarray(np.maximum(end - np.maximum(first, second), 0))
+
+
+def box_iou(predicted_box_xywh: Array, target_box_xywh: Array) -> FloatArray:
+    """Intersection over union of boxes, pair by pair.
+
+    Parameters are those of :func:`box_overlap`.
+
+    Returns
+    -------
+    float array of shape (n,)
+        In [0, 1], higher is better; 0 if the boxes only touch.
+
+    Examples
+    --------
+    >>> box_iou(np.array([[0.0, 0, 3, 1]]), np.array([[1.0, 0, 3, 1]]))
+    array([0.5])
+    """
+    return box_overlap(predicted_box_xywh, target_box_xywh).iou()
+
+
+def box_match(
+    predicted_box_xywh: Array,
+    target_box_xywh: Array,
+    threshold: float = IOU_THRESHOLD,
+) -> BoolArray:
+    """Whether a predicted box is correct: its IoU is at least the threshold.
+
+    Parameters
+    ----------
+    predicted_box_xywh, target_box_xywh : float or int arrays of shape (n, 4)
+        As for :func:`box_overlap`.
+    threshold : float
+        In (0, 1]; the benchmark's own is one half [1]_.
+
+    Returns
+    -------
+    bool array of shape (n,)
+        True is better.
+
+    References
+    ----------
+    .. [1] :data:`reverie_eval.metrics.IOU_THRESHOLD` and the source given there.
+
+    Examples
+    --------
+    >>> box_match(np.array([[0.0, 0, 3, 1]]), np.array([[1.0, 0, 3, 1]]))
+    array([ True])
+    """
+    return box_overlap(predicted_box_xywh, target_box_xywh).reaches(threshold)
+
+
+def iou(overlap: Overlap, row: IntArray, n_episodes: int) -> FloatArray:
+    """IoU of the predicted boxes, per episode.
+
+    Parameters
+    ----------
+    overlap : Overlap
+        Of each predicted box with the target's.
+    row : int array of shape (n_boxes,)
+        The episode that each box answers.
+    n_episodes : int
+        Number of episodes.
+
+    Returns
+    -------
+    float array of shape (n_episodes,)
+        In [0, 1], higher is better; 0 where the answer is not a box.
+    """
+    return _per_episode(overlap.iou(), row, n_episodes)
+
+
+def iou_reaches(threshold: float, overlap: Overlap, row: IntArray, n_episodes: int) -> FloatArray:
+    """Whether the IoU is at least a threshold, per episode.
+
+    ``threshold`` is in (0, 1]; the other parameters are those of :func:`iou`.
+
+    Returns
+    -------
+    float array of shape (n_episodes,)
+        0 or 1, higher is better; 0 where the answer is not a box.
+    """
+    return _per_episode(overlap.reaches(threshold), row, n_episodes)
+
+
+def _per_episode(values: Array, row: IntArray, n_episodes: int) -> FloatArray:
+    column = np.zeros(n_episodes)
+    column[row] = values
+    return column

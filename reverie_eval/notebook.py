@@ -1,0 +1,81 @@
+"""What scores, comparisons and episodes offer beyond their data: figures, maps, tables, reports.
+
+Their rooms lie below analysis and reporting and cannot import them, so the methods are attached
+here, in one place, when ``reverie_eval`` is imported. What is heavy is imported when it is used.
+"""
+
+from typing import TYPE_CHECKING
+
+from reverie_eval.analysis import Comparison, Episode, breakdown, episode
+from reverie_eval.scoring import Scores
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from reverie_eval.reporting._comparison import ComparisonReport
+    from reverie_eval.reporting._plots import Plots
+
+
+def _plots(scores: Scores) -> "Plots":
+    """Figures of these scores, ``scores.plot.funnel()``; they need matplotlib."""
+    from reverie_eval.reporting._plots import Plots
+
+    return Plots(scores)
+
+
+def _scores_html(scores: Scores) -> str:
+    """Show the score table in a notebook."""
+    from reverie_eval.reporting._score_html import scores_html
+
+    return scores_html(scores)
+
+
+def _comparison_report(comparison: Comparison) -> "ComparisonReport":
+    """Return the comparison report, which ``--format json`` prints."""
+    from reverie_eval.reporting._comparison import comparison_report
+
+    return comparison_report(comparison)
+
+
+def _comparison_html(comparison: Comparison) -> str:
+    """Show the comparison in a notebook."""
+    from reverie_eval.reporting._comparison import comparison_html
+
+    return comparison_html(comparison)
+
+
+def _plot_episode(shown: Episode, ax: "Axes | None" = None) -> "Axes":
+    """Draw the episode on its scan's navigation graph, seen from above. Needs matplotlib.
+
+    Parameters
+    ----------
+    ax : Axes, optional
+        Where to draw; a new figure if not given.
+
+    Raises
+    ------
+    ReverieEvalError
+        If matplotlib is not installed.
+    """
+    from reverie_eval.reporting._plots import plot_episode
+
+    return plot_episode(shown, ax)
+
+
+def _episode_html(shown: Episode) -> str:
+    """Show the map of the episode in a notebook, with its instruction and outcome."""
+    from reverie_eval.reporting._episodes import episode_html
+
+    return episode_html(shown)
+
+
+def attach_methods() -> None:
+    """Attach everything above to its class."""
+    Scores.breakdown = breakdown
+    Scores.episode = episode
+    Scores.plot = property(_plots)
+    Scores._repr_html_ = _scores_html
+    Comparison.to_report = _comparison_report
+    Comparison._repr_html_ = _comparison_html
+    Episode.plot = _plot_episode
+    Episode._repr_html_ = _episode_html

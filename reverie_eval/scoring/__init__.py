@@ -1,0 +1,68 @@
+"""Scoring: an aligned submission, judged by a protocol, becomes scores."""
+
+from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
+from reverie_eval.scoring._episode_table import EpisodeTable, Track
+from reverie_eval.scoring._evaluation import (
+    Evaluator,
+    PreparedSubmission,
+    diagnose,
+    evaluate,
+    evaluate_protocols,
+    validate,
+    why_not,
+)
+from reverie_eval.scoring._intervals import (
+    FEW_CLUSTERS,
+    Clustering,
+    Interval,
+    Intervals,
+    clusters_of,
+)
+from reverie_eval.scoring._lookups import Lookups, is_goal
+from reverie_eval.scoring._outcomes import (
+    OUTCOMES,
+    FailureModes,
+    failure_modes,
+    outcome_indices,
+)
+from reverie_eval.scoring._protocol import (
+    ALIASES,
+    DEFAULT_PROTOCOL,
+    PROTOCOLS,
+    Protocol,
+    find_protocol,
+)
+from reverie_eval.scoring._scores import Scores, Validation, signature_of
+
+__all__ = [
+    "ALIASES",
+    "BOX_OUTCOMES",
+    "DEFAULT_PROTOCOL",
+    "FEW_CLUSTERS",
+    "OUTCOMES",
+    "PROTOCOLS",
+    "BoxScores",
+    "Clustering",
+    "EpisodeTable",
+    "Evaluator",
+    "FailureModes",
+    "Interval",
+    "Intervals",
+    "Lookups",
+    "PreparedSubmission",
+    "Protocol",
+    "Scores",
+    "Track",
+    "Validation",
+    "clusters_of",
+    "diagnose",
+    "evaluate",
+    "evaluate_protocols",
+    "failure_modes",
+    "find_protocol",
+    "is_goal",
+    "outcome_indices",
+    "signature_of",
+    "validate",
+    "why_not",
+]

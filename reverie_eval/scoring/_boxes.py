@@ -1,0 +1,137 @@
+"""Predicted boxes, compared with the annotated ones: which are correct, and why others are not.
+
+A box is compared with the target's annotated box in the same view at the viewpoint where the agent
+stops. If that view does not show the target, or the target is not visible there, it is a miss.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, IntArray
+from reverie_eval.geometry import HEIGHT, WIDTH, is_on_grid, snap
+from reverie_eval.ground_truth import Answers
+from reverie_eval.metrics import IOU_THRESHOLD, Overlap, box_match, box_overlap
+from reverie_eval.submissions import BoxAnswers
+
+BOX_OUTCOMES = ("correct", "low IoU", "wrong view", "target not visible")
+"""The outcomes of a predicted box."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoxScores:
+    """The predicted boxes of a submission, scored; one row each."""
+
+    row: IntArray
+    """Shape (n_boxes,): the episode, ascending."""
+    overlap: Overlap
+    """With the target's box; no intersection where the view does not show the target."""
+    whole_image: Overlap
+    """The same for a box around the whole image in the same view."""
+    is_visible: BoolArray
+    """Shape (n_boxes,): whether the target is visible where the agent stops."""
+    is_in_view: BoolArray
+    """Shape (n_boxes,): whether the view of the predicted box shows the target."""
+    is_ambiguous: BoolArray
+    """Shape (n_boxes,): whether another object's box in that view overlaps the target's by an IoU
+    of at least one half, so that a box around the wrong object counts as correct."""
+
+    @cached_property
+    def is_correct(self) -> BoolArray:
+        """Shape (n_boxes,): whether the IoU is at least one half."""
+        return self.overlap.reaches(IOU_THRESHOLD)
+
+    @cached_property
+    def outcome(self) -> IntArray:
+        """Shape (n_boxes,): index into ``BOX_OUTCOMES``."""
+        conditions = [self.is_correct, self.is_in_view, self.is_visible]
+        return np.asarray(np.select(conditions, [0, 1, 2], default=3))
+
+    @property
+    def misses(self) -> Mapping[str, int]:
+        """Number of wrong boxes by reason."""
+        counts = np.bincount(self.outcome, minlength=len(BOX_OUTCOMES)).tolist()
+        return dict(zip(BOX_OUTCOMES[1:], counts[1:], strict=True))
+
+    @property
+    def mean_iou(self) -> float:
+        """Mean over the boxes; 0 where the view does not show the target."""
+        return float(self.overlap.iou().mean())
+
+    @property
+    def whole_image_share(self) -> float:
+        """Share of boxes that would be correct if the whole image were the answer."""
+        return float(self.whole_image.reaches(IOU_THRESHOLD).mean())
+
+    @property
+    def ambiguous_share(self) -> float:
+        """Share of ambiguous views among those that show the target; 0 if none shows it."""
+        return float(self.is_ambiguous.sum() / max(self.is_in_view.sum(), 1))
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+def score_boxes(
+    boxes: BoxAnswers, stop: IntArray, target_object: IntArray, answers: Answers
+) -> BoxScores:
+    """Compare predicted boxes with the annotation.
+
+    Parameters
+    ----------
+    boxes : BoxAnswers
+        Rows are episodes.
+    stop, target_object : int arrays of shape (n_episodes,)
+        The viewpoint where the agent stops, and the target.
+    answers : Answers
+        The split's candidates with their boxes.
+
+    References
+    ----------
+    .. [1] Qi et al., REVERIE, CVPR 2020, section 3: a predicted box is correct if its IoU with the
+       ground truth is at least one half, at any viewpoint that sees the target; the views are
+       those of ``visible_pos`` in the dataset's box files.
+    """
+    view = snap(boxes.camera)
+    candidate, is_visible = answers.find(target_object[boxes.row], stop[boxes.row])
+    target, has_box = answers.boxes.find(candidate, view)
+    is_in_view = is_visible & has_box
+    target_xywh = answers.boxes.xywh[target]
+    whole_image = np.broadcast_to([0.0, 0.0, WIDTH, HEIGHT], target_xywh.shape)
+    return BoxScores(
+        row=boxes.row,
+        overlap=_where(is_in_view, _overlap(boxes, view, target_xywh)),
+        whole_image=_where(is_in_view, box_overlap(whole_image, target_xywh)),
+        is_visible=is_visible,
+        is_in_view=is_in_view,
+        is_ambiguous=is_in_view & _has_rival(target, answers),
+    )
+
+
+def _overlap(boxes: BoxAnswers, view: IntArray, target_xywh: IntArray) -> Overlap:
+    """Overlap with the target's box; boxes from a camera off the grid are first warped."""
+    overlap = box_overlap(boxes.xywh, target_xywh)
+    off_grid = np.flatnonzero(~is_on_grid(boxes.camera))
+    if off_grid.size:
+        # shapely takes a third of the start-up, and boxes from views do not need it.
+        from reverie_eval.geometry._warping import polygon_overlap, warp
+
+        polygons = warp(boxes.xywh[off_grid], boxes.camera[off_grid], view[off_grid])
+        areas = polygon_overlap(polygons, target_xywh[off_grid])
+        for column, warped in zip(overlap, areas, strict=True):
+            column[off_grid] = warped
+    return overlap
+
+
+def _where(is_in_view: BoolArray, overlap: Overlap) -> Overlap:
+    return overlap._replace(intersection=np.where(is_in_view, overlap.intersection, 0.0))
+
+
+def _has_rival(target: IntArray, answers: Answers) -> BoolArray:
+    """Whether another object's box in the same view would count as each target's box."""
+    box_xywh = answers.boxes.xywh
+    position, other = answers.boxes.beside(target)
+    is_rival = box_match(box_xywh[other], box_xywh[target[position]])
+    return np.bincount(position, weights=is_rival, minlength=len(target)) > 0

@@ -1,0 +1,93 @@
+"""The episode table: facts about the episodes, judged by a protocol."""
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from reverie_eval.arrays import Array, BoolArray, FloatArray, frozen
+from reverie_eval.metrics import CATALOGUE, candidate_match
+from reverie_eval.scoring._lookups import Lookups
+from reverie_eval.scoring._protocol import Protocol
+
+Track = Literal["full", "grounding"]
+"""What the agent has to do: navigate and ground the object, or ground it from the goal."""
+
+
+class EpisodeTable(Mapping[str, Array]):
+    """One value per episode for every metric that is scored, as read-only columns of floats.
+
+    Keys and their order are the CATALOGUE's. A metric is scored if the submission has what it
+    needs and the protocol scores that. Columns are computed when first asked for: an entry of the
+    CATALOGUE names its inputs, which are properties of this table, of the lookups or of the
+    protocol, or other metrics.
+    """
+
+    def __init__(self, lookups: Lookups, protocol: Protocol, track: Track = "full") -> None:
+        self._lookups = lookups
+        self._protocol = protocol
+        given = {
+            "trajectory": track == "full",
+            "answer": protocol.grounding != "not scored",
+            "box": lookups.has_boxes,
+        }
+        self._keys = tuple(
+            key for key, metric in CATALOGUE.items() if all(given[need] for need in metric.needs)
+        )
+        self._values: dict[str, Array] = {}
+        self._columns: dict[str, Array] = {}
+
+    def __getitem__(self, key: str) -> Array:
+        if key not in self._keys:
+            raise KeyError(f"{key} is not scored; scored are {', '.join(self._keys)}")
+        if key not in self._columns:
+            self._columns[key] = frozen(self._value(key).astype(np.float64))
+        return self._columns[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    @property
+    def at_goal(self) -> BoolArray:
+        """Shape (n_poses,): whether each pose is at a goal viewpoint."""
+        return self._lookups.at_goal(self._protocol.goal)
+
+    @cached_property
+    def is_answer_correct(self) -> BoolArray:
+        """Shape (n_episodes,): whether the answer is the target, wherever the agent stopped."""
+        lookups = self._lookups
+        correct = candidate_match(lookups.predicted_object, lookups.target_object)
+        if not self._protocol.text_ids_count:
+            correct &= ~lookups.answer_is_text
+        if lookups.has_boxes:
+            correct[lookups.boxes.row] = lookups.boxes.is_correct
+        return correct
+
+    @property
+    def needs_success(self) -> bool:
+        """Whether a correct answer counts only with success."""
+        return self._protocol.grounding == "only with success"
+
+    @property
+    def reference_length(self) -> FloatArray:
+        """Shape (n_episodes,): metres that the walked length is compared with."""
+        if self._protocol.spl_numerator == "annotated":
+            return self._lookups.annotated_length
+        return self._lookups.shortest_length
+
+    def _value(self, key: str) -> Array:
+        """Compute a metric; booleans stay booleans, for other metrics that take them."""
+        if key not in self._values:
+            metric = CATALOGUE[key]
+            self._values[key] = metric.compute(*map(self._input, metric.inputs))
+        return self._values[key]
+
+    def _input(self, name: str) -> Any:
+        for source in (self, self._lookups, self._protocol):
+            if hasattr(source, name):
+                return getattr(source, name)
+        return self._value(name)

@@ -1,0 +1,285 @@
+"""Evaluate: the one place that joins reading, aligning, looking up and judging."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from typing import Self, get_args
+
+from reverie_eval import metrics
+from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.ground_truth import GroundTruth, find_ground_truth
+from reverie_eval.scoring._episode_table import EpisodeTable, Track
+from reverie_eval.scoring._lookups import Lookups, find_jumps
+from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, find_protocol
+from reverie_eval.scoring._scores import Scores, Validation
+from reverie_eval.submissions import (
+    AlignedSubmission,
+    Predictions,
+    Submission,
+    align,
+    align_answers_only,
+    answer_hints,
+    read_predictions,
+    submission_hints,
+)
+from reverie_eval.text import did_you_mean
+
+
+def evaluate(
+    submission: Submission,
+    *,
+    split: str,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    protocol: str = DEFAULT_PROTOCOL,
+    track: Track = "full",
+) -> Scores:
+    """Score a submission.
+
+    Parameters
+    ----------
+    submission : path, bytes, open file, or sequence of records
+        The result file (plain, gzip or zip, ``-`` for standard input), its content, or its records
+        as Python objects: ``{"instr_id", "trajectory", "predObjId"}``, or any form that public
+        codebases write.
+    split : str
+        ``train``, ``val_seen``, ``val_unseen`` or ``test``.
+    ground_truth : path or GroundTruth, optional
+        A bundle, or a folder of bundles. If not given, what ``REVERIE_EVAL_GROUND_TRUTH`` names,
+        or else the synthetic demo world that ships with the package.
+    protocol : str
+        A name in ``PROTOCOLS``, or an alias.
+    track : "full" or "grounding"
+        In the grounding track the agent stands at the end of the annotated path: trajectories are
+        ignored and may be left out, and RGS is the only score.
+
+    Returns
+    -------
+    Scores
+        One value per metric and episode, and their means.
+
+    Raises
+    ------
+    SubmissionError
+        If the submission is invalid; lists every problem with its place.
+    GroundTruthError
+        If there is no valid ground truth with answers for the split and the protocol.
+    ProtocolError
+        If there is no such protocol or track.
+    OSError
+        If a file cannot be read.
+
+    Examples
+    --------
+    >>> scores = evaluate("fixtures/submissions/good.json", split="val_unseen")
+    >>> round(scores["success"], 2)
+    0.81
+    """
+    rules = find_protocol(protocol)
+    truth = _find_answers(ground_truth, split)
+    return _prepare(submission, truth, track).score(rules)
+
+
+def evaluate_protocols(
+    submission: Submission,
+    *,
+    split: str,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    track: Track = "full",
+) -> Mapping[str, Scores]:
+    """Score a submission under every protocol that the ground truth supports, by name.
+
+    Parameters and errors are those of :func:`evaluate`.
+    """
+    truth = _find_answers(ground_truth, split)
+    prepared = _prepare(submission, truth, track)
+    reasons = {name: why_not(rules, truth, track) for name, rules in PROTOCOLS.items()}
+    left_out = [f"left out: {reason}" for reason in reasons.values() if reason]
+    prepared = replace(prepared, hints=[*prepared.hints, *left_out])
+    return {name: prepared.score(rules) for name, rules in PROTOCOLS.items() if not reasons[name]}
+
+
+def diagnose(
+    submission: Submission,
+    *,
+    split: str,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    protocol: str = DEFAULT_PROTOCOL,
+) -> tuple[Scores, Scores]:
+    """Score a submission as it was meant, and as readers of each hop's first viewpoint would.
+
+    Evaluators that read only the first viewpoint of every element of a trajectory (the dataset's
+    own, the 2022 challenge's) silently truncate nested hops. Parameters and errors are those of
+    :func:`evaluate`.
+    """
+    rules = find_protocol(protocol)
+    truth = _find_answers(ground_truth, split)
+    predictions = read_predictions(submission)
+    whole = PreparedSubmission.of(predictions, truth)
+    truncated = PreparedSubmission.of(
+        predictions.first_of_hops(), truth, qualifier="reading:first-of-hop"
+    )
+    return whole.score(rules), truncated.score(rules)
+
+
+def validate(
+    submission: Submission,
+    *,
+    split: str,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+) -> Validation:
+    """Check a submission as :func:`evaluate` does, without looking at goals or targets.
+
+    A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
+    """
+    return _prepare(submission, find_ground_truth(ground_truth, split), "full").validation()
+
+
+class Evaluator:
+    """Scores many submissions, as in a training loop: ``evaluator(predictions)["rgspl"]``.
+
+    The ground truth is read once, so each call takes milliseconds.
+
+    Parameters
+    ----------
+    split, ground_truth, protocol
+        As for :func:`reverie_eval.evaluate`.
+
+    Raises
+    ------
+    GroundTruthError
+        If there is no valid ground truth with answers for the split.
+    ProtocolError
+        If there is no such protocol.
+
+    Examples
+    --------
+    >>> evaluator = Evaluator(split="val_unseen")
+    >>> evaluator("fixtures/submissions/good.json")["success"] > 0.8
+    True
+    """
+
+    def __init__(
+        self,
+        *,
+        split: str,
+        ground_truth: str | PathLike[str] | GroundTruth | None = None,
+        protocol: str = DEFAULT_PROTOCOL,
+    ) -> None:
+        self.protocol = find_protocol(protocol).name
+        self.ground_truth = _find_answers(ground_truth, split)
+
+    def __call__(self, predictions: Submission) -> Scores:
+        """Score a submission; parameter and errors are those of :func:`reverie_eval.evaluate`."""
+        truth = self.ground_truth
+        return evaluate(predictions, split=truth.split, ground_truth=truth, protocol=self.protocol)
+
+
+@dataclass(frozen=True)
+class PreparedSubmission:
+    """A valid submission, aligned with the ground truth that it is scored against."""
+
+    submission: AlignedSubmission
+    ground_truth: GroundTruth
+    track: Track = "full"
+    qualifier: str = ""
+    """What else than split, protocol and data the scores depend on."""
+    hints: Sequence[str] = ()
+    """How the file was read, and what in it looks like a mistake, whatever the answers are."""
+    answer_hints: Sequence[str] = ()
+    """What looks like a mistake given the answers."""
+
+    @classmethod
+    def of(
+        cls,
+        predictions: Predictions,
+        truth: GroundTruth,
+        track: Track = "full",
+        qualifier: str = "",
+    ) -> Self:
+        """Align predictions with the ground truth.
+
+        Raises
+        ------
+        SubmissionError
+            Listing everything that is wrong.
+        """
+        grounding = track == "grounding"
+        aligned = (align_answers_only if grounding else align)(predictions, truth)
+        return cls(
+            submission=aligned,
+            ground_truth=truth,
+            track=track,
+            qualifier="track:grounding" if grounding else qualifier,
+            hints=list(submission_hints(predictions, aligned, answers_only=grounding)),
+            answer_hints=list(answer_hints(aligned, truth)),
+        )
+
+    def without_answer_hints(self) -> Self:
+        """Return the same submission without the hints that tell something about answers."""
+        return replace(self, answer_hints=())
+
+    def validation(self) -> Validation:
+        """Return what can be told without a score."""
+        aligned = self.submission
+        return Validation(
+            ground_truth=self.ground_truth,
+            abstained=aligned.abstained,
+            jumps=metrics.jumps(find_jumps(aligned, self.ground_truth.graph), aligned.offsets),
+            hints=[*self.hints, *self.answer_hints],
+        )
+
+    def score(self, rules: Protocol) -> Scores:
+        """Score the submission under a protocol.
+
+        Raises
+        ------
+        GroundTruthError
+            If the ground truth or the track does not support the protocol.
+        """
+        reason = why_not(rules, self.ground_truth, self.track)
+        if reason:
+            raise GroundTruthError(reason)
+        table = EpisodeTable(self._lookups, rules, self.track)
+        return Scores(
+            ground_truth=self.ground_truth,
+            protocol=rules,
+            episodes=table,
+            hints=[*self.hints, *self.answer_hints],
+            qualifier=self.qualifier,
+            boxes=self._lookups.boxes if "iou" in table else None,
+            submission=self.submission,
+        )
+
+    @cached_property
+    def _lookups(self) -> Lookups:
+        return Lookups(self.submission, self.ground_truth)
+
+
+def why_not(rules: Protocol, truth: GroundTruth, track: Track = "full") -> str | None:
+    """Return why a protocol cannot score submissions of a split; None if it can."""
+    measures_objects = rules.goal == "visible and near the object"
+    if measures_objects and truth.require_answers().candidate_distance is None:
+        return (
+            f"{rules.name} needs object positions, which {truth.origin} was compiled without; "
+            "compile it again with --object-positions"
+        )
+    if track == "grounding" and rules.grounding == "not scored":
+        return f"{rules.name} does not score grounding, the only score of this track"
+    return None
+
+
+def _find_answers(
+    ground_truth: str | PathLike[str] | GroundTruth | None, split: str
+) -> GroundTruth:
+    """Find the ground truth, and refuse a public bundle before anything is read."""
+    truth = find_ground_truth(ground_truth, split)
+    truth.require_answers()
+    return truth
+
+
+def _prepare(submission: Submission, truth: GroundTruth, track: Track) -> PreparedSubmission:
+    if track not in get_args(Track):
+        raise ProtocolError(f"unknown track {track!r}{did_you_mean(track, get_args(Track))}")
+    predictions = read_predictions(submission, answers_only=track == "grounding")
+    return PreparedSubmission.of(predictions, truth, track)

@@ -1,0 +1,165 @@
+"""Confidence intervals of a submission's scores."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Self, get_args
+
+import numpy as np
+
+from reverie_eval.arrays import Array, IntArray
+from reverie_eval.errors import ProtocolError
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.text import count_text, did_you_mean
+
+Clustering = Literal["target", "scan"]
+"""What episodes share that makes them dependent: the target object, or the building."""
+
+FEW_CLUSTERS = 5
+"""Intervals over fewer clusters contain the true mean less often than they claim:
+docs/uncertainty.md."""
+
+_LEAST_CLUSTERS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A confidence interval, in the unit of its metric."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals(Mapping[str, Interval]):
+    """An interval for every metric by its key, and how they were computed."""
+
+    by: Clustering
+    n_clusters: int
+    confidence: float
+    resamples: int
+    seed: int
+    _by_key: Mapping[str, Interval] = field(repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        episodes: Mapping[str, Array],
+        cluster: IntArray,
+        by: Clustering = "target",
+        *,
+        confidence: float | None = None,
+        resamples: int | None = None,
+        seed: int | None = None,
+    ) -> Self:
+        """Resample clusters of episodes; settings that are not given have their defaults.
+
+        Parameters
+        ----------
+        episodes : mapping of arrays of shape (n_episodes,)
+            An episode table.
+        cluster : array of int, shape (n_episodes,)
+            As :func:`clusters_of` returns it.
+        by : "target" or "scan"
+            What the episodes of a cluster share.
+        confidence, resamples, seed : optional
+            Of the bootstrap.
+
+        Raises
+        ------
+        ProtocolError
+            If all episodes are in one cluster, or confidence, resamples or seed are out of range.
+        """
+        # scipy would double the start-up of a command that shows no intervals.
+        from reverie_eval.metrics import uncertainty
+
+        n_clusters = len(np.unique(cluster))
+        if n_clusters < _LEAST_CLUSTERS:
+            raise ProtocolError(_one_cluster(by))
+        confidence = uncertainty.CONFIDENCE if confidence is None else confidence
+        resamples = uncertainty.RESAMPLES if resamples is None else resamples
+        seed = uncertainty.SEED if seed is None else seed
+        _check_settings(confidence, resamples, seed)
+        values = np.column_stack(list(episodes.values()))
+        means = uncertainty.bootstrap_means(values, cluster, resamples=resamples, seed=seed)
+        low, high = uncertainty.interval(means, n_clusters, confidence=confidence).tolist()
+        by_key = dict(zip(episodes, map(Interval, low, high), strict=True))
+        return cls(by, n_clusters, confidence, resamples, seed, by_key)
+
+    @staticmethod
+    def why_not(truth: GroundTruth, by: Clustering) -> str | None:
+        """Return why intervals cannot be computed; None if they can."""
+        n_clusters = len(np.unique(clusters_of(truth, by)))
+        return _one_cluster(by) if n_clusters < _LEAST_CLUSTERS else None
+
+    def __getitem__(self, key: str) -> Interval:
+        return self._by_key[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_key)
+
+    def __len__(self) -> int:
+        return len(self._by_key)
+
+    @property
+    def label(self) -> str:
+        """The confidence for people: ``95 %``."""
+        return f"{100 * self.confidence:g} %"
+
+    @property
+    def caption(self) -> str:
+        """How the intervals were computed, so that they can be repeated, and a caution if any."""
+        method = (
+            f"{self.label} intervals: {self.resamples:,} bootstrap resamples of "
+            f"{self._clusters}, seed {self.seed}"
+        )
+        return "; ".join(filter(None, [method, self.caution]))
+
+    @property
+    def caution(self) -> str:
+        """A caution about intervals over few clusters; else empty."""
+        if self.n_clusters >= FEW_CLUSTERS:
+            return ""
+        return (
+            f"only {self._clusters}: such intervals contain the true mean less often than "
+            f"{self.label} of the time"
+        )
+
+    @property
+    def _clusters(self) -> str:
+        return count_text(self.n_clusters, self.by)
+
+
+def clusters_of(truth: GroundTruth, by: Clustering) -> IntArray:
+    """Return the cluster of each episode.
+
+    By target, the up to three instructions of a task share a cluster, and so do tasks that lead
+    to the same object on different paths.
+
+    Returns
+    -------
+    array of int, shape (n_episodes,)
+        Equal numbers mean the same cluster.
+
+    Raises
+    ------
+    ProtocolError
+        If there is no such clustering.
+    """
+    if by not in get_args(Clustering):
+        known = did_you_mean(by, get_args(Clustering))
+        raise ProtocolError(f"cannot cluster episodes by {by!r}{known}")
+    scan = truth.graph.viewpoint_scan[truth.episodes.start].astype(np.int64)
+    # One number for both: object ids are unique within a scan only, and fit 32 bits.
+    return scan if by == "scan" else (scan << 32) | truth.require_answers().target_object
+
+
+def _one_cluster(by: Clustering) -> str:
+    return f"all episodes share one {by}, so nothing can be resampled"
+
+
+def _check_settings(confidence: float, resamples: int, seed: int) -> None:
+    if not 0 < confidence < 1 or resamples < 1 or seed < 0:
+        raise ProtocolError(
+            f"confidence {confidence}, {resamples} resamples, seed {seed}; expected a confidence "
+            "between 0 and 1, at least one resample, and a seed of 0 or more"
+        )

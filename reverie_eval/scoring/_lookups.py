@@ -1,0 +1,167 @@
+"""Facts about the episodes of a submission, looked up in the ground truth before any judgement."""
+
+from functools import cached_property
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, last_of, row_of, take_rows
+from reverie_eval.ground_truth import GroundTruth, NavigationGraph
+from reverie_eval.metrics import SUCCESS_DISTANCE, Overlap, path_length
+from reverie_eval.scoring._boxes import BoxScores, score_boxes
+from reverie_eval.scoring._protocol import GoalRule
+from reverie_eval.submissions import AlignedSubmission
+
+
+class Lookups:
+    """Facts about poses (flat, with ``offsets``) and about episodes, each computed when asked for.
+
+    Raises
+    ------
+    GroundTruthError
+        When made with a public bundle, which has no answers.
+    """
+
+    def __init__(self, submission: AlignedSubmission, ground_truth: GroundTruth) -> None:
+        self.offsets = submission.offsets
+        self.predicted_object = submission.predicted_object
+        self.answer_is_text = submission.answer_is_text
+        self._answers = ground_truth.require_answers()
+        self._submission = submission
+        self._ground_truth = ground_truth
+        self._graph = ground_truth.graph
+        self._at_goal: dict[GoalRule, BoolArray] = {}
+
+    @property
+    def n_episodes(self) -> int:
+        """Number of episodes."""
+        return len(self.predicted_object)
+
+    @property
+    def target_object(self) -> IntArray:
+        """Shape (n_episodes,): object id."""
+        return self._answers.target_object
+
+    def at_goal(self, rule: GoalRule) -> BoolArray:
+        """Shape (n_poses,): whether each pose is at a goal viewpoint of its episode."""
+        if rule not in self._at_goal:
+            viewpoint = self._submission.viewpoint
+            self._at_goal[rule] = is_goal(rule, self._ground_truth, self._episode, viewpoint)
+        return self._at_goal[rule]
+
+    @cached_property
+    def leg_length(self) -> FloatArray:
+        """Shape (n_poses,): metres from the previous pose of the episode; 0 for its first."""
+        viewpoint = self._submission.viewpoint
+        return self._graph.distance_between(_previous(viewpoint, self.offsets), viewpoint)
+
+    @cached_property
+    def is_jump(self) -> BoolArray:
+        """Shape (n_poses,): whether no edge leads here from the previous, another viewpoint."""
+        return find_jumps(self._submission, self._graph)
+
+    @cached_property
+    def goal_distance(self) -> FloatArray:
+        """Shape (n_poses,): metres to the end of the annotated path."""
+        goal = self._answers.goal[self._episode]
+        return self._graph.distance_between(self._submission.viewpoint, goal)
+
+    @property
+    def has_boxes(self) -> bool:
+        """Whether any answer is a box."""
+        return len(self._submission.boxes.row) > 0
+
+    @cached_property
+    def boxes(self) -> BoxScores:
+        """The predicted boxes, compared with the annotated ones."""
+        stop = self._submission.viewpoint[last_of(self.offsets)]
+        return score_boxes(self._submission.boxes, stop, self.target_object, self._answers)
+
+    @property
+    def box_overlap(self) -> Overlap:
+        """Overlap of each predicted box with the target's."""
+        return self.boxes.overlap
+
+    @property
+    def box_row(self) -> IntArray:
+        """Shape (n_boxes,): the episode that each predicted box answers."""
+        return self.boxes.row
+
+    @cached_property
+    def shortest_length(self) -> FloatArray:
+        """Shape (n_episodes,): metres from the start to the end of the annotated path."""
+        start = self._ground_truth.episodes.start
+        return self._graph.distance_between(start, self._answers.goal)
+
+    @cached_property
+    def annotated_length(self) -> FloatArray:
+        """Shape (n_episodes,): metres along the annotated path."""
+        path, offsets = self._answers.path, self._answers.path_offsets
+        legs = self._graph.distance_between(_previous(path, offsets), path)
+        return path_length(legs, offsets)[self._ground_truth.episodes.task]
+
+    @cached_property
+    def n_poses(self) -> IntArray:
+        """Shape (n_episodes,): poses of the trajectory."""
+        return np.diff(self.offsets)
+
+    @cached_property
+    def n_nodes(self) -> IntArray:
+        """Shape (n_episodes,): nodes of the annotated path."""
+        return np.diff(self._answers.path_offsets)[self._ground_truth.episodes.task]
+
+    @cached_property
+    def pose_to_node(self) -> FloatArray:
+        """Metres from poses to nodes: one table per episode, flat, as path fidelity takes them."""
+        task = self._ground_truth.episodes.task
+        node = self._answers.path[take_rows(task, self._answers.path_offsets)]
+        episode = np.repeat(np.arange(len(task)), self.n_nodes)
+        pose = self._submission.viewpoint[take_rows(episode, self.offsets)]
+        return self._graph.distance_between(pose, np.repeat(node, self.n_poses[episode]))
+
+    @cached_property
+    def _episode(self) -> IntArray:
+        return row_of(self.offsets)
+
+
+def is_goal(
+    rule: GoalRule, ground_truth: GroundTruth, episode: IntArray, viewpoint: IntArray
+) -> BoolArray:
+    """Whether viewpoints are goal viewpoints: whether a stop there counts as success.
+
+    Parameters
+    ----------
+    rule : GoalRule
+        The protocol's.
+    ground_truth : GroundTruth
+        With answers.
+    episode, viewpoint : int arrays of shape (n,)
+        Pairs of an episode and a viewpoint of its scan.
+
+    Returns
+    -------
+    bool array of shape (n,)
+    """
+    answers = ground_truth.require_answers()
+    match rule:
+        case "visible":
+            return answers.is_visible(answers.target_object[episode], viewpoint)
+        case "visible and near the object":
+            return answers.is_visible_near(answers.target_object[episode], viewpoint)
+        case "near the path's end":
+            distance = ground_truth.graph.distance_between(viewpoint, answers.goal[episode])
+            return np.less(distance, SUCCESS_DISTANCE)
+
+
+def find_jumps(submission: AlignedSubmission, graph: NavigationGraph) -> BoolArray:
+    """Whether each pose is at another viewpoint than the previous one, without an edge between."""
+    viewpoint = submission.viewpoint
+    previous = _previous(viewpoint, submission.offsets)
+    return np.not_equal(previous, viewpoint) & ~graph.has_edge(previous, viewpoint)
+
+
+def _previous(viewpoint: IntArray, offsets: IntArray) -> IntArray:
+    """Return the viewpoint before each one of its row; for the row's first, the same."""
+    previous = np.roll(viewpoint, 1)
+    first = offsets[:-1]
+    previous[first] = viewpoint[first]
+    return previous

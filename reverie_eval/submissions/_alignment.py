@@ -1,0 +1,220 @@
+"""Alignment: from ids to integers, with every id found in the ground truth or reported.
+
+After this stage there is no text left, and nothing can fail.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, repeat
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of, take_rows
+from reverie_eval.errors import Problem, SubmissionError
+from reverie_eval.ground_truth import GroundTruth, NavigationGraph
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._predictions import BoxAnswers, Predictions
+from reverie_eval.submissions._problems import RecordLocation
+
+_UNKNOWN = -1
+
+
+@dataclass(frozen=True, eq=False)
+class AlignedSubmission:
+    """A valid submission, its episodes in the order of the ground truth."""
+
+    viewpoint: IntArray
+    """Shape (n_poses,): the viewpoint of every pose, trajectory after trajectory."""
+    offsets: IntArray
+    """Shape (n_episodes + 1,): where each episode's trajectory begins in ``viewpoint``."""
+    predicted_object: IntArray
+    """Shape (n_episodes,): object id within the scan, or -1."""
+    answer_is_text: BoolArray
+    """Shape (n_episodes,): whether the object id is written as text."""
+    boxes: BoxAnswers
+    """The predicted boxes, in the order of their episodes."""
+
+    @property
+    def abstained(self) -> BoolArray:
+        """Shape (n_episodes,): whether the answer predicts neither an object nor a box."""
+        abstained = np.equal(self.predicted_object, ABSTAINED)
+        abstained[self.boxes.row] = False
+        return abstained
+
+
+def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
+    """Align predictions with the episodes of a split, without looking at answers.
+
+    Raises
+    ------
+    SubmissionError
+        Listing everything that is wrong, including what could not be read.
+    """
+    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
+    viewpoint = _indices(predictions.viewpoint_ids, ground_truth.graph.index)
+    _raise_problems(
+        predictions.problems,
+        _episode_problems(predictions, episode, ground_truth),
+        _trajectory_problems(predictions, episode, viewpoint, ground_truth),
+    )
+    order = np.argsort(episode)
+    return _aligned(
+        predictions,
+        episode,
+        order,
+        viewpoint=viewpoint[take_rows(order, predictions.offsets)],
+        offsets=offsets_of(np.diff(predictions.offsets)[order]),
+    )
+
+
+def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
+    """Align the answers alone, with every agent at the end of its annotated path.
+
+    Raises
+    ------
+    SubmissionError
+        Listing everything that is wrong, including what could not be read.
+    GroundTruthError
+        If the ground truth is a public bundle.
+    """
+    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
+    _raise_problems(predictions.problems, _episode_problems(predictions, episode, ground_truth))
+    goal = ground_truth.require_answers().goal
+    offsets = np.arange(len(goal) + 1)
+    return _aligned(predictions, episode, np.argsort(episode), viewpoint=goal, offsets=offsets)
+
+
+def _raise_problems(*found: Iterable[Problem]) -> None:
+    listed = problems.limit_problems(chain.from_iterable(found))
+    if listed:
+        raise SubmissionError(listed)
+
+
+def _aligned(
+    predictions: Predictions,
+    episode: IntArray,
+    order: IntArray,
+    viewpoint: IntArray,
+    offsets: IntArray,
+) -> AlignedSubmission:
+    """Join answers, taken in order, with trajectories that are in the order of episodes."""
+    boxes = replace(predictions.boxes, row=episode[predictions.boxes.row])
+    return AlignedSubmission(
+        viewpoint=viewpoint,
+        offsets=offsets,
+        predicted_object=predictions.predicted_object[order],
+        answer_is_text=predictions.answer_is_text[order],
+        boxes=boxes.take(np.argsort(boxes.row)),
+    )
+
+
+def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:
+    indices: Iterable[int] = map(index.get, ids, repeat(_UNKNOWN))  # type: ignore[arg-type]
+    return np.fromiter(indices, np.int64, len(ids))
+
+
+def _episode_problems(
+    predictions: Predictions, episode: IntArray, ground_truth: GroundTruth
+) -> Iterator[Problem]:
+    """Report unknown, duplicate and missing episodes."""
+    known = episode[episode != _UNKNOWN]
+    times_predicted = np.bincount(known, minlength=len(ground_truth.episodes.instr_ids))
+    if (times_predicted == 1).all() and len(known) == len(episode):
+        return
+    unknown = _unknown_by_split(predictions, episode, ground_truth)
+    if ground_truth.is_demo and not known.size and unknown.keys() == {None}:
+        yield problems.ids_outside_demo(len(unknown[None]), ground_truth.split)
+        return
+    yield from _unknown_problems(predictions, unknown, ground_truth.split)
+    yield from _duplicate_problems(predictions, episode)
+    yield from _missing_problems(np.flatnonzero(times_predicted == 0), ground_truth)
+
+
+def _unknown_by_split(
+    predictions: Predictions, episode: IntArray, ground_truth: GroundTruth
+) -> Mapping[str | None, list[int]]:
+    """Group the records without an episode in this split by the split that has it, if any."""
+    split_of = {
+        instr_id: split
+        for split, instr_ids in ground_truth.other_splits.items()
+        for instr_id in instr_ids.tolist()
+    }
+    groups: defaultdict[str | None, list[int]] = defaultdict(list)
+    for record in np.flatnonzero(episode == _UNKNOWN).tolist():
+        instr_id = predictions.instr_ids[record]
+        if instr_id is not None:
+            groups[split_of.get(instr_id)].append(record)
+    return groups
+
+
+def _unknown_problems(
+    predictions: Predictions, unknown: Mapping[str | None, list[int]], split: str
+) -> Iterator[Problem]:
+    for other, records in unknown.items():
+        if other is not None:
+            location, instr_id = _location_and_id(predictions, records[0])
+            yield problems.ids_of_another_split(len(records), other, split, location, instr_id)
+    for record in unknown.get(None, ()):
+        yield problems.unknown_episode(*_location_and_id(predictions, record), split)
+
+
+def _duplicate_problems(predictions: Predictions, episode: IntArray) -> Iterator[Problem]:
+    first: dict[int, RecordLocation] = {}
+    for record, index in enumerate(episode.tolist()):
+        location, instr_id = _location_and_id(predictions, record)
+        if index in first:
+            yield problems.duplicate_episode(location, instr_id, first[index])
+        elif index != _UNKNOWN:
+            first[index] = location
+
+
+def _missing_problems(missing: IntArray, ground_truth: GroundTruth) -> Iterator[Problem]:
+    instr_ids = ground_truth.episodes.instr_ids
+    if len(missing) == len(instr_ids):
+        yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
+        return
+    for index in missing.tolist():
+        yield problems.missing_episode(instr_ids[index], ground_truth.split)
+
+
+def _location_and_id(predictions: Predictions, record: int) -> tuple[RecordLocation, str]:
+    return predictions.location(record), str(predictions.instr_ids[record])
+
+
+def _trajectory_problems(
+    predictions: Predictions, episode: IntArray, viewpoint: IntArray, ground_truth: GroundTruth
+) -> Iterator[Problem]:
+    """Report poses that no agent can have reached in their episode."""
+    graph = ground_truth.graph
+    record = row_of(predictions.offsets)
+    start = ground_truth.episodes.start[episode][record]
+    in_scan = (viewpoint != _UNKNOWN) & (
+        graph.viewpoint_scan[viewpoint] == graph.viewpoint_scan[start]
+    )
+    distance = graph.distance_between(start, np.where(in_scan, viewpoint, start))
+    is_valid = in_scan & np.isfinite(distance)
+    first = predictions.offsets[:-1][np.diff(predictions.offsets) > 0]
+    is_valid[first] &= viewpoint[first] == start[first]
+    for pose in np.flatnonzero(~is_valid & (episode[record] != _UNKNOWN)).tolist():
+        if predictions.viewpoint_ids[pose] is not None:  # else the reader has reported it
+            yield _pose_problem(predictions, pose, int(viewpoint[pose]), int(start[pose]), graph)
+
+
+def _pose_problem(
+    predictions: Predictions, pose: int, viewpoint: int, start: int, graph: NavigationGraph
+) -> Problem:
+    record = int(np.searchsorted(predictions.offsets, pose, side="right")) - 1
+    location, instr_id = _location_and_id(predictions, record)
+    path = predictions.pose_path(record, pose)
+    viewpoint_id = str(predictions.viewpoint_ids[pose])
+    scan = graph.scan_of(start)
+    if viewpoint == _UNKNOWN:
+        return problems.unknown_viewpoint(location, path, viewpoint_id, scan)
+    if graph.scan_of(viewpoint) != scan:
+        other = graph.scan_of(viewpoint)
+        return problems.viewpoint_of_another_scan(location, path, viewpoint_id, scan, other)
+    if pose == predictions.offsets[record]:
+        return problems.wrong_start(location, instr_id, graph.viewpoint_ids[start], viewpoint_id)
+    return problems.unreachable(location, path, viewpoint_id)

@@ -1,0 +1,221 @@
+"""Read an answer: an object id under any key and of any type that codebases write, or a box.
+
+A box belongs to an image: the view that ``predView`` gives, or else what the camera of the last
+pose sees. It is scaled to 640 x 480 pixels if the record gives the size of the image that it was
+predicted in, and then cut to the image.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, TypeGuard
+
+import numpy as np
+
+from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, view_angles
+from reverie_eval.ground_truth import LARGEST_OBJECT_ID
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._document import is_finite, is_integer, is_list, is_number
+from reverie_eval.submissions._problems import RecordLocation
+from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._trajectories import Pose
+
+ANSWER_KEYS: tuple[str, ...] = ("predObjId", "pred_objid", "pred_obj_id")
+"""The first of these in a record is its answer: official, DUET, and an older spelling."""
+BOX_KEY = "predBox"
+VIEW_KEY = "predView"
+IMAGE_SIZE_KEY = "predImageSize"
+BOX_KEYS: tuple[str, ...] = (BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY)
+
+_ABSTENTIONS = ("None", "-1", "")
+"""What codebases write where the agent predicts no object, besides -1 and null."""
+_STRAIGHT_UP = math.pi / 2
+"""Radians."""
+_SLACK = 1e-6
+"""Pixels by which rounding alone may carry a scaled box beyond the image."""
+
+
+class Camera(NamedTuple):
+    """The direction of a camera, radians."""
+
+    heading: float
+    elevation: float
+
+
+_VIEW_CAMERAS = [Camera(*angles) for angles in view_angles(np.arange(N_VIEWS)).tolist()]
+
+
+class BoxAnswer(NamedTuple):
+    """A box and the camera of the image that it was predicted in."""
+
+    xywh: tuple[float, float, float, float]
+    """Pixels of a 640 x 480 image, cut to it; without area if it was wholly outside."""
+    camera: Camera
+    is_cut: bool
+    """Whether the box reached beyond the image."""
+    given: Mapping[str, Any]
+    """The box, the view and the image size as the record has them, as plain numbers."""
+
+
+class Answer(NamedTuple):
+    """The predicted object or box."""
+
+    object_id: int
+    """-1 if none was predicted."""
+    is_text: bool = False
+    """Whether the id is written as text, which one published evaluator never counts as correct."""
+    box: BoxAnswer | None = None
+
+
+def has_answer(record: Mapping[str, Any]) -> bool:
+    """Whether a record has an answer under any key."""
+    return any(key in record for key in (*ANSWER_KEYS, BOX_KEY))
+
+
+def read_answer(
+    location: RecordLocation,
+    record: Mapping[str, Any],
+    poses: Sequence[Pose] | None,
+    log: ReadingLog,
+) -> Answer:
+    """Read a record's answer; an unreadable one becomes a problem and an abstention.
+
+    ``poses`` is the record's trajectory, or None if trajectories are not read.
+    """
+    keys = [key for key in ANSWER_KEYS if key in record]
+    if record.get(BOX_KEY) is not None:
+        for key in keys:
+            if not _is_abstention(record[key]):
+                log.problems.append(problems.two_answers(location, key, record[key]))
+        return Answer(ABSTAINED, box=_read_box(location, record, poses, log))
+    if not keys and BOX_KEY in record:
+        log.differences["abstentions"] += 1
+        return Answer(ABSTAINED)
+    if not keys:
+        log.problems.append(problems.no_answer(location, ANSWER_KEYS[0], BOX_KEY))
+        return Answer(ABSTAINED)
+    log.differences["other key"] += keys[0] != ANSWER_KEYS[0]
+    if len(keys) > 1:
+        log.differences["several answers"] += len({_meaning(record[key]) for key in keys}) > 1
+    return _read_object(location, keys[0], record[keys[0]], log)
+
+
+def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog) -> Answer:
+    if _is_abstention(value):
+        log.differences["abstentions"] += not is_integer(value)
+        return Answer(ABSTAINED)
+    is_text = isinstance(value, str) and value.isascii() and value.isdigit()
+    # A longer text cannot be an object id, and Python refuses to convert thousands of digits.
+    if is_text and len(value) <= len(str(LARGEST_OBJECT_ID)):
+        log.differences["text ids"] += 1
+        value = int(value)
+    if is_integer(value) and ABSTAINED <= value <= LARGEST_OBJECT_ID:
+        return Answer(int(value), is_text)
+    log.problems.append(problems.wrong_object(location, key, value))
+    return Answer(ABSTAINED)
+
+
+def _is_abstention(value: Any) -> bool:
+    if is_integer(value):
+        return value == ABSTAINED
+    return value is None or (isinstance(value, str) and value in _ABSTENTIONS)
+
+
+def _meaning(value: Any) -> str:
+    """Return the same for answers that mean the same, whatever their type."""
+    return "None" if str(value) in _ABSTENTIONS else str(value)
+
+
+def _read_box(
+    location: RecordLocation,
+    record: Mapping[str, Any],
+    poses: Sequence[Pose] | None,
+    log: ReadingLog,
+) -> BoxAnswer | None:
+    """Read a record's box, or report everything that is wrong with it."""
+    camera = _read_camera(location, record, poses, log)
+    size = _read_image_size(location, record, log)
+    box = _read_xywh(location, record[BOX_KEY], log)
+    if camera is None or size is None or box is None:
+        return None
+    given = {
+        BOX_KEY: list(box),
+        **({} if record.get(VIEW_KEY) is None else {VIEW_KEY: int(record[VIEW_KEY])}),
+        **({} if record.get(IMAGE_SIZE_KEY) is None else {IMAGE_SIZE_KEY: list(size)}),
+    }
+    x_scale, y_scale = WIDTH / size[0], HEIGHT / size[1]
+    left, top, right, bottom = (
+        box[0] * x_scale,
+        box[1] * y_scale,
+        (box[0] + box[2]) * x_scale,
+        (box[1] + box[3]) * y_scale,
+    )
+    x, x_end = _clamp(left, WIDTH), _clamp(right, WIDTH)
+    y, y_end = _clamp(top, HEIGHT), _clamp(bottom, HEIGHT)
+    is_cut = max(x - left, right - x_end, y - top, bottom - y_end) > _SLACK
+    is_outside = x_end <= x or y_end <= y
+    log.differences["scaled boxes"] += size != (WIDTH, HEIGHT)
+    log.differences["cut boxes"] += is_cut and not is_outside
+    log.differences["boxes outside"] += is_outside
+    return BoxAnswer((x, y, x_end - x, y_end - y), camera, is_cut, given)
+
+
+def _read_camera(
+    location: RecordLocation,
+    record: Mapping[str, Any],
+    poses: Sequence[Pose] | None,
+    log: ReadingLog,
+) -> Camera | None:
+    view = record.get(VIEW_KEY)
+    if view is not None:
+        if is_integer(view) and 0 <= view < N_VIEWS:
+            return _VIEW_CAMERAS[int(view)]
+        log.problems.append(problems.wrong_view(location, VIEW_KEY, view))
+        return None
+    stop = poses[-1] if poses else None
+    if stop is not None and stop.heading is not None and stop.elevation is not None:
+        if abs(stop.elevation) <= _STRAIGHT_UP:
+            return Camera(float(stop.heading), float(stop.elevation))
+        log.problems.append(problems.upside_down(location, stop.path[:1], stop.elevation, VIEW_KEY))
+    elif poses is None or (stop is not None and not stop.is_reported):
+        # A trajectory or a pose that cannot be read has been reported already.
+        log.problems.append(problems.no_view(location, VIEW_KEY, has_poses=poses is not None))
+    return None
+
+
+def _read_image_size(
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
+) -> tuple[float, float] | None:
+    """Return width and height of the image that the box was predicted in."""
+    size = record.get(IMAGE_SIZE_KEY)
+    if size is None:
+        return WIDTH, HEIGHT
+    if _are_numbers(size, 2) and all(is_finite(side) and side >= 1 for side in size):
+        return float(size[0]), float(size[1])
+    log.problems.append(problems.wrong_image_size(location, IMAGE_SIZE_KEY, size))
+    return None
+
+
+def _read_xywh(
+    location: RecordLocation, box: Any, log: ReadingLog
+) -> tuple[float, float, float, float] | None:
+    """Return left, top, width and height in the image that the box was predicted in."""
+    if not _are_numbers(box, 4):
+        log.problems.append(problems.wrong_box(location, BOX_KEY, box))
+        return None
+    if not all(map(is_finite, box)):
+        log.problems.append(problems.box_not_finite(location, BOX_KEY, box))
+        return None
+    x, y, width, height = map(float, box)
+    if width <= 0 or height <= 0:
+        log.problems.append(problems.empty_box(location, BOX_KEY, box))
+        return None
+    return x, y, width, height
+
+
+def _are_numbers(value: Any, count: int) -> TypeGuard[Sequence[float]]:
+    return is_list(value) and len(value) == count and all(map(is_number, value))
+
+
+def _clamp(edge: float, size: int) -> float:
+    return min(max(edge, 0.0), float(size))

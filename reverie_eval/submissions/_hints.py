@@ -1,0 +1,65 @@
+"""Hints about valid submissions that may not be what was meant."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from reverie_eval.arrays import last_of
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions._alignment import AlignedSubmission
+from reverie_eval.submissions._predictions import MOST, BoxAnswers, Predictions
+
+
+def submission_hints(
+    predictions: Predictions, submission: AlignedSubmission, *, answers_only: bool
+) -> Iterator[str]:
+    """Return hints that hold whatever the correct answers are, one sentence each.
+
+    With ``answers_only`` trajectories were not read.
+    """
+    if predictions.read_as:
+        yield f"read as: {'; '.join(predictions.read_as)}"
+    if submission.abstained.all():
+        yield "no answer predicts an object: RGS will be 0"
+    if submission.boxes.row.size:
+        yield from _box_hints(submission.boxes)
+    if (submission.predicted_object == 0).mean() > MOST:
+        yield (
+            "most answers predict object 0, which is an object like any other; write -1 where the "
+            "agent predicts none"
+        )
+    if answers_only:
+        return
+    if (np.diff(submission.offsets) == 1).all():
+        yield "every trajectory has a single pose: no agent moves"
+    if predictions.has_degrees:
+        yield "most headings or elevations exceed a full turn: angles are radians, not degrees"
+
+
+def answer_hints(submission: AlignedSubmission, ground_truth: GroundTruth) -> Iterator[str]:
+    """Return hints that need the annotation, if the ground truth has it."""
+    predicted = submission.predicted_object != ABSTAINED
+    if ground_truth.answers is None or predicted.sum() <= len(submission.boxes.row):
+        return
+    stop = submission.viewpoint[last_of(submission.offsets)]
+    is_candidate = ground_truth.answers.is_visible(submission.predicted_object, stop)
+    if not is_candidate[predicted].any():
+        yield (
+            "no predicted object is visible where its agent stops; object ids are those of the "
+            "box files, numbered within each building"
+        )
+
+
+def _box_hints(boxes: BoxAnswers) -> Iterator[str]:
+    x, y, width, height = boxes.xywh.T
+    if (np.maximum(x + width, y + height) <= 1).mean() > MOST:
+        yield (
+            "most boxes lie within one pixel of the upper left corner; if they are fractions of "
+            'the image, add "predImageSize": [1, 1]'
+        )
+    if boxes.is_cut.mean() > MOST:
+        yield (
+            "most boxes reach beyond the image; predBox is [x, y, width, height], not two "
+            "corners, in an image of 640 x 480 unless predImageSize says otherwise"
+        )

@@ -1,0 +1,141 @@
+"""Predictions: the content of a submission in columns, before it is aligned with a split."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of
+from reverie_eval.errors import Problem
+from reverie_eval.submissions._problems import PosePath, RecordLocation
+from reverie_eval.submissions._sources import Source
+
+Records: TypeAlias = Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]]
+"""Records as Python objects, in a list or keyed by their instr_id."""
+
+Submission: TypeAlias = Source | Records
+"""What can be scored: a file, its content, or its records as Python objects."""
+
+ID_PREFIX = "reverie_"
+"""Put before ids by NaviLLM, which mixes datasets; not part of the id."""
+
+MOST = 0.5
+"""Share of answers or angles above which something was probably not meant; in submissions that
+are fine it stays far below."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoxAnswers:
+    """The predicted boxes, one row each."""
+
+    row: IntArray
+    """Shape (n_boxes,): the record, or after alignment the episode, that a box answers."""
+    xywh: FloatArray
+    """Shape (n_boxes, 4): pixels of a 640 x 480 image, within it; area 0 if it was outside."""
+    camera: FloatArray
+    """Shape (n_boxes, 2): heading and elevation of the camera, radians."""
+    is_cut: BoolArray
+    """Shape (n_boxes,): whether the box reached beyond the image before it was cut."""
+
+    def take(self, rows: IntArray) -> "BoxAnswers":
+        """Return some of the boxes, in the given order."""
+        return BoxAnswers(self.row[rows], self.xywh[rows], self.camera[rows], self.is_cut[rows])
+
+
+NO_BOXES = BoxAnswers(
+    np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 2)), np.zeros(0, dtype=np.bool_)
+)
+
+
+@dataclass(frozen=True, eq=False)
+class OtherForm:
+    """What a file in another than the plain official form says besides the columns."""
+
+    locations: Sequence[RecordLocation]
+    """The place of each record in the file."""
+    pose_paths: Sequence[PosePath]
+    """The place of each pose in its trajectory."""
+    continues_hop: BoolArray
+    """Shape (n_poses,): whether readers of each hop's first viewpoint would miss the pose."""
+    answer_is_text: BoolArray
+    """Shape (n_records,): whether the object id is written as text."""
+    boxes: BoxAnswers
+    read_as: Sequence[str]
+    """How the file differs from the official form, one phrase each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """One row per record that could be read, in the order of the file."""
+
+    instr_ids: Sequence[str | None]
+    """None if it could not be read; ``problems`` says why."""
+    viewpoint_ids: Sequence[str | None]
+    """The viewpoint of every pose, trajectory after trajectory; None as above."""
+    offsets: IntArray
+    """Shape (n_records + 1,): where each trajectory begins in ``viewpoint_ids``."""
+    predicted_object: IntArray
+    """Shape (n_records,): the object id of each answer, or -1."""
+    has_degrees: bool
+    """Whether most angles look like degrees."""
+    other_form: OtherForm | None = None
+    """None if the file is in the plain official form."""
+    problems: Sequence[Problem] = ()
+    """What could not be read."""
+
+    @property
+    def read_as(self) -> Sequence[str]:
+        """How the file differs from the official form, one phrase each."""
+        return self.other_form.read_as if self.other_form else ()
+
+    @property
+    def answer_is_text(self) -> BoolArray:
+        """Shape (n_records,): whether the object id is written as text."""
+        is_number = np.zeros(len(self.instr_ids), dtype=np.bool_)
+        return self.other_form.answer_is_text if self.other_form else is_number
+
+    @property
+    def boxes(self) -> BoxAnswers:
+        """The predicted boxes."""
+        return self.other_form.boxes if self.other_form else NO_BOXES
+
+    def location(self, record: int) -> RecordLocation:
+        """Return the place of a record in the file."""
+        return self.other_form.locations[record] if self.other_form else RecordLocation(record)
+
+    def pose_path(self, record: int, pose: int) -> PosePath:
+        """Return the place of a pose, numbered over all records, in its trajectory."""
+        if self.other_form:
+            return self.other_form.pose_paths[pose]
+        return pose - int(self.offsets[record]), 0
+
+    def first_of_hops(self) -> "Predictions":
+        """Return what an evaluator that reads each hop's first viewpoint would see."""
+        form = self.other_form
+        if form is None:
+            return self
+        kept = np.flatnonzero(~form.continues_hop)
+        lengths = np.add.reduceat(~form.continues_hop, self.offsets[:-1], dtype=np.int64)
+        return replace(
+            self,
+            viewpoint_ids=[self.viewpoint_ids[pose] for pose in kept.tolist()],
+            offsets=offsets_of(lengths),
+            other_form=replace(
+                form,
+                pose_paths=[form.pose_paths[pose] for pose in kept.tolist()],
+                continues_hop=form.continues_hop[kept],
+            ),
+        )
+
+
+def look_like_degrees(stop_angles: FloatArray) -> bool:
+    """Whether most headings or elevations are beyond a full turn of radians.
+
+    Parameters
+    ----------
+    stop_angles : float array of shape (n_records, 2)
+        Heading and elevation of the last poses; NaN if not given.
+    """
+    exceeding = (np.abs(stop_angles) > 2 * np.pi).any(axis=1).sum()
+    return bool(exceeding > MOST * len(stop_angles))

@@ -1,0 +1,204 @@
+"""The careful lane: read records value by value, and explain what cannot be read.
+
+Nothing is repaired. A value in none of the known forms becomes a problem with its place, and
+reading goes on, so that all problems are found at once. What differs from the official form and
+still means the same is read, counted and reported.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence, Sized
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from reverie_eval.arrays import offsets_of
+from reverie_eval.errors import SubmissionError
+from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._answers import (
+    ANSWER_KEYS,
+    BOX_KEYS,
+    Answer,
+    has_answer,
+    read_answer,
+)
+from reverie_eval.submissions._document import RepeatingObject, are_records, parse_document
+from reverie_eval.submissions._official import convert_official, decode_official
+from reverie_eval.submissions._predictions import (
+    ID_PREFIX,
+    BoxAnswers,
+    OtherForm,
+    Predictions,
+    Submission,
+    look_like_degrees,
+)
+from reverie_eval.submissions._problems import RecordLocation
+from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._sources import read_bytes
+from reverie_eval.submissions._trajectories import Pose, read_trajectory
+
+MAX_RECORDS = 200_000
+"""Nearly twenty times the largest split, the 10,290 episodes of train."""
+
+FIELDS = frozenset({"instr_id", "trajectory", *ANSWER_KEYS, *BOX_KEYS})
+"""The fields that are read; all others are ignored."""
+
+
+class ReadRecord(NamedTuple):
+    """One record as it was read."""
+
+    location: RecordLocation
+    instr_id: str | None
+    """None if it could not be read."""
+    poses: Sequence[Pose]
+    answer: Answer
+
+
+def read_predictions(submission: Submission, *, answers_only: bool = False) -> Predictions:
+    """Read a submission in any form that public codebases write.
+
+    With ``answers_only`` trajectories are ignored and may be left out.
+
+    Raises
+    ------
+    SubmissionError
+        If it is not a list of records at all. Everything smaller is in the result's ``problems``.
+    OSError
+        If the file cannot be read.
+    """
+    if not are_records(submission):
+        return parse_predictions(read_bytes(submission), answers_only=answers_only)
+    predictions = None if answers_only else convert_official(submission)
+    return predictions or read_carefully(submission, answers_only=answers_only)
+
+
+def parse_predictions(content: bytes, *, answers_only: bool = False) -> Predictions:
+    """Read a submission's JSON text, unpacked already; as :func:`read_predictions`."""
+    predictions = None if answers_only else decode_official(content)
+    return predictions or read_carefully(parse_document(content), answers_only=answers_only)
+
+
+def read_records(document: Any, log: ReadingLog, *, answers_only: bool = False) -> list[ReadRecord]:
+    """Read a list of records, or an object of records keyed by their instr_id.
+
+    Raises
+    ------
+    SubmissionError
+        If it is neither, or has too many problems to go on. Everything smaller is in the log, to
+        be reported together with what the ground truth finds.
+    """
+    if isinstance(document, Sized) and len(document) > MAX_RECORDS:
+        raise SubmissionError([problems.too_many_records(len(document), MAX_RECORDS)])
+    records = [
+        (location, record)
+        for location, record in _located_records(document, log)
+        if _is_record(location, record, log)
+    ]
+    _check_problem_count(log)
+    navigation_only = bool(records) and not any(has_answer(record) for _, record in records)
+    log.differences["navigation only"] += len(records) * navigation_only
+    read = []
+    for location, record in records:
+        log.unused_fields.update(field for field in record if field not in FIELDS)
+        instr_id = _read_instr_id(location, record, log)
+        poses = None if answers_only else read_trajectory(location, record, log)
+        answer = Answer(ABSTAINED)
+        if not navigation_only:
+            answer = read_answer(location, record, poses, log)
+        read.append(ReadRecord(location, instr_id, poses or (), answer))
+        _check_problem_count(log)
+    return read
+
+
+def _check_problem_count(log: ReadingLog) -> None:
+    if len(log.problems) > problems.MAX_PROBLEMS:
+        raise SubmissionError(problems.limit_problems(log.problems))
+
+
+def _located_records(document: Any, log: ReadingLog) -> Iterable[tuple[RecordLocation, Any]]:
+    if isinstance(document, list | tuple):
+        return [(RecordLocation(row), record) for row, record in enumerate(document)]
+    if not isinstance(document, Mapping) or not _is_keyed(document):
+        raise SubmissionError([problems.not_a_list(document)])
+    if isinstance(document, RepeatingObject):
+        log.problems.extend(map(problems.repeated_key, sorted(document.repeated)))
+    log.differences["keyed"] += len(document)
+    keyed = enumerate(document.items())
+    return [(RecordLocation(row, key), record) for row, (key, record) in keyed]
+
+
+def _is_keyed(document: Mapping[str, Any]) -> bool:
+    """Whether this looks like records keyed by id, not like one record or a wrapped list."""
+    return any(isinstance(value, Mapping) for value in document.values()) or not document
+
+
+def _is_record(location: RecordLocation, record: Any, log: ReadingLog) -> bool:
+    if not isinstance(record, Mapping):
+        log.problems.append(problems.not_an_object(location, record))
+        return False
+    if isinstance(record, RepeatingObject):
+        for field in sorted(record.repeated & FIELDS):
+            log.problems.append(problems.repeated_field(location, field))
+    return True
+
+
+def _read_instr_id(
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
+) -> str | None:
+    value = record.get("instr_id", location.key)
+    if value is None and "instr_id" not in record:
+        log.problems.append(problems.missing_field(location, "instr_id"))
+        return None
+    if not isinstance(value, str):
+        log.problems.append(problems.wrong_instr_id(location, value))
+        return None
+    if location.key not in (None, value):
+        log.problems.append(problems.key_mismatch(location, value))
+    log.differences["prefixed"] += value.startswith(ID_PREFIX)
+    return value.removeprefix(ID_PREFIX)
+
+
+def read_carefully(document: Any, *, answers_only: bool = False) -> Predictions:
+    """Read a list of records, or records keyed by their instr_id, whatever their form."""
+    log = ReadingLog()
+    records = read_records(document, log, answers_only=answers_only)
+    poses = [pose for record in records for pose in record.poses]
+    lengths = np.array([len(record.poses) for record in records], dtype=np.int64)
+    answers = [record.answer for record in records]
+    boxes = _boxread_carefully(answers)
+    log.differences["cameras off the grid"] += int((~is_on_grid(boxes.camera)).sum())
+    log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
+    stop_angles = np.array([_stop_angles(record) for record in records]).reshape(-1, 2)
+    return Predictions(
+        instr_ids=[record.instr_id for record in records],
+        viewpoint_ids=[pose.viewpoint_id for pose in poses],
+        offsets=offsets_of(lengths),
+        predicted_object=np.array([answer.object_id for answer in answers], dtype=np.int64),
+        has_degrees=look_like_degrees(stop_angles),
+        other_form=OtherForm(
+            locations=[record.location for record in records],
+            pose_paths=[pose.path for pose in poses],
+            continues_hop=np.array([pose.continues_hop for pose in poses], dtype=np.bool_),
+            answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
+            boxes=boxes,
+            read_as=log.read_as(),
+        ),
+        problems=log.problems,
+    )
+
+
+def _boxread_carefully(answers: Sequence[Answer]) -> BoxAnswers:
+    boxes = {row: answer.box for row, answer in enumerate(answers) if answer.box is not None}
+    return BoxAnswers(
+        row=np.array(list(boxes), dtype=np.int64),
+        xywh=np.array([box.xywh for box in boxes.values()]).reshape(-1, 4),
+        camera=np.array([box.camera for box in boxes.values()]).reshape(-1, 2),
+        is_cut=np.array([box.is_cut for box in boxes.values()], dtype=np.bool_),
+    )
+
+
+def _stop_angles(record: ReadRecord) -> tuple[float, float]:
+    stop = record.poses[-1] if record.poses else None
+    if stop is None or stop.heading is None or stop.elevation is None:
+        return np.nan, np.nan
+    return float(stop.heading), float(stop.elevation)

@@ -1,0 +1,99 @@
+"""Read a trajectory in any form that public codebases write.
+
+The structure of an element says what it is, never a guess: a viewpoint id followed by numbers is a
+pose; a list of viewpoint ids is a hop, walked from first to last; a text is a viewpoint id.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._document import is_finite, is_list, is_number
+from reverie_eval.submissions._problems import PosePath, RecordLocation
+from reverie_eval.submissions._reading_log import ReadingLog
+
+MAX_POSES = 20_000
+"""Per trajectory. Published agents take some 15 steps, each with a turn to one of 36 views."""
+
+
+class Pose(NamedTuple):
+    """One pose of a trajectory; None stands for what the file does not say."""
+
+    path: PosePath
+    viewpoint_id: str | None
+    heading: float | None = None
+    elevation: float | None = None
+    continues_hop: bool = False
+    """Whether readers of each hop's first viewpoint would miss it."""
+    is_reported: bool = False
+    """Whether a problem already says why the viewpoint or the angles are unknown."""
+
+
+def read_trajectory(
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
+) -> list[Pose]:
+    """Read a record's trajectory; an unreadable pose becomes a problem and has no viewpoint."""
+    if "trajectory" not in record:
+        log.problems.append(problems.missing_field(location, "trajectory"))
+        return []
+    trajectory = record["trajectory"]
+    if not is_list(trajectory):
+        log.problems.append(problems.wrong_trajectory(location, trajectory))
+        return []
+    if len(trajectory) > MAX_POSES:
+        log.problems.append(problems.too_many_poses(location, len(trajectory), MAX_POSES))
+        return []
+    if not any(not is_list(element) or element for element in trajectory):
+        log.problems.append(problems.empty_trajectory(location))
+        return []
+    only_hops = all(_is_hop(element) for element in trajectory)
+    poses = []
+    for index, element in enumerate(trajectory):
+        if not (only_hops and not element):
+            poses += _read_element(location, index, element, log)
+    if only_hops and any(len(element) != 1 for element in trajectory):
+        log.differences["hops"] += 1
+    return poses
+
+
+def _read_element(
+    location: RecordLocation, index: int, element: Any, log: ReadingLog
+) -> list[Pose]:
+    if isinstance(element, str):
+        log.differences["bare viewpoints"] += 1
+        return [Pose((index,), element)]
+    if _is_hop(element) and element:
+        return _read_hop(index, element, log)
+    if not _is_pose(element):
+        log.problems.append(problems.wrong_pose(location, (index,), element))
+        return [Pose((index,), None, is_reported=True)]
+    viewpoint_id, *angles = element
+    if not all(map(is_finite, angles)):
+        log.problems.append(problems.not_finite(location, (index,), element))
+        return [Pose((index, 0), viewpoint_id, is_reported=True)]
+    log.differences["no angles"] += not angles
+    log.differences["extra numbers"] += len(angles) > 2
+    return [Pose((index, 0), viewpoint_id, *angles[:2])]
+
+
+def _read_hop(index: int, hop: Sequence[str], log: ReadingLog) -> list[Pose]:
+    log.differences["long hops"] += len(hop) > 1
+    log.differences["no angles"] += len(hop)
+    return [
+        Pose((index, step), viewpoint_id, continues_hop=step > 0)
+        for step, viewpoint_id in enumerate(hop)
+    ]
+
+
+def _is_hop(element: Any) -> bool:
+    """Whether this is a list of viewpoint ids and nothing else."""
+    return is_list(element) and all(isinstance(part, str) for part in element)
+
+
+def _is_pose(element: Any) -> bool:
+    """Whether this is a viewpoint id, alone or followed by heading and elevation."""
+    if not is_list(element) or not element:
+        return False
+    viewpoint_id, *angles = element
+    is_complete = isinstance(viewpoint_id, str) and len(angles) != 1
+    return is_complete and all(map(is_number, angles))

@@ -1,0 +1,108 @@
+"""Helpers for wording: counts, lists, names, times, and the words of an instruction."""
+
+import re
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime, timedelta
+
+_WORD = re.compile(r"\w+")
+
+
+def count_text(number: int, noun: str, plural: str = "") -> str:
+    """Return a number with its noun, whose plural ends in s if no other is given.
+
+    >>> count_text(1, "jump"), count_text(1200, "jump"), count_text(2, "box", "boxes")
+    ('1 jump', '1,200 jumps', '2 boxes')
+    """
+    return f"{number:,} {noun if number == 1 else plural or f'{noun}s'}"
+
+
+def first_few(names: Iterable[object], limit: int = 3) -> str:
+    """List the first few names and count the rest.
+
+    >>> first_few("abcde")
+    'a, b, c and 2 more'
+    """
+    listed = [str(name) for name in names]
+    more = f" and {len(listed) - limit} more" if len(listed) > limit else ""
+    return ", ".join(listed[:limit]) + more
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """Return how a message about an unknown name goes on: the closest known one, then all.
+
+    >>> did_you_mean("offical-v1", ["official-v1", "paper"])
+    '; did you mean official-v1? Choose one of: official-v1, paper'
+    """
+    from difflib import get_close_matches  # only needed in errors, and slow to import
+
+    listed = list(known)
+    close = get_close_matches(str(name), listed, n=1)
+    guess = f"did you mean {close[0]}? Choose" if close else "choose"
+    return f"; {guess} one of: {', '.join(listed)}"
+
+
+def category_text(name: str) -> str:
+    """Return a category for people: in the dataset's names ``#`` stands for a space [1]_.
+
+    References
+    ----------
+    .. [1] ``category_mapping.tsv`` of Matterport3D, which lists these raw categories.
+
+    Examples
+    --------
+    >>> category_text("end#table")
+    'end table'
+    """
+    return name.replace("#", " ")
+
+
+def printable(text: str) -> str:
+    r"""Escape characters that would move a terminal's cursor or stay invisible.
+
+    >>> printable("Team \x1b[2J"), printable("Équipe 蓝")
+    ('Team \\x1b[2J', 'Équipe 蓝')
+    """
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
+
+
+def time_text(instant: datetime) -> str:
+    """Format an instant to the second: in local time, and in UTC if that is different.
+
+    >>> time_text(datetime(2027, 6, 1, 21, 59, 59, 999_999, tzinfo=UTC)).count("21:59:59 UTC")
+    1
+    """
+    whole = instant.replace(microsecond=0)
+    local, utc = whole.astimezone(), f"{whole.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"
+    return f"{local:%Y-%m-%d %H:%M:%S %Z} ({utc})" if local.utcoffset() else utc
+
+
+def earliest_time_text(instant: datetime) -> str:
+    """Format the time from which something is possible: as :func:`time_text`, rounded up.
+
+    >>> instant = datetime(2027, 6, 1, 21, 59, 59, 1, tzinfo=UTC)
+    >>> earliest_time_text(instant).count("2027-06-01 22:00:00 UTC")
+    1
+    """
+    return time_text(instant + timedelta(microseconds=999_999))
+
+
+def tokenize(instruction: str) -> Sequence[str]:
+    """Return the words of an instruction in order and in lower case.
+
+    A word is a run of letters, digits and underscores. Everything else, including apostrophes and
+    hyphens, separates words.
+
+    References
+    ----------
+    .. [1] ``Tokenizer.split_sentence`` in ``tasks/REVERIE/utilsFast.py`` of the dataset's
+       repository splits at the same places, but keeps punctuation marks as tokens.
+
+    Examples
+    --------
+    >>> tokenize("Go to level 2; don't touch the T-shirt")
+    ['go', 'to', 'level', '2', 'don', 't', 'touch', 'the', 't', 'shirt']
+    """
+    return _WORD.findall(instruction.lower())

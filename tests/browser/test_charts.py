@@ -1,0 +1,198 @@
+"""The charts in a real browser: what is drawn, what of it is in the address, where points lead."""
+
+import json
+import re
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+from reverie_eval import CATALOGUE
+from tests.support.browser import DESKTOP, PHONE, WIDE, OpenPage
+from tests.support.demo_site import BOLD, OPEN, OWNER, PRIVATE, Site
+
+BOARD = f"/boards/{OPEN}"
+DRAWN = (
+    """each => Chart.getChart(each).data.datasets.map(set => set.data.map(({x, y}) => [x, y]))"""
+)
+AXIS = """(each, name) => {
+    const { min, max, ticks, options } = Chart.getChart(each).scales[name];
+    return { min, max, title: options.title.text, labels: ticks.map(tick => tick.label) };
+}"""
+PLACE = """each => {
+    const [first] = Chart.getChart(each).getDatasetMeta(0).data;
+    return { x: first.x, y: first.y };
+}"""
+DAY = 24 * 3600 * 1000
+
+
+def drawn(page: Page, name: str) -> list[list[list[float]]]:
+    """Return the points of each data set of a chart, once it is drawn."""
+    page.wait_for_function("name => Chart.getChart(name)", arg=name)
+    found: list[list[list[float]]] = page.locator(f"#{name}").evaluate(DRAWN)
+    return found
+
+
+def axis(page: Page, chart: str, name: str) -> dict[str, Any]:
+    page.wait_for_function("name => Chart.getChart(name)", arg=chart)
+    found: dict[str, Any] = page.locator(f"#{chart}").evaluate(AXIS, name)
+    return found
+
+
+def query_of(address: str | None) -> dict[str, str]:
+    return {name: values[0] for name, values in parse_qs(urlsplit(address or "").query).items()}
+
+
+def values(site: Site, *keys: str) -> list[list[float]]:
+    """Return what the board's table shows of these metrics, the first rank first."""
+    rows = site.ask(OWNER, "GET", f"/splits/{OPEN}/leaderboard").json()["rows"]
+    return [[float(CATALOGUE[key].display(row["scores"][key])) for key in keys] for row in rows]
+
+
+def test_a_board_draws_what_is_in_its_table(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, BOARD)
+    front, rest = drawn(page, "against")
+    assert sorted(front + rest) == sorted(values(site, "path_length", "success"))
+    best, _ = drawn(page, "progress")
+    assert [best[-1][1]] == values(site, "rgspl")[0]
+
+
+def test_a_chosen_axis_is_drawn_and_kept(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"{BOARD}?extra_data=")
+    page.get_by_label("Across").select_option("spl")
+    expect(page.locator("#against")).to_have_attribute(
+        "aria-label", re.compile("success rate against success weighted")
+    )
+    front, rest = drawn(page, "against")
+    assert sorted(front + rest) == sorted(values(site, "spl", "success"))
+    assert query_of(page.url) == {"x": "spl"}
+    main = page.get_by_role("main")
+    for name in ("permalink", "LaTeX", "BibTeX", "All metrics"):
+        link = main.get_by_role("link", name=name, exact=True).get_attribute("href")
+        assert query_of(link)["x"] == "spl", name
+    page.get_by_text("Filter", exact=True).first.click()
+    page.get_by_label("Method or team").fill("walk")
+    page.get_by_role("button", name="Filter").click()
+    expect(page.get_by_label("Across")).to_have_value("spl")
+    main.get_by_role("link", name="Clear").click()
+    expect(page.get_by_label("Across")).to_have_value("spl")
+
+
+def test_a_point_leads_to_its_submission(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, BOARD)
+    drawn(page, "progress")
+    canvas = page.locator("#progress")
+    canvas.scroll_into_view_if_needed()
+    canvas.click(position=canvas.evaluate(PLACE))
+    page.wait_for_url(re.compile("/submissions/[0-9a-f]{16}"))
+    expect(page.get_by_role("heading", level=1)).to_have_text("Stays where it is")
+
+
+def test_a_chart_never_contradicts_its_selector(site: Site, open_page: OpenPage) -> None:
+    """What was asked for first may come last."""
+    page = open_page(site, BOARD)
+    drawn(page, "against")
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        if "x=spl" in route.request.url:
+            held.append(route)
+        else:
+            route.continue_()
+
+    page.route("**/chart?*", hold)
+    page.get_by_label("Across").select_option("spl")
+    page.get_by_label("Across").select_option("rgs")
+    expect(page.locator("#against")).to_have_attribute("aria-label", re.compile("against remote"))
+    for route in held:
+        route.continue_()
+    page.wait_for_load_state("networkidle")
+    assert axis(page, "against", "x")["title"] == "RGS %"
+
+
+def test_time_goes_from_the_first_result_until_now(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, BOARD)
+    now: int = page.evaluate("Date.now()")
+    best, held = drawn(page, "progress")
+    time = axis(page, "progress", "x")
+    assert time["min"] == best[0][0]
+    assert time["max"] == pytest.approx(now, abs=60_000)
+    assert held[-1][0] == time["max"]
+    assert len(set(time["labels"])) == len(time["labels"]) >= 2
+
+
+def test_time_is_a_few_days_at_least(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/boards/{PRIVATE}?text=Shortest")
+    time = axis(page, "progress", "x")
+    assert time["max"] - time["min"] >= 5 * DAY
+    assert all(label.startswith("2") for label in time["labels"])
+
+
+@pytest.mark.parametrize("chart", ["against", "progress"])
+def test_nothing_is_above_all_there_can_be(chart: str, site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/boards/{PRIVATE}")
+    assert max(y for _, y in drawn(page, chart)[0]) == 100
+    assert axis(page, chart, "y")["max"] == 100
+
+
+def test_only_metrics_that_a_row_has_are_offered(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/boards/{PRIVATE}")
+    offered = page.get_by_label("Up").locator("option").evaluate_all("all => all.map(o => o.value)")
+    assert offered == ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
+
+
+def test_a_chart_without_a_value_says_so(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/boards/{PRIVATE}?y=ndtw")
+    expect(page.get_by_text("No result that is shown has both metrics.")).to_be_visible()
+    expect(page.locator("#against")).to_be_hidden()
+    expect(page.get_by_label("Up")).to_have_value("ndtw")
+    page.get_by_label("Up").select_option("spl")
+    expect(page.locator("#against")).to_be_visible()
+
+
+NOT_ARRIVING = [
+    pytest.param(BOARD, "**/chart.min.js*", id="the library, of a board"),
+    pytest.param("/team", "**/chart.min.js*", id="the library, of a team"),
+    pytest.param(BOARD, "**/chart?*", id="the data"),
+]
+
+
+@pytest.mark.parametrize(("path", "missing"), NOT_ARRIVING)
+def test_a_chart_that_did_not_arrive(
+    path: str, missing: str, site: Site, open_page: OpenPage
+) -> None:
+    page = open_page(site, "/sign-in", OWNER)
+    page.route(missing, lambda route: route.fulfill(status=204))
+    page.goto(path)
+    expect(page.get_by_text("The charts did not arrive.")).to_be_visible()
+    expect(page.locator("canvas").first).to_be_hidden()
+
+
+def test_charts_stand_beside_the_table_where_there_is_room(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, BOARD)
+    table, charts = page.locator("table.board").first, page.locator("#charts")
+    for size, is_beside in ((WIDE, True), (DESKTOP, False), (PHONE, False)):
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        left, right = table.bounding_box(), charts.bounding_box()
+        assert left
+        assert right
+        assert (right["x"] >= left["x"] + left["width"]) is is_beside, size
+        assert (right["y"] >= left["y"] + left["height"]) is not is_beside, size
+
+
+def test_a_team_sees_its_submissions_over_time(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, "/team", OWNER)
+    expect(page.get_by_role("heading", name="Over time")).to_be_visible()
+    canvas = page.locator("#over-time canvas").first
+    shapes = [len(points) for points in canvas.evaluate(DRAWN)]
+    progress = json.loads(canvas.get_attribute("data-progress") or "")
+    assert shapes == [len(progress["best"]), 2, len(progress["points"]["y"])]
+    assert canvas.evaluate(AXIS, "x")["max"] == progress["until"]
+
+
+def test_the_names_of_methods_are_only_names(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, BOARD)
+    drawn(page, "against")
+    data = page.evaluate("shown.points.method")
+    assert BOLD in data

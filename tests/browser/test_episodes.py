@@ -1,0 +1,122 @@
+"""What a script adds to an episode's page: walking the trajectory, picking a storey, arrow keys."""
+
+import re
+from itertools import pairwise
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.support.browser import NARROW, OpenPage
+from tests.support.demo_site import OPEN, OWNER, Site
+
+WALKER, DRAWER = "Walker", "Box drawer"
+
+
+@pytest.fixture
+def path(site: Site) -> str:
+    """Return where two walks of several steps are on one map."""
+    ids = (site.ids[OPEN, WALKER], site.ids[OPEN, DRAWER])
+    return f"/episodes/{OPEN}/1196_0_0?submission={ids[0]}&other={ids[1]}"
+
+
+def steps_shown(page: Page) -> list[int]:
+    """Return at which step each walk is."""
+    current = page.locator(".steps [aria-current=step]")
+    return [int(row.get_attribute("data-step") or -1) for row in current.all()]
+
+
+def place(walker: Locator) -> tuple[float, float]:
+    box = walker.bounding_box()
+    assert box is not None
+    return (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+
+
+def test_walking_step_by_step(site: Site, path: str, open_page: OpenPage) -> None:
+    page = open_page(site, path, OWNER, reduced_motion="reduce")
+    lasts = [table.locator("tr[data-step]").count() - 1 for table in page.locator(".steps").all()]
+    last = max(lasts)
+    assert last > 1
+    assert steps_shown(page) == lasts
+    page.get_by_label("Step", exact=True).fill("0")
+    assert steps_shown(page) == [0, 0]
+    expect(page.get_by_role("status")).to_contain_text(f"Step 0 of {last}")
+    assert page.locator(".leg:not(.ahead)").count() == 0
+    walker, places = page.locator(".walker.route-1"), []
+    places.append(place(walker))
+    for step in range(1, lasts[0] + 1):
+        page.get_by_role("button", name="One step on").click()
+        assert steps_shown(page)[0] == step
+        places.append(place(walker))
+    assert all(one != other for one, other in pairwise(places))
+    assert page.locator(".leg.ahead[data-route='1']").count() == 0
+    page.get_by_role("button", name="One step back").click()
+    assert place(walker) == places[-2]
+
+
+def test_playing_to_the_end(site: Site, path: str, open_page: OpenPage) -> None:
+    """A person who wants no motion sees the steps without gliding between them."""
+    page = open_page(site, path, OWNER, reduced_motion="reduce")
+    duration = "getComputedStyle(document.querySelector('.walker')).transitionDuration"
+    assert page.evaluate(duration) == "0s"
+    page.get_by_role("button", name="Play").press("Enter")
+    expect(page.get_by_role("button", name="Pause")).to_be_visible()
+    expect(page.get_by_role("status")).to_contain_text(re.compile(r"Step 1 of"))
+    expect(page.get_by_role("status")).to_contain_text(re.compile(r"Step (\d+) of \1:"))
+    expect(page.get_by_role("button", name="Play")).to_be_visible()
+
+
+def test_picking_a_level(site: Site, path: str, open_page: OpenPage) -> None:
+    page = open_page(site, path, OWNER)
+
+    def faint() -> set[str | None]:
+        return {
+            each.get_attribute("data-levels") for each in page.locator("svg [opacity='0.15']").all()
+        }
+
+    page.get_by_label("Level").select_option("1")
+    assert faint() == {"2"}
+    page.get_by_label("Level").select_option("2")
+    assert faint() == {"1"}
+    page.get_by_label("Level").select_option("all")
+    assert page.locator("svg [data-levels][opacity]").count() == 0
+    page.get_by_label("Level").select_option("")
+    assert page.locator("svg [data-levels][opacity='0.35']").count() > 0
+
+
+def test_arrow_keys_lead_on_where_they_mean_nothing_else(
+    site: Site, path: str, open_page: OpenPage
+) -> None:
+    page = open_page(site, path, OWNER)
+    onward = page.get_by_role("link", name="Next").get_attribute("href")
+    page.get_by_label("Step", exact=True).press("ArrowLeft")
+    expect(page).to_have_url(re.compile(re.escape(path)))
+    page.get_by_role("heading", level=1).click()
+    page.keyboard.press("ArrowRight")
+    expect(page).to_have_url(f"{site.url}{onward}")
+    page.keyboard.press("ArrowLeft")
+    expect(page).to_have_url(f"{site.url}{path}")
+
+
+def test_a_row_points_at_its_place(site: Site, path: str, open_page: OpenPage) -> None:
+    page = open_page(site, path, OWNER)
+    ring = page.locator("svg .pointer")
+    expect(ring).to_be_hidden()
+    page.locator(".steps tr[data-step='0']").first.hover()
+    expect(ring).to_be_visible()
+    start, pointed = page.locator("svg .start").first, place(ring)
+    assert place(start) == pytest.approx(pointed, abs=1.0)
+
+
+@pytest.mark.parametrize("has_scripts", [True, False])
+def test_without_scripts_nothing_is_offered_that_needs_them(
+    has_scripts: bool,  # noqa: FBT001
+    site: Site,
+    open_page: OpenPage,
+) -> None:
+    page = open_page(
+        site, f"/episodes/{OPEN}/1196_0_0", java_script_enabled=has_scripts, size=NARROW
+    )
+    tools = page.locator(".map-tools")
+    expect(tools).to_be_visible(visible=has_scripts)
+    expect(page.get_by_role("link", name="Next")).to_be_visible()
+    assert page.locator("svg .annotated").count() > 0

@@ -1,0 +1,160 @@
+"""The installed command as a process of its own: pipes, start-up, terminals, completion."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import SAMPLES, unavailable
+from tests.support.flat import NOTE, SCORE, Outcome, Run, signature, words
+from tests.support.terminals import COMMAND, ESCAPES, on_terminal
+from tests.support.worlds import SPLIT
+
+BROKEN = SAMPLES / "broken.json"
+
+# The installed command.
+
+
+def installed(*given: str | Path) -> Outcome:
+    """Run the installed command as a process of its own."""
+    process = subprocess.run([COMMAND, *given], capture_output=True, text=True, check=False)
+    return Outcome(process.returncode, process.stdout, process.stderr)
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("options", [[], ["--protocol", "all"], ["--diagnose"]], ids=" ".join)
+def test_a_pipe_gets_what_a_file_gets(options: list[str], run: Run) -> None:
+    outcome = installed(*SCORE, *options)
+    assert outcome == run(*SCORE, *options)
+    assert outcome.out.endswith(f"{NOTE}\n")
+
+
+def test_reasons_and_status_of_the_installed_command() -> None:
+    outcome = installed(BROKEN, "--split", SPLIT)
+    assert (outcome.status, outcome.out) == (1, "")
+    assert outcome.err.startswith(f"{BROKEN}: submission rejected")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "submit.json {split} {full}",
+        "validate submit.json {split} {full}",
+        "convert submit.json",
+        "agent stop {split} {full}",
+        "schema submission",
+        "--help",
+    ],
+)
+def test_a_reader_that_has_gone_is_no_failure(line: str, here: Path) -> None:
+    """As with `| head -1`, at the worst moment: nobody reads any more when it prints."""
+    readable, writable = os.pipe()
+    os.close(readable)
+    with os.fdopen(writable, "w") as nobody:
+        process = subprocess.run(
+            [COMMAND, *words(line)], stdout=nobody, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert (process.returncode, process.stderr) == (0, "")
+
+
+def test_python_runs_the_module_alike() -> None:
+    module = [sys.executable, "-m", "reverie_eval_cli", "--version"]
+    assert subprocess.check_output(module, text=True) == installed("--version").out
+
+
+HEAVY = ("fastapi", "pandas", "pydantic", "rich", "scipy", "shapely")
+LOADED = f"""
+import sys
+from reverie_eval_cli.main import main
+status = main(sys.argv[1:])
+print([name for name in {HEAVY} if name in sys.modules], file=sys.stderr)
+sys.exit(status)
+"""
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("options", [[], ["--protocol", "all"], ["--diagnose"]], ids=" ".join)
+def test_plain_scoring_imports_nothing_heavy(options: list[str]) -> None:
+    process = subprocess.run(
+        [sys.executable, "-c", LOADED, *SCORE, *options], capture_output=True, text=True, check=True
+    )
+    assert process.stderr == "[]\n"
+
+
+# Terminals.
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("columns", [20, 40, 80, 120])
+def test_the_table_fits_the_terminal(columns: int) -> None:
+    shown = on_terminal(columns, *SCORE)
+    table, _, captions = ESCAPES.sub("", shown).partition("split:")
+    assert max(map(len, table.splitlines())) <= columns
+    assert re.findall(r"\d+\.\d\d", table) == ["22.00", "60.00", "80.00", "35.42", "40.00", "29.33"]
+    for heading in ("TL m", "SR %", "OSR %", "SPL %", "RGS %", "RGSPL %"):
+        assert heading in table
+    assert f"split:{captions.splitlines()[0]}" == signature()
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("columns", [24, 40, 80, 120])
+def test_several_rows_fit_the_terminal(columns: int) -> None:
+    shown = on_terminal(columns, *words("afar.json {split} {full} --protocol all"))
+    table, _, captions = ESCAPES.sub("", shown).partition("* differs from official-v1")
+    assert max(map(len, table.splitlines())) <= columns
+    assert re.findall(r"60\.00|49\.33|40\.00\*|29\.33\*", table).count("40.00*") == 2
+    assert all(table.count(rules) == 1 for rules in ("official-v1", "paper", "r2r-style"))
+    assert signature("r2r-style") in captions
+
+
+@pytest.mark.usefixtures("here")
+def test_only_a_terminal_gets_escape_codes() -> None:
+    assert ESCAPES.search(on_terminal(80, *SCORE))
+    assert not ESCAPES.search(installed(*SCORE).out)
+
+
+# Completion.
+
+COMPLETE = """
+eval "$(reverie-eval completion bash)"
+COMP_LINE=$1 COMP_POINT=${#1} COMP_TYPE=9
+_python_argcomplete reverie-eval
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        pytest.param("reverie-eval --sp", {"--split"}, id="option"),
+        pytest.param("reverie-eval val", {"validate"}, id="command"),
+        pytest.param("reverie-eval validate --sp", {"--split"}, id="option of a command"),
+        pytest.param("reverie-eval compile --pu", {"--public"}, id="option of one command only"),
+        pytest.param("reverie-eval submit.json --pu", set(), id="not where it is none"),
+        pytest.param("reverie-eval submit.json --format la", {"latex"}, id="value of an option"),
+        pytest.param("reverie-eval submit.json --protocol pa", {"paper"}, id="protocol"),
+        pytest.param("reverie-eval submit.json --track gr", {"grounding"}, id="track"),
+        pytest.param("reverie-eval con", {"convert"}, id="another command"),
+        pytest.param("reverie-eval agent sh", {"shortest"}, id="agent"),
+        pytest.param("reverie-eval agent random --se", {"--seed"}, id="option of the agents"),
+        pytest.param("reverie-eval schema sub", {"submission"}, id="schema"),
+        pytest.param("reverie-eval sub", {"submit", "submit.json"}, id="command or file"),
+        pytest.param("reverie-eval validate sub", {"submit.json"}, id="file of a command"),
+        pytest.param("reverie-eval completion z", {"zsh"}, id="shell"),
+    ],
+)
+def test_completion_in_bash(line: str, expected: set[str], here: Path) -> None:
+    bash = shutil.which("bash")
+    if not bash:
+        unavailable("there is no bash")
+    path = f"{COMMAND.parent}{os.pathsep}{os.environ['PATH']}"
+    completions = subprocess.check_output(
+        [str(bash), "--norc", "-c", COMPLETE, "bash", line],
+        text=True,
+        env=os.environ | {"PATH": path},
+    )
+    assert {word.strip() for word in completions.splitlines()} - {""} == expected

@@ -1,0 +1,140 @@
+"""The documentation says what the code does."""
+
+import argparse
+import re
+import runpy
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from reverie_eval import CATALOGUE, PROTOCOLS
+from reverie_eval.metrics import Metric
+from reverie_eval.scoring import ALIASES
+from reverie_eval_cli.commands import schema
+from reverie_eval_cli.main import main
+from reverie_eval_cli.parser import COMMANDS
+from reverie_eval_cli.parser import _command_parser as command_parser
+from reverie_eval_cli.parser import _score_parser as score_parser
+from tests.conftest import REPOSITORY
+
+DOCS = REPOSITORY / "docs"
+README = REPOSITORY / "README.md"
+
+
+def codes_in(*sources: Path) -> set[str]:
+    """Collect the codes of problems that are built in source files."""
+    pattern = re.compile(r'(?:_\w+|report|Problem)\(\s*(?:sources,\s*)?"([a-z-]+)"')
+    return {code for source in sources for code in pattern.findall(source.read_text())}
+
+
+def codes_documented(page: str) -> set[str]:
+    """Collect the codes that a page's table explains."""
+    table = (DOCS / page).read_text().partition("| code |")[2]
+    return set(re.findall(r"^\| `([a-z-]+)` \|", table, re.MULTILINE))
+
+
+def command_above(page: str, begins: str) -> tuple[list[str], str]:
+    """Return the first command of a page that begins so, and the page's text below it."""
+    _, begin, rest = page.partition(begins)
+    line, _, below = rest.partition("\n")
+    return shlex.split(begin + line, comments=True), below
+
+
+def test_the_picture_of_the_views_is_what_its_script_draws() -> None:
+    pictures = DOCS / "pictures"
+    drawn = runpy.run_path(str(pictures / "view_grid.py"))["picture"]()
+    assert (pictures / "view-grid.svg").read_text() == drawn
+
+
+@pytest.fixture
+def at_the_root(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work where the documentation's commands are given."""
+    monkeypatch.chdir(REPOSITORY)
+
+
+@pytest.mark.usefixtures("at_the_root")
+def test_readme_shows_the_score_table_as_it_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    (_, *words), below = command_above(README.read_text(), "reverie-eval fixtures/")
+    assert main(words) == 0
+    assert below.startswith(f"```\n\n```\n{capsys.readouterr().out}```\n")
+
+
+@pytest.mark.usefixtures("at_the_root")
+def test_the_sample_with_boxes_scores_what_its_page_says(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    page = (DOCS / "submission-format.md").read_text()
+    (_, _, *words), below = command_above(page, "$ reverie-eval fixtures/submissions/drawn.json")
+    assert main(words) == 0
+    assert below.startswith(f"{capsys.readouterr().out}```\n")
+
+
+@pytest.mark.usefixtures("at_the_root")
+def test_the_table_of_protocols_is_what_the_command_above_it_prints(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    page = (DOCS / "protocols.md").read_text()
+    (_, *words), below = command_above(page, "reverie-eval fixtures/")
+    assert main(words) == 0
+    table, _, _ = capsys.readouterr().out.partition("\n\n")
+    assert len(table.splitlines()) > len(PROTOCOLS)
+    assert below.startswith(f"```\n\n{table}\n\n")
+
+
+@pytest.mark.parametrize("name", [*PROTOCOLS, *ALIASES])
+def test_every_protocol_is_documented(name: str) -> None:
+    table = (DOCS / "protocols.md").read_text().partition("| protocol |")[2]
+    assert f"`{name}`" in table.partition("\n\n")[0]
+
+
+@pytest.mark.parametrize("name", schema.NAMES)
+def test_schemas_are_those_that_the_command_prints(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["schema", name]) == 0
+    assert (DOCS / "schemas" / f"{name}.schema.json").read_text() == capsys.readouterr().out
+
+
+def options_of(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """Collect the options of a parser and of its commands, each by its last name; not help.
+
+    A switch that can be turned off is listed by what turns it on.
+    """
+    for action in parser._actions:  # noqa: SLF001  # argparse lists them nowhere else
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            for command in action.choices.values():
+                yield from options_of(command)
+        elif action.option_strings and action.dest not in ("help", "version"):
+            yield action.option_strings[0 if "--no-" in action.option_strings[-1] else -1]
+
+
+@pytest.mark.parametrize("name", list(COMMANDS))
+def test_readme_names_every_command(name: str) -> None:
+    assert f"reverie-eval {name} " in README.read_text()
+
+
+@pytest.mark.parametrize(
+    "option", sorted({*options_of(score_parser()), *options_of(command_parser())})
+)
+def test_readme_names_every_option(option: str) -> None:
+    short = {"--output": "(--output|-o)"}
+    assert re.search(rf"(?<![\w-]){short.get(option, option)}(?![\w-])", README.read_text())
+
+
+@pytest.mark.parametrize("metric", CATALOGUE.values(), ids=list(CATALOGUE))
+def test_every_metric_is_documented_in_the_catalogue_s_words(metric: Metric) -> None:
+    cells = (f"`{metric.key}`", metric.label, metric.unit, metric.better, metric.definition)
+    assert f"| {' | '.join(cells)} |" in (DOCS / "metrics.md").read_text()
+
+
+def test_every_problem_of_a_submission_is_documented() -> None:
+    built = codes_in(REPOSITORY / "reverie_eval" / "submissions" / "_problems.py")
+    assert built == codes_documented("submission-format.md")
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.name)
+def test_links_between_pages_lead_somewhere(page: Path) -> None:
+    targets = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text())
+    assert [target for target in targets if not (page.parent / target).exists()] == []

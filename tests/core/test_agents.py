@@ -1,0 +1,242 @@
+"""The reference agents: what they do, held against the graphs, and what they score."""
+
+import json
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reverie_eval import CATALOGUE, GroundTruth, GroundTruthError, Scores, evaluate
+from reverie_eval.agents import AGENTS, MAX_RANDOM_STEPS, Record, run_agent
+from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval.submissions._official import decode_official
+from tests.support.flat import Run
+from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.worlds import SPLIT, ground_truth_of
+
+COMMAND = Path(sys.executable).with_name("reverie-eval")
+BUNDLES = {
+    "train": DEMO_BUNDLES / "train.npz",
+    "val_seen": DEMO_BUNDLES / "val_seen.npz",
+    "val_unseen": DEMO_BUNDLES / "val_unseen.npz",
+    "test": DEMO_BUNDLES / "private" / "test.npz",
+}
+SEEDS = range(5)
+
+
+@pytest.fixture(params=list(BUNDLES))
+def truth(request: pytest.FixtureRequest) -> GroundTruth:
+    """Load the ground truth of every demo split with its answers."""
+    return GroundTruth.load(BUNDLES[request.param])
+
+
+def scores_of(name: str, truth: GroundTruth, seed: int = 0) -> Scores:
+    """Score what an agent does."""
+    records = run_agent(name, truth, seed)
+    return evaluate(records, split=truth.split, ground_truth=truth)
+
+
+def viewpoints(record: Record) -> list[str]:
+    """Return the viewpoints of a record."""
+    return [viewpoint_id for viewpoint_id, *_ in record["trajectory"]]
+
+
+# Shortest.
+
+
+@pytest.mark.parametrize("key", ["success", "spl", "rgs", "rgspl", "oracle_success", "sdtw"])
+def test_shortest_does_everything_right(key: str, truth: GroundTruth) -> None:
+    """But for annotated paths with detours, which cost it fidelity alone."""
+    value = scores_of("shortest", truth)[key]
+    assert value <= 1 if key == "sdtw" else value == 1
+
+
+def test_shortest_walks_the_shortest_length(truth: GroundTruth) -> None:
+    episodes = scores_of("shortest", truth).episodes
+    assert episodes["path_length"] == pytest.approx(episodes["shortest_length"], abs=1e-9, rel=0)
+    assert not episodes["jumps"].any()
+    assert not episodes["navigation_error"].any()
+
+
+def test_shortest_takes_the_shorter_way_round() -> None:
+    """The annotators took the way of 7 m; there is one of 5 m."""
+    places = {"door": (0.0, 0.0), "hall": (0.0, 4.0), "yard": (1.0, 0.0), "bath": (3.0, 4.0)}
+    house = Scan(
+        {
+            name: Viewpoint((x, y, 0.0), views={5: [12]} if name == "bath" else {})
+            for name, (x, y) in places.items()
+        },
+        frozenset({("door", "hall"), ("hall", "bath"), ("door", "bath"), ("door", "yard")}),
+    )
+    world = World({"house": house}, [Task("7_1", "house", ["door", "hall", "bath"], 5)])
+    (record,) = run_agent("shortest", ground_truth_of(world))
+    assert (viewpoints(record), record["predObjId"]) == (["door", "bath"], 5)
+
+
+# Random.
+
+
+def test_random_is_the_same_again_with_the_same_seed(truth: GroundTruth) -> None:
+    assert run_agent("random", truth, seed=1) == run_agent("random", truth, seed=1)
+    assert run_agent("random", truth, seed=1) != run_agent("random", truth, seed=2)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_random_takes_up_to_ten_steps_along_edges(seed: int, truth: GroundTruth) -> None:
+    episodes = scores_of("random", truth, seed).episodes
+    assert MAX_RANDOM_STEPS == 10
+    assert episodes["steps"].max() <= MAX_RANDOM_STEPS
+    assert not episodes["jumps"].any()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_random_never_waits_where_there_is_a_way(seed: int, truth: GroundTruth) -> None:
+    for record in run_agent("random", truth, seed):
+        assert all(here != there for here, there in pairwise(viewpoints(record)))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_random_names_what_it_sees(seed: int, truth: GroundTruth) -> None:
+    """And nothing only where there is nothing."""
+    records = run_agent("random", truth, seed)
+    stops = np.array([truth.graph.index[viewpoints(record)[-1]] for record in records])
+    named = np.array([record["predObjId"] for record in records])
+    is_visible = truth.require_answers().is_visible(named, stops)
+    sees_anything = np.isin(stops, truth.require_answers().candidate_viewpoint)
+    assert (is_visible == sees_anything).all()
+    assert (named[~sees_anything] == -1).all()
+
+
+def test_random_draws_every_number_of_steps(truth: GroundTruth) -> None:
+    steps = {
+        len(record["trajectory"]) - 1
+        for seed in range(20)
+        for record in run_agent("random", truth, seed)
+    }
+    assert steps == set(range(11))
+
+
+def test_random_stays_where_no_edge_leads_away() -> None:
+    tower = Scan({"cell": Viewpoint((0.0, 0.0, 0.0), views={5: [12]})}, frozenset())
+    truth = ground_truth_of(World({"tower": tower}, [Task("7_1", "tower", ["cell"], 5)]))
+    for seed in SEEDS:
+        (record,) = run_agent("random", truth, seed)
+        assert (set(viewpoints(record)), record["predObjId"]) == ({"cell"}, 5)
+
+
+# Stop.
+
+
+def test_stop_stays_at_the_start_and_names_nothing(truth: GroundTruth) -> None:
+    episodes = scores_of("stop", truth).episodes
+    assert not episodes["path_length"].any()
+    assert not episodes["steps"].any()
+    assert not episodes["rgs"].any()
+    assert {record["predObjId"] for record in run_agent("stop", truth)} == {-1}
+
+
+# All of them.
+
+
+@pytest.mark.parametrize("name", list(AGENTS))
+def test_an_agent_writes_the_official_form(name: str, truth: GroundTruth) -> None:
+    records = run_agent(name, truth)
+    predictions = decode_official(json.dumps(records).encode())
+    assert predictions is not None
+    assert list(predictions.instr_ids) == list(truth.episodes.instr_ids)
+    angles = [pose[1:] for record in records for pose in record["trajectory"]]
+    heading, elevation = np.array(angles).T
+    assert ((heading >= 0) & (heading <= 2 * np.pi)).all()
+    assert (np.abs(elevation) <= np.pi / 2).all()
+
+
+@pytest.mark.parametrize(
+    ("there", "heading", "elevation"),
+    [
+        pytest.param((0.0, 2.0, 0.0), 0.0, 0.0, id="north"),
+        pytest.param((2.0, 0.0, 0.0), np.pi / 2, 0.0, id="east"),
+        pytest.param((0.0, -2.0, 0.0), np.pi, 0.0, id="south"),
+        pytest.param((-2.0, 0.0, 0.0), 3 * np.pi / 2, 0.0, id="west"),
+        pytest.param((1.0, 1.0, 0.0), np.pi / 4, 0.0, id="north-east"),
+        pytest.param((0.0, 2.0, 2.0), 0.0, np.pi / 4, id="up"),
+        pytest.param((0.0, 2.0, -2.0), 0.0, -np.pi / 4, id="down"),
+    ],
+)
+def test_poses_look_where_the_agent_goes(
+    there: tuple[float, float, float], heading: float, elevation: float
+) -> None:
+    """Headings turn from north, which is y, to east, which is x, as the simulator's do."""
+    field = Scan(
+        {"here": Viewpoint((0.0, 0.0, 0.0)), "there": Viewpoint(there, views={5: [12]})},
+        frozenset({("here", "there")}),
+    )
+    world = World({"field": field}, [Task("7_1", "field", ["here", "there"], 5)])
+    (record,) = run_agent("shortest", ground_truth_of(world))
+    first, last = record["trajectory"]
+    assert first == ["here", 0.0, 0.0]
+    assert last == ["there", pytest.approx(heading), pytest.approx(elevation)]
+
+
+@pytest.mark.parametrize("name", list(AGENTS))
+def test_a_public_bundle_is_not_enough(name: str, truth: GroundTruth) -> None:
+    public = GroundTruth.from_bundle(Bundle.load(BUNDLES[truth.split]).public())
+    with pytest.raises(GroundTruthError, match="has no answers"):
+        run_agent(name, public)
+
+
+# The command.
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        pytest.param("shortest", "100.00  100.00  100.00  100.00", id="shortest"),
+        pytest.param("stop", "0.00", id="stop"),
+    ],
+)
+def test_an_agent_is_scored_through_a_pipe(name: str, expected: str) -> None:
+    with subprocess.Popen(
+        [COMMAND, "agent", name, "--split", SPLIT], stdout=subprocess.PIPE, text=True
+    ) as agent:
+        scored = subprocess.run(
+            [COMMAND, "-", "--split", SPLIT],
+            stdin=agent.stdout,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    assert agent.returncode == 0
+    assert expected in scored.stdout.splitlines()[1]
+    assert scored.stderr == ""
+
+
+@pytest.mark.parametrize("options", [[], ["--seed", "0"], ["--seed", "7"]], ids=" ".join)
+def test_the_command_writes_what_the_agent_does(
+    options: list[str], tmp_path: Path, demo: GroundTruth, run: Run
+) -> None:
+    file = tmp_path / "random.json"
+    outcome = run("agent", "random", "--split", SPLIT, *options, "-o", str(file))
+    assert outcome == (0, "", "")
+    seed = int(options[-1]) if options else 0
+    assert json.loads(file.read_text()) == run_agent("random", demo, seed)
+    assert run("agent", "random", "--split", SPLIT, *options).out == file.read_text()
+
+
+# REVERIE as published.
+
+
+@pytest.mark.dataset
+@pytest.mark.parametrize(
+    ("split", "length"), [("val_seen", "10.53"), ("val_unseen", "9.47")], ids=str
+)
+def test_shortest_has_the_length_that_the_paper_gives(
+    split: str, length: str, published_bundles: Path
+) -> None:
+    """Of val_unseen; val_seen is 7 cm longer than in the paper, which precedes its release."""
+    truth = GroundTruth.load(published_bundles / f"{split}.npz")
+    scores = scores_of("shortest", truth)
+    assert CATALOGUE["path_length"].display(scores["path_length"]) == length
+    assert [scores[key] for key in ("success", "oracle_success", "spl", "rgs")] == [1, 1, 1, 1]

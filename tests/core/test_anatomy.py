@@ -1,0 +1,73 @@
+"""Outcomes: by hand, for every combination of facts, and held against the scores they sum up to."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from reverie_eval import PROTOCOLS, ProtocolError, evaluate
+from reverie_eval.arrays import FloatArray
+from reverie_eval.scoring import OUTCOMES
+from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
+from tests.conftest import SAMPLES
+
+COMBINATIONS = {
+    # reached the goal, stopped at the goal, predicted the target
+    (0, 0, 0): "never reached",
+    (1, 0, 0): "overshot",
+    (1, 1, 0): "wrong object",
+    (0, 0, 1): "correct object at the wrong stop",
+    (1, 0, 1): "correct object at the wrong stop",
+    (1, 1, 1): "correct",
+}
+episode = st.sampled_from(sorted(COMBINATIONS))
+
+
+def table(episodes: list[tuple[int, int, int]]) -> dict[str, FloatArray]:
+    came, stopped, named = np.array(episodes, dtype=np.float64).reshape(-1, 3).T
+    return {"success": stopped, "oracle_success": came, "rgs": named}
+
+
+def test_every_combination_that_can_be_has_its_outcome() -> None:
+    possible = {(came, stopped, named) for came, stopped, named in product((0, 1), repeat=3)}
+    assert possible - set(COMBINATIONS) == {(0, 1, 0), (0, 1, 1)}  # stopped where it never came
+    found = outcome_indices(table(list(COMBINATIONS)))
+    assert [list(OUTCOMES)[number] for number in found] == list(COMBINATIONS.values())
+
+
+@given(st.lists(episode, min_size=1))
+def test_outcomes_are_exhaustive_exclusive_and_add_up_to_the_scores(
+    episodes: list[tuple[int, int, int]],
+) -> None:
+    scores, anatomy = table(episodes), failure_modes(table(episodes))
+    counts = anatomy.counts
+    assert sum(counts.values()) == len(episodes)
+    assert counts["wrong object"] + counts["correct"] == scores["success"].sum()
+    assert counts["correct object at the wrong stop"] + counts["correct"] == scores["rgs"].sum()
+    came = len(episodes) - counts["never reached"] - counts["correct object at the wrong stop"]
+    assert came + anatomy.wrong_stops_after_reaching == scores["oracle_success"].sum()
+    assert list(anatomy.funnel.values()) == [
+        len(episodes),
+        scores["oracle_success"].sum(),
+        scores["success"].sum(),
+        counts["correct"],
+    ]
+
+
+@pytest.mark.parametrize("protocol", [name for name in PROTOCOLS if name != "r2r-style"])
+def test_outcomes_of_a_sample_reproduce_its_scores(protocol: str) -> None:
+    scores = evaluate(SAMPLES / "mediocre.json", split="val_unseen", protocol=protocol)
+    count, total = scores.failure_modes.counts, len(scores.instr_ids)
+    assert (count["wrong object"] + count["correct"]) / total == scores["success"]
+    assert (count["correct object at the wrong stop"] + count["correct"]) / total == scores["rgs"]
+    assert scores.failure_modes.funnel["reached the goal"] / total == scores["oracle_success"]
+    assert [scores.outcomes.count(name) for name in OUTCOMES] == list(count.values())
+
+
+@pytest.mark.parametrize("how", [{"track": "grounding"}, {"protocol": "r2r-style"}], ids=str)
+def test_what_is_not_scored_has_no_outcomes(how: dict[str, str]) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen", **how)  # type: ignore[arg-type]
+    with pytest.raises(ProtocolError, match="is not scored here; choose another protocol"):
+        _ = scores.failure_modes

@@ -1,0 +1,60 @@
+"""Folders that are whole when they appear."""
+
+from pathlib import Path
+
+import pytest
+
+from reverie_eval.files import staged_folder
+
+
+def test_a_new_folder_appears_at_once(tmp_path: Path) -> None:
+    place = tmp_path / "deep" / "place"
+    with staged_folder(place) as staging:
+        (staging / "a").touch()
+        assert not place.exists()
+    assert [path.name for path in place.iterdir()] == ["a"]
+    assert [path.name for path in place.parent.iterdir()] == ["place"]
+
+
+def test_an_empty_folder_stays_and_has_nothing_until_all_is_there(tmp_path: Path) -> None:
+    """A shell that is in it is still in it, and a disk is not moved over another."""
+    before = tmp_path.stat().st_ino
+    with staged_folder(tmp_path) as staging:
+        (staging / "a").touch()
+        assert [path.name[0] for path in tmp_path.iterdir()] == ["."]
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert tmp_path.stat().st_ino == before
+
+
+@pytest.mark.parametrize("is_new", [True, False])
+def test_nothing_stays_of_what_was_not_finished(tmp_path: Path, *, is_new: bool) -> None:
+    place = tmp_path / "place" if is_new else tmp_path
+    with pytest.raises(KeyboardInterrupt), staged_folder(place) as staging:
+        _begin(staging)
+    assert list(tmp_path.iterdir()) == []
+
+
+def _begin(staging: Path) -> None:
+    (staging / "a").touch()
+    raise KeyboardInterrupt
+
+
+def test_the_last_part_comes_when_all_others_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved: list[str] = []
+    monkeypatch.setattr(Path, "rename", lambda part, _: moved.append(part.name))
+    with staged_folder(tmp_path, last="b") as staging:
+        for name in "abc":
+            (staging / name).touch()
+    assert sorted(moved[:2]) == ["a", "c"]
+    assert moved[2:] == ["b"]
+
+
+@pytest.mark.parametrize(("mode", "others"), [(0o777, 0o007), (0o700, 0)])
+def test_who_may_look_into_a_new_folder(mode: int, others: int, tmp_path: Path) -> None:
+    place, usual = tmp_path / "place", tmp_path / "usual"
+    usual.mkdir()
+    with staged_folder(place, mode=mode):
+        pass
+    assert place.stat().st_mode & 0o007 == usual.stat().st_mode & others

@@ -1,0 +1,443 @@
+"""The bundle file, what may be in it, and where the ground truth of a split is found."""
+
+import io
+import json
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+
+from fixtures.bundles import write_demo_bundles
+from fixtures.demo_world.episodes import Answer, episodes_of, submitted
+from reverie_eval import GroundTruth, GroundTruthError, evaluate, validate
+from reverie_eval.ground_truth import DEMO_BUNDLES, GROUND_TRUTH_VARIABLE, Bundle, find_ground_truth
+from reverie_eval.ground_truth._bundle import (
+    ANSWER_ARRAYS,
+    OPTIONAL_ANSWER_ARRAYS,
+    PUBLIC_ARRAYS,
+    PUBLIC_TEXTS,
+    pack_texts,
+)
+from tests.support.worlds import SPLIT
+
+VAL_UNSEEN = DEMO_BUNDLES / "val_unseen.npz"
+PRIVATE = ANSWER_ARRAYS.keys() | OPTIONAL_ANSWER_ARRAYS.keys()
+"""The names of everything that a public bundle leaves out."""
+
+
+@pytest.fixture(scope="module")
+def bundle() -> Bundle:
+    """Load the bundle of the demo world's val_unseen split."""
+    return Bundle.load(VAL_UNSEEN)
+
+
+@pytest.fixture(scope="module")
+def regenerated(demo_world: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Compile the demo world anew."""
+    folder = tmp_path_factory.mktemp("regenerated")
+    write_demo_bundles(demo_world, folder)
+    return folder
+
+
+def content_of(bundle: Bundle) -> tuple[object, ...]:
+    """Return everything that a bundle holds, in a form that compares."""
+    arrays = {name: (array.dtype.str, array.tolist()) for name, array in bundle.arrays.items()}
+    others = {split: ids.tolist() for split, ids in bundle.other_splits.items()}
+    texts = {name: text.tobytes() for name, text in bundle.texts.items()}
+    return bundle.header, arrays, others, texts
+
+
+def with_other_answers(bundle: Bundle) -> Bundle:
+    """Return a bundle of the same episodes in which every answer array is another."""
+    answers = {name: bundle.arrays[name][::-1].copy() + 1 for name in PRIVATE}
+    arrays = {**bundle.arrays, **answers}
+    sources = {**bundle.header.sources, "annotations": "other", "boxes": "others"}
+    texts = {**bundle.texts, "target_category": pack_texts(["answers"])}
+    return Bundle.build(SPLIT, "demo", sources, arrays, bundle.other_splits, texts=texts)
+
+
+# Saving and loading.
+
+
+@pytest.mark.parametrize("public", [False, True], ids=["full", "public"])
+def test_a_saved_bundle_loads_as_it_was(bundle: Bundle, tmp_path: Path, *, public: bool) -> None:
+    saved = bundle.public() if public else bundle
+    saved.save(tmp_path / "saved.npz")
+    assert content_of(Bundle.load(tmp_path / "saved.npz")) == content_of(saved)
+
+
+def test_saving_twice_gives_the_same_bytes(bundle: Bundle, tmp_path: Path) -> None:
+    bundle.save(tmp_path / "once.npz")
+    bundle.save(tmp_path / "twice.npz")
+    assert (tmp_path / "once.npz").read_bytes() == (tmp_path / "twice.npz").read_bytes()
+
+
+def test_no_date_is_saved(bundle: Bundle, tmp_path: Path) -> None:
+    """The same content gives the same bytes on any day."""
+    bundle.save(tmp_path / "bundle.npz")
+    with ZipFile(tmp_path / "bundle.npz") as archive:
+        assert {member.date_time for member in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+
+
+def test_saving_replaces_a_bundle_and_leaves_nothing_else(bundle: Bundle, tmp_path: Path) -> None:
+    bundle.save(tmp_path / "bundle.npz")
+    bundle.public().save(tmp_path / "bundle.npz")
+    assert Bundle.load(tmp_path / "bundle.npz").is_public
+    assert [path.name for path in tmp_path.iterdir()] == ["bundle.npz"]
+
+
+def test_a_write_that_fails_leaves_nothing(
+    bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full_disk(*_: object, **__: object) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np.lib.format, "write_array", full_disk)
+    with pytest.raises(OSError, match="no space left"):
+        bundle.save(tmp_path / "bundle.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_arrays_cannot_be_written_to(bundle: Bundle) -> None:
+    arrays = [*bundle.arrays.values(), *bundle.public().arrays.values()]
+    assert not [array for array in arrays if array.flags.writeable]
+
+
+def test_the_fingerprint_counts_every_array(bundle: Bundle) -> None:
+    fingerprints = {bundle.header.fingerprint}
+    for name, array in bundle.arrays.items():
+        changed = array.copy()
+        changed.flat[-1] = "?" if array.dtype.kind == "U" else not array.flat[-1]
+        other = Bundle.build(SPLIT, "demo", {}, {**bundle.arrays, name: changed}, {})
+        fingerprints.add(other.header.fingerprint)
+    assert len(fingerprints) == 1 + len(bundle.arrays)
+
+
+# Files that are no bundle.
+
+
+def _npz(**arrays: object) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # type: ignore[arg-type]
+    return file.getvalue()
+
+
+def _npy(array: np.ndarray[Any, Any]) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def _with_header(**fields: object) -> bytes:
+    return _npz(header=np.frombuffer(json.dumps(fields).encode(), np.uint8))
+
+
+def _with_another_array(name: str) -> bytes:
+    """Return the bundle with an array changed behind its header's back."""
+    with np.load(VAL_UNSEEN) as archive:
+        members = dict(archive)
+    members[name] = members[name][::-1]
+    return _npz(**members)
+
+
+def _with_a_wrong_bit() -> bytes:
+    content = bytearray(VAL_UNSEEN.read_bytes())
+    content[len(content) // 2] ^= 1
+    return bytes(content)
+
+
+NO_BUNDLE = "is not a ground-truth bundle, or is damaged; `reverie-eval compile` makes one"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        pytest.param(lambda: b"", NO_BUNDLE, id="empty file"),
+        pytest.param(lambda: b"[]", NO_BUNDLE, id="JSON"),
+        pytest.param(lambda: pickle.dumps([1, 2]), NO_BUNDLE, id="pickle"),
+        pytest.param(lambda: _npy(np.arange(3)), NO_BUNDLE, id=".npy"),
+        pytest.param(lambda: _npz(a=np.arange(3)), NO_BUNDLE, id="other .npz"),
+        pytest.param(lambda: _with_header(split="test"), NO_BUNDLE, id="header without version"),
+        pytest.param(lambda: _with_header(format_version=1), NO_BUNDLE, id="header without fields"),
+        pytest.param(
+            lambda: _with_header(format_version=2),
+            "has bundle format 2, this version of reverie-eval reads format 1; compile it again",
+            id="newer format",
+        ),
+        pytest.param(lambda: _with_another_array("task_target"), "is damaged", id="other answers"),
+        pytest.param(lambda: _with_another_array("edge"), "is damaged", id="other edges"),
+        pytest.param(_with_a_wrong_bit, "bundle", id="wrong bit"),
+        pytest.param(lambda: VAL_UNSEEN.read_bytes()[:-1000], "bundle", id="truncated"),
+    ],
+)
+def test_a_file_that_is_no_sound_bundle(
+    content: Callable[[], bytes], message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "bundle.npz"
+    path.write_bytes(content())
+    with pytest.raises(GroundTruthError) as error:
+        GroundTruth.load(path)
+    assert str(path) in str(error.value)
+    assert message in str(error.value)
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"none\.npz"):
+        GroundTruth.load(tmp_path / "none.npz")
+
+
+class _Trap:
+    """An object that makes a file when it is unpickled."""
+
+    def __init__(self, sprung: Path) -> None:
+        self._sprung = sprung
+
+    def __reduce__(self) -> tuple[Callable[[Path], None], tuple[Path]]:
+        return Path.touch, (self._sprung,)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        pytest.param(pickle.dumps, id="pickle"),
+        pytest.param(lambda trap: _npz(header=np.array([trap])), id="header"),
+        pytest.param(lambda trap: _npz(a=np.array([trap])), id="array"),
+    ],
+)
+def test_a_pickle_is_never_loaded(content: Callable[[_Trap], bytes], tmp_path: Path) -> None:
+    path, sprung = tmp_path / "bundle.npz", tmp_path / "sprung"
+    path.write_bytes(content(_Trap(sprung)))
+    with pytest.raises(GroundTruthError):
+        GroundTruth.load(path)
+    assert not sprung.exists()
+
+
+# Public bundles.
+
+
+def test_a_public_bundle_has_no_array_of_answers(bundle: Bundle) -> None:
+    assert bundle.arrays.keys() == PUBLIC_ARRAYS.keys() | PRIVATE
+    assert bundle.public().arrays.keys() == PUBLIC_ARRAYS.keys()
+    assert not bundle.is_public
+    assert bundle.public().is_public
+
+
+def test_a_public_bundle_has_these_arrays_and_no_other() -> None:
+    """Whoever adds one decides here that everybody may know it."""
+    assert set(PUBLIC_ARRAYS) == {
+        "instr_id",
+        "episode_task",
+        "task_start",
+        "scan_id",
+        "viewpoint_id",
+        "viewpoint_scan",
+        "viewpoint_position",
+        "distance",
+        "edge",
+    }
+    assert not PRIVATE & PUBLIC_ARRAYS.keys()
+    assert set(PUBLIC_TEXTS) == {"instruction"}
+
+
+def test_a_public_bundle_has_the_instructions_and_no_categories(bundle: Bundle) -> None:
+    assert set(bundle.texts) == {"instruction", "target_category"}
+    assert set(bundle.public().texts) == {"instruction"}
+
+
+# Texts.
+
+
+def test_texts_are_those_of_the_annotations(demo_world: Path, regenerated: Path) -> None:
+    file = demo_world / "tasks" / "REVERIE" / "data" / "REVERIE_val_unseen.json"
+    tasks = json.loads(file.read_text())
+    truth = GroundTruth.load(regenerated / "val_unseen.npz")
+    assert truth.episodes.instructions == tuple(
+        text for task in tasks for text in task["instructions"]
+    )
+    assert len(truth.require_answers().target_categories) == len(tasks)
+    assert "bed" in truth.require_answers().target_categories
+
+
+def test_texts_do_not_count_in_the_fingerprint(bundle: Bundle) -> None:
+    arrays, others = bundle.arrays, bundle.other_splits
+    without = Bundle.build(SPLIT, "demo", bundle.header.sources, arrays, others)
+    assert without.header.fingerprint == bundle.header.fingerprint
+
+
+@pytest.mark.parametrize(
+    "packed", [b"", b"[", b'["one"]', b"[1]", b"\xff"], ids=["nothing", "cut", "few", "no", "bytes"]
+)
+def test_damaged_texts_say_so_when_they_are_wanted(bundle: Bundle, packed: bytes) -> None:
+    texts = {"instruction": np.frombuffer(packed, np.uint8)}
+    truth = GroundTruth.from_bundle(replace(bundle, texts=texts))
+    with pytest.raises(GroundTruthError, match="instructions of this ground truth are damaged"):
+        _ = truth.episodes.instructions
+    with pytest.raises(GroundTruthError, match="compiled without categories"):
+        _ = truth.require_answers().target_categories
+
+
+def test_the_bytes_of_a_public_bundle_do_not_depend_on_answers(
+    bundle: Bundle, tmp_path: Path
+) -> None:
+    bundle.public().save(tmp_path / "one.npz")
+    with_other_answers(bundle).public().save(tmp_path / "other.npz")
+    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "other.npz").read_bytes()
+
+
+def test_the_public_bundle_of_private_answers_is_the_published_one(regenerated: Path) -> None:
+    private, public = (
+        Bundle.load(regenerated / name) for name in ("private/test.npz", "test.public.npz")
+    )
+    assert not private.is_public
+    assert private.public().header.fingerprint == public.header.fingerprint
+
+
+def test_a_public_bundle_validates_but_does_not_score(bundle: Bundle) -> None:
+    truth = GroundTruth.from_bundle(bundle.public(), origin="val_unseen.public.npz")
+    submission = [submitted(here, Answer(here.task.path, 3)) for here in episodes_of(SPLIT)]
+    assert not validate(submission, split=SPLIT, ground_truth=truth).notes
+    with pytest.raises(
+        GroundTruthError, match=r"val_unseen\.public\.npz is a public bundle.*answers"
+    ):
+        evaluate(submission, split=SPLIT, ground_truth=truth)
+
+
+# The bundles that ship with the package.
+
+DEMO = ["train.npz", "val_seen.npz", "val_unseen.npz", "test.public.npz", "private/test.npz"]
+
+
+def test_these_bundles_ship_with_the_package() -> None:
+    assert sorted(DEMO) == sorted(
+        path.relative_to(DEMO_BUNDLES).as_posix() for path in DEMO_BUNDLES.rglob("*.npz")
+    )
+
+
+@pytest.mark.parametrize("name", DEMO)
+def test_the_embedded_bundle_is_what_the_demo_world_compiles_to(
+    name: str, regenerated: Path
+) -> None:
+    """If not, `python -m fixtures.bundles` has to be run."""
+    embedded, expected = Bundle.load(DEMO_BUNDLES / name), Bundle.load(regenerated / name)
+    assert embedded.header == expected.header
+    assert content_of(embedded)[2] == content_of(expected)[2]
+
+
+# Where the ground truth of a split is found.
+
+
+@pytest.fixture
+def bundles(bundle: Bundle, tmp_path: Path) -> Path:
+    """Fill a folder with bundles of a dataset that is not the demo."""
+    folder = tmp_path / "bundles"
+    folder.mkdir()
+    for split in ("val_seen", "val_unseen"):
+        renamed = replace(bundle, header=replace(bundle.header, split=split, dataset="custom"))
+        renamed.save(folder / f"{split}.npz")
+        renamed.public().save(folder / f"{split}.public.npz")
+    (folder / "val_seen.npz").unlink()
+    return folder
+
+
+def test_a_loaded_ground_truth_is_taken_as_it_is(demo: GroundTruth) -> None:
+    assert find_ground_truth(demo, SPLIT) is demo
+
+
+@pytest.mark.parametrize("of_type", [str, Path])
+def test_a_bundle_file(of_type: Callable[[Path], str | Path], bundles: Path) -> None:
+    path = bundles / "val_unseen.public.npz"
+    truth = find_ground_truth(of_type(path), SPLIT)
+    assert truth.origin == str(path)
+    assert truth.answers is None
+
+
+@pytest.mark.parametrize(
+    ("split", "name"),
+    [
+        pytest.param("val_unseen", "val_unseen.npz", id="full goes before public"),
+        pytest.param("val_seen", "val_seen.public.npz", id="public alone"),
+    ],
+)
+def test_a_folder_of_bundles(split: str, name: str, bundles: Path) -> None:
+    assert find_ground_truth(bundles, split).origin == str(bundles / name)
+
+
+def test_the_environment_names_a_place(bundles: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(GROUND_TRUTH_VARIABLE, str(bundles))
+    assert find_ground_truth(None, SPLIT).origin == str(bundles / "val_unseen.npz")
+
+
+def test_what_is_given_goes_before_the_environment(
+    bundles: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(GROUND_TRUTH_VARIABLE, "/nowhere")
+    assert find_ground_truth(bundles, SPLIT).origin == str(bundles / "val_unseen.npz")
+
+
+@pytest.mark.parametrize("split", ["train", "val_seen", "val_unseen", "test"])
+def test_without_any_place_the_demo_world(split: str) -> None:
+    truth = find_ground_truth(None, split)
+    assert truth.is_demo
+    assert truth.split == split
+    assert "demo world" in truth.provenance
+
+
+def test_the_demo_world_keeps_the_answers_of_the_test_split_apart() -> None:
+    assert find_ground_truth(None, "test").answers is None
+
+
+Place = Callable[[Path], Path]
+
+
+@pytest.mark.parametrize(
+    ("place", "split", "message"),
+    [
+        pytest.param(
+            lambda bundles: bundles / "none",
+            SPLIT,
+            "there is no ground truth at {place}; `reverie-eval compile` makes it",
+            id="nothing there",
+        ),
+        pytest.param(
+            lambda bundles: bundles / "val_unseen.npz",
+            "test",
+            "{place} is the ground truth of val_unseen, not of test",
+            id="file of another split",
+        ),
+        pytest.param(
+            lambda bundles: bundles,
+            "test",
+            "{place} has no split 'test'; it has val_seen, val_unseen",
+            id="folder of other splits",
+        ),
+        pytest.param(
+            lambda bundles: bundles.parent,
+            SPLIT,
+            "there are no bundles in {place}; if it is the dataset itself, run `reverie-eval "
+            "compile {place} --split val_unseen -o val_unseen.npz` first",
+            id="folder without bundles",
+        ),
+        pytest.param(
+            lambda _: DEMO_BUNDLES,
+            "val",
+            "the demo world has no split 'val'; it has test, train, val_seen, val_unseen",
+            id="unknown split of the demo world",
+        ),
+    ],
+)
+def test_a_ground_truth_that_is_not_found(
+    place: Place, split: str, message: str, bundles: Path
+) -> None:
+    with pytest.raises(GroundTruthError) as error:
+        find_ground_truth(place(bundles), split)
+    assert str(error.value) == message.format(place=place(bundles))
+
+
+def test_a_loaded_ground_truth_of_another_split(demo: GroundTruth) -> None:
+    with pytest.raises(GroundTruthError, match="is the ground truth of val_unseen, not of test"):
+        find_ground_truth(demo, "test")

@@ -1,0 +1,265 @@
+"""What holds for every metric of the CATALOGUE, on random worlds and submissions."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from random import Random
+from statistics import fmean
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from reverie_eval import CATALOGUE, GroundTruth, evaluate, evaluate_protocols
+from reverie_eval.scoring import BOX_OUTCOMES
+from reverie_eval.submissions import Submission
+from tests.support.oracle import PROTOCOLS, Scan, World, score
+from tests.support.worlds import (
+    SPLIT,
+    Case,
+    cases,
+    cases_with_boxes,
+    cases_without_boxes,
+    file_of,
+    ground_truth_by_hand,
+    ground_truth_of,
+    random_case,
+    records_of,
+    scores_of,
+)
+
+KINDS = {
+    "path_length": "metres",
+    "success": "ratio",
+    "oracle_success": "ratio",
+    "spl": "ratio",
+    "rgs": "ratio",
+    "rgspl": "ratio",
+    "iou": "overlap",
+    "iou_25": "ratio",
+    "iou_50": "ratio",
+    "iou_75": "ratio",
+    "navigation_error": "metres",
+    "oracle_error": "metres",
+    "dtw": "metres",
+    "ndtw": "fidelity",
+    "sdtw": "fidelity",
+    "cls": "fidelity",
+    "shortest_length": "metres",
+    "steps": "count",
+    "jumps": "count",
+}
+"""How every metric scales: a new one has to be entered here."""
+UNITS = {
+    "metres": "metres",
+    "ratio": "fraction",
+    "overlap": "fraction",
+    "fidelity": "fraction",
+    "count": "count",
+}
+GROWTH_IN_A_WORLD_TWICE_AS_LARGE = {"metres": 2, "ratio": 1, "overlap": 1, "count": 1}
+"""Of every kind but fidelity: it measures by 3 m, which stay as they are."""
+SCALING = [key for key, kind in KINDS.items() if kind in GROWTH_IN_A_WORLD_TWICE_AS_LARGE]
+FIDELITY = [key for key, kind in KINDS.items() if kind == "fidelity"]
+
+ROUNDING = 1e-12
+TOLERANCE = {"fidelity": ROUNDING, "overlap": 1e-9}
+"""What goes through exponentials, and through two cameras; all else agrees to the last digit."""
+BOX_COLUMNS = ["iou", "iou_25", "iou_50", "iou_75"]
+RANDOM_WORLDS = 2500
+NEVER_ABOVE = [
+    pytest.param("spl", "success", id="SPL never above success"),
+    pytest.param("success", "oracle_success", id="success never above oracle success"),
+    pytest.param("rgspl", "rgs", id="RGSPL never above RGS"),
+    pytest.param("iou_75", "iou_50", id="three quarters never above half"),
+    pytest.param("iou_50", "iou_25", id="half never above a quarter"),
+    pytest.param("iou_50", "rgs", id="matching boxes never above RGS"),
+    pytest.param("oracle_error", "navigation_error", id="oracle error never above error"),
+    pytest.param("sdtw", "ndtw", id="SDTW never above nDTW"),
+    pytest.param("sdtw", "success", id="SDTW never above success"),
+    pytest.param("navigation_error", "dtw", id="error never above DTW, which ends with it"),
+]
+
+every_metric = pytest.mark.parametrize("key", CATALOGUE)
+few_examples = settings(max_examples=10)
+
+
+def test_every_metric_is_classified() -> None:
+    assert KINDS.keys() == CATALOGUE.keys()
+
+
+@every_metric
+def test_unit_is_that_of_the_kind(key: str) -> None:
+    assert CATALOGUE[key].unit == UNITS[KINDS[key]]
+
+
+def test_every_protocol_agrees_with_the_oracle() -> None:
+    """To the last digit, but for what has a tolerance."""
+    for seed in range(RANDOM_WORLDS):
+        case = random_case(Random(seed))
+        submission, truth = records_of(case.predictions), ground_truth_by_hand(case.world)
+        assert _differences(case, submission, truth) == [], f"seed {seed}"
+
+
+@given(case=cases)
+def test_every_protocol_agrees_with_the_oracle_from_files(case: Case) -> None:
+    assert _differences(case, file_of(case), ground_truth_of(case.world)) == []
+
+
+def test_random_boxes_come_to_everything() -> None:
+    """Else the agreement above would say little of them."""
+    found: Counter[str] = Counter()
+    for seed in range(RANDOM_WORLDS // 10):
+        case = random_case(Random(seed))
+        truth = ground_truth_by_hand(case.world)
+        scores = evaluate(records_of(case.predictions), split=SPLIT, ground_truth=truth)
+        found["without boxes"] += scores.boxes is None
+        found["all boxes"] += "" not in scores.box_outcomes
+        found.update(scores.box_outcomes)
+    assert {*BOX_OUTCOMES, "without boxes", "all boxes"} <= found.keys()
+    assert min(found.values()) >= 50
+
+
+@given(case=cases)
+def test_score_is_the_mean_over_episodes(case: Case) -> None:
+    episodes = list(score(case.world, case.predictions).values())
+    means = {key: fmean(values[key] for values in episodes) for key in episodes[0]}
+    assert dict(scores_of(case)) == pytest.approx(means, rel=1e-9)
+
+
+@few_examples
+@given(case=cases_with_boxes)
+def test_columns_are_the_catalogue_in_its_order(case: Case) -> None:
+    assert list(scores_of(case).episodes) == list(CATALOGUE)
+
+
+@few_examples
+@given(case=cases_without_boxes)
+def test_a_file_without_boxes_has_no_columns_for_them(case: Case) -> None:
+    scores = scores_of(case)
+    assert list(scores.episodes) == [key for key in CATALOGUE if key not in BOX_COLUMNS]
+    assert (scores.boxes, set(scores.box_outcomes)) == (None, {""})
+    for key in BOX_COLUMNS:
+        with pytest.raises(KeyError, match=f"{key} is not scored"):
+            scores[key]
+
+
+@every_metric
+@few_examples
+@given(case=cases_with_boxes)
+def test_one_value_per_episode(key: str, case: Case) -> None:
+    assert scores_of(case).episodes[key].shape == (len(case.predictions),)
+
+
+@every_metric
+@few_examples
+@given(case=cases_with_boxes)
+def test_values_are_within_the_declared_bounds(key: str, case: Case) -> None:
+    values = scores_of(case).episodes[key]
+    assert ((values >= 0) & (values <= CATALOGUE[key].upper_bound)).all()
+
+
+@every_metric
+@few_examples
+@given(case=cases_with_boxes, data=st.data())
+def test_order_of_records_does_not_matter(key: str, case: Case, data: st.DataObject) -> None:
+    ground_truth = ground_truth_of(case.world)
+    records = records_of(case.predictions)
+    shuffled = data.draw(st.permutations(records))
+    before, after = (
+        evaluate(submission, split=SPLIT, ground_truth=ground_truth).episodes[key].tolist()
+        for submission in (records, shuffled)
+    )
+    assert after == before
+
+
+@every_metric
+@few_examples
+@given(case=cases_with_boxes)
+def test_scoring_every_episode_twice_leaves_the_mean(key: str, case: Case) -> None:
+    assert scores_of(_doubled(case))[key] == pytest.approx(scores_of(case)[key], rel=ROUNDING)
+
+
+@pytest.mark.parametrize("key", SCALING)
+@few_examples
+@given(case=cases_with_boxes)
+def test_a_world_twice_as_large_doubles_metres_alone(key: str, case: Case) -> None:
+    larger = replace(case, world=_twice_as_large(case.world))
+    growth = GROWTH_IN_A_WORLD_TWICE_AS_LARGE[KINDS[key]]
+    expected = growth * scores_of(case).episodes[key]
+    assert scores_of(larger).episodes[key] == pytest.approx(expected, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("key", FIDELITY)
+@few_examples
+@given(case=cases_with_boxes)
+def test_fidelity_never_grows_with_the_world(key: str, case: Case) -> None:
+    larger = replace(case, world=_twice_as_large(case.world))
+    growth = scores_of(larger).episodes[key] - scores_of(case).episodes[key]
+    assert (growth <= ROUNDING).all()
+
+
+@pytest.mark.parametrize(("smaller", "larger"), NEVER_ABOVE)
+@few_examples
+@given(case=cases_with_boxes)
+def test_metrics_keep_their_order(smaller: str, larger: str, case: Case) -> None:
+    episodes = scores_of(case).episodes
+    assert (episodes[smaller] <= episodes[larger]).all()
+
+
+class Difference(NamedTuple):
+    """Where the package and the oracle disagree."""
+
+    protocol: str
+    instr_id: str
+    key: str
+    found: float | None
+    expected: float | None
+
+
+def _differences(
+    case: Case, submission: Submission, ground_truth: GroundTruth
+) -> Sequence[Difference]:
+    """Hold every value of every protocol against the oracle's."""
+    scored = evaluate_protocols(submission, split=SPLIT, ground_truth=ground_truth)
+    assert tuple(scored) == PROTOCOLS
+    differences = []
+    for protocol, scores in scored.items():
+        columns = {key: column.tolist() for key, column in scores.episodes.items()}
+        expected = score(case.world, case.predictions, protocol)
+        assert list(scores.instr_ids) == list(expected)
+        for row, (instr_id, values) in enumerate(expected.items()):
+            assert list(columns) == list(values)
+            differences += [
+                Difference(protocol, instr_id, key, columns[key][row], value)
+                for key, value in values.items()
+                if not _is_same(key, columns[key][row], value)
+            ]
+    return differences
+
+
+def _is_same(key: str, found: float, expected: float) -> bool:
+    return math.isclose(found, expected, rel_tol=0, abs_tol=TOLERANCE.get(KINDS[key], 0.0))
+
+
+def _doubled(case: Case) -> Case:
+    """Add every episode, with what was predicted for it, under another id."""
+    copies = [replace(task, task_id=f"copy_{task.task_id}") for task in case.world.tasks]
+    copied = {f"copy_{instr_id}": done for instr_id, done in case.predictions.items()}
+    world = replace(case.world, tasks=[*case.world.tasks, *copies])
+    return Case(world, {**case.predictions, **copied})
+
+
+def _twice_as_large(world: World) -> World:
+    """Double the coordinates of every viewpoint."""
+    return replace(world, scans={id_: _scan_twice_as_large(s) for id_, s in world.scans.items()})
+
+
+def _scan_twice_as_large(scan: Scan) -> Scan:
+    viewpoints = {}
+    for viewpoint_id, viewpoint in scan.viewpoints.items():
+        x, y, z = viewpoint.position
+        viewpoints[viewpoint_id] = replace(viewpoint, position=(2 * x, 2 * y, 2 * z))
+    return replace(scan, viewpoints=viewpoints)

@@ -1,0 +1,293 @@
+"""Comparisons: hand-worked differences, what they are made of, sentences, and the command."""
+
+import json
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from reverie_eval import Comparison, ProtocolError, Scores, compare, evaluate
+from reverie_eval.analysis import p_text
+from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
+from reverie_eval.scoring import Intervals, clusters_of
+from tests.conftest import SAMPLES
+from tests.support.flat import Run
+from tests.support.metrics import BINARY_METRICS
+from tests.support.terminals import ESCAPES, on_terminal
+
+SPLIT = "val_unseen"
+GOOD, MEDIOCRE, DRAWN, BROKEN = (
+    str(SAMPLES / f"{name}.json") for name in ("good", "mediocre", "drawn", "broken")
+)
+
+
+def scores_of(sample: str, **how: str) -> Scores:
+    return evaluate(sample, split=SPLIT, **how)  # type: ignore[arg-type]
+
+
+def altered(scores: Scores, changes: Mapping[str, Mapping[int, float]]) -> Scores:
+    """Return scores with other values in some episodes."""
+    episodes = {key: column.copy() for key, column in scores.episodes.items()}
+    for key, values in changes.items():
+        episodes[key][list(values)] = list(values.values())
+    return replace(scores, episodes=episodes)
+
+
+def test_a_difference_by_hand() -> None:
+    """Two episodes won and one lost of 84; 0.25 is a value that needs no rounding."""
+    first = scores_of(GOOD)
+    blank = altered(first, {"rgs": dict.fromkeys(range(84), 0.0), "rgspl": {0: 0.5}})
+    a = altered(blank, {"rgs": {5: 1.0}})
+    b = altered(blank, {"rgs": {7: 1.0, 70: 1.0}, "rgspl": {0: 0.75}})
+    found = Comparison.of({"a": a, "b": b})["b"]
+    assert found["rgs"].mean == pytest.approx(1 / 84)
+    assert (found["rgs"].higher, found["rgs"].lower, found["rgs"].mcnemar_p) == (2, 1, 1.0)
+    assert found["rgspl"].mean == pytest.approx(0.25 / 84)
+    assert (found["rgspl"].higher, found["rgspl"].lower) == (1, 0)
+    assert found["rgspl"].mcnemar_p is None
+    assert found["rgspl"].p_value == 1.0  # one swap of two comes as far
+    assert found["success"].mean == found["success"].interval.low == 0.0
+
+
+def test_differences_are_made_of_paired_values() -> None:
+    scores = {name: scores_of(file) for name, file in (("m", MEDIOCRE), ("g", GOOD), ("d", DRAWN))}
+    comparison = Comparison.of(scores, "scan", seed=4)
+    first = scores["m"]
+    keys = [key for key in first if key in scores["d"]]
+    cluster = clusters_of(first.ground_truth, "scan")
+    changes = {
+        name: np.column_stack([scores[name].episodes[key] - first.episodes[key] for key in keys])
+        for name in ("g", "d")
+    }
+    p_value = holm(np.stack([randomisation_p(each, cluster, seed=4) for each in changes.values()]))
+    for row, (name, change) in enumerate(changes.items()):
+        columns = dict(zip(keys, change.T, strict=True))
+        interval = Intervals.of(columns, cluster, "scan", seed=4)
+        assert list(comparison[name]) == keys
+        for column, key in enumerate(keys):
+            found = comparison[name][key]
+            assert found.mean == change[:, column].mean()
+            assert found.interval == interval[key]
+            assert found.p_value == p_value[row, column]
+            assert found.higher == (change[:, column] > 0).sum()
+            assert (found.mcnemar_p is not None) == (key in BINARY_METRICS)
+
+
+def test_p_values_are_corrected_for_the_number_of_comparisons() -> None:
+    pair = compare(MEDIOCRE, DRAWN, split=SPLIT)["drawn"]["rgs"]
+    among_three = compare(MEDIOCRE, DRAWN, MEDIOCRE, split=SPLIT, names=["m", "drawn", "same"])
+    assert among_three["drawn"]["rgs"].p_value == pytest.approx(2 * pair.p_value)
+    assert among_three["drawn"]["rgs"].mcnemar_p == pytest.approx(
+        2 * mcnemar_p(np.array([pair.higher]), np.array([pair.lower]))[0]
+    )
+
+
+def test_metrics_that_not_all_have_are_left_out() -> None:
+    comparison = compare(GOOD, DRAWN, split=SPLIT)
+    assert "iou" in comparison.scores["drawn"]
+    assert "iou" not in comparison["drawn"]
+
+
+def test_a_better_or_worse_submission_is_so_by_what_its_interval_holds() -> None:
+    comparison = compare(GOOD, MEDIOCRE, split=SPLIT)
+    assert comparison.sentence("mediocre") == (
+        "mediocre is worse than good by 22.70 RGSPL, 95 % interval 10.51 to 34.24, p < 0.001"
+    )
+    assert compare(MEDIOCRE, GOOD, split=SPLIT).sentence("good") == (
+        "good is better than mediocre by 22.70 RGSPL, 95 % interval 10.51 to 34.24, p < 0.001"
+    )
+
+
+def test_a_difference_turned_is_the_first_s() -> None:
+    difference = compare(GOOD, MEDIOCRE, split=SPLIT)["mediocre"]["rgs"]
+    turned = difference.reversed
+    assert (turned.mean, turned.p_value) == (-difference.mean, difference.p_value)
+    assert (turned.higher, turned.lower) == (difference.lower, difference.higher)
+    assert (turned.interval.low, turned.interval.high) == (
+        -difference.interval.high,
+        -difference.interval.low,
+    )
+
+
+def test_what_the_data_cannot_tell_apart() -> None:
+    first = scores_of(GOOD)
+    other = altered(first, {"rgspl": {0: 0.0, 1: 0.0}})
+    assert (
+        compare(first, other, names=["a", "b"])
+        .sentence("b")
+        .startswith("No significant difference between b and a in RGSPL: difference -")
+    )
+
+
+def test_answers_that_are_the_same_are_called_so() -> None:
+    first = scores_of(GOOD)
+    comparison = compare(first, GOOD, names=["good", "again"], split=SPLIT)
+    assert comparison.sentence("again") == "again and good score the same in every episode"
+    other = altered(first, {"steps": {0: 99.0}})
+    sentence = compare(first, other, names=["good", "other"]).sentence("other")
+    assert "No significant difference between other and good in RGSPL: difference 0.00" in sentence
+
+
+@pytest.mark.parametrize(
+    ("how", "metric"), [({"track": "grounding"}, "RGS"), ({"protocol": "r2r-style"}, "SPL")]
+)
+def test_without_rgspl_the_sentence_is_about_another(how: dict[str, str], metric: str) -> None:
+    scores = [scores_of(sample, **how) for sample in (GOOD, MEDIOCRE)]
+    comparison = compare(*scores)
+    assert f" {metric}, 95 % interval" in comparison.sentence("submission 2")
+
+
+def test_what_is_significant_has_interval_and_test_on_its_side() -> None:
+    comparison = compare(MEDIOCRE, GOOD, split=SPLIT)
+    difference = comparison["good"]["rgspl"]
+    assert comparison.is_significant("good")
+    low = replace(difference.interval, low=0.0)
+    for changed in (replace(difference, p_value=0.05), replace(difference, interval=low)):
+        other = replace(comparison, differences={"good": {"rgspl": changed}})
+        assert not other.is_significant("good")
+
+
+def test_where_they_differ() -> None:
+    comparison = compare(GOOD, MEDIOCRE, split=SPLIT)
+    frame, difference = comparison.episodes("success"), comparison["mediocre"]["success"]
+    assert list(frame.columns) == ["good", "mediocre"]
+    assert len(frame) == difference.higher + difference.lower
+    assert (frame["good"] - frame["mediocre"]).abs().eq(1).all()
+    assert frame.attrs["units"] == {"good": "fraction", "mediocre": "fraction"}
+    assert comparison.episodes("steps").attrs["units"]["good"] == "count"
+    first = comparison.scores["good"].to_pandas()["success"]
+    pd.testing.assert_series_equal(frame["good"], first[frame.index], check_names=False)
+
+
+@pytest.mark.parametrize(
+    ("how", "key"),
+    [({"track": "grounding"}, "rgs"), ({"protocol": "r2r-style"}, "success"), ({}, "rgs")],
+)
+def test_episodes_differ_by_what_says_that_they_are_right(how: dict[str, str], key: str) -> None:
+    comparison = compare(*(scores_of(sample, **how) for sample in (GOOD, MEDIOCRE)))
+    difference = comparison["submission 2"][key]
+    assert len(comparison.episodes()) == difference.higher + difference.lower > 0
+
+
+def test_a_frame_has_a_row_per_submission_and_metric() -> None:
+    frame = compare(GOOD, MEDIOCRE, DRAWN, split=SPLIT).to_pandas()
+    row = frame.xs("drawn").loc["rgs"].to_dict()
+    assert row["value"] - row["first"] == pytest.approx(row["difference"])
+    assert row["low"] < row["difference"] < row["high"]
+    assert set(frame.index.get_level_values("submission")) == {"mediocre", "drawn"}
+    assert set(frame.attrs["units"]) == set(frame.index.get_level_values("metric"))
+    assert frame.attrs["units"]["path_length"] == "metres"
+
+
+def test_what_does_not_compare_is_refused() -> None:
+    official, other = scores_of(GOOD), scores_of(GOOD, protocol="duet")
+    with pytest.raises(ProtocolError, match=r"not comparable: .*protocol:duet.*protocol:official"):
+        compare(official, other)
+    with pytest.raises(ProtocolError, match="two or more submissions"):
+        compare(official)
+    with pytest.raises(ProtocolError, match="a name of its own; got x, x"):
+        compare(official, official, names=["x", "x"])
+    with pytest.raises(ProtocolError, match="a name of its own; got 1"):
+        compare(official, official, names=[1])  # type: ignore[list-item]
+    with pytest.raises(ProtocolError, match="names of submissions are text; got 2"):
+        compare(official, official, names=["1", 2])  # type: ignore[list-item]
+    with pytest.raises(ProtocolError, match="name the split"):
+        compare(official, GOOD)
+    with pytest.raises(ProtocolError, match="choose one of: target, scan"):
+        compare(GOOD, GOOD, split=SPLIT, by="room")  # type: ignore[arg-type]
+    with pytest.raises(ProtocolError, match="a seed of 0 or more"):
+        compare(GOOD, GOOD, split=SPLIT, seed=-1)
+
+
+@pytest.mark.parametrize(
+    ("p_value", "text"), [(0.0009, "p < 0.001"), (0.001, "p = 0.001"), (1.0, "p = 1.000")]
+)
+def test_p_values_as_papers_write_them(p_value: float, text: str) -> None:
+    assert p_text(p_value) == text
+
+
+TABLE = """\
+                      TL m     SR %    OSR %    SPL %    RGS %  RGSPL %
+good                  9.84    80.95    88.10    72.88    65.48    57.22
+mediocre              8.72    41.67    55.95    35.89    40.48    34.52
+
+mediocre - good      -1.12   -39.29   -32.14   -36.99   -25.00   -22.70
+"""
+
+
+def test_the_command_prints_scores_differences_and_a_sentence(run: Run) -> None:
+    status, out, err = run("compare", GOOD, MEDIOCRE, "--split", SPLIT)
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert [line.split() for line in lines[:5]] == [line.split() for line in TABLE.splitlines()]
+    rows = {line.split("  ")[0]: line for line in lines[5:10]}
+    assert list(rows) == ["95 % low", "95 % high", "p", "won : lost", "McNemar's p"]
+    assert rows["won : lost"].split("  ")[-1].strip() == "-"
+    assert "4 : 37" in rows["won : lost"]
+    assert "mediocre is worse than good by 22.70 RGSPL" in out
+    assert scores_of(GOOD).signature in out
+    assert "29 targets, seed 0" in out
+    assert "note on mediocre: 3 jumps in 3 episodes" in out
+
+
+@pytest.mark.parametrize("columns", [40, 80, 100])
+def test_no_number_is_cut_on_a_terminal(columns: int, tmp_path: Path) -> None:
+    """What gives way for names of 20 letters is the column of names."""
+    files = [tmp_path / f"{letter * 20}.json" for letter in "ab"]
+    for sample, file in zip((GOOD, MEDIOCRE), files, strict=True):
+        shutil.copy(sample, file)
+    given = ("compare", *map(str, files), "--split", SPLIT)
+    table, _, rest = ESCAPES.sub("", on_terminal(columns, *given)).partition("b" * 20 + " is worse")
+    comparison = compare(*files, split=SPLIT)
+    metrics = comparison.scores[comparison.first].headline
+    for metric in metrics:
+        shown = (each[metric.key] for each in comparison.scores.values())
+        assert all(metric.display(value) in table for value in shown)
+        assert metric.display(comparison["b" * 20][metric.key].mean) in table
+        assert metric.heading in table
+    assert rest
+    if columns >= 80:
+        assert max(map(len, table.splitlines())) <= columns
+        assert re.search(r"p +0\.\d{3}( +(0\.\d{3}|< 0\.001)){5}", table)
+
+
+def test_the_command_writes_json_and_csv(run: Run, tmp_path: object) -> None:
+    comparison = compare(GOOD, MEDIOCRE, split=SPLIT, by="scan")
+    options = ("compare", GOOD, MEDIOCRE, "--split", SPLIT, "--cluster", "scan")
+    report = json.loads(run(*options, "--format", "json").out)
+    difference = comparison["mediocre"]["rgspl"]
+    assert report["differences"]["mediocre"]["rgspl"]["interval"] == {
+        "low": difference.interval.low,
+        "high": difference.interval.high,
+    }
+    assert report["sentences"] == {"mediocre": comparison.sentence("mediocre")}
+    assert report["submissions"]["good"]["scores"] == dict(comparison.scores["good"])
+    rows = run(*options, "--format", "csv").out.splitlines()
+    assert len(rows) == 1 + len(comparison["mediocre"])
+    assert rows[1].startswith(f"mediocre,path_length,{comparison.scores['good']['path_length']!r},")
+
+
+def test_the_command_writes_where_they_differ(run: Run, tmp_path: object) -> None:
+    file = f"{tmp_path}/differ.csv"
+    assert run("compare", GOOD, MEDIOCRE, "--split", SPLIT, "--episodes", file).status == 0
+    written = pd.read_csv(file, index_col="instr_id")
+    pd.testing.assert_frame_equal(written, compare(GOOD, MEDIOCRE, split=SPLIT).episodes())
+
+
+def test_the_command_writes_where_navigation_differs(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "differ.csv"
+    options = ("--split", SPLIT, "--protocol", "r2r-style", "--episodes", str(file))
+    assert run("compare", GOOD, MEDIOCRE, *options).err == ""
+    difference = compare(GOOD, MEDIOCRE, split=SPLIT, protocol="r2r-style")["mediocre"]["success"]
+    assert len(pd.read_csv(file)) == difference.higher + difference.lower
+
+
+def test_all_files_that_are_wrong_are_told_and_nothing_is_compared(run: Run) -> None:
+    status, out, err = run("compare", BROKEN, GOOD, BROKEN, "--split", SPLIT)
+    assert (status, out) == (1, "")
+    assert err.count(f"{BROKEN}: submission rejected, 24 problems") == 2

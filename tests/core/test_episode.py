@@ -1,0 +1,179 @@
+"""Single episodes: where the agent went, and what came of it."""
+
+import json
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+
+import reverie_eval as rv
+from tests.conftest import SAMPLES
+from tests.support.home import HOME, LAMP, SOFA, WALKS, home_scores, records
+from tests.support.worlds import ground_truth_by_hand, random_case, records_of
+
+OUTCOMES = {
+    "1_3_0": "correct",
+    "1_3_1": "wrong object",
+    "1_3_2": "correct object at the wrong stop",
+    "2_4_0": "overshot",
+    "2_4_1": "never reached",
+}
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
+    """Score an episode of every outcome."""
+    return home_scores(tmp_path_factory.mktemp("home"))
+
+
+@pytest.mark.parametrize("instr_id", WALKS)
+def test_an_episode_is_what_the_file_says(instr_id: str, scores: rv.Scores) -> None:
+    episode = scores.episode(instr_id)
+    walk, answer = WALKS[instr_id]
+    assert list(episode.trajectory) == walk
+    assert episode.predicted_object == (None if answer == -1 else answer)
+    assert (episode.start, episode.stop) == (walk[0], walk[-1])
+    assert episode.outcome == OUTCOMES[instr_id]
+    assert (episode.scan, episode.instruction, episode.box_outcome) == ("home", "go there", "")
+
+
+def test_what_the_annotation_says(scores: rv.Scores) -> None:
+    lamp, sofa = scores.episode("1_3_0"), scores.episode("2_4_1")
+    assert (lamp.target_object, sofa.target_object) == (LAMP, SOFA)
+    assert (lamp.annotated_path, lamp.goal) == (("hall", "room"), "room")
+    assert (sofa.annotated_path, sofa.goal) == (("porch", "room", "hall"), "hall")
+
+
+def test_values_are_the_episode_s_own(scores: rv.Scores) -> None:
+    episode = scores.episode("1_3_1")
+    assert episode.values["path_length"] == pytest.approx(6 + np.sqrt(16.04))
+    assert episode.values["shortest_length"] == 6.0
+    assert (episode.values["success"], episode.values["rgs"]) == (1.0, 0.0)
+    assert list(episode.values) == list(scores)
+
+
+def test_positions_in_metres(scores: rv.Scores) -> None:
+    episode = scores.episode("2_4_0")
+    assert episode.positions(episode.trajectory).tolist() == [
+        [10.0, 14.0, 3.2],
+        [10.0, 10.0, 3.0],
+        [10.0, 14.0, 3.2],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "instr_id", "expected"),
+    [
+        pytest.param("official-v1", "1_3_0", {"room", "porch"}, id="where the lamp is seen"),
+        pytest.param("official-v1", "2_4_0", {"hall", "room"}, id="where the sofa is seen"),
+        pytest.param("r2r-style", "1_3_0", {"room"}, id="less than 3 m from the end"),
+    ],
+)
+def test_goal_viewpoints_are_the_protocol_s(
+    protocol: str, instr_id: str, expected: set[str], tmp_path: Path
+) -> None:
+    episode = home_scores(tmp_path, protocol=protocol).episode(instr_id)
+    assert set(episode.goal_viewpoints) == expected
+
+
+def test_goal_viewpoints_of_the_demo_world_are_those_of_its_files(demo_world: Path) -> None:
+    """Counted in the published layout, with nothing of the code under test."""
+    data = demo_world / "tasks" / "REVERIE" / "data"
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
+    tasks = json.loads((data / "REVERIE_val_unseen.json").read_text())
+    for task in tasks:
+        graph = json.loads(
+            (demo_world / "connectivity" / f"{task['scan']}_connectivity.json").read_text()
+        )
+        seeing = set()
+        for viewpoint in graph:
+            name = viewpoint["image_id"]
+            file = data / "BBox" / f"{task['scan']}_{name}.json"
+            listed = json.loads(file.read_text())[name] if file.exists() else {}
+            seen = listed.get(str(task["objId"]), {"visible_pos": []})["visible_pos"]
+            if viewpoint["included"] and seen:
+                seeing.add(name)
+        episode = scores.episode(f"{task['id']}_0")
+        assert set(episode.goal_viewpoints) == seeing
+        assert episode.instruction == task["instructions"][0]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_stop_is_a_success_exactly_at_goal_viewpoints(seed: int) -> None:
+    case = random_case(Random(seed), (0,))
+    truth = ground_truth_by_hand(case.world)
+    protocols = rv.evaluate_protocols(
+        json.dumps(records_of(case.predictions)).encode(), split="val_unseen", ground_truth=truth
+    )
+    for scores in protocols.values():
+        for row, instr_id in enumerate(scores.instr_ids):
+            episode = scores.episode(instr_id)
+            stopped_right = episode.stop in episode.goal_viewpoints
+            came = bool({*episode.trajectory} & {*episode.goal_viewpoints})
+            assert scores.episodes["success"][row] == stopped_right
+            assert scores.episodes["oracle_success"][row] == came
+
+
+def test_an_unknown_episode(scores: rv.Scores) -> None:
+    with pytest.raises(rv.ReverieEvalError) as error:
+        scores.episode("1_3_00")
+    assert str(error.value) == (
+        "no episode '1_3_00' among the 5 episodes of val_unseen; did you mean 1_3_0, 1_3_2, 1_3_1?"
+    )
+
+
+@pytest.mark.parametrize(
+    ("instr_id", "caption"),
+    [
+        pytest.param(
+            "1_3_0",
+            "correct: predicted the target, object 3; walked 6.0 m, shortest 6.0 m; "
+            "stopped 0.0 m from the path's end",
+            id="correct",
+        ),
+        pytest.param(
+            "1_3_1",
+            "wrong object: predicted object 4, the target is object 3; walked 10.0 m, "
+            "shortest 6.0 m; stopped 4.0 m from the path's end",
+            id="wrong object",
+        ),
+        pytest.param(
+            "2_4_1",
+            "never reached: predicted no object, the target is object 4; walked 0.0 m, "
+            "shortest 10.0 m; stopped 10.0 m from the path's end",
+            id="never reached",
+        ),
+    ],
+)
+def test_an_episode_in_a_line(instr_id: str, caption: str, scores: rv.Scores) -> None:
+    episode = scores.episode(instr_id)
+    assert episode.caption == caption
+    assert repr(episode) == f"<Episode {instr_id} in home: {caption}>"
+
+
+def test_a_box_and_its_outcome() -> None:
+    scores = rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")
+    row = scores.box_outcomes.index("wrong view")
+    episode = scores.episode(scores.instr_ids[row])
+    assert (episode.predicted_object, episode.box_outcome) == (None, "wrong view")
+    assert "predicted a box (wrong view), the target is " in episode.caption
+
+
+def test_on_the_grounding_track_there_is_no_outcome() -> None:
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen", track="grounding")
+    episode = scores.episode(scores.instr_ids[0])
+    assert episode.outcome == ""
+    assert episode.trajectory == (episode.goal,)
+    assert episode.start == episode.annotated_path[0]
+
+
+def test_a_ground_truth_without_texts() -> None:
+    truth = ground_truth_by_hand(HOME)
+    episode = rv.evaluate(records(WALKS), split="val_unseen", ground_truth=truth).episode("1_3_0")
+    assert (episode.instruction, episode.target_category) == ("", "")
+
+
+def test_scores_say_nothing_of_trajectories(scores: rv.Scores) -> None:
+    assert "submission" not in scores.to_report().model_dump()
+    assert "porch" not in repr(scores) + scores._repr_html_() + scores.to_report().model_dump_json()

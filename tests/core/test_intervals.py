@@ -1,0 +1,156 @@
+"""Confidence intervals of scores: whose they are, and where they are shown."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+
+from reverie_eval import GroundTruth, ProtocolError, compare, evaluate
+from reverie_eval.metrics.uncertainty import bootstrap_means, interval
+from reverie_eval.scoring import Intervals, clusters_of
+from tests.conftest import SAMPLES
+from tests.support.flat import SCORE, Run
+
+FEW = "only 2 scans: such intervals contain the true mean less often than 95 % of the time"
+SAMPLE = (str(SAMPLES / "good.json"), "--split", "val_unseen")
+
+
+def test_clusters_are_the_target_objects_or_the_scans(demo: GroundTruth) -> None:
+    start, target = demo.episodes.start, demo.require_answers().target_object
+    scans = [demo.graph.scan_of(viewpoint) for viewpoint in start]
+    for by, shared in (
+        ("target", list(zip(scans, target.tolist(), strict=True))),
+        ("scan", scans),
+    ):
+        cluster = clusters_of(demo, by).tolist()  # type: ignore[arg-type]
+        assert len(set(zip(cluster, shared, strict=True))) == len(set(cluster)) == len(set(shared))
+
+
+def test_intervals_are_those_of_the_values(demo: GroundTruth) -> None:
+    scores = evaluate(SAMPLE[0], split="val_unseen").with_intervals("scan", resamples=500, seed=7)
+    drawn = scores.intervals
+    assert drawn is not None
+    cluster = clusters_of(demo, "scan")
+    for key in ("path_length", "rgspl"):
+        means = bootstrap_means(scores.episodes[key][:, None], cluster, resamples=500, seed=7)
+        low, high = interval(means, len(np.unique(cluster)))[:, 0]
+        assert (drawn[key].low, drawn[key].high) == pytest.approx((low, high))
+    assert list(drawn) == list(scores)
+    assert drawn.caption == f"95 % intervals: 500 bootstrap resamples of 2 scans, seed 7; {FEW}"
+
+
+@pytest.mark.parametrize(("clusters", "is_cautious"), [(2, True), (4, True), (5, False)])
+def test_few_clusters_make_one_cautious(clusters: int, *, is_cautious: bool) -> None:
+    drawn = Intervals("target", clusters, 0.9, 500, 0, {})
+    assert bool(drawn.caution) is is_cautious
+    assert ("less often than 90 % of the time" in drawn.caption) is is_cautious
+
+
+def test_wherever_intervals_are_shown_few_clusters_are_spoken_of(run: Run) -> None:
+    other = str(SAMPLES / "mediocre.json")
+    by_scan = ("--cluster", "scan", *SAMPLE[1:])
+    for shown in (
+        run(SAMPLE[0], "--ci", *by_scan).out,
+        run("compare", SAMPLE[0], other, *by_scan).out,
+        run("compare", SAMPLE[0], other, *by_scan, "--format", "json").out,
+        run("report", SAMPLE[0], *by_scan).out,
+        evaluate(SAMPLE[0], split="val_unseen").with_intervals("scan")._repr_html_(),
+        compare(SAMPLE[0], other, split="val_unseen", by="scan")._repr_html_(),
+    ):
+        assert FEW in shown
+    report = run("report", SAMPLE[0], other, *by_scan).out
+    assert report.count(FEW) == 2  # of the scores, and of their differences
+
+
+@pytest.mark.parametrize(
+    ("by", "least"), [("scan", "; of 2 scans it is about 0.5 at least\n"), ("target", "whole\n")]
+)
+def test_of_few_clusters_no_p_value_is_small(by: str, least: str, run: Run) -> None:
+    files = (SAMPLE[0], str(SAMPLES / "mediocre.json"))
+    assert least in run("compare", *files, *SAMPLE[1:], "--cluster", by).out
+
+
+def test_more_confidence_is_wider() -> None:
+    scores = evaluate(SAMPLE[0], split="val_unseen")
+    narrow, wide = (
+        scores.with_intervals(confidence=confidence).intervals for confidence in (0.5, 0.99)
+    )
+    assert narrow is not None
+    assert wide is not None
+    assert wide["rgs"].low < narrow["rgs"].low < scores["rgs"] < narrow["rgs"].high
+    assert (narrow.label, wide.label) == ("50 %", "99 %")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"confidence": 1.0},
+        {"confidence": 0},
+        {"confidence": 95},
+        {"resamples": 0},
+        {"seed": -1},
+    ],
+    ids=str,
+)
+def test_what_is_no_confidence_or_number_is_refused(options: dict[str, float]) -> None:
+    scores = evaluate(SAMPLE[0], split="val_unseen")
+    with pytest.raises(ProtocolError, match="expected"):
+        scores.with_intervals(**options)  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("here")
+def test_episodes_of_one_target_tell_nothing_of_others(run: Run) -> None:
+    status, out, err = run(*SCORE, "--ci")
+    assert (status, out) == (2, "")
+    assert "all episodes share one target" in err
+    assert "all episodes share one scan" in run(*SCORE, "--ci", "--cluster", "scan").err
+
+
+def test_the_table_has_rows_for_both_ends(run: Run) -> None:
+    lines = run(*SAMPLE, "--ci").out.splitlines()
+    means, low, high = (line.split()[-6:] for line in lines[1:4])
+    assert lines[2].startswith("95 % low ")
+    assert lines[3].startswith("95 % high ")
+    for below, mean, above in zip(low, means, high, strict=True):
+        assert float(below) < float(mean) < float(above)
+    assert lines[6] == "95 % intervals: 10,000 bootstrap resamples of 29 targets, seed 0"
+
+
+def test_who_says_what_is_resampled_wants_intervals(run: Run) -> None:
+    assert run(*SAMPLE, "--cluster", "scan") == run(*SAMPLE, "--cluster", "scan", "--ci")
+    assert run(*SAMPLE, "--cluster", "target") == run(*SAMPLE, "--ci")
+
+
+def test_of_several_protocols_each_has_its_own(run: Run) -> None:
+    lines = run(*SAMPLE, "--ci", "--protocol", "all").out.splitlines()
+    assert [line.split("  ")[0] for line in lines[19:22]] == ["r2r-style", "95 % low", "95 % high"]
+    assert all(line.split()[-2:] == ["-", "-"] for line in lines[19:22])
+
+
+def test_reports_and_rows_hold_the_same_intervals(run: Run) -> None:
+    scores = evaluate(SAMPLE[0], split="val_unseen").with_intervals("scan")
+    assert isinstance(scores.intervals, Intervals)
+    ends = {key: (each.low, each.high) for key, each in scores.intervals.items()}
+    options = (*SAMPLE, "--ci", "--cluster", "scan", "--format")
+    report = json.loads(run(*options, "json").out)["intervals"]
+    assert {key: tuple(each) for key, each in report.pop("intervals").items()} == ends
+    assert report == {
+        "by": "scan",
+        "clusters": 2,
+        "confidence": 0.95,
+        "resamples": 10_000,
+        "seed": 0,
+    }
+    (row,) = csv.DictReader(io.StringIO(run(*options, "csv").out))
+    assert {key: (float(row[f"{key}_low"]), float(row[f"{key}_high"])) for key in ends} == ends
+    flat = scores.to_dict()
+    assert flat["rgspl"] == scores["rgspl"]
+    assert (flat["rgspl_low"], flat["rgspl_high"]) == ends["rgspl"]
+
+
+def test_without_being_asked_there_are_none(run: Run) -> None:
+    assert json.loads(run(*SAMPLE, "--format", "json").out)["intervals"] is None
+    assert "low" not in run(*SAMPLE, "--format", "csv").out
+    assert next(iter(evaluate(SAMPLE[0], split="val_unseen").to_dict())) == "path_length"

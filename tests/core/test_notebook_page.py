@@ -1,0 +1,121 @@
+"""The page about notebooks does what it says: its blocks run, and print what stands below them."""
+
+import re
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from importlib.util import find_spec
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from reverie_eval import Comparison, Scores, compare, evaluate
+from reverie_eval.analysis import GROUPINGS
+from tests.conftest import REPOSITORY, SAMPLES, unavailable
+
+PAGE = (REPOSITORY / "docs" / "notebook.md").read_text()
+FILES = {"submit.json": "good.json", "other.json": "mediocre.json"}
+
+
+class Block(NamedTuple):
+    """A block of code, and what the page says that it prints."""
+
+    code: str
+    printed: str
+
+
+def blocks() -> Iterator[Block]:
+    """Take the page apart: a block without a language stands for the output of the one above."""
+    pattern = r"^```python\n(.*?)^```\n(?:\n```\n(.*?)^```\n)?"
+    for code, printed in re.findall(pattern, PAGE, re.MULTILINE | re.DOTALL):
+        yield Block(code, printed)
+
+
+@pytest.fixture
+def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Work where the two result files are that the page speaks of."""
+    for name, sample in FILES.items():
+        (tmp_path / name).write_bytes((SAMPLES / sample).read_bytes())
+    monkeypatch.chdir(tmp_path)
+    yield tmp_path
+    from matplotlib import pyplot as plt
+
+    plt.close("all")
+
+
+def test_every_block_runs_and_prints_what_the_page_shows(readers_folder: Path) -> None:
+    if not (find_spec("matplotlib") and find_spec("tensorboardX")):
+        unavailable("matplotlib and tensorboardX are not installed")
+    names: dict[str, object] = {}
+    for block in blocks():
+        shown = StringIO()
+        with redirect_stdout(shown):
+            exec(block.code, names)
+        printed = [line.rstrip() for line in shown.getvalue().splitlines()]
+        assert printed == block.printed.splitlines()
+    assert (readers_folder / "episode.pdf").stat().st_size
+    assert any((readers_folder / "runs" / "my-agent").iterdir())
+
+
+def test_no_block_is_left_out() -> None:
+    assert PAGE.count("```python") == len(list(blocks()))
+    assert PAGE.count("```") == sum(4 if block.printed else 2 for block in blocks())
+
+
+# Frames.
+
+
+@pytest.fixture(scope="module")
+def scores() -> Scores:
+    """Score the sample with boxes, whose frames have all columns that there can be."""
+    return evaluate(SAMPLES / "drawn.json", split="val_unseen")
+
+
+@pytest.fixture(scope="module")
+def comparison() -> Comparison:
+    """Compare two samples."""
+    return compare(SAMPLES / "mediocre.json", SAMPLES / "good.json", split="val_unseen")
+
+
+def columns_documented(frame: str) -> set[str]:
+    """Return the words in code of a frame's row on the page, but for its own name."""
+    (row,) = re.findall(rf"^\| `{re.escape(frame)}` \|(.*)$", PAGE, re.MULTILINE)
+    return set(re.findall(r"`(\w+)`", row))
+
+
+def test_the_columns_of_a_comparison(comparison: Comparison) -> None:
+    frame = comparison.to_pandas()
+    said = columns_documented("comparison.to_pandas()")
+    assert said == {*frame.columns, *frame.index.names}
+
+
+def test_the_columns_of_an_episode_table(scores: Scores) -> None:
+    frame = scores.to_pandas()
+    assert list(frame.columns) == [*scores, "box_outcome"]
+    assert columns_documented("scores.to_pandas()") == {"instr_id", "box_outcome"}
+
+
+@pytest.mark.parametrize("by", GROUPINGS)
+def test_the_columns_of_a_breakdown(by: str, scores: Scores) -> None:
+    frame = scores.breakdown(by=by)
+    assert list(frame.columns) == ["episodes", *(metric.key for metric in scores.headline)]
+    assert frame.index.name == by
+    assert frame["episodes"].sum() == len(scores.instr_ids)
+    assert f"`{by}`" in PAGE
+
+
+@pytest.mark.parametrize("metric", ["rgs", "spl"])
+def test_the_columns_of_where_submissions_differ(metric: str, comparison: Comparison) -> None:
+    frame = comparison.episodes(metric)
+    assert list(frame.columns) == ["mediocre", "good"]
+    assert frame.index.name == "instr_id"
+
+
+def test_values_are_in_the_units_of_their_metrics(scores: Scores) -> None:
+    """Unrounded, and no percent: the table's means are the scores."""
+    means = scores.to_pandas().drop(columns="box_outcome").mean()
+    assert means.to_dict() == pytest.approx(dict(scores), rel=1e-12)
+    one_part = scores.breakdown(by="scan")
+    weighted = (one_part["success"] * one_part["episodes"]).sum() / one_part["episodes"].sum()
+    assert weighted == pytest.approx(scores["success"])

@@ -1,0 +1,431 @@
+"""Protocols: what each one is, for ever, and its rule at the value where it decides."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import reverie_eval as rv
+from reverie_eval import PROTOCOLS, GroundTruth, Scores, evaluate, evaluate_protocols
+from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, find_protocol
+from tests.conftest import SAMPLES
+from tests.support.metrics import BOX_METRICS
+from tests.support.oracle import Position, Prediction, Scan, Task, Viewpoint, World
+from tests.support.worlds import SPLIT, ground_truth_by_hand, ground_truth_of, records_of
+
+GOOD = SAMPLES / "good.json"
+
+# What a protocol is.
+
+RELEASED: Mapping[str, Mapping[str, Any]] = {
+    "official-v1": {
+        "goal": "visible",
+        "spl_numerator": "shortest",
+        "spl_floor": 0.0,
+        "rgspl_floor": 0.0,
+        "grounding": "anywhere",
+        "text_ids_count": True,
+    },
+    "paper": {
+        "goal": "visible",
+        "spl_numerator": "shortest",
+        "spl_floor": 0.0,
+        "rgspl_floor": 0.0,
+        "grounding": "only with success",
+        "text_ids_count": True,
+    },
+    "challenge-2022": {
+        "goal": "visible and near the object",
+        "spl_numerator": "shortest",
+        "spl_floor": 0.01,
+        "rgspl_floor": 0.0,
+        "grounding": "anywhere",
+        "text_ids_count": False,
+    },
+    "airbert": {
+        "goal": "visible",
+        "spl_numerator": "shortest",
+        "spl_floor": 0.01,
+        "rgspl_floor": 0.0,
+        "grounding": "anywhere",
+        "text_ids_count": True,
+    },
+    "duet": {
+        "goal": "visible",
+        "spl_numerator": "annotated",
+        "spl_floor": 0.01,
+        "rgspl_floor": 0.01,
+        "grounding": "anywhere",
+        "text_ids_count": True,
+    },
+    "scalevln": {
+        "goal": "visible",
+        "spl_numerator": "annotated",
+        "spl_floor": 0.01,
+        "rgspl_floor": 0.01,
+        "grounding": "only with success",
+        "text_ids_count": True,
+    },
+    "r2r-style": {
+        "goal": "near the path's end",
+        "spl_numerator": "shortest",
+        "spl_floor": 0.0,
+        "rgspl_floor": 0.0,
+        "grounding": "not scored",
+        "text_ids_count": True,
+    },
+}
+"""A released protocol never changes: where a rule was wrong, the right one gets another name."""
+PROSE = ("name", "summary", "source")
+
+
+@pytest.mark.parametrize("name", RELEASED)
+def test_a_released_protocol_is_what_it_was(name: str) -> None:
+    fields = asdict(PROTOCOLS[name])
+    assert {field: fields[field] for field in fields if field not in PROSE} == RELEASED[name]
+
+
+def test_every_protocol_is_pinned_in_the_order_of_tables() -> None:
+    assert list(PROTOCOLS) == list(RELEASED)
+    assert [rules.name for rules in PROTOCOLS.values()] == list(RELEASED)
+    assert DEFAULT_PROTOCOL == "official-v1"
+
+
+def test_every_protocol_says_where_it_comes_from() -> None:
+    assert all(rules.summary and rules.source for rules in PROTOCOLS.values())
+
+
+@pytest.mark.parametrize(
+    ("alias", "name"), [pytest.param("hamt", "duet"), pytest.param("hm3d", "scalevln")]
+)
+def test_an_alias(alias: str, name: str) -> None:
+    assert find_protocol(alias) is PROTOCOLS[name]
+    assert evaluate(GOOD, split=SPLIT, protocol=alias) == evaluate(GOOD, split=SPLIT, protocol=name)
+
+
+def test_aliases_are_no_protocols_of_their_own() -> None:
+    assert dict(ALIASES) == {"hamt": "duet", "hm3d": "scalevln"}
+    assert not ALIASES.keys() & PROTOCOLS.keys()
+
+
+def test_a_signature_names_the_protocol_and_not_its_alias() -> None:
+    assert "|protocol:duet|" in evaluate(GOOD, split=SPLIT, protocol="hamt").signature
+
+
+@pytest.mark.parametrize(
+    ("name", "guess"),
+    [
+        pytest.param("mine", "choose", id="nothing like it"),
+        pytest.param("", "choose", id="empty"),
+        pytest.param("DUET", "choose", id="in capitals"),
+        pytest.param("official", "did you mean official-v1? Choose", id="without its version"),
+    ],
+)
+def test_an_unknown_name(name: str, guess: str) -> None:
+    with pytest.raises(rv.ProtocolError) as error:
+        evaluate(GOOD, split=SPLIT, protocol=name)
+    assert str(error.value) == (
+        f"unknown protocol {name!r}; {guess} one of: official-v1, paper, challenge-2022, airbert, "
+        "duet, scalevln, r2r-style, hamt, hm3d"
+    )
+
+
+# At the boundaries: a corridor along the x axis with a goal at 0 m that shows the target.
+
+TARGET = 7
+GOAL, STOP, START = "goal", "stop", "start"
+ORIGIN: Position = (0.0, 0.0, 0.0)
+
+
+def corridor(stop: float = 2.0, centre: Position | None = ORIGIN) -> World:
+    """Return a world whose agent stops so many metres from the goal; the target is seen at both."""
+    seen = {TARGET: [0]}
+    viewpoints = {
+        GOAL: Viewpoint(ORIGIN, views=seen),
+        STOP: Viewpoint((stop, 0.0, 0.0), views=seen),
+        START: Viewpoint((10.0, 0.0, 0.0)),
+    }
+    edges = frozenset({(GOAL, STOP), (STOP, START)})
+    centres = {} if centre is None else {TARGET: centre}
+    scan = Scan(viewpoints, edges, centres)
+    return World({"house": scan}, [Task("1_7", "house", [START, STOP, GOAL], TARGET)])
+
+
+def scored(
+    world: World, protocol: str, *way: str, answer: int = TARGET, as_text: bool = False
+) -> Scores:
+    """Score an agent that takes this way in a world, which is compiled from files."""
+    submission = records_of({"1_7_0": Prediction([*way], answer, as_text=as_text)})
+    truth = ground_truth_of(world)
+    return evaluate(submission, split=SPLIT, ground_truth=truth, protocol=protocol)
+
+
+JUST_BELOW, JUST_ABOVE = float(np.nextafter(3.0, 0.0)), float(np.nextafter(3.0, 4.0))
+
+
+@pytest.mark.parametrize(
+    ("metres", "success"),
+    [
+        pytest.param(0.0, 1.0, id="on its end"),
+        pytest.param(JUST_BELOW, 1.0, id="just below 3 m"),
+        pytest.param(3.0, 0.0, id="exactly 3 m"),
+        pytest.param(JUST_ABOVE, 0.0, id="just above 3 m"),
+    ],
+)
+def test_r2r_style_wants_less_than_3_m_to_the_path_s_end(metres: float, success: float) -> None:
+    """Strictly less, as every evaluator of Room-to-Room has it."""
+    scores = scored(corridor(stop=metres), "r2r-style", START, STOP)
+    assert (scores["success"], scores["oracle_success"]) == (success, success)
+
+
+def test_r2r_style_measures_along_the_graph() -> None:
+    """2 m from the goal through the wall, 18 m on foot."""
+    world = corridor(stop=2.0)
+    scan = world.scans["house"]
+    walled = replace(scan, unobstructed=frozenset({(GOAL, START), (START, STOP)}))
+    scores = scored(replace(world, scans={"house": walled}), "r2r-style", START, STOP)
+    assert (scores["success"], scores["navigation_error"]) == (0.0, 18.0)
+
+
+def test_r2r_style_does_not_ask_for_sight() -> None:
+    blind = corridor(stop=2.0)
+    scan = blind.scans["house"]
+    stop = replace(scan.viewpoints[STOP], views={})
+    blind = replace(
+        blind, scans={"house": replace(scan, viewpoints={**scan.viewpoints, STOP: stop})}
+    )
+    assert scored(blind, "r2r-style", START, STOP)["success"] == 1.0
+    assert scored(blind, "official-v1", START, STOP)["success"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("centre", "success"),
+    [
+        pytest.param((2.0, 0.0, 0.0), 1.0, id="at the camera"),
+        pytest.param((2.0, JUST_BELOW, 0.0), 1.0, id="just below 3 m"),
+        pytest.param((2.0, 0.0, -3.0), 1.0, id="exactly 3 m below the camera"),
+        pytest.param((3.0, 2.0, 2.0), 1.0, id="exactly 3 m across"),
+        pytest.param((2.0, 0.0, JUST_ABOVE), 0.0, id="just above 3 m"),
+        pytest.param(None, 0.0, id="not known where"),
+    ],
+)
+def test_challenge_2022_wants_at_most_3_m_to_the_object(
+    centre: Position | None, success: float
+) -> None:
+    """At most, where Room-to-Room wants less."""
+    scores = scored(corridor(stop=2.0, centre=centre), "challenge-2022", START, STOP)
+    assert (scores["success"], scores["oracle_success"]) == (success, success)
+    assert scored(corridor(stop=2.0, centre=centre), "official-v1", START, STOP)["success"] == 1.0
+
+
+def test_challenge_2022_asks_for_sight_as_well() -> None:
+    assert scored(corridor(centre=(10.0, 0.0, 0.0)), "challenge-2022", START)["success"] == 0.0
+
+
+@pytest.mark.parametrize("as_text", [False, True], ids=["number", "text"])
+@pytest.mark.parametrize("protocol", [name for name in PROTOCOLS if name != "r2r-style"])
+def test_an_id_as_text_is_right_everywhere_but_in_challenge_2022(
+    protocol: str, *, as_text: bool
+) -> None:
+    scores = scored(corridor(), protocol, START, STOP, GOAL, as_text=as_text)
+    assert scores["rgs"] == float(not (as_text and protocol == "challenge-2022"))
+
+
+@pytest.mark.parametrize(
+    ("protocol", "rgs"),
+    [
+        ("official-v1", 1.0),
+        ("paper", 0.0),
+        ("challenge-2022", 1.0),
+        ("airbert", 1.0),
+        ("duet", 1.0),
+        ("scalevln", 0.0),
+    ],
+)
+def test_the_right_object_from_afar(protocol: str, rgs: float) -> None:
+    """Never leaves the start, and still has no point of RGSPL to lose by that."""
+    scores = scored(corridor(), protocol, START)
+    assert (scores["success"], scores["rgs"], scores["rgspl"]) == (0.0, rgs, rgs)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "spl", "rgspl"),
+    [
+        ("official-v1", 1.0, 1.0),
+        ("paper", 1.0, 1.0),
+        ("challenge-2022", 0.5, 1.0),
+        ("airbert", 0.5, 1.0),
+        ("duet", 0.5, 0.5),
+        ("scalevln", 0.5, 0.5),
+    ],
+)
+def test_a_route_of_half_a_centimetre(protocol: str, spl: float, rgspl: float) -> None:
+    """Where a floor of 1 cm is felt, and in which of the two."""
+    world = replace(corridor(stop=0.005), tasks=[Task("1_7", "house", [STOP, GOAL], TARGET)])
+    scores = scored(world, protocol, STOP, GOAL)
+    assert (scores["spl"], scores["rgspl"]) == (spl, rgspl)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "weight"),
+    [
+        ("official-v1", 0.5),
+        ("paper", 0.5),
+        ("challenge-2022", 0.5),
+        ("airbert", 0.5),
+        ("duet", 0.75),
+        ("scalevln", 0.75),
+    ],
+)
+def test_an_annotated_detour(protocol: str, weight: float) -> None:
+    """The shortest way is 10 m long, the annotated one 15 m, the walked one 20 m."""
+    world = replace(
+        corridor(stop=2.5),
+        tasks=[Task("1_7", "house", [START, STOP, GOAL, STOP, GOAL], TARGET)],
+    )
+    way = [START, STOP, GOAL, STOP, GOAL, STOP, GOAL]
+    scores = scored(world, protocol, *way)
+    assert (scores["path_length"], scores["shortest_length"]) == (20.0, 10.0)
+    assert (scores["spl"], scores["rgspl"]) == (weight, weight)
+
+
+def test_sdtw_takes_success_from_the_protocol() -> None:
+    world = corridor(stop=4.0)
+    likeness = scored(world, "official-v1", START, STOP)["ndtw"]
+    found = {
+        name: scored(world, name, START, STOP)["sdtw"] for name in ("official-v1", "r2r-style")
+    }
+    assert found == {"official-v1": likeness, "r2r-style": 0.0}
+
+
+# What a bundle can serve.
+
+
+@pytest.fixture(scope="module")
+def unmeasured(demo: GroundTruth) -> GroundTruth:
+    """Return the demo world compiled without object positions."""
+    assert demo.answers is not None
+    answers = replace(demo.answers, candidate_distance=None)
+    return replace(demo, answers=answers, origin="val_unseen.npz")
+
+
+def test_challenge_2022_without_object_positions(unmeasured: GroundTruth) -> None:
+    with pytest.raises(rv.GroundTruthError) as error:
+        evaluate(GOOD, split=SPLIT, ground_truth=unmeasured, protocol="challenge-2022")
+    assert str(error.value) == (
+        "challenge-2022 needs object positions, which val_unseen.npz was compiled without; "
+        "compile it again with --object-positions"
+    )
+
+
+def test_all_protocols_side_by_side() -> None:
+    scored = evaluate_protocols(GOOD, split=SPLIT)
+    assert list(scored) == list(RELEASED)
+    for name, scores in scored.items():
+        assert scores == evaluate(GOOD, split=SPLIT, protocol=name)
+        assert scores.signature == evaluate(GOOD, split=SPLIT, protocol=name).signature
+
+
+def test_what_cannot_be_served_is_left_out(unmeasured: GroundTruth) -> None:
+    scored = evaluate_protocols(GOOD, split=SPLIT, ground_truth=unmeasured)
+    assert list(scored) == [name for name in RELEASED if name != "challenge-2022"]
+
+
+def test_a_public_bundle_serves_no_protocol(demo: GroundTruth) -> None:
+    public = replace(demo, answers=None)
+    with pytest.raises(rv.GroundTruthError, match="public bundle"):
+        evaluate_protocols(GOOD, split=SPLIT, ground_truth=public)
+
+
+def test_r2r_style_does_not_score_grounding() -> None:
+    scores = evaluate(GOOD, split=SPLIT, protocol="r2r-style")
+    unscored = {"rgs", "rgspl", *BOX_METRICS}
+    assert list(scores) == [key for key in rv.CATALOGUE if key not in unscored]
+    for key in ("rgs", "rgspl"):
+        assert key not in scores
+        with pytest.raises(KeyError, match=key):
+            scores[key]
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_spl_never_above_success(protocol: str) -> None:
+    scores = evaluate(SAMPLES / "mediocre.json", split=SPLIT, protocol=protocol)
+    assert scores["spl"] <= scores["success"] <= scores["oracle_success"]
+
+
+# The grounding track.
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        pytest.param({"predObjId": TARGET}, id="without a trajectory"),
+        pytest.param({"predObjId": TARGET, "trajectory": []}, id="empty trajectory"),
+        pytest.param({"predObjId": TARGET, "trajectory": [["nowhere", 0, 0]]}, id="other world"),
+        pytest.param({"pred_objid": str(TARGET)}, id="other key, as text"),
+    ],
+)
+def test_the_grounding_track_looks_at_answers_alone(record: Mapping[str, Any]) -> None:
+    submission = [{"instr_id": "1_7_0", **record}]
+    truth = ground_truth_by_hand(corridor())
+    scores = evaluate(submission, split=SPLIT, ground_truth=truth, track="grounding")
+    assert dict(scores) == {"rgs": 1.0}
+
+
+@pytest.mark.parametrize("answer", [TARGET + 1, -1, None], ids=["other object", "-1", "null"])
+def test_a_wrong_answer_in_the_grounding_track(answer: int | None) -> None:
+    submission = [{"instr_id": "1_7_0", "predObjId": answer}]
+    truth = ground_truth_by_hand(corridor())
+    scores = evaluate(submission, split=SPLIT, ground_truth=truth, track="grounding")
+    assert dict(scores) == {"rgs": 0.0}
+
+
+def test_the_grounding_track_finds_answers_wherever_they_stand(demo: GroundTruth) -> None:
+    """Records in reverse, as their answers' order must not matter."""
+    answers = demo.require_answers().target_object.tolist()
+    answers[0] += 1
+    submission = [
+        {"instr_id": instr_id, "predObjId": answer}
+        for instr_id, answer in zip(demo.episodes.instr_ids, answers, strict=True)
+    ]
+    scores = evaluate(submission[::-1], split=SPLIT, ground_truth=demo, track="grounding")
+    assert scores.episodes["rgs"].tolist() == [0.0] + [1.0] * (len(answers) - 1)
+
+
+def test_the_signature_names_the_grounding_track() -> None:
+    scores = evaluate(GOOD, split=SPLIT, track="grounding")
+    assert "|protocol:official-v1|track:grounding|data:" in scores.signature
+    assert "track:" not in evaluate(GOOD, split=SPLIT).signature
+
+
+def test_the_grounding_track_has_no_remarks_on_walking() -> None:
+    assert not evaluate(GOOD, split=SPLIT, track="grounding").notes
+
+
+def test_the_grounding_track_reports_missing_episodes() -> None:
+    truth = ground_truth_by_hand(corridor())
+    submission = [{"instr_id": "1_7_9", "predObjId": 3}]
+    with pytest.raises(rv.SubmissionError) as rejected:
+        evaluate(submission, split=SPLIT, ground_truth=truth, track="grounding")
+    assert {problem.code for problem in rejected.value.problems} == {
+        "unknown-episode",
+        "missing-episode",
+    }
+
+
+def test_the_grounding_track_needs_answers(demo: GroundTruth) -> None:
+    with pytest.raises(rv.GroundTruthError, match="public bundle"):
+        evaluate(GOOD, split=SPLIT, ground_truth=replace(demo, answers=None), track="grounding")
+
+
+def test_the_grounding_track_needs_a_protocol_that_scores_grounding() -> None:
+    with pytest.raises(rv.GroundTruthError, match="r2r-style does not score grounding"):
+        evaluate(GOOD, split=SPLIT, protocol="r2r-style", track="grounding")
+    assert "r2r-style" not in evaluate_protocols(GOOD, split=SPLIT, track="grounding")
+
+
+def test_an_unknown_track() -> None:
+    with pytest.raises(rv.ProtocolError, match="did you mean grounding"):
+        evaluate(GOOD, split=SPLIT, track="ground")  # type: ignore[arg-type]

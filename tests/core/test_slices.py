@@ -1,0 +1,201 @@
+"""Slices: parts of the episodes, by hand and against the whole."""
+
+import re
+
+import numpy as np
+import pytest
+
+from reverie_eval import GroundTruth, GroundTruthError, ProtocolError, Scores, evaluate
+from reverie_eval.analysis import GROUPINGS
+from reverie_eval.analysis._breakdown import level_in
+from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval.metrics.uncertainty import bootstrap_means, interval
+from reverie_eval.scoring import clusters_of
+from tests.conftest import SAMPLES
+from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.worlds import ground_truth_of
+
+LAMP, SOFA, PLANT = 3, 4, 5
+HOUSE = World(
+    {
+        "house": Scan(
+            {
+                "a": Viewpoint((0.0, 0.0, 0.0), views={LAMP: [12]}),
+                "b": Viewpoint((3.0, 4.0, 0.0), views={LAMP: [12], SOFA: [1, 2]}),
+                "c": Viewpoint((9.0, 4.0, 0.0), views={LAMP: [12], PLANT: []}),
+                "d": Viewpoint((14.0, 4.0, 0.0), views={LAMP: [0]}),
+            },
+            frozenset({("a", "b"), ("b", "c"), ("c", "d")}),
+        ),
+        "hut": Scan(
+            {"x": Viewpoint((0.0, 0.0, 0.0)), "y": Viewpoint((6.0, 0.0, 0.0), views={LAMP: [5]})},
+            frozenset({("x", "y")}),
+        ),
+    },
+    [
+        Task("1_3", "house", ["a", "b", "c", "d"], LAMP, instructions=2),  # 16 m, seen from 4
+        Task("2_4", "house", ["a", "b"], SOFA, instructions=1),  # 5 m, seen from 1
+        Task("3_3", "hut", ["x", "y"], LAMP, instructions=1),  # 6 m, seen from 1
+    ],
+)
+WALKS = {
+    "1_3_0": (["a", "b", "c", "d"], LAMP),
+    "1_3_1": (["a", "c"], LAMP),  # a jump
+    "2_4_0": (["a"], SOFA),
+    "3_3_0": (["x", "y"], -1),
+}
+
+
+@pytest.fixture(scope="module")
+def scores() -> Scores:
+    records = [
+        {"instr_id": name, "trajectory": [[place, 0, 0] for place in walk], "predObjId": answer}
+        for name, (walk, answer) in WALKS.items()
+    ]
+    return evaluate(records, split="val_unseen", ground_truth=ground_truth_of(HOUSE))
+
+
+@pytest.mark.parametrize(
+    ("by", "expected"),
+    [
+        pytest.param("scan", {"house": (3, 2 / 3, 1), "hut": (1, 1, 0)}, id="scan"),
+        pytest.param(
+            "length",
+            {"below 6 m": (1, 0, 1), "6 to 8 m": (1, 1, 0), "15 or more m": (2, 1, 1)},
+            id="length",
+        ),
+        pytest.param("visibility", {"1": (2, 0.5, 0.5), "4 to 5": (2, 1, 1)}, id="visibility"),
+        pytest.param("jumps", {"no jump": (3, 2 / 3, 2 / 3), "jumps": (1, 1, 1)}, id="jumps"),
+    ],
+)
+def test_parts_by_hand(
+    by: str, expected: dict[str, tuple[int, float, float]], scores: Scores
+) -> None:
+    found = scores.breakdown(by)
+    assert found.index.name == by
+    assert list(found.columns) == ["episodes", *(metric.key for metric in scores.headline)]
+    assert list(found.index) == list(expected)
+    values = found[["episodes", "success", "rgs"]].to_numpy()
+    assert values.tolist() == [pytest.approx(part) for part in expected.values()]
+
+
+@pytest.mark.parametrize("by", GROUPINGS)
+def test_parts_add_up_to_the_whole(by: str) -> None:
+    scores = evaluate(SAMPLES / "mediocre.json", split="val_unseen")
+    found = scores.breakdown(by)
+    assert found["episodes"].sum() == len(scores.instr_ids)
+    for metric in scores.headline:
+        whole = np.average(found[metric.key], weights=found["episodes"])
+        assert whole == pytest.approx(scores[metric.key])
+
+
+def test_intervals_of_parts_are_those_of_their_episodes() -> None:
+    """Drawn by hand for one part; where targets are too few there are none."""
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    found = scores.breakdown("level", intervals=True)
+    plain = scores.breakdown("level")
+    assert list(found.columns[: len(plain.columns)]) == list(plain.columns)
+    rows = [
+        row
+        for row, instruction in enumerate(scores.ground_truth.episodes.instructions)
+        if level_in(instruction) == "level 2"
+    ]
+    cluster = clusters_of(scores.ground_truth, "target")[rows]
+    means = bootstrap_means(scores.episodes["rgs"][rows][:, None], cluster)
+    low, high = interval(means, len(np.unique(cluster)))[:, 0]
+    ends = found[["rgs_low", "rgs_high"]].to_dict("index")["level 2"]
+    assert ends == pytest.approx({"rgs_low": low, "rgs_high": high})
+    assert low < found["rgs"]["level 2"] < high
+
+
+@pytest.mark.parametrize("intervals", [False, True])
+def test_a_breakdown_says_what_its_columns_are_measured_in(*, intervals: bool) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    for by in ("scan", "length"):
+        found = scores.breakdown(by, intervals=intervals)
+        units = found.attrs["units"]
+        assert set(units) == set(found.columns)
+        assert (units["episodes"], units["path_length"], units["rgs"]) == (
+            "count",
+            "metres",
+            "fraction",
+        )
+        assert units.get("path_length_low", "metres") == "metres"
+
+
+def test_parts_of_few_targets_have_no_intervals() -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    found = scores.breakdown("category", intervals=True)
+    cluster = clusters_of(scores.ground_truth, "target")
+    truth = scores.ground_truth
+    categories = [truth.require_answers().target_categories[task] for task in truth.episodes.task]
+    targets = {
+        part: len({cluster[row] for row, name in enumerate(categories) if name == part})
+        for part in found.index
+    }
+    assert {part: number >= 5 for part, number in targets.items()} == {
+        part: bool(known) for part, known in found["spl_low"].notna().items()
+    }
+    assert set(targets.values()) & {4, 5}
+
+
+def test_parts_by_words_and_category_are_those_of_the_demo_world(demo: GroundTruth) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen", ground_truth=demo)
+    lengths = [len(re.findall(r"\w+", text)) for text in demo.episodes.instructions]
+    words = scores.breakdown("words")["episodes"]
+    assert words["1 to 11 words"] == sum(length <= 11 for length in lengths)
+    assert words["12 to 15 words"] == sum(12 <= length <= 15 for length in lengths)
+    categories = scores.breakdown("category")["episodes"]
+    named = [demo.require_answers().target_categories[task] for task in demo.episodes.task]
+    assert categories.to_dict() == {name: named.count(name) for name in set(named)}
+    assert list(categories) == sorted(categories, reverse=True)
+
+
+def test_levels_come_in_their_order() -> None:
+    """Most instructions name none, and more of them the first than the second."""
+    found = evaluate(SAMPLES / "good.json", split="val_unseen").breakdown("level")["episodes"]
+    assert found.to_dict() == {"level 1": 25, "level 2": 14, "no level": 45}
+    assert list(found.index) == ["level 1", "level 2", "no level"]
+
+
+def test_categories_are_in_words(scores: Scores, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the spelling, what is called the same is one part."""
+    spelt = ("end#table", "End table", " ")
+    monkeypatch.setattr(type(scores.ground_truth.require_answers()), "target_categories", spelt)
+    found = scores.breakdown("category")["episodes"]
+    assert found.to_dict() == {"end table": 3, "unnamed": 1}
+
+
+@pytest.mark.parametrize(
+    ("instruction", "level"),
+    [
+        ("Go to the bedroom on level 2 with the red door", "level 2"),
+        ("Go to Level 1", "level 1"),
+        ("water the plant on floor three", "level 3"),
+        ("the first level bathroom", "level 1"),
+        ("the 3rd floor office", "level 3"),
+        ("the third  level bathroom", "level 3"),
+        ("the bathroom on level\n2", "level 2"),
+        ("sweep the floor of the second bedroom", "no level"),
+        ("the lamp on the top floor", "no level"),
+        ("level the picture", "no level"),
+        ("floor 12 is no house's", "no level"),
+    ],
+)
+def test_the_level_that_an_instruction_names(instruction: str, level: str) -> None:
+    assert level_in(instruction) == level
+
+
+def test_what_cannot_be_cut_says_why(scores: Scores) -> None:
+    with pytest.raises(ProtocolError, match="unknown grouping 'room'; choose one of: scan, length"):
+        scores.breakdown("room")
+    bundle = Bundle.load(DEMO_BUNDLES / "val_unseen.npz")
+    without = GroundTruth.from_bundle(Bundle(bundle.header, bundle.arrays))
+    old = evaluate(SAMPLES / "good.json", split="val_unseen", ground_truth=without)
+    with pytest.raises(GroundTruthError, match="compiled without categories; compile it again"):
+        old.breakdown("category")
+    with pytest.raises(GroundTruthError, match="compiled without instructions"):
+        old.breakdown("words")
+    grounding = evaluate(SAMPLES / "good.json", split="val_unseen", track="grounding")
+    with pytest.raises(ProtocolError, match="jumps"):
+        grounding.breakdown("jumps")

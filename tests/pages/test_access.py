@@ -1,0 +1,193 @@
+"""Who may see which page, and send which form."""
+
+import re
+from collections.abc import Mapping
+
+import httpx
+import pytest
+
+from reverie_eval.schemas.service import Method
+from reverie_eval.server.app import create_app
+from reverie_eval.server.service.people import mint
+from reverie_eval.server.service.reviews import review
+from reverie_eval.server.store.tables import ReportedResult
+from tests.support.page_routes import page_routes
+from tests.support.serving import GOOD, MATE, NOON, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+
+ROLES = {
+    "anonymous": None,
+    "other": OTHER,
+    "mate": MATE,
+    "owner": OWNER,
+    "organiser": ORGANISER,
+}
+SIGN_IN = "sign-in"
+"""A cell: the reply leads to where one signs in."""
+
+TABLE = """
+                                    anonymous  other     mate      owner     organiser
+GET  /                              307        307       307       307       307
+GET  /boards/{split}                200        200       200       200       200
+GET  /boards/{split}/chart          200        200       200       200       200
+GET  /boards/{split}/latex          200        200       200       200       200
+GET  /boards/{split}/bibtex         200        200       200       200       200
+GET  /sign-in                       200        200       200       200       200
+POST /sign-in                       401        303       303       303       303
+POST /sign-in/invitation            401        401       401       401       401
+POST /sign-out                      sign-in    303       303       303       303
+GET  /submit                        sign-in    200       200       200       200
+POST /submit                        sign-in    303       303       303       303
+GET  /team                          sign-in    200       200       200       200
+GET  /submissions/{submission_id}   404        404       200       200       200
+POST /submissions/{submission_id}   sign-in    404       303       303       303
+GET  /episodes                      200        200       200       200       200
+GET  /episodes/{split}              200        200       200       200       200
+GET  /episodes/{split}/{instr_id}   200        200       200       200       200
+GET  /words                         200        200       200       200       200
+GET  /words/submitting              200        200       200       200       200
+GET  /words/metrics                 200        200       200       200       200
+GET  /words/protocols               200        200       200       200       200
+GET  /words/rules                   200        200       200       200       200
+GET  /words/api                     200        200       200       200       200
+GET  /words/privacy                 200        200       200       200       200
+GET  /desk                          sign-in    403       403       403       200
+GET  /desk/uploads                  sign-in    403       403       403       200
+GET  /desk/reviews                  sign-in    403       403       403       200
+POST /desk/reviews                  sign-in    403       403       403       303
+POST /desk/reviews/{review_id}/lift sign-in    403       403       403       303
+GET  /desk/reported                 sign-in    403       403       403       200
+POST /desk/reported                 sign-in    403       403       403       303
+POST /desk/reported/{result_id}/remove sign-in 403       403       403       303
+GET  /desk/quotas                   sign-in    403       403       403       200
+POST /desk/quotas                   sign-in    403       403       403       303
+GET  /desk/people                   sign-in    403       403       403       200
+POST /desk/people                   sign-in    403       403       403       303
+POST /desk/people/teams             sign-in    403       403       403       303
+POST /desk/people/tokens            sign-in    403       403       403       200
+POST /desk/people/tokens/{hint}/revoke sign-in 403       403       403       303
+GET  /desk/notice                   sign-in    403       403       403       200
+POST /desk/notice                   sign-in    403       403       403       303
+GET  /desk/audit                    sign-in    403       403       403       200
+"""
+ROWS = {" ".join(line.split()[:2]): line.split()[2:] for line in TABLE.splitlines()[2:]}
+
+FORMS: Mapping[str, dict[str, str]] = {
+    "POST /submit": {"split": OPEN, "what": "score", "name": "Walker"},
+    "POST /desk/reviews": {
+        "submission_id": "{submission_id}",
+        "verdict": "verified",
+        "reason": "ran",
+    },
+    "POST /desk/reported": {
+        "split": OPEN,
+        "team": "Them",
+        "name": "Theirs",
+        "source": "https://example.org/",
+        "spl": "7",
+    },
+    "POST /desk/quotas": {
+        "team": "Blue",
+        "split": OPEN,
+        "extra": "1",
+        "reason": "disk",
+        "until": "2026-04-01",
+    },
+    "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
+    "POST /desk/people/teams": {"name": "Green"},
+    "POST /desk/people/tokens": {"person": OWNER, "kind": "invite"},
+    "POST /desk/notice": {"banner": "Soon"},
+}
+"""What a form's own fields hold."""
+FILES = {"POST /submit": {"file": ("answers.json", GOOD)}}
+FIELD = re.compile(r'name="csrf_token" value="([^"]+)"')
+
+
+@pytest.fixture
+def parts(server: Serving) -> Mapping[str, str]:
+    """Return what stands for the braces of a path: what belongs to the owner."""
+    ids = {
+        split: server.upload(OWNER, server.distinct(split), split).json()["submission"]["id"]
+        for split in (OPEN, PRIVATE)
+    }
+    now, actor = NOON, "test"
+    with server.state.database.writing() as session:
+        owner = session.merge(server.person(OWNER))
+        spare = mint(session, owner, "access", now=now, actor=actor).token.hint
+        said = review(session, ids[OPEN], "verified", "ran", now=now, actor=actor).id
+        result = ReportedResult(
+            split=OPEN,
+            method=Method(name="Earlier").model_dump(mode="json"),
+            team="Them",
+            scores={"spl": 0.07},
+            source="https://example.org/",
+            added_by=actor,
+            created_at=now,
+        )
+        session.add(result)
+        session.flush()
+    return {
+        "hint": spare,
+        "review_id": str(said),
+        "result_id": str(result.id),
+        "split": OPEN,
+        "submission_id": ids[OPEN],
+        "private_id": ids[PRIVATE],
+        "instr_id": "1196_0_0",
+    }
+
+
+def sign_in(server: Serving, who: str | None) -> str:
+    """Sign in with the browser's form, and return the session's CSRF token."""
+    server.client.cookies.clear()
+    if who is None:
+        return ""
+    server.client.post("/sign-in", data={"token": server.tokens[who]})
+    found = FIELD.search(server.client.get("/sign-in").text)
+    assert found is not None
+    return found[1]
+
+
+def visit(server: Serving, row: str, who: str | None, parts: Mapping[str, str]) -> httpx.Response:
+    """Ask for a page as somebody."""
+    method, path = row.split()
+    token = sign_in(server, who)
+    if method == "GET":
+        return server.client.get(path.format(**parts))
+    own = {name: value.format(**parts) for name, value in FORMS.get(row, {}).items()}
+    form = {"csrf_token": token, "confirmed": "yes"} | own
+    if row == "POST /sign-in":
+        form["token"] = server.tokens[who] if who else "rv_none"
+    return server.client.post(path.format(**parts), data=form, files=FILES.get(row))
+
+
+def outcome(reply: httpx.Response) -> str:
+    leads_in = reply.headers.get("location", "").startswith("/sign-in")
+    return SIGN_IN if leads_in else str(reply.status_code)
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_who_may_see_what(row: str, server: Serving, parts: Mapping[str, str]) -> None:
+    found = {role: outcome(visit(server, row, who, parts)) for role, who in ROLES.items()}
+    assert found == dict(zip(ROLES, ROWS[row], strict=True))
+
+
+def test_every_page_has_its_row(server: Serving) -> None:
+    routes = {f"{method} {path}" for method, path in page_routes(create_app(server.state))}
+    assert routes == set(ROWS)
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if row.startswith("POST")])
+def test_no_form_is_taken_of_another_site(
+    row: str, server: Serving, parts: Mapping[str, str]
+) -> None:
+    """Neither without the session's token, nor if the browser says where it comes from."""
+    method, path = row.split()
+    sign_in(server, ORGANISER)
+    if not path.startswith("/sign-in"):
+        forged = server.client.request(method, path.format(**parts), data={"csrf_token": "none"})
+        assert forged.status_code == 403
+    elsewhere = {"Sec-Fetch-Site": "cross-site"}
+    token = {"token": server.tokens[ORGANISER], "invitation": "rv_none"}
+    reply = server.client.request(method, path.format(**parts), data=token, headers=elsewhere)
+    assert outcome(reply) in ("403", SIGN_IN)
+    assert "set-cookie" not in reply.headers

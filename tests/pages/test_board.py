@@ -1,0 +1,351 @@
+"""The pages of boards: what is where, who is named, and what stays out of the ranking."""
+
+import re
+from html import unescape
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+import html5lib
+import httpx
+import pytest
+
+from reverie_eval import CATALOGUE
+from reverie_eval.schemas.service import Method
+from reverie_eval.server.service.reported import add_reported
+from reverie_eval.server.service.reviews import lift, review
+from reverie_eval.server.store.tables import Verdict
+from tests.support.entries import BOARD, HTML, entered, get, named, tables
+from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+
+MARKUP = "<script>alert(1)</script>"
+
+
+def ranking(server: Serving, query: str = "") -> list[tuple[str, str]]:
+    """Return rank and method of the ranked rows."""
+    rows = tables(get(server, query))[0]
+    return [(row[0], row[1].split(" ")[0]) for row in rows if len(row) > 1]
+
+
+def headings(reply: httpx.Response) -> list[str]:
+    document = html5lib.parse(reply.text)
+    head = next(document.iter(f"{HTML}thead"))
+    return ["".join(cell.itertext()).split(" ")[0].strip() for cell in head.iter(f"{HTML}th")]
+
+
+def judge(server: Serving, submission: str, verdict: Verdict, reason: str = "checked") -> int:
+    with server.state.database.writing() as session:
+        said = review(session, submission, verdict, reason, now=server.clock(), actor=ORGANISER)
+        return said.id
+
+
+def report_result(server: Serving, name: str, **scores: float) -> None:
+    with server.state.database.writing() as session:
+        add_reported(
+            session,
+            OPEN,
+            Method(name=name),
+            team="Qi et al.",
+            scores=scores,
+            source="https://example.org/paper.pdf",
+            splits=[OPEN],
+            now=server.clock(),
+            actor=ORGANISER,
+        )
+
+
+@pytest.fixture
+def five(server: Serving) -> Serving:
+    """Return a server with five results: two tie, one has no SPL."""
+    entered(server, {"rgspl": 0.25, "spl": 0.5, "path_length": 12.0}, **named("Ant"))
+    entered(server, {"rgspl": 0.5, "spl": 0.25, "path_length": 9.5}, OTHER, **named("Bee"))
+    entered(server, {"rgspl": 0.25, "path_length": 30.25}, **named("Cat"))
+    entered(server, {"rgspl": 0.125, "spl": 0.75, "navigation_error": 4.0}, **named("Dog"))
+    entered(server, {"spl": 0.5, "navigation_error": 2.0}, OTHER, **named("Elk"))
+    return server
+
+
+SORTED = [
+    pytest.param(
+        "",
+        [("1", "Bee"), ("2", "Ant"), ("2", "Cat"), ("4", "Dog"), ("-", "Elk")],
+        id="by the primary metric",
+    ),
+    pytest.param(
+        "?metric=spl",
+        [("1", "Dog"), ("2", "Ant"), ("2", "Elk"), ("4", "Bee"), ("-", "Cat")],
+        id="by another: ties are equal, no score is last",
+    ),
+    pytest.param(
+        "?metric=navigation_error",
+        [("1", "Elk"), ("2", "Dog"), ("-", "Ant"), ("-", "Bee"), ("-", "Cat")],
+        id="less is better",
+    ),
+    pytest.param(
+        "?metric=path_length",
+        [("1", "Bee"), ("2", "Ant"), ("2", "Cat"), ("4", "Dog"), ("-", "Elk")],
+        id="neither is better: the least first, ranked by the primary metric",
+    ),
+]
+
+
+@pytest.mark.parametrize(("query", "expected"), SORTED)
+def test_a_board_sorted(five: Serving, query: str, expected: list[tuple[str, str]]) -> None:
+    assert ranking(five, query) == expected
+
+
+def test_every_metric_has_a_link_that_sorts_by_it(five: Serving) -> None:
+    page = get(five, "?columns=all").text
+    links = dict(re.findall(r'href="(\?[^"]*metric=(\w+)[^"]*)" title', page))
+    assert set(links.values()) == {"spl", "navigation_error", "path_length"} | {
+        key for key, metric in CATALOGUE.items() if metric.headline and key != "rgspl"
+    }
+    for link, key in links.items():
+        text = get(five, unescape(link)).text
+        (direction,) = re.findall(r'aria-sort="(\w+)"', text)
+        assert direction == ("descending" if CATALOGUE[key].better == "higher" else "ascending")
+
+
+def test_the_primary_metric_comes_first_and_the_rest_on_demand(five: Serving) -> None:
+    usual = ["#", "Method,", "RGSPL", "TL", "SR", "OSR", "SPL", "RGS", "Sent", "Published"]
+    assert headings(get(five)) == usual
+    assert headings(get(five, "?columns=all"))[8] == "NE"
+
+
+def test_what_a_board_is_sorted_by_comes_second(five: Serving) -> None:
+    assert headings(get(five, "?metric=rgs"))[2:6] == ["RGSPL", "RGS", "TL", "SR"]
+    assert headings(get(five, "?metric=navigation_error"))[2:5] == ["RGSPL", "NE", "TL"]
+
+
+def test_every_column_is_explained_below_the_table(five: Serving) -> None:
+    page = get(five, "?metric=navigation_error").text
+    meanings = re.findall(
+        r"<summary>What the columns mean</summary>(.*?)</details>", page, re.DOTALL
+    )
+    explained = re.findall(r'<dt><a href="/words/metrics#(\w+)">(.*?) \S+</a></dt>', meanings[0])
+    assert [label for _, label in explained] == headings(get(five, "?metric=navigation_error"))[2:9]
+    for key, _ in explained:
+        assert CATALOGUE[key].definition in unescape(meanings[0])
+
+
+def test_a_metric_that_nothing_has_is_said_to_be_so(five: Serving) -> None:
+    absent = get(five, "?metric=ndtw").text
+    assert "No result on this board has a normalised dynamic time warping (nDTW)" in absent
+    assert "No result on this board has" not in get(five, "?metric=navigation_error").text
+
+
+def test_a_filter_keeps_the_axes_of_the_charts(five: Serving) -> None:
+    page = get(five, "?x=spl&y=rgs&text=bee").text
+    kept = dict(re.findall(r'<input type="hidden" name="(\w+)" value="(\w*)">', page))
+    assert kept == {"metric": "rgspl", "columns": "", "x": "spl", "y": "rgs"}
+    assert 'href="?x=spl&amp;y=rgs">Clear</a>' in page
+
+
+def test_cells(five: Serving) -> None:
+    rank, method, primary, *values = tables(get(five))[0][0]
+    assert (rank, method) == ("1", "Bee Red")
+    assert primary.startswith("50.00 ")  # and its interval
+    assert values == ["9.50", "-", "-", "25.00", "-", "2", "2026-03-02"]
+
+
+FILTERED = [
+    pytest.param("?extra_data=with", ["Bee"], id="with a flag"),
+    pytest.param("?extra_data=without", ["Ant", "Cat"], id="without it"),
+    pytest.param("?extra_data=with&ensemble=with", [], id="all must hold"),
+    pytest.param("?ensemble=with", ["Cat"], id="another flag"),
+    pytest.param("?text=bEe", ["Bee"], id="the method, whatever the case"),
+    pytest.param("?text=blu", ["Ant"], id="the team, unless it is anonymous"),
+    pytest.param("?text=%20", ["Bee", "Ant", "Cat"], id="blank is nothing"),
+    pytest.param("?text=.*", [], id="text is no pattern"),
+    pytest.param("?since=2026-03-03", ["Bee", "Cat"], id="from a day on, that day too"),
+    pytest.param("?until=2026-03-03", ["Bee", "Ant"], id="until a day, that day too"),
+    pytest.param("?since=2026-03-03&until=2026-03-03", ["Bee"], id="on a day"),
+    pytest.param("?since=&until=&extra_data=&text=", ["Bee", "Ant", "Cat"], id="as forms send it"),
+]
+
+
+@pytest.mark.parametrize(("query", "expected"), FILTERED)
+def test_filters(server: Serving, query: str, expected: list[str]) -> None:
+    day = {"hours": 24}
+    entered(server, {"rgspl": 0.5}, **named("Ant"))
+    server.clock.turn(**day)
+    entered(server, {"rgspl": 0.75}, OTHER, **named("Bee", extra_data=True))
+    server.clock.turn(**day)
+    until = "2026-12-31T00:00:00Z"
+    entered(server, {"rgspl": 0.25}, anonymous_until=until, **named("Cat", ensemble=True))
+    rows = ranking(server, query)
+    ranks = {"Bee": "1", "Ant": "2", "Cat": "3"}  # of the whole board, whatever is shown
+    assert rows == [(ranks[name], name) for name in expected]
+    assert ("No result fits" in get(server, query).text) == (expected == [])
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "?metric=joy",
+        "?extra_data=maybe",
+        "?since=yesterday",
+        "?page=0",
+        "?page=x",
+        "?x=joy",
+        f"?text={'a' * 101}",
+    ],
+)
+def test_a_query_that_is_none_is_a_page_that_says_so(server: Serving, query: str) -> None:
+    page = get(server, query, status=400)
+    assert "not of the documented form" in page.text
+    assert "<h1>Something is not as it should be</h1>" in page.text
+    ((field, said),) = tables(page)[0]
+    assert query.startswith(f"?{field}=")
+    assert not re.search("should|Input|Value error", said)
+    assert f'<a href="/boards/{OPEN}">To the whole leaderboard of {OPEN}</a>' in page.text
+
+
+def test_no_such_split(server: Serving) -> None:
+    for part in ("", "/chart", "/latex", "/bibtex"):
+        get(server, path=f"/boards/nowhere{part}", status=404)
+
+
+def test_an_empty_board(server: Serving) -> None:
+    page = get(server).text
+    assert "Nothing is published yet." in page
+    assert "<canvas" not in page
+    assert get(server, path="/", status=307).headers["location"].startswith("/boards/")
+
+
+def test_names_are_text(server: Serving) -> None:
+    entered(server, {"rgspl": 0.5}, **named(MARKUP))
+    page = get(server).text
+    assert MARKUP not in page
+    assert tables(get(server))[0][0][1] == f"{MARKUP} Blue"
+    for part in ("chart", "latex", "bibtex"):
+        kind = get(server, path=f"{BOARD}/{part}").headers["content-type"]
+        assert kind.partition(";")[0] == ("application/json" if part == "chart" else "text/plain")
+
+
+def test_a_filter_s_text_comes_back_as_text(server: Serving) -> None:
+    page = get(server, "?text=%22%3E%3Cscript%3E").text
+    assert "<script>" not in page.replace("<script src", "")
+    assert 'value="&#34;&gt;&lt;script&gt;"' in page
+
+
+def test_reviews_are_shown_with_who_and_when(five: Serving) -> None:
+    rows = five.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()["rows"]
+    judge(five, rows[0]["submission_id"], "verified", "run again from the code")
+    judge(five, rows[0]["submission_id"], "baseline", "of the dataset's authors")
+    number = judge(five, rows[1]["submission_id"], "flagged", "a question is open")
+    page = get(five).text
+    assert ranking(five)[0] == ("1", "Bee")
+    assert 'title="run again from the code (Olga, 2026-03-02)">verified</a>' in page
+    assert re.search(r"a question is open.*Olga.*2026-03-02", page, re.DOTALL)
+    with five.state.database.writing() as session:
+        lift(session, number, now=five.clock(), actor=ORGANISER)
+    assert "a question is open" not in get(five).text
+
+
+def test_what_is_disqualified_is_not_ranked(five: Serving) -> None:
+    rows = five.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()["rows"]
+    number = judge(five, rows[0]["submission_id"], "disqualified", "trained on the split")
+    assert ranking(five) == [("1", "Ant"), ("1", "Cat"), ("3", "Dog"), ("-", "Elk")]
+    (row,) = tables(get(five))[1]
+    assert row[0] == "disqualified trained on the split (Olga, 2026-03-02)"
+    assert row[1].startswith("Bee")
+    with five.state.database.writing() as session:
+        lift(session, number, now=five.clock(), actor=ORGANISER)
+    assert ranking(five)[0] == ("1", "Bee")
+
+
+def test_what_a_paper_reports_is_not_ranked(five: Serving) -> None:
+    report_result(five, "FAST", rgspl=0.99)
+    assert ranking(five)[0] == ("1", "Bee")
+    (row,) = tables(get(five))[1]
+    assert row[:3] == [
+        "reported, not scored in this source, entered by Olga",
+        "FAST Qi et al.",
+        "99.00",
+    ]
+    assert 'href="https://example.org/paper.pdf"' in get(five).text
+
+
+OTHER_RULES = [
+    pytest.param("protocol:official-v1", "protocol:duet", False, id="another protocol"),
+    pytest.param("|data:", "|data:0", False, id="another ground truth"),
+    pytest.param("|data:", "|reading:first-of-hop|data:", False, id="read in another way"),
+    pytest.param("version:", "version:9.", True, id="another version scores the same"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "is_ranked"), OTHER_RULES)
+def test_what_other_rules_scored(server: Serving, old: str, new: str, *, is_ranked: bool) -> None:
+    signature = server.state.boards[OPEN].signature.replace(old, new)
+    entered(server, {"rgspl": 0.9}, report={"signature": signature}, **named("Ant"))
+    entered(server, {"rgspl": 0.5}, **named("Bee"))
+    expected = [("1", "Ant"), ("2", "Bee")] if is_ranked else [("1", "Bee")]
+    assert ranking(server) == expected
+    if not is_ranked:
+        (row,) = tables(get(server))[1]
+        assert row[0] == f"other rules {signature}"
+    board = server.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()
+    assert [each["standing"] for each in board["apart"]] == ["other-rules"] * (not is_ranked)
+
+
+def test_intervals_of_open_splits_alone(server: Serving) -> None:
+    entered(server)
+    board = server.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()
+    low, high = board["rows"][0]["intervals"]["rgspl"]
+    assert 0 < low < board["rows"][0]["scores"]["rgspl"] < high < 1
+    assert f"{100 * low:.2f}\u2013{100 * high:.2f}" in unescape(get(server).text)
+    entered(server, split=PRIVATE)
+    board = server.ask(None, "GET", f"/splits/{PRIVATE}/leaderboard").json()
+    assert board["rows"][0]["intervals"] == {}
+    assert "confidence" not in get(server, path=f"/boards/{PRIVATE}").text
+
+
+def test_intervals_are_those_of_the_command_line(server: Serving) -> None:
+    submission = entered(server)
+    report = server.ask(OWNER, "GET", f"/submissions/{submission}").json()["report"]
+    scores = server.state.submissions.episodes(server.person(OWNER), submission)
+    expected = scores.with_intervals().intervals
+    assert expected is not None
+    assert report["intervals"]["resamples"] == 10_000
+    assert report["intervals"]["intervals"]["spl"] == [expected["spl"].low, expected["spl"].high]
+
+
+def test_nothing_is_stale(server: Serving) -> None:
+    """Whatever changes is there at once, also if another process changes it."""
+    submission = entered(server, {"rgspl": 0.5}, **named("Ant"))
+    assert ranking(server) == [("1", "Ant")]
+
+    def change(**what: Any) -> list[list[str]]:
+        server.ask(OWNER, "PATCH", f"/submissions/{submission}", json=what)
+        return tables(get(server))[0]
+
+    assert change(method={"name": "Bee"})[0][1] == "Bee Blue"
+    assert change(anonymous_until="2026-03-03T12:00:00Z")[0][1] == "Bee anonymous"
+    server.clock.turn(hours=24)
+    assert tables(get(server))[0][0][1] == "Bee Blue"
+    server.upload(OWNER, server.distinct())
+    assert tables(get(server))[0][0][-2] == "2"
+    assert "Nothing is published" in change(withdrawn=True)[0][0]
+
+
+def test_pages_of_a_long_board(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.server.pages.boards.PER_PAGE", 2)
+    for number in range(5):
+        entered(server, {"rgspl": 0.5 - 0.1 * number}, **named(f"M{number}"))
+    assert ranking(server) == [("1", "M0"), ("2", "M1")]
+    assert ranking(server, "?page=2") == [("3", "M2"), ("4", "M3")]
+    assert ranking(server, "?page=3") == [("5", "M4")]
+    assert ranking(server, "?page=99") == [("5", "M4")]
+    page = get(server, "?page=2&metric=rgspl&text=m").text
+    assert "3 to 4 of 5." in page
+    links = re.findall(r'<a rel="(\w+)" href="([^"]+)"', page)
+    said = {rel: dict(parse_qsl(urlsplit(unescape(link)).query)) for rel, link in links}
+    assert said == {"prev": {"text": "m"}, "next": {"text": "m", "page": "3"}}
+
+
+def test_on_either_database(server_on: Serving) -> None:
+    submission = entered(server_on, {"rgspl": 0.5}, **named("Ünt {漢}"))
+    entered(server_on, {"rgspl": 0.75}, **named("Bee"))
+    judge(server_on, submission, "verified")
+    assert ranking(server_on) == [("1", "Bee"), ("2", "Ünt")]
+    assert tables(get(server_on))[0][1][1] == "Ünt {漢} verified Blue"

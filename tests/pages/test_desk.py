@@ -1,0 +1,345 @@
+"""The organiser's desk, with scripts off: what it shows, and what its forms do."""
+
+import re
+from collections.abc import Mapping
+
+import httpx
+import pytest
+from sqlalchemy import update
+
+from reverie_eval.server.health import Canary, UnhealthyError
+from reverie_eval.server.pages.desk import ON_A_PAGE
+from reverie_eval.server.service.attempts import latest_attempts
+from reverie_eval.server.service.audit import entries, record
+from reverie_eval.server.service.grants import all_grants
+from reverie_eval.server.service.people import all_tokens, person_named
+from reverie_eval.server.service.reported import all_reported
+from reverie_eval.server.service.reviews import standing_reviews
+from reverie_eval.server.store.tables import AuditEntry
+from tests.support.serving import BROKEN, NOON, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+from tests.support.visiting import Visitor, said, signed_in
+
+MARKUP = "<script>alert(1)</script>"
+YES = {"confirmed": "yes"}
+PAPER = "https://example.org/paper"
+PAGES = (
+    "/desk",
+    "/desk/uploads",
+    "/desk/reviews",
+    "/desk/reported",
+    "/desk/people",
+    "/desk/quotas",
+    "/desk/notice",
+    "/desk/audit",
+)
+RESULT = {"split": OPEN, "name": "Pointer", "team": "Qi et al.", "source": PAPER}
+
+
+@pytest.fixture
+def desk(server: Serving) -> Visitor:
+    return signed_in(server, ORGANISER)
+
+
+def sent(server: Serving, **method: str) -> str:
+    return str(server.upload(OWNER, server.distinct(), **method).json()["submission"]["id"])
+
+
+def sending(desk: Visitor, path: str, **fields: str) -> httpx.Response:
+    return desk.send(path, fields)
+
+
+def told(desk: Visitor, path: str, **fields: str) -> str:
+    """Send a form that works, and return what the page says that it leads to."""
+    reply = desk.send(path, fields)
+    assert reply.status_code == 303, said(reply)
+    return said(desk.get(reply.headers["location"]))
+
+
+def hidden(reply: httpx.Response) -> Mapping[str, str]:
+    """Return the fields of a form that asks again."""
+    found = re.findall(r'type="hidden" name="(\w+)" value="([^"]*)"', reply.text)
+    return {name: value for name, value in found if name != "csrf_token"}
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
+    sent(desk.server, name=MARKUP)
+    desk.server.upload(OWNER, BROKEN)
+    page = desk.get(path)
+    assert page.status_code == 200
+    assert MARKUP not in page.text
+    assert 'aria-current="page"' in page.text
+    assert page.headers["cache-control"] == "no-store"
+    assert signed_in(desk.server, OWNER).get(path).status_code == 403
+    assert desk.server.client.get(path).headers["location"] == f"/sign-in?back={path}"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/desk/reviews",
+        "/desk/reviews/1/lift",
+        "/desk/reported",
+        "/desk/reported/1/remove",
+        "/desk/people",
+        "/desk/people/teams",
+        "/desk/people/tokens",
+        "/desk/people/tokens/rv_12345678/revoke",
+        "/desk/quotas",
+        "/desk/notice",
+    ],
+)
+def test_every_form_needs_its_token_and_the_organiser(path: str, desk: Visitor) -> None:
+    with desk.server.state.database.reading() as session:
+        before = len(entries(session))
+    forged = desk.send(path, {"name": "Green", **YES}, csrf_token="x")
+    assert forged.status_code == 403
+    owner = signed_in(desk.server, OWNER)
+    assert owner.send(path, {"name": "Green", **YES}).status_code == 403
+    with desk.server.state.database.reading() as session:
+        assert len(entries(session)) == before
+
+
+def test_the_overview_says_that_all_is_well(desk: Visitor) -> None:
+    sent(desk.server)
+    desk.server.upload(OTHER, BROKEN)
+    words = said(desk.get("/desk"))
+    assert "All is well." in words
+    assert "Uploads, 24 hours 2 Not scored 1" in words
+    assert re.search(rf"{OPEN} open always open 1 0 2026-03-02 12:00 UTC", words)
+    assert "submission-rejected Carl, Red" in words
+    assert re.search(r"Disk free [\d.]+ \w+ of [\d.]+ \w+", words)
+
+
+def test_the_overview_says_what_is_not(desk: Visitor, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise UnhealthyError
+
+    monkeypatch.setattr(Canary, "_sign", fail)
+    words = said(desk.get("/desk"))
+    assert f"Not well: scoring of {PRIVATE}" in words
+    assert "All is well" not in words
+
+
+def test_uploads_are_paged_and_chosen_by_outcome(desk: Visitor) -> None:
+    for _ in range(ON_A_PAGE + 1):
+        desk.server.upload(OWNER, BROKEN)
+    sent(desk.server)
+    first = desk.get("/desk/uploads?outcome=submission-rejected")
+    assert first.text.count(">submission-rejected</span>") == ON_A_PAGE
+    assert ">scored</span>" not in first.text
+    (following,) = re.findall(r'rel="next" href="([^"]+)"', first.text)
+    second = desk.get(f"/desk/uploads{following.replace('&amp;', '&')}")
+    assert second.text.count(">submission-rejected</span>") == 1
+    assert 'rel="next"' not in second.text
+    assert desk.get("/desk/uploads?outcome=nonsense").status_code == 200
+
+
+def test_a_submission_is_verified_at_once(desk: Visitor) -> None:
+    submission_id = sent(desk.server, name="Walker")
+    assert "Walker Team Blue (Ada)" in said(desk.get(f"/desk/reviews?submission={submission_id}"))
+    form = {"submission_id": submission_id, "verdict": "verified", "reason": "we ran it"}
+    words = told(desk, "/desk/reviews", **form)
+    assert "Verified." in words
+    assert f"Walker Blue, {OPEN} verified we ran it {ORGANISER}, 2026-03-02 12:00 UTC" in words
+
+
+@pytest.mark.parametrize("verdict", ["flagged", "disqualified"])
+def test_what_does_harm_is_asked_for_twice(verdict: str, desk: Visitor) -> None:
+    submission_id = sent(desk.server)
+    form = {"submission_id": submission_id, "verdict": verdict, "reason": f"its answers {MARKUP}"}
+    asked = sending(desk, "/desk/reviews", **form)
+    assert "this submission?" in said(asked)
+    assert MARKUP not in asked.text
+    with desk.server.state.database.reading() as session:
+        assert list(standing_reviews(session, submission_id)) == []
+    assert hidden(asked).keys() == {"submission_id", "verdict", "reason", "confirmed"}
+    words = told(desk, "/desk/reviews", **form, **YES)
+    assert f"{verdict} its answers {MARKUP}" in words
+
+
+def test_a_review_is_lifted_and_stays_on_record(desk: Visitor) -> None:
+    submission_id = sent(desk.server)
+    form = {"submission_id": submission_id, "verdict": "baseline", "reason": "to compare with"}
+    told(desk, "/desk/reviews", **form)
+    assert "Take back" in said(sending(desk, "/desk/reviews/1/lift"))
+    words = told(desk, "/desk/reviews/1/lift", **YES)
+    assert "Nothing is said of any submission." in words
+    assert "Lifted (1)" in words
+    again = sending(desk, "/desk/reviews/1/lift", **YES)
+    assert (again.status_code, "was lifted already" in said(again)) == (409, True)
+
+
+def test_what_is_wrong_is_shown_beside_what_was_typed(desk: Visitor) -> None:
+    submission_id = sent(desk.server)
+    form = {"submission_id": submission_id, "verdict": "verified", "reason": "x" * 501}
+    page = sending(desk, "/desk/reviews", **form)
+    assert page.status_code == 400
+    assert "reason: takes up to 500 letters" in said(page)
+    assert 'value="verified" required checked' in page.text
+    assert "x" * 501 in page.text
+
+
+def test_a_reported_result_is_entered_as_papers_print_it(desk: Visitor) -> None:
+    scores = {"success": "11.53", "spl": "9.47 %", "path_length": "12.3", "rgs": ""}
+    words = told(desk, "/desk/reported", **RESULT, **scores, extra_data="true")
+    assert "Pointer Qi et al." in words
+    assert "TL 12.30 SR 11.53 SPL 9.47 example.org/paper Olga" in words
+    with desk.server.state.database.reading() as session:
+        (result,) = all_reported(session)
+    assert result.scores == {"path_length": 12.3, "success": 0.1153, "spl": 0.0947}
+    assert (result.method["extra_data"], result.method["paper"]) == (True, PAPER)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        pytest.param({"success": "115.3"}, "SR %: 115.3 is not from 0 to 100", id="too much"),
+        pytest.param({"success": "-1"}, "SR %: -1 is not from 0 to 100", id="too little"),
+        pytest.param({"path_length": "-1"}, "TL m: -1 is not 0 or more", id="metres"),
+        pytest.param({"success": "11,53"}, "'11,53' is no number", id="no number"),
+        pytest.param({"success": "nan"}, "nan is not from 0 to 100", id="not a number"),
+        pytest.param({"success": "sNaN"}, "'sNaN' is no number", id="not a number, loudly"),
+        pytest.param({"path_length": "1e9999"}, "TL m: 1e9999 is", id="endless"),
+        pytest.param({}, "scores:", id="no score"),
+        pytest.param({"success": "5", "source": "javascript:alert(1)"}, "source:", id="no paper"),
+        pytest.param({"success": "5", "name": ""}, "method.name:", id="no name"),
+    ],
+)
+def test_only_results_are_reported(changes: Mapping[str, str], message: str, desk: Visitor) -> None:
+    page = desk.send("/desk/reported", {**RESULT, **changes})
+    assert page.status_code == 400
+    assert message in said(page)
+    assert 'value="Qi et al."' in page.text
+
+
+def test_a_reported_result_is_removed(desk: Visitor) -> None:
+    told(desk, "/desk/reported", **RESULT, success="5")
+    assert "off its board?" in said(sending(desk, "/desk/reported/1/remove"))
+    assert "There are none." in told(desk, "/desk/reported/1/remove", **YES)
+    assert sending(desk, "/desk/reported/1/remove", **YES).status_code == 404
+    assert sending(desk, f"/desk/reported/{2**40}/remove", **YES).status_code == 400
+
+
+def test_a_notice_is_looked_at_before_it_is_posted(desk: Visitor) -> None:
+    form = {"banner": f"Down {MARKUP}", "paused": "true"}
+    asked = sending(desk, "/desk/notice", **form)
+    assert MARKUP not in asked.text
+    assert "Submissions are paused from then on" in said(asked)
+    assert not desk.server.state.notices.now().paused
+    words = told(desk, "/desk/notice", **form, **YES)
+    assert f"Down {MARKUP}" in words
+    assert "Submissions are paused; Olga posted this 2026-03-02 12:00 UTC" in words
+    assert "Submissions are paused." in said(desk.get("/desk"))
+    assert f"Down {MARKUP}" in said(desk.server.client.get("/sign-in"))
+    assert "taken again from then on" in said(sending(desk, "/desk/notice", banner=""))
+    assert "Submissions are taken" in told(desk, "/desk/notice", banner="", **YES)
+
+
+def test_a_team_and_its_people_are_added(desk: Visitor) -> None:
+    assert "The team is there." in told(desk, "/desk/people/teams", name=MARKUP)
+    person = {"name": "Dora", "team": MARKUP, "role": "participant"}
+    assert f"{MARKUP} Dora" in told(desk, "/desk/people", **person)
+    twice = sending(desk, "/desk/people", **person)
+    assert twice.status_code == 409
+    assert "There is a person 'Dora' already" in said(twice)
+
+
+def test_an_organiser_is_added_once_it_was_asked_twice(desk: Visitor) -> None:
+    person = {"name": "Dora", "team": "Red", "role": "organiser"}
+    assert "Make Dora an organiser?" in said(sending(desk, "/desk/people", **person))
+    told(desk, "/desk/people", **person, **YES)
+    with desk.server.state.database.reading() as session:
+        assert person_named(session, "Dora").role == "organiser"
+
+
+@pytest.mark.parametrize("kind", ["invite", "access"])
+def test_a_token_is_shown_once(kind: str, desk: Visitor) -> None:
+    form = {"person": OWNER, "kind": kind, "until": "2026-03-31"}
+    page = sending(desk, "/desk/people/tokens", **form)
+    (text,) = set(re.findall(r"rv_[\w-]{43}", page.text))
+    assert (page.status_code, page.headers["cache-control"]) == (200, "no-store")
+    assert "worthless after 2026-03-31 23:59 UTC" in said(page)
+    assert "at http://server/sign-in" in said(page)
+    with desk.server.state.database.reading() as session:
+        token = all_tokens(session)[-1]
+    assert (token.kind, token.hint) == (kind, text[:11])
+    assert text not in desk.get("/desk/people").text
+    assert text[:11] in desk.get("/desk/people").text
+
+
+@pytest.mark.parametrize("until", ["yesterday", "2026-02-30"])
+def test_a_date_is_a_date(until: str, desk: Visitor) -> None:
+    form = {"person": OWNER, "kind": "invite", "until": until}
+    page = sending(desk, "/desk/people/tokens", **form)
+    assert (page.status_code, "expires_at:" in said(page)) == (400, True)
+
+
+def test_an_invitation_is_not_over_before_it_is_made(desk: Visitor) -> None:
+    form = {"person": OWNER, "kind": "invite", "until": "2026-03-01"}
+    page = sending(desk, "/desk/people/tokens", **form)
+    assert page.status_code == 400
+    assert "It would have expired already; choose a later time" in said(page)
+    for path in ("/desk/people", "/desk/quotas"):
+        assert 'name="until" type="date" min="2026-03-02"' in desk.get(path).text
+
+
+def test_a_token_is_revoked_once_it_was_asked_twice(desk: Visitor) -> None:
+    hint = desk.server.tokens[OWNER][:11]
+    path = f"/desk/people/tokens/{hint}/revoke"
+    assert f"begins with {hint} worthless?" in said(sending(desk, path))
+    assert desk.server.ask(OWNER, "GET", "/me").status_code == 200
+    assert "The token is worthless now." in told(desk, path, **YES)
+    assert desk.server.ask(OWNER, "GET", "/me").status_code == 401
+    nobodys = "/desk/people/tokens/rv_12345678/revoke"
+    assert sending(desk, nobodys, **YES).status_code == 404
+
+
+def test_more_is_given_with_the_reason_on_record(desk: Visitor) -> None:
+    form = {"team": "Blue", "split": PRIVATE, "extra": "2", "reason": "our disk was full"}
+    words = told(desk, "/desk/quotas", **form, until="2026-03-31")
+    assert f"Blue {PRIVATE} 2 our disk was full 2026-03-02 12:00 UTC 2026-03-31 23:59 UTC" in words
+    for until, status in {"2026-03-01": 400, "": 400}.items():
+        page = sending(desk, "/desk/quotas", **form, until=until)
+        assert (page.status_code, 'value="our disk was full"' in page.text) == (status, True)
+    with desk.server.state.database.reading() as session:
+        assert len(all_grants(session)) == 1
+
+
+def test_the_audit_log_is_paged_and_searched(desk: Visitor) -> None:
+    with desk.server.state.database.writing() as session:
+        for number in range(ON_A_PAGE):
+            record(session, NOON, "Zoe", "did", f"thing {number}", found={"a": MARKUP})
+    first = desk.get("/desk/audit?actor=Zoe")
+    assert first.text.count(">did</td>") == ON_A_PAGE
+    assert 'rel="next"' not in first.text
+    assert MARKUP not in first.text
+    assert said(desk.get("/desk/audit?subject=thing%207")).count("thing 7") == 1
+    assert 'rel="next"' in desk.get("/desk/audit").text
+    assert desk.get("/desk/audit?actor=%00").status_code == 200
+
+
+def test_the_audit_log_says_whether_it_is_whole(desk: Visitor) -> None:
+    assert "The entries on this page are as they were written." in said(desk.get("/desk/audit"))
+    assert "The chain is unbroken." in said(desk.get("/desk/audit?whole=yes"))
+    with desk.server.state.database.writing() as session:
+        session.execute(update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody"))
+    for query in ("", "?whole=yes"):
+        words = said(desk.get(f"/desk/audit{query}"))
+        assert "The log was changed at 1 entry, the first of them 2:" in words
+        assert "unbroken" not in words
+
+
+def test_what_is_on_another_page_of_the_log_is_checked_with_the_whole(desk: Visitor) -> None:
+    with desk.server.state.database.writing() as session:
+        for number in range(ON_A_PAGE):
+            record(session, NOON, "Zoe", "did", f"thing {number}")
+        session.execute(update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody"))
+    assert "as they were written" in said(desk.get("/desk/audit"))
+    assert "the first of them 2:" in said(desk.get("/desk/audit?whole=yes"))
+
+
+def test_an_upload_on_the_page_is_noted_too(server: Serving) -> None:
+    signed_in(server, OWNER).upload()
+    with server.state.database.reading() as session:
+        assert [each.outcome for each in latest_attempts(session, 5)] == ["scored"]

@@ -1,0 +1,173 @@
+"""The page of one episode: its map, its walks step by step, and the way to the next."""
+
+import json
+import re
+from html import unescape
+from pathlib import Path
+from urllib.parse import parse_qsl, urlsplit
+
+import html5lib
+import numpy as np
+import pytest
+
+import reverie_eval as rv
+from reverie_eval.ground_truth import Bundle, pack_texts
+from tests.support.episode_pages import drawn, linked, listed, picture, send, walks
+from tests.support.home import OTHER_WALKS
+from tests.support.serving import OPEN, OWNER, OpenServer, Serving, adjusted, settings_of
+from tests.support.visiting import said, signed_in
+
+MARKUP = '<script>alert("x")</script> & <b>lamp</b>'
+
+
+def test_next_and_previous_stay_within_what_was_chosen(
+    home: Serving, submission: str, other: str
+) -> None:
+    browser = signed_in(home, OWNER)
+    order = listed(browser.get(f"/episodes/{OPEN}?submission={other}&outcome=never reached"))
+    assert sorted(order) == ["1_3_0", "2_4_0"]
+    query = {"submission": other, "outcome": "never reached"}
+    page = browser.get(f"/episodes/{OPEN}/{order[0]}?submission={other}&outcome=never reached")
+    following = urlsplit(linked(page, "next"))
+    assert (following.path, dict(parse_qsl(str(following.query)))) == (
+        f"/episodes/{OPEN}/{order[1]}",
+        query,
+    )
+    assert linked(page, "prev") is None
+    assert "1 of 2" in said(page)
+    last = browser.get(str(linked(page, "next")))
+    assert (linked(last, "next"), "2 of 2" in said(last)) == (None, True)
+    assert urlsplit(linked(last, "prev")).path == f"/episodes/{OPEN}/{order[0]}"
+
+
+def test_from_an_episode_that_was_not_chosen_one_comes_to_the_nearest(
+    home: Serving, submission: str
+) -> None:
+    ids = home.state.boards[OPEN].truth.episodes.instr_ids
+    page = signed_in(home, OWNER).get(f"/episodes/{OPEN}/{ids[2]}?text={ids[3]}")
+    assert urlsplit(linked(page, "next")).path == f"/episodes/{OPEN}/{ids[3]}"
+    assert (linked(page, "prev"), "not among the 1 chosen" in said(page)) == (None, True)
+
+
+def test_a_walk_is_drawn_and_told(home: Serving, submission: str) -> None:
+    page = signed_in(home, OWNER).get(f"/episodes/{OPEN}/2_4_0?submission={submission}")
+    svg, text = picture(page), said(page)
+    assert [each.get("data-leg") for each in drawn(svg, "leg")] == ["1", "2"]
+    kinds = ("start", "goal", "stop", "success", "viewpoint")
+    assert [len(drawn(svg, kind)) for kind in kinds] == [
+        1,
+        1,
+        1,
+        2,
+        len(svg.findall(".//*[@data-viewpoint]")) - 5,
+    ]
+    assert drawn(svg, "stop")[0].findtext("title") == "stop of Walker: porch"
+    rows = re.findall(r'<tr data-step="\d+">(.*?)</tr>', page.text)
+    cells = [
+        [unescape(cell) for cell in re.findall(r">([^<>]*)</(?:td|th|code)>", row)] for row in rows
+    ]
+    assert [[cell for cell in row if cell] for row in cells] == [
+        ["0", "porch", "start", "0.0", "10.0", "2"],
+        ["1", "room", "a stop here is a success", "4.0", "6.0", "2"],
+        ["2", "porch", "stop", "8.0", "10.0", "2"],
+    ]
+    assert "overshot" in text
+    assert "walked 8.0 m, shortest 10.0 m; stopped 10.0 m from the path's end" in text
+
+
+def test_two_walks_on_one_map(home: Serving, submission: str, other: str) -> None:
+    page = signed_in(home, OWNER).get(
+        f"/episodes/{OPEN}/1_3_0?submission={submission}&other={other}"
+    )
+    svg = picture(page)
+    legs = [(leg.get("data-route"), leg.get("data-leg")) for leg in drawn(svg, "leg")]
+    assert legs == [("1", "1"), ("2", "1"), ("2", "2")]
+    assert (
+        "The agent of Walker makes 1 move; correct. The agent of Other makes 2 moves; never "
+        "reached." in str(svg.findtext("desc"))
+    )
+    assert [leg.get("data-levels") for leg in drawn(svg, "leg")] == ["2", "2", "1 2"]
+
+
+def test_the_same_twice_is_one(home: Serving, submission: str) -> None:
+    query = f"submission={submission}&other={submission}"
+    page = signed_in(home, OWNER).get(f"/episodes/{OPEN}/1_3_0?{query}")
+    assert len(drawn(picture(page), "stop")) == 1
+
+
+def test_equal_names_are_told_apart(home: Serving, submission: str) -> None:
+    again = send(home, walks(OTHER_WALKS))
+    page = signed_in(home, OWNER).get(
+        f"/episodes/{OPEN}/1_3_0?submission={submission}&other={again}"
+    )
+    assert f"Walker ({submission})" in said(page)
+    assert f"Walker ({again})" in said(page)
+
+
+@pytest.mark.parametrize("instr_id", ["no-such", "1_3_00", "%00", "1_3_0%20", "..%2fval_seen"])
+def test_an_unknown_episode(instr_id: str, home: Serving, submission: str) -> None:
+    for query in ("", f"?submission={submission}"):
+        reply = signed_in(home, OWNER).get(f"/episodes/{OPEN}/{instr_id}{query}")
+        assert (reply.status_code, "<h1>Nothing is here</h1>" in reply.text) == (404, True)
+
+
+@pytest.mark.parametrize("id_", ["0123456789abcdef", "%00", "'", "../x", "ünknown"])
+def test_an_unknown_submission(id_: str, home: Serving) -> None:
+    browser = signed_in(home, OWNER)
+    for name in ("submission", "other"):
+        assert browser.get(f"/episodes/{OPEN}?{name}={id_}").status_code == 404
+        assert browser.get(f"/episodes/{OPEN}/1_3_0?{name}={id_}").status_code == 404
+
+
+def test_what_others_wrote_is_escaped(open_server: OpenServer, folder: Path) -> None:
+    """Instruction, category, ids and the method's name, each with markup in it."""
+    path = folder / "bundles" / f"{OPEN}.npz"
+    bundle = Bundle.load(path)
+    truth = rv.GroundTruth.load(path)
+    texts = {
+        "instruction": pack_texts([MARKUP] * len(truth.episodes.instr_ids)),
+        "target_category": pack_texts([MARKUP] * (len(truth.require_answers().path_offsets) - 1)),
+    }
+    ids = bundle.arrays["instr_id"].astype("<U99")
+    marked = {**bundle.arrays, "instr_id": np.append("<i>é&?#'\"", ids[1:])}
+    origin = bundle.header.split, bundle.header.dataset, bundle.header.sources
+    Bundle.build(*origin, marked, bundle.other_splits, texts=texts).save(path)
+    server = open_server()
+    sent = json.loads(server.distinct())
+    for record in sent:
+        if record["instr_id"] == ids[0]:
+            record["instr_id"] = "<i>é&?#'\""
+    id_ = send(server, json.dumps(sent).encode(), name=MARKUP)
+    browser = signed_in(server, OWNER)
+    first = browser.get(f"/episodes/{OPEN}?submission={id_}")
+    link = re.search(r'<th scope="row"><a href="([^"]*)">&lt;i&gt;', first.text)
+    assert link
+    for page in (first, browser.get("/episodes"), browser.get(unescape(link[1]))):
+        assert page.status_code == 200
+        assert "<script>alert" not in page.text
+        assert "<b>lamp" not in page.text
+        assert "<i>" not in page.text
+        html5lib.HTMLParser(strict=True).parse(page.text)
+
+
+def test_nothing_is_written_in_the_page_that_styles(
+    home: Serving, submission: str, other: str
+) -> None:
+    page = signed_in(home, OWNER).get(
+        f"/episodes/{OPEN}/1_3_0?submission={submission}&other={other}"
+    )
+    assert not re.search(r"<style|\sstyle=|\son[a-z]+=", page.text)
+    sheet = re.search(r'href="(/static/map\.css\?\w+)"', page.text)
+    assert sheet
+    assert ".episode-map .route-1" in home.client.get(sheet[1]).text
+
+
+def test_a_protocol_without_outcomes(open_server: OpenServer, folder: Path) -> None:
+    """R2R's does not score what is named, so there is nothing to tell apart by."""
+    server = open_server(adjusted(settings_of(folder), OPEN, protocol="r2r-style"))
+    id_ = send(server, server.distinct())
+    browser = signed_in(server, OWNER)
+    page = browser.get(f"/episodes/{OPEN}?submission={id_}")
+    assert "What became of them" not in said(page)
+    assert listed(browser.get(f"/episodes/{OPEN}?submission={id_}&outcome=correct")) == []
+    assert browser.get(f"/episodes/{OPEN}/1196_0_0?submission={id_}").status_code == 200

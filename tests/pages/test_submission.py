@@ -1,0 +1,371 @@
+"""``/submissions/{id}`` and ``/team``: what a team sees and does, and what everybody sees."""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import timedelta
+from html import unescape
+from pathlib import Path
+
+import pytest
+
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.receipts import verify
+from reverie_eval.schemas.service import Receipt
+from reverie_eval.server.service.people import add_person, add_team, mint
+from reverie_eval.server.service.reviews import lift, review
+from reverie_eval.server.settings import Quota
+from tests.conftest import SAMPLES
+from tests.support.serving import (
+    GOOD,
+    MATE,
+    NOON,
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+    submission_for,
+)
+from tests.support.visiting import Visitor, said, signed_in
+
+MARKUP = "<script>alert(1)</script>"
+
+
+@pytest.fixture
+def owner(server: Serving) -> Visitor:
+    return signed_in(server, OWNER)
+
+
+def sent(server: Serving, split: str = OPEN, **method: str) -> str:
+    """Send a submission of the owner's and return its id."""
+    reply = server.upload(OWNER, submission_for(split), split, **method)
+    return str(reply.json()["submission"]["id"])
+
+
+def changed(owner: Visitor, submission: str, **fields: str) -> str:
+    """Send one of the page's small forms and return what the page says then."""
+    reply = owner.send(f"/submissions/{submission}", fields)
+    assert reply.status_code == 303
+    return said(owner.get(reply.headers["location"]))
+
+
+def test_the_team_sees_all_of_it(owner: Visitor) -> None:
+    submission = sent(owner.server, description="Walks.", paper="https://example.org/p")
+    report = owner.server.ask(OWNER, "GET", f"/submissions/{submission}").json()["report"]
+    page = owner.get(f"/submissions/{submission}")
+    words = said(page)
+    assert page.status_code == 200
+    assert "unpublished val_unseen, Blue, sent by Ada 2026-03-02 12:00 UTC" in words
+    assert f"RGSPL % {100 * report['scores']['rgspl']:.2f}" in words
+    assert "Success rate: the target object is visible where the agent stops." in words
+    assert report["signature"] in words
+    assert '"proof": "' in words
+    assert "199 of 200 in 24 hours; more from 2026-03-03 12:00 UTC" in words
+    assert '<a href="https://example.org/p" rel="nofollow noopener noreferrer">Paper' in page.text
+
+
+def test_boxes_are_shown_beside_what_chance_would_have_done(owner: Visitor) -> None:
+    content = (SAMPLES / "drawn.json").read_bytes()
+    reply = owner.server.upload(OWNER, content, OPEN).json()
+    words = said(owner.get(f"/submissions/{reply['submission']['id']}"))
+    assert "Predicted boxes 81, of which 47 are correct Mean IoU 55.48 %" in words
+    assert "A box around the whole image would be correct in 3.70 %" in words
+    assert "Ambiguous views 0.00 % of the views that show the target" in words
+
+
+def test_what_can_be_downloaded_is_what_was_sent_and_signed(owner: Visitor) -> None:
+    submission = sent(owner.server)
+    links = re.findall(
+        r'href="(/api/v1/[^"]+)" download=', owner.get(f"/submissions/{submission}").text
+    )
+    receipt, file, episodes = (owner.get(link) for link in links)
+    verify(Receipt.model_validate_json(receipt.text), owner.server.ask(None, "GET", "/key").text)
+    assert file.content == GOOD
+    assert len(episodes.text.splitlines()) == 85  # the header, and the split's 84 episodes
+
+
+def test_of_a_private_split_no_episode_is_led_to(owner: Visitor) -> None:
+    page = owner.get(f"/submissions/{sent(owner.server, PRIVATE)}").text
+    assert "/episodes" not in page.partition("<h1")[2]
+
+
+def test_a_warning_of_what_will_cost_points(owner: Visitor) -> None:
+    records = [{**record, "predObjId": ABSTAINED} for record in json.loads(GOOD)]
+    location = owner.upload(json.dumps(records).encode()).headers["location"]
+    assert "no answer predicts an object: RGS will be 0" in said(owner.get(location))
+
+
+def test_publishing_and_taking_back(owner: Visitor) -> None:
+    submission, nobody = sent(owner.server), Visitor(owner.server)
+    path = f"/submissions/{submission}"
+    assert nobody.get(path).status_code == 404
+    assert "The submission is published: see it on the board." in changed(
+        owner, submission, published="true"
+    )
+    assert nobody.get(path).status_code == 200
+    changed(owner, submission, published="false")
+    assert nobody.get(path).status_code == 404
+    changed(owner, submission, published="true")
+    assert "The submission is withdrawn." in changed(owner, submission, withdrawn="true")
+    assert nobody.get(path).status_code == 404
+    assert "The submission is published" in changed(owner, submission, withdrawn="false")
+    history = said(owner.get(path)).partition("History")[2]
+    events = [
+        "received and scored",
+        "published",
+        "taken off the leaderboard",
+        "published",
+        "withdrawn",
+        "restored",
+    ]
+    assert re.findall(r"UTC ([\w ]+), by Ada", history) == events
+
+
+def test_a_withdrawn_submission_is_not_published(owner: Visitor) -> None:
+    submission = sent(owner.server)
+    changed(owner, submission, withdrawn="true")
+    reply = owner.send(f"/submissions/{submission}", {"published": "true"})
+    assert reply.status_code == 409
+    assert "Nothing was changed. A withdrawn submission is not published" in said(reply)
+    assert 'name="published"' not in reply.text
+
+
+def test_what_everybody_sees_of_a_published_submission(owner: Visitor) -> None:
+    submission = sent(
+        owner.server, description="Walks.", code="https://example.org/c", extra_data="true"
+    )
+    owner.server.clock.turn(hours=1)
+    changed(owner, submission, published="true")
+    visitors: list[Visitor] = [Visitor(owner.server), signed_in(owner.server, OTHER)]
+    for visitor in visitors:
+        page = visitor.get(f"/submissions/{submission}")
+        words = said(page).partition("Walker")[2]
+        assert "Blue, on val_unseen, published 2026-03-02 13:00 UTC" in words
+        assert "Walks." in words
+        assert "extra data Trained on more than the benchmark's training split." in words
+        assert "split:val_unseen|protocol:official-v1|" in words
+        assert "95 % confidence intervals by a bootstrap over 29 targets" in words
+        assert 'href="https://example.org/c"' in page.text
+        for own in (
+            OWNER,
+            "/episodes/",
+            "proof",
+            "History",
+            "tries left",
+            "Withdraw",
+            "/api/v1/submissions",
+        ):
+            assert own not in words
+            assert own not in page.text.partition("<h1")[2]
+
+
+@pytest.mark.parametrize(("who", "status"), [(MATE, 200), (ORGANISER, 200), (OTHER, 404)], ids=str)
+def test_whose_page_an_unpublished_submission_is(server: Serving, who: str, status: int) -> None:
+    submission = sent(server)
+    visitor = signed_in(server, who)
+    reply = visitor.get(f"/submissions/{submission}")
+    assert reply.status_code == status
+    assert ("Walker" in reply.text) is (status == 200)
+    assert ("/desk/reviews?" in reply.text) is (who == ORGANISER)
+    change = visitor.send(f"/submissions/{submission}", {"published": "true"})
+    assert change.status_code == (303 if status == 200 else 404)
+
+
+@pytest.mark.parametrize("name", ["0000000000000000", "..%2F..%2Fetc", "%00", "é"])
+def test_there_is_no_such_submission(owner: Visitor, name: str) -> None:
+    for visitor in (owner, Visitor(owner.server)):
+        assert visitor.get(f"/submissions/{name}").status_code == 404
+
+
+def test_an_anonymous_team_is_nowhere_named(owner: Visitor) -> None:
+    submission = sent(owner.server)
+    page = changed(owner, submission, published="true", anonymous_until="2026-04-01")
+    assert "Blue (hidden on the board)" in page
+    assert "The board names no team until 2026-04-01 00:00 UTC" in page
+    assert "published; team hidden until 2026-04-01, by Ada" in page
+    owner.server.clock.turn(days=29, hours=12, seconds=-1)
+    for visitor in (Visitor(owner.server), signed_in(owner.server, OTHER)):
+        for path in (f"/submissions/{submission}", f"/boards/{OPEN}"):
+            text = visitor.get(path).text
+            assert "nonymous" in text
+            assert not re.search(r"\b(Blue|Ada|Ben)\b", text)
+    owner.server.clock.turn(seconds=1)
+    for visitor in (Visitor(owner.server), signed_in(owner.server, OTHER)):
+        assert "Blue, on val_unseen" in said(visitor.get(f"/submissions/{submission}"))
+
+
+def test_an_anonymous_team_is_named_when_it_wants_to_be(owner: Visitor) -> None:
+    submission = sent(owner.server)
+    changed(owner, submission, published="true", anonymous_until="2026-04-01")
+    assert "The board names your team." in changed(owner, submission, anonymous_until="")
+    assert "Blue, on val_unseen" in said(Visitor(owner.server).get(f"/submissions/{submission}"))
+
+
+def test_renaming_and_editing(owner: Visitor) -> None:
+    submission = sent(owner.server, paper="https://example.org/p", ensemble="true")
+    fields = {"name": "Runner", "description": "Runs.", "paper": "", "ensemble": "false"}
+    assert "Runner" in changed(owner, submission, **fields)
+    method = owner.server.ask(OWNER, "GET", f"/submissions/{submission}").json()["method"]
+    assert (method["name"], method["description"]) == ("Runner", "Runs.")
+    assert (method["paper"], method["ensemble"]) == (None, False)
+    page = said(owner.get(f"/submissions/{submission}"))
+    assert "edited: name, description, paper, ensemble, by Ada" in page
+
+
+# What a form may send that comes to nothing, and what the page says of it.
+WRONG = [
+    pytest.param(
+        {"name": "", "description": "kept"}, "name: takes 1 or more letters", id="no name"
+    ),
+    pytest.param(
+        {"name": "x", "paper": "ftp://a", "description": "kept"}, "paper: takes a link", id="a link"
+    ),
+    pytest.param({"anonymous_until": "soon"}, "anonymous until: takes an instant", id="no date"),
+    pytest.param({"anonymous_until": "9999-01-01"}, "between the years", id="a far date"),
+    pytest.param({"published": "perhaps"}, "published: takes true or false", id="no switch"),
+]
+
+
+@pytest.mark.parametrize(("fields", "fault"), WRONG)
+def test_what_is_wrong_changes_nothing_and_is_kept(
+    owner: Visitor, fields: Mapping[str, str], fault: str
+) -> None:
+    submission = sent(owner.server)
+    before = owner.server.ask(OWNER, "GET", f"/submissions/{submission}").json()
+    reply = owner.send(f"/submissions/{submission}", fields)
+    assert reply.status_code == 400
+    assert "Nothing was changed." in said(reply)
+    assert fault in said(reply)
+    assert (">kept</textarea>" in reply.text) is ("description" in fields)
+    assert owner.server.ask(OWNER, "GET", f"/submissions/{submission}").json() == before
+
+
+@pytest.mark.parametrize(
+    ("token", "headers", "status"),
+    [
+        pytest.param("", {}, 403, id="no token"),
+        pytest.param("other", {}, 403, id="another's token"),
+        pytest.param(None, {"Sec-Fetch-Site": "cross-site"}, 303, id="another site"),
+    ],
+)
+def test_a_forged_form_changes_nothing(
+    owner: Visitor, token: str | None, headers: Mapping[str, str], status: int
+) -> None:
+    submission = sent(owner.server)
+    shown = signed_in(owner.server, MATE).csrf_token() if token == "other" else token
+    reply = owner.send(
+        f"/submissions/{submission}", {"published": "true"}, csrf_token=shown, headers=headers
+    )
+    assert reply.status_code == status
+    assert "done=changed" not in reply.headers.get("location", "")
+    assert Visitor(owner.server).get(f"/submissions/{submission}").status_code == 404
+
+
+def test_what_people_wrote_is_escaped(owner: Visitor) -> None:
+    server = owner.server
+    with server.state.database.writing() as session:
+        add_team(session, MARKUP, now=NOON, actor="test")
+        eve = add_person(session, MARKUP, f"Eve {MARKUP}", "participant", now=NOON, actor="test")
+        token = mint(session, eve, "access", now=NOON, actor="test").text
+    visitor = signed_in(replace(server, tokens={"Eve": token}), "Eve")
+    location = visitor.upload(name=MARKUP, description=MARKUP).headers["location"]
+    submission = location.partition("?")[0]
+    visitor.send(submission, {"published": "true"})
+    with server.state.database.writing() as session:
+        identity = submission.rpartition("/")[2]
+        review(session, identity, "flagged", MARKUP, now=NOON, actor=f"Olga {MARKUP}")
+    for page in (visitor.get(location), visitor.get("/team"), Visitor(server).get(submission)):
+        assert page.status_code == 200
+        assert MARKUP not in page.text
+        assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page.text
+
+
+def test_reviews_stand_with_who_when_and_why(owner: Visitor) -> None:
+    submission = sent(owner.server)
+    changed(owner, submission, published="true")
+    now = NOON + timedelta(hours=2)
+    with owner.server.state.database.writing() as session:
+        review(session, submission, "verified", "We ran its code.", now=now, actor=ORGANISER)
+        doubt = review(session, submission, "baseline", "Not so.", now=now, actor=ORGANISER)
+        lift(session, doubt.id, now=now, actor=ORGANISER)
+    for visitor in (owner, Visitor(owner.server)):
+        page = said(visitor.get(f"/submissions/{submission}"))
+        assert "verified We ran its code. Olga, 2026-03-02 14:00 UTC" in page
+        assert "baseline Not so." not in page
+    history = said(owner.get(f"/submissions/{submission}"))
+    assert "verified, by Olga: We ran its code." in history
+    assert "no longer baseline, by Olga" in history
+
+
+def test_a_disqualified_submission_cannot_be_taken_off_the_board(owner: Visitor) -> None:
+    submission = sent(owner.server)
+    changed(owner, submission, published="true")
+    with owner.server.state.database.writing() as session:
+        review(session, submission, "disqualified", "Copied.", now=NOON, actor=ORGANISER)
+    page = owner.get(f"/submissions/{submission}")
+    assert "it cannot be withdrawn or taken off the board" in said(page)
+    assert 'name="withdrawn"' not in page.text
+    assert 'name="published"' not in page.text
+    for field in ({"withdrawn": "true"}, {"published": "false"}):
+        reply = owner.send(f"/submissions/{submission}", field)
+        assert reply.status_code == 409
+        assert "it stays on the board, with the reason" in said(reply)
+
+
+def test_the_team_s_page(open_server: OpenServer, folder: Path) -> None:
+    tight = adjusted(settings_of(folder), quota=Quota(day=1))
+    server = open_server(tight)
+    sent(server, PRIVATE, name="Private walker")
+    server.clock.turn(hours=1)
+    sent(server, name="Open walker")
+    page = said(signed_in(server, MATE).get("/team"))
+    assert "Blue Ada, Ben (you)" in page
+    assert page.index("Open walker") < page.index("Private walker")
+    assert (
+        "test 0 tries left 0 of 1 in 24 hours; more from 2026-03-03 12:00 UTC 9 of 10 in 30 days"
+        in page
+    )
+    assert server.tokens[MATE][:11] in page
+    assert server.tokens[MATE] not in page
+    assert server.tokens[OWNER][:11] not in page
+    assert "valid (signed in with it)" in page
+    other = said(signed_in(server, OTHER).get("/team"))
+    assert "Nothing yet." in other
+    assert "walker" not in other
+
+
+DRAWN = re.compile(r"""data-progress='([^']+)'""")
+
+
+def test_the_team_s_submissions_are_drawn_over_time(server: Serving) -> None:
+    team = signed_in(server, OWNER)
+    ids = [sent(server, name="O'Hara's <first>"), sent(server, PRIVATE)]
+    assert "Over time" not in said(team.get("/team"))  # one submission a split is no course
+    server.clock.turn(hours=1)
+    better = server.upload(OWNER, submission_for(PRIVATE, "shortest"), PRIVATE, name="Better")
+    page = team.get("/team")
+    (found,) = DRAWN.findall(page.text)
+    drawn = json.loads(unescape(found))
+    newest_first = [better.json()["submission"]["id"], ids[1]]
+    assert drawn["points"]["submission"] == newest_first
+    scores = [
+        server.ask(OWNER, "GET", f"/submissions/{each}").json()["report"]["scores"]["rgspl"]
+        for each in newest_first
+    ]
+    assert drawn["points"]["y"] == pytest.approx([100 * score for score in scores])
+    assert drawn["points"]["at"] == [1772456400000, 1772452800000]  # 13:00 and 12:00 UTC
+    assert f"A circle for each submission to {PRIVATE}" in said(page)
+
+
+def test_a_name_cannot_leave_the_chart_s_data(server: Serving) -> None:
+    for hour in range(2):
+        server.upload(OWNER, server.distinct(), name="' onload='alert(1)")
+        server.clock.turn(hours=hour)
+    (found,) = DRAWN.findall(signed_in(server, OWNER).get("/team").text)
+    assert json.loads(unescape(found))["points"]["method"] == ["' onload='alert(1)"] * 2

@@ -1,0 +1,129 @@
+"""Leaderboards in words: on terminals of any width, in pipes, whatever things are named."""
+
+import io
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+
+from reverie_eval.reporting._grids import aligned
+from reverie_eval.reporting._leaderboards import (
+    leaderboard_captions,
+    leaderboard_grid,
+    narrow_leaderboard_grid,
+    show_leaderboard,
+)
+from reverie_eval.schemas.service import Leaderboard
+
+SCORES = {"path_length": 12.34, "success": 0.5454, "rgspl": 0.3503, "ndtw": 0.61}
+AT = datetime(2027, 6, 1, 23, 59, tzinfo=UTC)
+
+
+def row(rank: int | None, team: str, method: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    """Return a row with some scores."""
+    about = {"rank": rank, "team": team, "method": method, "scores": SCORES}
+    return about | {"submission_id": "a1", "published_at": AT, "submissions": 7} | changes
+
+
+def board(*rows: dict[str, Any], metric: str = "rgspl") -> Leaderboard:
+    """Return a leaderboard."""
+    about = {"split": "test", "protocol": "official-v1", "fingerprint": "ab" * 32}
+    return Leaderboard.model_validate(about | {"metric": metric, "rows": rows})
+
+
+LONG = board(
+    row(1, "University of Somewhere", {"name": "A transformer with [bold]rich[/bold] markup"}),
+    row(2, "", {"name": "漢字", "ensemble": True, "extra_data": True}, submissions=None),
+    row(None, "Red", {"name": "Partial"}, scores={"success": 0.5}),
+)
+
+
+@pytest.mark.parametrize("columns", [20, 40, 60, 72, 80, 100, 140, 300])
+def test_a_terminal_of_any_width_shows_everything(columns: int) -> None:
+    screen = io.StringIO()
+    show_leaderboard(LONG, Console(file=screen, width=columns))
+    words = " ".join(screen.getvalue().split())
+    for name in ("Somewhere", "transformer", "[bold]rich[/bold]", "(anonymous)", "漢字", "Partial"):
+        assert name in words
+    for value in ("12.34", "54.54", "35.03", "50.00", "2027-06-01", "extra data", "ensemble"):
+        assert value.split()[0] in words
+    if columns >= 80:
+        assert max(map(cell_len, screen.getvalue().splitlines())) <= columns
+
+
+def test_a_pipe_gets_aligned_columns() -> None:
+    grid = leaderboard_grid(board(row(1, "Blue", {"name": "Ours"}), row(10, "Red", {"name": "B"})))
+    assert aligned(grid).splitlines() == [
+        "rank  team  method   TL m   SR %  RGSPL %  sent          on  remarks",
+        "   1  Blue  Ours    12.34  54.54    35.03     7  2027-06-01",
+        "  10  Red   B       12.34  54.54    35.03     7  2027-06-01",
+    ]
+
+
+def review(verdict: str, reason: str) -> dict[str, Any]:
+    """Return what the organiser says."""
+    return {"verdict": verdict, "reason": reason, "reviewer": "Olga", "created_at": AT}
+
+
+def test_what_the_organiser_says_and_what_is_not_ranked_is_shown() -> None:
+    verified = row(1, "Blue", {"name": "Ours"}, reviews=[review("verified", "ran the code")])
+    flagged = row(
+        2, "Red", {"name": "B", "ensemble": True}, reviews=[review("flagged", "no \x1b[2J code")]
+    )
+    apart = [
+        row(None, "", {"name": "Paper"}, submissions=None, standing="reported"),
+        row(None, "Red", {"name": "Old"}, standing="other-rules"),
+        row(
+            *(None, "Green", {"name": "C"}),
+            standing="disqualified",
+            reviews=[review("disqualified", "trained on test")],
+        ),
+    ]
+    full = Leaderboard.model_validate(
+        board(verified, flagged).model_dump(exclude={"apart"}) | {"apart": apart}
+    )
+    grid = leaderboard_grid(full)
+    assert [(cells[0], cells[2], cells[-1]) for cells in grid.rows] == [
+        ("1", "Ours", "verified"),
+        ("2", "B", "flagged, ensemble"),
+        ("-", "Paper", "reported, not scored"),
+        ("-", "Old", "scored by other rules"),
+        ("-", "C", "disqualified"),
+    ]
+    assert narrow_leaderboard_grid(full).rows[4][-1].endswith("2027-06-01, disqualified)")
+    assert leaderboard_captions(full)[1:] == [
+        r"flagged: B (Olga: no \x1b[2J code)",
+        "disqualified: C (Olga: trained on test)",
+    ]
+
+
+def test_what_the_board_is_sorted_by_is_shown() -> None:
+    grid = leaderboard_grid(board(row(1, "Blue", {"name": "Ours"}), metric="ndtw"))
+    assert "nDTW %" in grid.headings
+    assert leaderboard_captions(board(metric="ndtw")) == [
+        "split:test|protocol:official-v1|data:abababababab, sorted by nDTW",
+        "nothing is published yet",
+    ]
+
+
+def test_a_metric_that_this_version_does_not_know() -> None:
+    newer = board(row(1, "Blue", {"name": "Ours"}, scores=SCORES | {"joy": 1}), metric="joy\x1b[2J")
+    assert leaderboard_captions(newer)[0].endswith(r", sorted by joy\x1b[2J")
+    assert "35.03" in leaderboard_grid(newer).rows[0]
+
+
+def test_names_cannot_command_a_terminal() -> None:
+    grid = leaderboard_grid(board(row(1, "Blue\x1b[2J\u202e", {"name": "Ours"})))
+    assert grid.rows[0][1] == r"Blue\x1b[2J\u202e"
+
+
+def test_nobody_counts_what_an_anonymous_team_has_sent() -> None:
+    assert leaderboard_grid(LONG).rows[1][-3:] == ["-", "2027-06-01", "extra data, ensemble"]
+    assert "None" not in narrow_leaderboard_grid(LONG).rows[1][-1]
+
+
+def test_an_unscored_row_has_no_rank_and_dashes() -> None:
+    (*_, last) = leaderboard_grid(LONG).rows
+    assert last == ["-", "Red", "Partial", "-", "50.00", "-", "7", "2027-06-01", ""]

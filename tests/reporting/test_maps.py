@@ -1,0 +1,265 @@
+"""Maps of episodes: what they show, as data and as SVG."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+import reverie_eval as rv
+from reverie_eval.reporting._map_frame import Frame, arrows
+from reverie_eval.reporting._map_svg import HEIGHT, MAP_STYLE, WIDTH, map_element, map_key, map_svg
+from reverie_eval.reporting._maps import EpisodeMap, storeys_of
+from tests.conftest import SAMPLES
+from tests.support.home import LAMP, OTHER_WALKS, WALKS, home_scores
+
+SVG = "{http://www.w3.org/2000/svg}"
+MARKUP = '<script src="x">&amp;'
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
+    """Score an episode of every outcome."""
+    return home_scores(tmp_path_factory.mktemp("home"))
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
+    """Score another submission, whose agent goes downstairs once."""
+    return home_scores(tmp_path_factory.mktemp("home"), OTHER_WALKS)
+
+
+def map_of(scores: rv.Scores, instr_id: str) -> EpisodeMap:
+    """Lay out one submission's episode."""
+    return EpisodeMap.of({"": scores.episode(instr_id)})
+
+
+def named(episode_map: EpisodeMap, rows: np.ndarray) -> list[str]:
+    """Return the ids of viewpoints."""
+    return [episode_map.viewpoint_ids[row] for row in rows]
+
+
+# Data.
+
+
+def test_a_map_holds_the_scan_and_the_episode(scores: rv.Scores) -> None:
+    episode_map = map_of(scores, "2_4_0")
+    (route,) = episode_map.routes
+    assert {frozenset(named(episode_map, edge)) for edge in episode_map.edges} == {
+        frozenset(pair)
+        for pair in (
+            ("cellar", "rack"),
+            ("rack", "shelf"),
+            ("shelf", "stairs"),
+            ("stairs", "hall"),
+            ("hall", "room"),
+            ("room", "porch"),
+        )
+    }
+    assert named(episode_map, route.viewpoint) == ["porch", "room", "porch"]
+    assert named(episode_map, episode_map.annotated_path) == ["porch", "room", "hall"]
+    assert sorted(named(episode_map, episode_map.success)) == ["hall", "room"]
+    ends = np.array([episode_map.start, route.stop, episode_map.goal])
+    assert named(episode_map, ends) == ["porch", "porch", "hall"]
+
+
+def test_storeys_and_what_is_elsewhere(scores: rv.Scores) -> None:
+    episode_map = map_of(scores, "1_3_0")
+    storey = dict(zip(episode_map.viewpoint_ids, episode_map.storey.tolist(), strict=True))
+    assert storey == {
+        "cellar": 0,
+        "rack": 0,
+        "shelf": 0,
+        "stairs": 1,  # 1.6 m is nearer to 3.0 m than to 0.0 m
+        "hall": 1,
+        "room": 1,
+        "porch": 1,
+    }
+    elsewhere = named(episode_map, np.flatnonzero(episode_map.is_elsewhere))
+    assert sorted(elsewhere) == ["cellar", "rack", "shelf"]
+    assert episode_map.storeys == "level 2 of 2"
+
+
+def test_an_agent_that_changes_storeys_is_shown_on_both(other: rv.Scores) -> None:
+    episode_map = map_of(other, "1_3_0")
+    assert not episode_map.is_elsewhere.any()
+    assert episode_map.storeys == "levels 1 and 2 of 2"
+
+
+@pytest.mark.parametrize(
+    ("height", "expected"),
+    [
+        pytest.param([1.5], [0], id="one viewpoint"),
+        pytest.param([0.0, 0.4, 0.8, 1.2], [0, 0, 0, 0], id="a ramp"),
+        pytest.param([0, 0, 0, 2, 2, 2], [0, 0, 0, 1, 1, 1], id="2 m apart"),
+        pytest.param([0, 0, 0, 1.9, 1.9, 1.9], [0] * 6, id="less apart"),
+        pytest.param([3, 0, 3, 0, 3, 0], [1, 0, 1, 0, 1, 0], id="in any order"),
+        pytest.param([0, 0, 0, 2.5, 2.5], [0] * 5, id="two viewpoints are a landing"),
+        pytest.param([0, 0, 0, 3, 3, 3, 6, 6, 6, 4], [0, 0, 0, 1, 1, 1, 2, 2, 2, 1], id="three"),
+    ],
+)
+def test_storeys_by_height(height: list[float], expected: list[int]) -> None:
+    assert storeys_of(np.array(height, dtype=float)).tolist() == expected
+
+
+def test_storeys_of_the_demo_mansion() -> None:
+    """Its generator builds two floors, 2.8 m apart, with stairs between."""
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
+    graph = scores.ground_truth.graph
+    scan = graph.scan_ids.index("DemoMansion")
+    height = graph.viewpoint_position[graph.viewpoint_scan == scan, 2]
+    storey = storeys_of(height)
+    assert set(storey[height < 2]) == {0}
+    assert set(storey[height > 4]) == {1}
+
+
+def test_legs_leave_out_turns_on_the_spot(scores: rv.Scores) -> None:
+    route = replace(map_of(scores, "1_3_0").routes[0], viewpoint=np.array([4, 4, 5, 5, 4]))
+    assert route.legs.tolist() == [[4, 5], [5, 4]]
+
+
+# The page.
+
+
+@pytest.mark.parametrize("instr_id", ["1_3_0", "1_3_2", "2_4_0"])
+def test_all_that_matters_is_in_the_frame(instr_id: str, other: rv.Scores) -> None:
+    episode_map = map_of(other, instr_id)
+    frame = Frame.around(episode_map, WIDTH, HEIGHT)
+    place = frame.place(episode_map.position[episode_map.concerned])
+    margin = 1.4 * frame.scale
+    assert (place > margin).all()
+    assert (place < np.array([WIDTH, HEIGHT]) - margin).all()
+
+
+def test_north_is_up_and_a_metre_is_as_long_both_ways(scores: rv.Scores) -> None:
+    frame = Frame.around(map_of(scores, "1_3_0"), WIDTH, HEIGHT)
+    origin, east, north = frame.place(np.array([[0, 0], [1, 0], [0, 1]], dtype=float))
+    assert (east - origin).tolist() == pytest.approx([frame.scale, 0])
+    assert (north - origin).tolist() == pytest.approx([0, -frame.scale])
+
+
+def test_going_and_coming_are_two_lines(scores: rv.Scores) -> None:
+    """The agent goes south and back: to its right is west, then east."""
+    episode_map = map_of(scores, "2_4_0")
+    frame = Frame.around(episode_map, WIDTH, HEIGHT)
+    going, coming = frame.lane_of(episode_map, episode_map.routes[0])
+    assert going[0][0] == going[1][0] < coming[0][0] == coming[1][0]
+    assert going[0][1] < going[1][1]
+
+
+def test_an_arrow_points_ahead() -> None:
+    leg = np.array([[[0.0, 0.0], [100.0, 0.0]]])
+    ((tip, left, right),) = arrows(leg, 10.0)
+    assert tip[0] > left[0] == right[0]
+    assert tip[1] == 0
+    assert not list(arrows(leg / 10, 10.0))  # no room
+
+
+@pytest.mark.parametrize(
+    ("scale", "metres"),
+    [(40.0, 2), (25.0, 2), (20.0, 5), (10.0, 10), (200.0, 1)],
+)
+def test_the_scale_s_bar_is_round(scale: float, metres: int) -> None:
+    assert Frame(WIDTH, HEIGHT, 0.0, 0.0, scale).bar == metres
+
+
+# SVG.
+
+
+def elements(svg: str, kind: str) -> Iterator[ET.Element]:
+    """Parse a picture and return its elements of a class."""
+    root = ET.fromstring(svg)
+    return (each for each in root.iter() if kind in each.get("class", "").split())
+
+
+def test_a_picture_counts(scores: rv.Scores) -> None:
+    svg = map_svg(map_of(scores, "2_4_0"))
+    (edges, elsewhere) = reversed([each.get("d", "") for each in elements(svg, "edge")])
+    assert (edges.count("M"), elsewhere.count("M")) == (3, 3)  # the stairs' foot is elsewhere
+    assert [each.get("d", "").count("M") for each in elements(svg, "viewpoint")] == [3, 4]
+    assert len(list(elements(svg, "success"))) == 2
+    assert [len(list(elements(svg, kind))) for kind in ("start", "goal", "stop")] == [1, 1, 1]
+    (arrow,) = elements(svg, "arrow")
+    assert arrow.get("d", "").count("z") == 2
+
+
+def test_a_picture_says_what_it_shows(scores: rv.Scores) -> None:
+    root = ET.fromstring(map_svg(map_of(scores, "2_4_0")))
+    assert root.get("role") == "img"
+    assert root.findtext(f"{SVG}title") == "Map of episode 2_4_0"
+    assert root.findtext(f"{SVG}desc") == (
+        "Scan home, level 2 of 2, seen from above. The annotated path has 2 steps; a stop counts "
+        "as success at 2 viewpoints. The agent makes 2 moves; overshot."
+    )
+    titles = [
+        each.findtext(f"{SVG}title") for each in elements(map_svg(map_of(scores, "2_4_0")), "stop")
+    ]
+    assert titles == ["stop: porch"]
+
+
+def test_two_routes_on_one_map(scores: rv.Scores, other: rv.Scores) -> None:
+    both = EpisodeMap.of({"a": scores.episode("1_3_0"), "b": other.episode("1_3_0")})
+    svg = map_svg(both)
+    assert [each.get("class") for each in elements(svg, "stop")] == ["stop route-1", "stop route-2"]
+    assert (
+        "The agent of a makes 1 move; correct. The agent of b makes 2 moves; never reached." in svg
+    )
+    assert not both.is_elsewhere.any()
+
+
+def test_a_jump_is_drawn_apart(tmp_path: Path) -> None:
+    walk = ["hall", "porch", "room", "hall"]
+    scores = home_scores(tmp_path, {**WALKS, "1_3_0": (walk, LAMP)})
+    episode_map = map_of(scores, "1_3_0")
+    assert episode_map.is_jump(episode_map.routes[0]).tolist() == [True, False, False]
+    assert (
+        "The agent makes 3 moves, 1 of them where no edge is; correct object at the wrong stop."
+        in map_svg(episode_map)
+    )
+    walked, jumped = (each.get("d", "") for each in elements(map_svg(episode_map), "route"))
+    assert (walked.count("M"), walked.count("L")) == (1, 3)
+    assert (jumped.count("M"), jumped.count("L")) == (1, 1)
+
+
+def test_an_agent_that_stays_has_no_route(scores: rv.Scores) -> None:
+    svg = map_svg(map_of(scores, "2_4_1"))
+    assert not list(elements(svg, "route"))
+    assert len(list(elements(svg, "stop"))) == 1
+
+
+def test_a_picture_stands_for_itself(scores: rv.Scores) -> None:
+    episode_map = map_of(scores, "1_3_0")
+    svg = map_svg(episode_map)
+    assert f"<style>{MAP_STYLE}</style>" in svg
+    assert "prefers-color-scheme: dark" in MAP_STYLE
+    assert "url(" not in svg
+    assert svg == map_svg(map_of(scores, "1_3_0"))
+    bare = map_element(episode_map)
+    assert "<style>" not in bare
+    assert "http" not in bare
+
+
+def test_every_name_is_escaped(scores: rv.Scores) -> None:
+    episode_map = map_of(scores, "1_3_0")
+    (route,) = episode_map.routes
+    spoiled = replace(
+        episode_map,
+        instr_id=MARKUP,
+        scan=MARKUP,
+        viewpoint_ids=[MARKUP] * len(episode_map.viewpoint_ids),
+        routes=[replace(route, name=MARKUP, outcome=MARKUP)],
+    )
+    root = ET.fromstring(map_svg(spoiled))
+    assert not list(root.iter(f"{SVG}script"))
+    assert root.findtext(f"{SVG}title") == f"Map of episode {MARKUP}"
+    assert "<script" not in map_key([MARKUP])
+
+
+def test_a_notebook_shows_the_map_and_a_caption(tmp_path: Path) -> None:
+    scores = home_scores(tmp_path, go_there="turn on <b>the lamp</b>")
+    html = scores.episode("1_3_0")._repr_html_()
+    assert "<q>turn on &lt;b&gt;the lamp&lt;/b&gt;</q>" in html
+    assert "correct: predicted the target, object 3; walked 6.0 m" in html
+    assert '<svg class="episode-map" role="img"' in html

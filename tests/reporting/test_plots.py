@@ -1,0 +1,255 @@
+"""Figures of scores with matplotlib: what is drawn, and where."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+import reverie_eval as rv
+from reverie_eval.reporting._distributions import histogram_of
+from reverie_eval.reporting._map_svg import map_key
+from tests.conftest import SAMPLES
+from tests.support.home import home_scores, perfect
+
+mpl.use("agg")
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    """Close what was drawn."""
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
+    """Score an episode of every outcome."""
+    return home_scores(tmp_path_factory.mktemp("home"))
+
+
+def widths(axes: Axes) -> list[float]:
+    """Return how long the bars are."""
+    return [bar.get_width() for bar in axes.patches]  # type: ignore[attr-defined]
+
+
+def test_the_funnel(scores: rv.Scores) -> None:
+    axes = scores.plot.funnel()
+    assert widths(axes) == [5, 3, 2, 1]
+    stages = [label.get_text() for label in axes.get_yticklabels()]
+    assert stages == [
+        "all episodes",
+        "reached the goal",
+        "stopped at the goal",
+        "predicted the target",
+    ]
+    assert [text.get_text() for text in axes.texts] == [
+        "5  (100.0 %)",
+        "3  (60.0 %)",
+        "2  (40.0 %)",
+        "1  (20.0 %)",
+    ]
+    assert axes.get_xlabel() == "episodes  (percent of all episodes)"
+
+
+def test_slices(scores: rv.Scores) -> None:
+    """Of three episodes with 6 m to go two stop at the goal, and two answer right."""
+    axes = scores.plot.slices("length")
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == ["6 to 8 m  (n = 3)", "10 to 12 m  (n = 2)"]
+    success, rgspl = np.split(np.array(widths(axes)), 2)
+    assert success.tolist() == pytest.approx([200 / 3, 0])
+    assert rgspl.tolist() == pytest.approx([200 / 3, 0])
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["SR", "RGSPL"]
+    assert not axes.collections  # a part of one target has no interval
+
+
+def test_intervals_of_slices_are_those_of_the_breakdown() -> None:
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
+    axes = scores.plot.slices("level")
+    table = scores.breakdown("level", intervals=True)
+    (drawn,) = axes.collections
+    ends = np.array(drawn.get_segments())
+    expected = 100 * table[["rgspl_low", "rgspl_high"]].to_numpy()
+    assert ends[:, :, 0].tolist() == pytest.approx(expected[~np.isnan(expected[:, 0])])
+    rgspl = [bar.get_y() + bar.get_height() / 2 for bar in axes.patches[len(table) :]]
+    assert ends[:, 0, 1].tolist() == pytest.approx(rgspl)
+
+
+@pytest.mark.parametrize(
+    ("how", "drawn"),
+    [
+        pytest.param({"track": "grounding"}, ["RGS"], id="grounding"),
+        pytest.param({"protocol": "r2r-style"}, ["SR", "SPL"], id="navigation"),
+    ],
+)
+def test_slices_of_what_is_scored(how: dict[str, str], drawn: list[str]) -> None:
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen", **how)  # type: ignore[arg-type]
+    legend = scores.plot.slices("scan").get_legend()
+    assert legend is not None
+    assert [each.get_text() for each in legend.get_texts() if "%" not in each.get_text()] == drawn
+
+
+def test_a_distribution_in_bars(scores: rv.Scores) -> None:
+    """Stops are 0, 4.005, 6, 10.005 and 10.005 m from the end."""
+    axes = scores.plot.distribution("navigation_error")
+    heights = {bar.get_x(): bar.get_height() for bar in axes.patches if bar.get_height()}
+    assert heights == pytest.approx({0: 20, 4: 20, 6: 20, 10: 40})
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (
+        "navigation error (m)",
+        "share of episodes (%)",
+    )
+
+
+def test_no_distance_is_below_zero() -> None:
+    scores = rv.evaluate(perfect(), split="val_unseen")
+    axes = scores.plot.distribution("navigation_error")
+    assert axes.get_xlim() == (0, 1)
+
+
+@pytest.mark.parametrize("metric", ["steps", "jumps"])
+def test_counts_are_marked_by_whole_numbers(metric: str, scores: rv.Scores) -> None:
+    axes = scores.plot.distribution(metric)
+    low, high = axes.get_xlim()
+    ticks = [tick for tick in axes.get_xticks() if low <= tick <= high]
+    assert 0 in ticks
+    assert all(tick == int(tick) for tick in ticks)
+
+
+def test_walked_over_shortest(scores: rv.Scores) -> None:
+    axes = scores.plot.distribution("path_length")
+    dots = [np.asarray(each.get_offsets()) for each in axes.collections]
+    assert [len(each) for each in dots] == [3, 2]
+    assert sorted(dots[1][:, 0].tolist()) == [6, 6]
+    assert sorted(dots[1][:, 1].tolist()) == pytest.approx([6, 6 + np.sqrt(16.04)])
+
+
+def test_the_distribution_of_boxes_leaves_out_other_answers() -> None:
+    scores = rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")
+    assert scores.boxes is not None
+    histogram = histogram_of({"": scores}, "iou")
+    assert histogram.count == len(scores.boxes) == 81
+    assert histogram.values[""].mean() == pytest.approx(scores.boxes.mean_iou)
+    assert histogram.share[""].sum() == pytest.approx(100)
+    axes = scores.plot.distribution("iou")
+    assert axes.get_title(loc="left") == "IoU %: mean 55.48 of 81 boxes"
+    assert axes.get_ylabel() == "share of boxes (%)"
+
+
+def test_submissions_share_their_bars(scores: rv.Scores) -> None:
+    other = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
+    histogram = histogram_of({"a": scores, "b": other}, "navigation_error")
+    for name, each in (("a", scores), ("b", other)):
+        values = each.episodes["navigation_error"]
+        counts = [
+            100 * ((values >= low) & (values < high)).mean()
+            for low, high in zip(histogram.edges, histogram.edges[1:], strict=False)
+        ]
+        assert histogram.share[name].tolist() == pytest.approx(counts)
+
+
+def test_an_episode(scores: rv.Scores) -> None:
+    axes = scores.episode("2_4_0").plot()
+    assert axes.get_title(loc="left") == "2_4_0: go there"
+    legend = axes.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "the agent, stop",
+        "start",
+        "a jump where no edge is",
+        "annotated path",
+        "end of the annotated path",
+        "a stop here is a success",
+        "on another level",
+    ]
+    rings = [each for each in axes.lines if each.get_marker() == "o"]
+    (success,) = (each for each in rings if each.get_markeredgecolor() == "#009E73")
+    assert len(success.get_xdata()) == 2  # hall and room
+
+
+def test_the_key_of_a_figure_is_that_of_a_page(scores: rv.Scores) -> None:
+    legend = scores.episode("2_4_0").plot().get_legend()
+    assert legend is not None
+    explained = [text.get_text() for text in legend.get_texts()]
+    assert explained == re.findall(r"</svg> ([^<]+)</span>", map_key([""]))
+    assert all(line.get_visible() for line in legend.get_lines())
+
+
+def test_a_key_looks_like_what_it_explains(scores: rv.Scores) -> None:
+    axes = scores.episode("1_3_0").plot()
+    legend = axes.get_legend()
+    assert legend is not None
+    on_the_map = [look(line) for line in axes.lines]
+    in_key = {line.get_label(): look(line) for line in legend.get_lines()}
+    for meaning in ("annotated path", "a stop here is a success", "on another level", "start"):
+        assert in_key[meaning] in on_the_map
+    assert len(set(in_key.values())) == len(in_key)
+
+
+def look(line: Line2D) -> tuple[object, ...]:
+    """Return what tells a line or a mark from others."""
+    marker = line.get_marker()
+    if marker == "None":
+        return line.get_color(), line.get_linestyle(), line.get_alpha()
+    return marker, line.get_markerfacecolor(), line.get_markeredgecolor(), line.get_alpha()
+
+
+@pytest.mark.parametrize("draw", ["funnel", "slices", "distribution", "episode"])
+def test_axes_that_are_given_are_drawn_on(draw: str, scores: rv.Scores) -> None:
+    figure, given = plt.subplots()
+    drawn = {
+        "funnel": lambda: scores.plot.funnel(ax=given),
+        "slices": lambda: scores.plot.slices("scan", ax=given),
+        "distribution": lambda: scores.plot.distribution("success", ax=given),
+        "episode": lambda: scores.episode("1_3_0").plot(ax=given),
+    }[draw]()
+    assert drawn is given
+    assert given.has_data()
+    assert plt.get_fignums() == [figure.number]
+
+
+def test_a_metric_that_is_not_scored(scores: rv.Scores) -> None:
+    with pytest.raises(KeyError, match="iou is not scored; scored are path_length, success"):
+        scores.plot.distribution("iou")
+
+
+def test_a_way_to_cut_that_there_is_not(scores: rv.Scores) -> None:
+    with pytest.raises(rv.ProtocolError, match="unknown grouping 'room'"):
+        scores.plot.slices("room")
+
+
+WITHOUT_MATPLOTLIB = """
+import sys
+sys.modules["matplotlib"] = None
+import reverie_eval as rv
+scores = rv.evaluate(sys.argv[1], split="val_unseen")
+scores.episode(scores.instr_ids[0])._repr_html_()
+try:
+    {call}
+except rv.ReverieEvalError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "scores.plot.funnel()",
+        "scores.plot.slices('scan')",
+        "scores.plot.distribution('success')",
+        "scores.episode(scores.instr_ids[0]).plot()",
+    ],
+)
+def test_without_matplotlib(call: str) -> None:
+    program = WITHOUT_MATPLOTLIB.format(call=call)
+    said = subprocess.check_output(
+        [sys.executable, "-c", program, str(Path(SAMPLES, "good.json"))], text=True
+    )
+    assert said == "figures need matplotlib; install it with: pip install 'reverie-eval[figures]'\n"

@@ -1,0 +1,168 @@
+"""Room for uploads: to each person a share, which is free again before the reply is read."""
+
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import AsyncExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import httpx
+import pytest
+from anyio.from_thread import BlockingPortal
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from reverie_eval.server.app import create_app
+from reverie_eval.server.edge.admission import Admission
+from reverie_eval.server.errors import BusyError
+from reverie_eval.server.settings import Limits
+from tests.support.serving import (
+    GOOD,
+    MATE,
+    OPEN,
+    OWNER,
+    InProcess,
+    OpenServer,
+    Serving,
+    settings_of,
+)
+from tests.support.visiting import signed_in
+
+PATIENCE = 30
+"""Seconds after which a test takes it that nobody's turn will come any more."""
+ADA, BEN = 1, 2
+
+Around = Callable[[ASGIApp, Admission], ASGIApp]
+
+
+@pytest.fixture
+def crowded(
+    folder: Path, open_server: OpenServer, portal: BlockingPortal
+) -> Iterator[Callable[..., tuple[Serving, Admission]]]:
+    """Return what opens a server with one place for each person, where nobody waits."""
+    clients = []
+
+    def open_crowded(
+        at_once: int, around: Around = lambda app, _: app
+    ) -> tuple[Serving, Admission]:
+        limits = Limits(uploads_at_once=at_once, uploads_waiting=0)
+        opened = open_server(settings_of(folder).model_copy(update={"limits": limits}))
+        app = create_app(opened.state)
+        admission: Admission = app.state.operations.admission
+        transport = InProcess(around(app, admission), portal)
+        clients.append(httpx.Client(transport=transport, base_url="http://server"))
+        return replace(opened, client=clients[-1]), admission
+
+    yield open_crowded
+    for client in clients:
+        client.close()
+
+
+def letting_another_in(app: ASGIApp, admission: Admission) -> ASGIApp:
+    """Return an application that lets in another upload before it sends anything."""
+
+    async def answering(scope: Scope, receive: Receive, send: Send) -> None:
+        async def sending(message: Message) -> None:
+            async with admission.hold(BEN):
+                await send(message)
+
+        await app(scope, receive, sending)
+
+    return answering
+
+
+@pytest.mark.parametrize("path", ["validate", "submissions?name=x"])
+def test_a_place_is_free_before_the_reply_is_taken(
+    path: str, crowded: Callable[..., tuple[Serving, Admission]]
+) -> None:
+    server, _ = crowded(1, letting_another_in)
+    reply = server.ask(OWNER, "POST", f"/splits/{OPEN}/{path}", content=GOOD)
+    assert reply.status_code in {200, 201}
+
+
+def test_a_person_is_one_in_the_api_and_on_the_pages(
+    crowded: Callable[..., tuple[Serving, Admission]], portal: BlockingPortal
+) -> None:
+    server, admission = crowded(4)
+    visitor = signed_in(server, OWNER)
+    with portal.wrap_async_context_manager(admission.hold(server.person(OWNER).id)):
+        assert server.upload(OWNER).status_code == 503
+        assert visitor.upload().status_code == 503
+        assert server.upload(MATE).status_code == 201
+    assert visitor.upload().status_code == 303
+
+
+async def held(admission: Admission, person: int, places: AsyncExitStack) -> int:
+    """Return how many uploads of somebody's are let in without waiting, and let them stay."""
+    for count in range(PATIENCE):
+        try:
+            await places.enter_async_context(admission.hold(person))
+        except BusyError:
+            return count
+    pytest.fail("there is no end of places")
+
+
+@pytest.mark.parametrize(
+    ("at_once", "expected"),
+    [
+        (1, [1, 0, 0, 0, 0]),
+        (3, [1, 1, 1, 0, 0]),
+        (7, [1, 1, 1, 1, 1]),
+        (8, [2, 2, 2, 2, 0]),
+        (11, [2, 2, 2, 2, 2]),
+        (32, [8, 8, 8, 8, 0]),
+    ],
+)
+def test_one_person_holds_no_more_than_a_quarter_of_the_places(
+    at_once: int, expected: list[int]
+) -> None:
+    admission = Admission(at_once, waiting=0, seconds=PATIENCE)
+
+    async def held_by_five() -> list[int]:
+        async with AsyncExitStack() as places:
+            return [await held(admission, person, places) for person in range(5)]
+
+    async def twice() -> list[list[int]]:
+        return [await held_by_five(), await held_by_five()]
+
+    assert asyncio.run(twice()) == [expected, expected], "all places were given back"
+
+
+def test_who_has_their_share_waits_and_nobody_else() -> None:
+    admission = Admission(at_once=8, waiting=1, seconds=PATIENCE)
+
+    async def upload(person: int) -> None:
+        async with admission.hold(person):
+            pass
+
+    async def scenario() -> None:
+        async with admission.hold(ADA), admission.hold(ADA):
+            third = asyncio.create_task(upload(ADA))
+            await asyncio.sleep(0)
+            assert admission.waiting == 1
+            with pytest.raises(BusyError):
+                await upload(ADA)
+            await upload(BEN)
+            assert not third.done()
+        await third
+        assert admission.waiting == 0
+
+    asyncio.run(scenario())
+
+
+def test_whose_turn_never_comes_leaves_their_place_to_others() -> None:
+    admission = Admission(at_once=4, waiting=9, seconds=0.01)
+
+    async def scenario() -> None:
+        async with admission.hold(ADA):
+            with pytest.raises(BusyError):
+                async with admission.hold(ADA):
+                    pytest.fail("there was a place")
+        async with AsyncExitStack() as places:
+            for person in (ADA, BEN, 3, 4):
+                await places.enter_async_context(admission.hold(person))
+            with pytest.raises(BusyError):
+                await places.enter_async_context(admission.hold(5))
+        async with admission.hold(5):
+            assert admission.waiting == 0
+
+    asyncio.run(scenario())

@@ -1,0 +1,198 @@
+"""What uploads came to: noted after they were dealt with, and never in their way."""
+
+from collections.abc import Callable, Sequence
+from datetime import timedelta
+from typing import Never
+
+import pytest
+from sqlalchemy.exc import OperationalError
+
+from reverie_eval.server.problems import STATUS_OF
+from reverie_eval.server.service import attempts
+from reverie_eval.server.service.attempts import OUTCOMES, Attempts, latest_attempts
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.overview import last_day
+from reverie_eval.server.store.tables import Attempt
+from tests.support.serving import (
+    BROKEN,
+    GOOD,
+    NOON,
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    Serving,
+    packed,
+)
+
+
+def noted(server: Serving) -> Sequence[tuple[str, int, int]]:
+    """Return outcome, problems and size of every upload, the latest first."""
+    rows = server.ask(ORGANISER, "GET", "/organiser/attempts").json()
+    return [(row["outcome"], row["problems"], row["size"]) for row in rows]
+
+
+def spend(server: Serving) -> None:
+    for _ in range(3):
+        server.upload(OWNER, server.distinct(PRIVATE), PRIVATE)
+
+
+def pause(server: Serving) -> None:
+    server.ask(ORGANISER, "PUT", "/organiser/notice", json={"paused": True})
+    server.upload(OWNER)
+
+
+def reuse_key(server: Serving) -> None:
+    server.upload(OWNER, key="k")
+    server.upload(OWNER, server.distinct(), key="k")
+
+
+@pytest.mark.parametrize(
+    ("upload", "outcome"),
+    [
+        pytest.param(lambda server: server.upload(OWNER), "scored", id="scored"),
+        pytest.param(
+            lambda server: [server.upload(OWNER), server.upload(OWNER)], "repeat", id="a repeat"
+        ),
+        pytest.param(
+            lambda server: server.upload(OWNER, BROKEN), "submission-rejected", id="a broken file"
+        ),
+        pytest.param(
+            lambda server: server.upload(OWNER, packed(GOOD)[:50]),
+            "submission-rejected",
+            id="a broken archive",
+        ),
+        pytest.param(spend, "quota-spent", id="nothing left"),
+        pytest.param(pause, "not-open", id="paused"),
+        pytest.param(reuse_key, "conflict", id="a key of another file"),
+    ],
+)
+def test_every_upload_is_noted_with_what_it_came_to(
+    upload: Callable[[Serving], object], outcome: str, server: Serving
+) -> None:
+    upload(server)
+    assert noted(server)[0][0] == outcome
+
+
+def test_what_is_noted(server_on: Serving) -> None:
+    server_on.upload(OWNER, packed(GOOD))
+    (row,) = server_on.ask(ORGANISER, "GET", "/organiser/attempts").json()
+    assert row.pop("milliseconds") >= 0
+    assert row == {
+        "id": 1,
+        "at": "2026-03-02T12:00:00Z",
+        "person": OWNER,
+        "team": "Blue",
+        "split": OPEN,
+        "outcome": "scored",
+        "problems": 0,
+        "size": len(GOOD),
+    }
+
+
+def test_problems_are_counted(server: Serving) -> None:
+    problems = server.upload(OWNER, BROKEN).json()["problems"]
+    assert len(problems) > 1
+    assert noted(server) == [("submission-rejected", len(problems), len(BROKEN))]
+
+
+def test_a_check_is_no_upload_and_neither_is_one_to_nowhere(server: Serving) -> None:
+    server.ask(OWNER, "POST", f"/splits/{OPEN}/validate", content=GOOD)
+    server.upload(OWNER, split="nowhere")
+    assert noted(server) == []
+
+
+def test_the_codes_are_those_of_the_problems() -> None:
+    assert {kind: STATUS_OF[kind][1] for kind in OUTCOMES} == OUTCOMES
+
+
+def test_our_own_faults_are_noted_too(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr(Board, "score", fail)
+    assert server.upload(OWNER).status_code == 500
+    assert noted(server)[0][0] == "internal"
+
+
+def test_what_cannot_be_noted_fails_no_upload(
+    server: Serving, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Full:
+        def writing(self) -> Never:
+            raise OperationalError("", {}, Exception("database or disk is full"))
+
+    monkeypatch.setattr(
+        server.state.intake,
+        "_attempts",
+        Attempts(Full(), server.clock),  # type: ignore[arg-type]
+    )
+    assert server.upload(OWNER).status_code == 201
+    assert server.upload(OWNER, BROKEN).status_code == 422
+    assert noted(server) == []
+    assert "not noted" in caplog.text
+
+
+def test_what_is_older_than_ninety_days_is_forgotten(server: Serving) -> None:
+    server.upload(OWNER)
+    server.clock.turn(days=90)
+    server.upload(OWNER)
+    assert len(noted(server)) == 2
+    server.clock.turn(seconds=1)
+    server.upload(OWNER)
+    assert len(noted(server)) == 2
+
+
+def test_there_are_never_more_than_so_many(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(attempts, "MOST_KEPT", 3)
+    for _ in range(5):
+        server.upload(OWNER, BROKEN)
+    rows = server.ask(ORGANISER, "GET", "/organiser/attempts").json()
+    assert [row["id"] for row in rows] == [5, 4, 3]
+
+
+def test_they_are_read_page_by_page_and_by_outcome(server: Serving) -> None:
+    server.upload(OTHER)
+    for _ in range(3):
+        server.upload(OWNER, BROKEN)
+    query = {"limit": 2, "before": 4}
+    rows = server.ask(ORGANISER, "GET", "/organiser/attempts", params=query).json()
+    assert [row["id"] for row in rows] == [3, 2]
+    with server.state.database.reading() as session:
+        scored = latest_attempts(session, 10, outcome="scored")
+    assert [row.id for row in scored] == [1]
+
+
+def test_a_day_in_hours(server: Serving) -> None:
+    person = server.person(OWNER)
+
+    def attempt(hours_ago: float, outcome: str, milliseconds: int) -> Attempt:
+        return Attempt(
+            at=NOON - timedelta(hours=hours_ago),
+            person_id=person.id,
+            split=OPEN,
+            outcome=outcome,
+            problems=0,
+            size=1,
+            milliseconds=milliseconds,
+        )
+
+    with server.state.database.writing() as session:
+        session.add_all(
+            [
+                attempt(23.01, "scored", 1000),  # in the 13th hour of yesterday's noon: too old
+                attempt(23, "scored", 10),
+                attempt(1, "repeat", 20),
+                attempt(0.75, "quota-spent", 60),
+                attempt(0, "scored", 30),
+            ]
+        )
+    with server.state.database.reading() as session:
+        day = last_day(session, NOON + timedelta(minutes=30))
+    counts = [(hour.scored, hour.repeats, hour.refused) for hour in day.hours]
+    assert counts == [(1, 0, 0), *[(0, 0, 0)] * 21, (0, 1, 1), (1, 0, 0)]
+    assert (day.uploads, day.refused, day.busiest) == (4, 1, 2)
+    assert (day.median_milliseconds, day.slowest_milliseconds) == (25, 60)

@@ -1,0 +1,236 @@
+"""Backups: made at any moment, whole or refused, and the same server wherever they are restored."""
+
+import stat
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Event
+
+import httpx
+import pytest
+
+from reverie_eval.server.backup import write_backup
+from reverie_eval.server.restore import restore_backup
+from reverie_eval.server.service.people import add_team
+from reverie_eval.server.settings import SettingsError
+from reverie_eval.server.store.dump import dump
+from reverie_eval.server.store.uploads import open_uploads
+from tests.support.flat import Run
+from tests.support.kept import faults, opened, rows_of
+from tests.support.processes import TOKEN, Laptop
+from tests.support.serving import GOOD, NOON, OWNER, Serving
+
+MANY = {"REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
+
+
+# While it serves.
+
+
+def test_a_backup_in_a_stream_of_uploads_is_a_moment_that_was(tmp_path: Path) -> None:
+    laptop = Laptop(tmp_path)
+    sent: list[str] = []
+    published: list[str] = []
+    stop = Event()
+
+    def send(thread: int) -> None:
+        for serial in range(10_000):
+            if stop.is_set():
+                return
+            content = GOOD + b" " * (1 + 4 * serial + thread)
+            reply = server.upload(token, "val_seen" if thread == 9 else "val_unseen", content)
+            assert reply.status_code == 201, reply.text
+            sent.append(reply.json()["submission"]["id"])
+
+    def publish() -> None:
+        while not stop.is_set():
+            if len(published) < len(sent):
+                path = f"{server.url}/api/v1/submissions/{sent[len(published)]}"
+                headers = {"Authorization": f"Bearer {token}"}
+                changed = httpx.patch(path, json={"published": True}, headers=headers, timeout=60)
+                assert changed.status_code == 200, changed.text
+                published.append(sent[len(published)])
+
+    quota = "{ day = 100000, month = 100000, year = 100000 }"
+    token = TOKEN.findall(laptop.run("server", "init", "lab").out)[0]
+    settings = tmp_path / "lab" / "reverie-eval.toml"
+    head, split, rest = settings.read_text().partition("[splits.val_unseen]\n")
+    settings.write_text(f"{head}{split}quota = {quota}\n{rest}")
+    with laptop.serving("lab", variables=MANY) as server, ThreadPoolExecutor(4) as pool:
+        streams = [pool.submit(send, thread) for thread in range(3)]
+        streams.append(pool.submit(publish))
+        try:
+            while len(published) < 5 and not any(stream.done() for stream in streams):
+                stop.wait(0.01)
+            there_before, shown_before = set(sent), list(published)
+            laptop.run("server", "backup", "lab", "-o", "lab.tar.gz")
+            at_the_end = len(sent)
+            while len(sent) < at_the_end + 5 and not any(stream.done() for stream in streams):
+                stop.wait(0.01)
+        finally:
+            stop.set()
+        for stream in streams:
+            stream.result()
+    laptop.run("server", "restore", "lab.tar.gz", "elsewhere")
+
+    restored = [row for table, row in rows_of(tmp_path / "elsewhere") if table == "submission"]
+    known = {row["id"] for row in restored}
+    assert there_before <= known < set(sent)
+    shown = {row["id"] for row in restored if row["published_at"]}
+    assert set(shown_before) <= shown
+    assert shown == set(published[: len(shown)])
+    assert faults(tmp_path / "elsewhere") == []
+    with laptop.serving("elsewhere") as server:
+        board = server.get("/splits/val_unseen/leaderboard").json()["rows"]
+    assert {row["submission_id"] for row in board} <= shown
+
+
+def test_rows_are_read_as_they_were_at_one_moment(server_on: Serving) -> None:
+    server_on.upload(OWNER)
+    expected = list(dump(server_on.state.database))
+    reading = dump(server_on.state.database)
+    read = [next(reading)]
+    assert server_on.upload(OWNER, server_on.distinct()).status_code == 201
+    assert [*read, *reading] == expected
+
+
+# From one database, and one store, to another.
+
+
+def test_a_server_moves_between_databases(
+    used: Path, archive: Path, empty_database: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    original = rows_of(used)
+    assert len(original) > 20
+    with monkeypatch.context() as there:
+        there.setenv("REVERIE_EVAL_DATABASE", empty_database)
+        restore_backup(archive, tmp_path / "there")
+        assert rows_of(tmp_path / "there") == original
+        assert faults(tmp_path / "there") == []
+        with opened(tmp_path / "there") as database, database.writing() as session:
+            add_team(session, "Newcomers", now=NOON, actor="test")
+        write_backup(tmp_path / "there", tmp_path / "again.tar.gz")
+    restore_backup(tmp_path / "again.tar.gz", tmp_path / "back")
+    returned = rows_of(tmp_path / "back")
+    assert [row for row in original if row not in returned] == []
+    assert {table for table, _ in (row for row in returned if row not in original)} == {
+        "team",
+        "audit",
+    }
+    assert faults(tmp_path / "back") == []
+
+
+def test_a_server_moves_to_another_store(
+    archive: Path, used: Path, bucket: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("REVERIE_EVAL_UPLOADS", f"s3://{bucket}/lab")
+    restore_backup(archive, tmp_path / "there")
+    assert not (tmp_path / "there" / "uploads").exists()
+    assert faults(tmp_path / "there") == []
+    write_backup(tmp_path / "there", tmp_path / "again.tar.gz")
+    monkeypatch.delenv("REVERIE_EVAL_UPLOADS")
+    restore_backup(tmp_path / "again.tar.gz", tmp_path / "back")
+    names = [sorted(open_uploads("uploads", at).names()) for at in (used, tmp_path / "back")]
+    assert names[0] == names[1] != []
+
+
+def test_a_database_that_is_in_use_is_left_alone(
+    archive: Path, database: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", database)
+    with pytest.raises(SettingsError, match="database: is not empty"):
+        restore_backup(archive, tmp_path / "there")
+    assert not (tmp_path / "there").exists()
+
+
+# What is in one.
+
+
+def test_only_the_owner_can_read_a_backup_and_what_it_becomes(
+    archive: Path, tmp_path: Path
+) -> None:
+    assert stat.S_IMODE(archive.stat().st_mode) == 0o600
+    restore_backup(archive, tmp_path / "there")
+    assert stat.S_IMODE((tmp_path / "there").stat().st_mode) == 0o700
+    files = [path for path in (tmp_path / "there").rglob("*") if path.is_file()]
+    assert len(files) >= 7
+    assert {stat.S_IMODE(path.stat().st_mode) for path in files} == {0o600}
+
+
+def test_everything_is_in_it(archive: Path, used: Path, tmp_path: Path) -> None:
+    restore_backup(archive, tmp_path / "there")
+    kept = {
+        path.relative_to(used): path.read_bytes()
+        for path in used.rglob("*")
+        if path.is_file() and not path.name.startswith("server.db")
+    }
+    restored = {path: (tmp_path / "there" / path).read_bytes() for path in kept}
+    assert restored == kept
+    assert rows_of(tmp_path / "there") == rows_of(used)
+
+
+def test_what_the_command_says(used: Path, tmp_path: Path, run: Run) -> None:
+    archive, there = tmp_path / "b.tar.gz", tmp_path / "there"
+    made = run("server", "backup", str(used), "-o", str(archive))
+    assert (made.status, made.err) == (0, "")
+    assert f"{archive}: 3 submissions, 3 teams, 4 persons, " in made.out
+    assert "keep it where nobody else can read it" in made.out
+    restored = run("server", "restore", str(archive), str(there))
+    assert restored.status == 0
+    assert f"{there}: restored, 3 submissions, 3 teams, 4 persons" in restored.out
+
+
+def test_missing_uploads_are_named_and_the_rest_is_kept(
+    used: Path, tmp_path: Path, run: Run
+) -> None:
+    lost, *_ = sorted((used / "uploads").rglob("*.json"))
+    lost.write_bytes(b"[]")
+    made = run("server", "backup", str(used), "-o", str(tmp_path / "b.tar.gz"))
+    assert made.status == 1
+    assert f"1 upload missing or damaged, and not in the backup: {lost.stem}" in made.err
+    restore_backup(tmp_path / "b.tar.gz", tmp_path / "there")
+    (fault,) = faults(tmp_path / "there")
+    assert lost.stem in fault
+
+
+def test_files_from_elsewhere_come_into_the_folder(used: Path, tmp_path: Path, run: Run) -> None:
+    elsewhere = tmp_path / "answers.npz"
+    (used / "bundles" / "test.npz").rename(elsewhere)
+    settings = used / "reverie-eval.toml"
+    settings.write_text(settings.read_text().replace('"bundles/test.npz"', f'"{elsewhere}"'))
+    made = run("server", "backup", str(used), "-o", str(tmp_path / "b.tar.gz"))
+    assert "splits.test.bundle is outside of the folder; a restore puts it at" in made.err
+    content = elsewhere.read_bytes()
+    elsewhere.unlink()
+    restored = run("server", "restore", str(tmp_path / "b.tar.gz"), str(tmp_path / "there"))
+    assert restored.status == 1
+    assert f"splits.test.bundle: {elsewhere}" in restored.out
+    assert (tmp_path / "there" / "bundles" / "test.npz").read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("output", "told"),
+    [
+        pytest.param("server/b.tar.gz", "is in the server's folder", id="in the folder"),
+        pytest.param("nowhere/b.tar.gz", "a folder that is there", id="no folder"),
+        pytest.param(".", "cannot be written", id="a folder"),
+        pytest.param("answers.npz", "is to be backed up", id="over what it backs up"),
+    ],
+)
+def test_where_no_backup_is_written(
+    output: str, told: str, folder: Path, tmp_path: Path, run: Run
+) -> None:
+    (folder / "bundles" / "test.npz").rename(tmp_path / "answers.npz")
+    settings = folder / "reverie-eval.toml"
+    settings.write_text(settings.read_text().replace('"bundles/test.npz"', '"../answers.npz"'))
+    before = (tmp_path / "answers.npz").read_bytes()
+    outcome = run("server", "backup", str(folder), "-o", str(tmp_path / output))
+    assert (outcome.status, outcome.out) == (2, "")
+    assert told in outcome.err
+    assert (tmp_path / "answers.npz").read_bytes() == before
+
+
+def test_a_backup_that_fails_leaves_the_one_before(used: Path, tmp_path: Path, run: Run) -> None:
+    (tmp_path / "b.tar.gz").write_text("the one before")
+    (used / "signing-key.pem").unlink()
+    assert run("server", "backup", str(used), "-o", str(tmp_path / "b.tar.gz")).status == 2
+    assert (tmp_path / "b.tar.gz").read_text() == "the one before"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b.tar.gz", "server"]

@@ -1,0 +1,215 @@
+"""The database is durable and strict, writers take turns, and migrations keep every row."""
+
+import shutil
+import threading
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import inspect, select, text
+from sqlalchemy.exc import IntegrityError, StatementError
+
+from reverie_eval import ReverieEvalError
+from reverie_eval.server.errors import ConflictError
+from reverie_eval.server.service.people import add_person, add_team, mint, person_named
+from reverie_eval.server.store import database as database_module
+from reverie_eval.server.store.database import MIGRATIONS, Database
+from reverie_eval.server.store.tables import Base, Person, Team
+from tests.support.serving import NOON
+
+
+def test_every_connection_to_sqlite_is_durable_and_strict(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path}/server.db")
+    connections = [database.engine.connect() for _ in range(3)]
+    try:
+        for connection in connections:
+            found = {
+                name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
+                for name in ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
+            }
+            assert found == {
+                "journal_mode": "wal",
+                "synchronous": 2,  # FULL
+                "foreign_keys": 1,
+                "busy_timeout": 30_000,
+            }
+    finally:
+        for connection in connections:
+            connection.close()
+        database.close()
+
+
+@pytest.fixture
+def opened(database: str) -> Iterator[Database]:
+    """Open a database of each kind, with a team and a person in it."""
+    opened = Database(database)
+    with opened.writing() as session:
+        add_team(session, "Blue", now=NOON, actor="test")
+        person = add_person(session, "Blue", "Ada", "participant", now=NOON, actor="test")
+        mint(session, person, "access", now=NOON, actor="test")
+    yield opened
+    opened.close()
+
+
+def test_a_row_that_refers_to_nothing_is_refused(opened: Database) -> None:
+    with pytest.raises(IntegrityError), opened.writing() as session:
+        session.add(Person(team_id=999, name="Ben", role="participant", created_at=NOON))
+    with opened.reading() as session:
+        assert [person.name for person in session.scalars(select(Person))] == ["Ada"]
+
+
+def test_what_others_refer_to_stays(opened: Database) -> None:
+    with pytest.raises(IntegrityError), opened.writing() as session:
+        session.execute(text("DELETE FROM team"))
+
+
+def test_writing_leaves_all_or_nothing(opened: Database) -> None:
+    twice = "there is a team"
+    with pytest.raises(ConflictError, match=twice), opened.writing() as session:
+        _ = [add_team(session, name, now=NOON, actor="test") for name in ("Red", "Blue")]
+    with opened.reading() as session:
+        assert [team.name for team in session.scalars(select(Team))] == ["Blue"]
+
+
+def test_writers_of_two_processes_take_turns(opened: Database) -> None:
+    """The second sees what the first has left, however long that takes."""
+    other = Database(opened.engine.url.render_as_string(hide_password=False))
+    inside = threading.Event()
+    seen: list[str] = []
+
+    def second() -> None:
+        inside.wait()
+        with other.writing() as session:
+            seen.extend(team.name for team in session.scalars(select(Team).order_by(Team.name)))
+
+    thread = threading.Thread(target=second)
+    thread.start()
+    with opened.writing() as session:
+        inside.set()
+        thread.join(timeout=0.3)
+        assert thread.is_alive()
+        add_team(session, "Red", now=NOON, actor="test")
+    thread.join()
+    other.close()
+    assert seen == ["Blue", "Red"]
+
+
+def test_readers_do_not_wait_for_a_writer(opened: Database) -> None:
+    with opened.writing() as session:
+        add_team(session, "Red", now=NOON, actor="test")
+        with opened.reading() as reading:
+            assert [team.name for team in reading.scalars(select(Team))] == ["Blue"]
+
+
+@pytest.mark.parametrize(
+    "instant",
+    [
+        pytest.param(NOON, id="UTC"),
+        pytest.param(NOON.astimezone(timezone(timedelta(hours=9, minutes=30))), id="elsewhere"),
+        pytest.param(datetime(2028, 2, 29, 23, 59, 59, 999_999, UTC), id="leap day"),
+    ],
+)
+def test_an_instant_comes_back_as_it_was_and_in_utc(opened: Database, instant: datetime) -> None:
+    with opened.writing() as session:
+        session.add(Team(name="Red", created_at=instant))
+    with opened.reading() as session:
+        found = session.scalars(select(Team.created_at).where(Team.name == "Red")).one()
+    assert (found, found.tzinfo) == (instant, UTC)
+
+
+def test_a_time_without_a_zone_is_refused(opened: Database) -> None:
+    with pytest.raises(StatementError, match="has no time zone"), opened.writing() as session:
+        session.add(Team(name="Red", created_at=datetime(2026, 1, 1)))  # noqa: DTZ001
+
+
+def test_migrations_make_the_tables_of_the_models(database: str) -> None:
+    fresh = Database(database)
+    with fresh.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, Base.metadata) == []
+    assert fresh.is_current()
+    fresh.close()
+
+
+def test_to_upgrade_twice_changes_nothing(opened: Database) -> None:
+    opened.upgrade()
+    with opened.reading() as session:
+        assert person_named(session, "Ada").team.name == "Blue"
+
+
+LATER = """
+import sqlalchemy as sa
+from alembic import op
+
+revision = "9999"
+down_revision = {last!r}
+
+
+def upgrade() -> None:
+    with op.batch_alter_table("team", recreate="auto") as team:
+        team.add_column(sa.Column("country", sa.String(2), nullable=False, server_default="??"))
+        team.alter_column("name", type_=sa.String(200))
+    {further}
+"""
+"""A step that makes SQLite write the table anew, to which persons refer."""
+
+
+def with_a_later_step(tmp_path: Path, last: str | None, further: str = "") -> Path:
+    """Return the migrations with one more behind them."""
+    copy = Path(shutil.copytree(MIGRATIONS, tmp_path / "migrations"))
+    (copy / "versions" / "9999_later.py").write_text(LATER.format(last=last, further=further))
+    return copy
+
+
+def test_a_later_step_keeps_every_row(
+    opened: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = with_a_later_step(tmp_path, opened.revision())
+    monkeypatch.setattr(database_module, "MIGRATIONS", copy)
+    assert not opened.is_current()
+    opened.upgrade()
+    assert opened.is_current()
+    with opened.reading() as session:
+        assert person_named(session, "Ada").team.name == "Blue"
+        assert session.scalar(text("SELECT country FROM team")) == "??"
+    test_a_row_that_refers_to_nothing_is_refused(opened)
+    if opened.is_sqlite:
+        with opened.engine.connect() as connection:
+            assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
+
+
+@pytest.mark.parametrize("empty_database", ["sqlite"], indirect=True)
+@pytest.mark.parametrize(
+    ("further", "error"),
+    [
+        pytest.param("raise RuntimeError", RuntimeError, id="fails"),
+        pytest.param('op.execute("DELETE FROM team")', ReverieEvalError, id="loses rows"),
+    ],
+)
+def test_a_step_that_goes_wrong_changes_nothing(
+    opened: Database,
+    further: str,
+    error: type[Exception],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    revision = opened.revision()
+    monkeypatch.setattr(
+        database_module, "MIGRATIONS", with_a_later_step(tmp_path, revision, further)
+    )
+    with pytest.raises(error):
+        opened.upgrade()
+    assert opened.revision() == revision
+    assert "country" not in {each["name"] for each in inspect(opened.engine).get_columns("team")}
+    with opened.reading() as session:
+        assert person_named(session, "Ada").team.name == "Blue"
+
+
+def test_looking_for_a_database_does_not_make_one(tmp_path: Path) -> None:
+    absent = Database(f"sqlite:///{tmp_path}/absent.db")
+    assert absent.revision() is None
+    assert not absent.is_current()
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,165 @@
+"""Whether the server is well, and how it ends."""
+
+import json
+import re
+import signal
+import socket
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import pytest
+
+from reverie_eval.server import health
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.uploads import FolderUploads
+from tests.support.processes import Laptop, Server
+from tests.support.serving import GOOD, OPEN, ORGANISER, PRIVATE, Serving
+
+
+def fail(*_: object, **__: object) -> None:
+    raise RuntimeError("the target is 1999999937")
+
+
+def health_of(server: Serving) -> tuple[int, dict[str, Any]]:
+    reply = server.client.get("/healthz")
+    return reply.status_code, reply.json()
+
+
+WELL = (200, {"status": "ok", "failed": []})
+
+
+@pytest.mark.parametrize(
+    ("owner", "step", "failed"),
+    [
+        (Board, "read", [f"scoring of {name}" for name in (PRIVATE, "val_seen", OPEN)]),
+        (Board, "score", [f"scoring of {name}" for name in (PRIVATE, "val_seen", OPEN)]),
+        (Board, "report", [f"scoring of {name}" for name in (PRIVATE, "val_seen", OPEN)]),
+        (Signer, "sign", [f"scoring of {name}" for name in (PRIVATE, "val_seen", OPEN)]),
+        (Database, "writing", ["database"]),
+        (FolderUploads, "get", ["uploads"]),
+    ],
+)
+def test_health_tries_all_that_an_upload_needs(
+    owner: object, step: str, failed: list[str], server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(health, "SECONDS_KEPT", 0)
+    with monkeypatch.context() as broken:
+        broken.setattr(owner, step, fail)
+        assert health_of(server) == (503, {"status": "unhealthy", "failed": failed})
+    assert health_of(server) == WELL
+
+
+def test_health_notices_what_scores_wrongly(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(health, "SECONDS_KEPT", 0)
+    report = Board.report
+
+    def unrounded(board: Board, *scored: Any) -> Any:
+        told = report(board, *scored)
+        shifted = {key: value + 1 / 3 for key, value in told.scores.items()}
+        return told.model_copy(update={"scores": shifted | {"path_length": 0.0}})
+
+    monkeypatch.setattr(Board, "report", unrounded)
+    assert health_of(server)[1]["failed"] == [f"scoring of {PRIVATE}"]
+
+
+def test_health_writes_into_the_folder_of_uploads_and_leaves_nothing(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(health, "SECONDS_KEPT", 0)
+    folder = server.state.settings.folder / "uploads"
+    assert health_of(server) == WELL
+    assert not folder.exists()
+    folder.mkdir()
+    assert health_of(server) == WELL
+    assert list(folder.rglob("*")) == []
+    folder.rmdir()
+    folder.write_text("no folder")
+    assert health_of(server)[1]["failed"] == ["uploads"]
+
+
+def test_health_is_looked_at_once_for_many_who_ask(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, reads = Board.read, []
+
+    def counting(*given: Any) -> Any:
+        reads.append(given)
+        return read(*given)
+
+    monkeypatch.setattr(Board, "read", counting)
+    assert [health_of(server) for _ in range(5)] == [WELL] * 5
+    assert len(reads) == 3
+
+
+def test_health_does_not_wait_for_what_hangs(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(health, "SECONDS_TO_ANSWER", 1)
+    with server.state.database.writing():  # and everybody else waits
+        assert health_of(server)[1]["failed"] == ["database", "uploads"]
+
+
+def test_health_leaves_no_trace(server: Serving) -> None:
+    before = server.ask(ORGANISER, "GET", "/organiser/audit").json()
+    assert health_of(server) == WELL
+    assert server.ask(ORGANISER, "GET", "/organiser/audit").json() == before
+    assert server.ask(ORGANISER, "GET", "/submissions").json() == []
+
+
+class Running(NamedTuple):
+    """A server of its own process."""
+
+    server: Server
+    port: int
+    token: str
+
+
+@pytest.fixture
+def running(laptop: Laptop) -> Iterator[Running]:
+    """Run the demo server."""
+    with laptop.serving() as server:
+        token = re.search(r"rv_[\w-]{43}", server.said)
+        assert token is not None
+        yield Running(server, int(server.url.rpartition(":")[2]), token[0])
+        log = server.log.read_text()
+        assert [json.loads(line)["level"] for line in log.splitlines()].count("error") == 0
+        assert token[0] not in log
+
+
+def test_an_upload_on_its_way_is_answered_before_the_end(
+    running: Running,
+) -> None:
+    server, port, token = running
+    process = server.process
+    head = (
+        f"POST /api/v1/splits/{OPEN}/submissions?name=x HTTP/1.1\r\nHost: server\r\n"
+        f"Authorization: Bearer {token}\r\nContent-Length: {len(GOOD)}\r\n"
+        "Expect: 100-continue\r\n\r\n"
+    )
+    with (
+        socket.create_connection(("127.0.0.1", port), timeout=60) as upload,
+        socket.create_connection(("127.0.0.1", port), timeout=60) as idle,
+    ):
+        upload.sendall(head.encode())
+        assert upload.recv(1000).startswith(b"HTTP/1.1 100")  # it is being read
+        process.send_signal(signal.SIGTERM)
+        assert idle.recv(1) == b""
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port), timeout=60)
+        assert process.poll() is None
+        upload.sendall(GOOD)
+        reply = b"".join(iter(lambda: upload.recv(1 << 16), b""))
+    assert reply.startswith(b"HTTP/1.1 201")
+    assert b'"receipt"' in reply
+    assert process.wait(60) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_told_to_stop_it_stops(number: int, running: Running) -> None:
+    process = running.server.process
+    process.send_signal(number)
+    assert process.wait(60) == 0

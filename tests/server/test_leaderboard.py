@@ -1,0 +1,192 @@
+"""The leaderboard: who is where, and what it does not tell."""
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from reverie_eval import CATALOGUE
+from tests.support.description import Description
+from tests.support.entries import entered
+from tests.support.serving import NOON, OPEN, OTHER, OWNER, PRIVATE, Serving
+
+BOARD = f"/splits/{OPEN}/leaderboard"
+
+
+def rows_of(server: Serving, metric: str = "rgspl") -> list[dict[str, Any]]:
+    reply = server.ask(None, "GET", BOARD, params={"metric": metric})
+    Description(server).check(reply)
+    rows: list[dict[str, Any]] = reply.json()["rows"]
+    return rows
+
+
+# The metric, the values in the order of publication (None: not scored), and the board: for each
+# row its rank, and which submission it is.
+BOARDS = [
+    pytest.param("rgspl", [], [], id="nothing is published"),
+    pytest.param("rgspl", [0.5], [(1, 0)], id="one"),
+    pytest.param("rgspl", [0.2, 0.9, 0.5], [(1, 1), (2, 2), (3, 0)], id="higher is better"),
+    pytest.param(
+        "navigation_error", [2.0, 9.0, 5.0], [(1, 0), (2, 2), (3, 1)], id="lower is better"
+    ),
+    pytest.param(
+        "success",
+        [0.5, 0.7, 0.3, 0.7, 0.5, 0.1],
+        [(1, 1), (1, 3), (3, 0), (3, 4), (5, 2), (6, 5)],
+        id="equals are equal, the next counts all before it, the earlier of equals is first",
+    ),
+    pytest.param(
+        "rgs", [None, 0.1, None, 0.0], [(1, 1), (2, 3), (None, 0), (None, 2)], id="no score is last"
+    ),
+    pytest.param(
+        "navigation_error", [None, 8.0], [(1, 1), (None, 0)], id="no score is last, lower is better"
+    ),
+    pytest.param("iou", [None, None], [(None, 0), (None, 1)], id="nobody has a score"),
+]
+
+
+@pytest.mark.parametrize(("metric", "values", "expected"), BOARDS)
+def test_ranks(
+    server: Serving,
+    metric: str,
+    values: Sequence[float | None],
+    expected: Sequence[tuple[int | None, int]],
+) -> None:
+    ids = [entered(server, {} if value is None else {metric: value}) for value in values]
+    rows = rows_of(server, metric)
+    assert [(row["rank"], ids.index(row["submission_id"])) for row in rows] == expected
+
+
+@pytest.mark.parametrize("metric", ["path_length", "steps", "no-such", "", "rgspl "])
+def test_a_board_is_not_sorted_by_what_has_no_better(server: Serving, metric: str) -> None:
+    for path in (BOARD, f"{BOARD}.csv"):
+        reply = server.ask(None, "GET", path, params={"metric": metric})
+        Description(server).check(reply)
+        assert (reply.status_code, reply.json()["code"]) == (400, "malformed-request")
+        assert "rgspl" in reply.json()["detail"]  # it says what there is
+
+
+def test_every_other_metric_sorts(server: Serving) -> None:
+    metrics = [metric.key for metric in CATALOGUE.values() if metric.better != "neither"]
+    assert len(metrics) > 10
+    for metric in metrics:
+        assert rows_of(server, metric) == []
+
+
+def test_only_what_is_published_and_not_withdrawn_is_shown(server: Serving) -> None:
+    server.upload(OWNER, server.distinct())
+    shown = entered(server)
+    taken_back = entered(server)
+    server.ask(OWNER, "PATCH", f"/submissions/{taken_back}", json={"withdrawn": True})
+    hidden = entered(server)
+    server.ask(OWNER, "PATCH", f"/submissions/{hidden}", json={"published": False})
+    rows = rows_of(server)
+    assert [row["submission_id"] for row in rows] == [shown]
+    assert rows[0]["submissions"] == 4  # all that stand behind it
+
+
+def test_a_board_is_of_one_split_and_counts_teams_apart(server: Serving) -> None:
+    entered(server, split=PRIVATE)
+    entered(server, who=OTHER)
+    ours = entered(server)
+    counts = {row["submission_id"]: row["submissions"] for row in rows_of(server)}
+    assert counts[ours] == 1
+    assert len(counts) == 2
+
+
+def test_an_anonymous_team_shows_nowhere_until_its_date(server: Serving) -> None:
+    until = "2026-03-03T12:00:00Z"
+    entered(server)  # under its name
+    hidden = entered(server, anonymous_until=until)
+    paths = [BOARD, f"{BOARD}.csv", "/splits", f"/splits/{OPEN}", "/server"]
+
+    def row() -> dict[str, Any]:
+        return next(row for row in rows_of(server) if row["submission_id"] == hidden)
+
+    assert (row()["team"], row()["submissions"]) == ("", None)
+    for path in paths:
+        for who in (None, OTHER):
+            said = server.ask(who, "GET", path).text
+            assert said.count("Blue") == path.startswith(BOARD)  # the other row alone
+            assert OWNER not in said
+
+    server.clock.now = NOON.replace(day=3, hour=11, minute=59, second=59)
+    assert row()["team"] == ""
+    server.clock.turn(seconds=1)
+    assert (row()["team"], row()["submissions"]) == ("Blue", 2)
+
+
+def test_a_team_may_name_itself_earlier(server: Serving) -> None:
+    hidden = entered(server, anonymous_until="2026-12-31T00:00:00+01:00")
+    mine = server.ask(OWNER, "GET", f"/submissions/{hidden}").json()
+    assert mine["anonymous_until"] == "2026-12-30T23:00:00Z"
+    server.ask(OWNER, "PATCH", f"/submissions/{hidden}", json={"anonymous_until": None})
+    assert [row["team"] for row in rows_of(server)] == ["Blue"]
+
+
+def table_of(server: Serving, metric: str = "rgspl") -> list[list[str]]:
+    reply = server.ask(None, "GET", f"{BOARD}.csv", params={"metric": metric})
+    Description(server).check(reply)
+    assert reply.headers["content-type"] == "text/csv; charset=utf-8"
+    return list(csv.reader(io.StringIO(reply.text)))
+
+
+def test_the_board_as_csv(server: Serving) -> None:
+    links = {"paper": "https://example.org/a,b", "code": "https://example.org/c"}
+    first = entered(
+        server,
+        {"rgspl": 0.25, "success": 0.5},
+        method={"name": 'Our, "best"', "ensemble": True, **links},
+    )
+    second = entered(server, {"success": 0.75}, who=OTHER, anonymous_until="2027-01-01T00:00:00Z")
+    at = "2026-03-02T12:00:0"
+    flags = ["false", "false", "false"]
+    about = ["rank", "submission_id", "team", "published_at", "submissions"]
+    said = [
+        "method",
+        "paper",
+        "code",
+        "extra_data",
+        "pre_exploration",
+        "ground_truth_objects",
+        "ensemble",
+    ]
+    more = ["standing", "reviews", "source", "signature"]
+    known = ("ranked", "", "", server.state.boards[OPEN].signature)
+    assert table_of(server) == [
+        [*about, *said, *more, "success", "rgspl"],
+        [
+            *("1", first, "Blue", f"{at}0Z", "1"),
+            *('Our, "best"', *links.values(), *flags, "true"),
+            *known,
+            *("0.5", "0.25"),
+        ],
+        [
+            *("", second, "", f"{at}1Z", ""),
+            *("Walker", "", "", *flags, "false"),
+            *known,
+            *("0.75", ""),
+        ],
+    ]
+    assert [row[0] for row in table_of(server, "success")] == ["rank", "1", "2"]
+
+
+def test_an_empty_board_as_csv(server: Serving) -> None:
+    (headings,) = table_of(server)
+    assert headings[:2] == ["rank", "submission_id"]
+
+
+@pytest.mark.parametrize("sign", "=+-@")
+def test_no_cell_is_a_formula(server: Serving, sign: str) -> None:
+    formula = f'{sign}HYPERLINK("https://evil.example","Walker")'
+    entered(server, method={"name": formula})
+    (_, row) = table_of(server)
+    assert row[5] == f"'{formula}"
+    assert rows_of(server)[0]["method"]["name"] == formula  # JSON is no spreadsheet
+
+
+def test_a_negative_number_is_no_formula(server: Serving) -> None:
+    entered(server, {"rgspl": -0.5})
+    assert table_of(server)[1][-1] == "-0.5"

@@ -1,0 +1,423 @@
+"""Limits: whatever is sent, and however slowly, the answer comes, and the server goes on.
+
+Against a server in a process of its own, over plain sockets: nobody else sends such things. It has
+room for one upload and for one that waits, so whatever does not give back its place stops all that
+come after it.
+"""
+
+import asyncio
+import codecs
+import encodings
+import json
+import pkgutil
+import socket
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from time import sleep
+from typing import Any
+from unittest.mock import AsyncMock
+
+import httpx
+import pytest
+import uvicorn
+from starlette.types import Message, Receive, Scope, Send
+
+from fixtures.servers import make_folder
+from reverie_eval.server import run
+from reverie_eval.server.app import create_app
+from reverie_eval.server.edge import patience
+from reverie_eval.server.edge.bodies import SMALL, BodyLimits
+from reverie_eval.server.edge.exchange import begin, exchange_of
+from reverie_eval.server.listening import listen
+from reverie_eval.server.service.people import add_person, add_team, mint
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.store.database import Database
+from tests.support.serving import GOOD, OPEN, OWNER, Serving, running
+
+SECONDS = 3
+"""That the server gives to a body."""
+PATIENCE = 30
+"""Seconds after which a test takes it that nothing will come any more."""
+MEBIBYTE = 1 << 20
+
+
+class Small:
+    """A server with room for one upload."""
+
+    def __init__(self, port: int, token: str, log: Path) -> None:
+        self.port = port
+        self.token = token
+        self.log = log
+
+    def connect(self) -> socket.socket:
+        """Open a connection."""
+        return socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE)
+
+    def head(self, path: str, *headers: str, method: str = "POST") -> bytes:
+        """Return a request up to its body."""
+        shown = f"Authorization: Bearer {self.token}"
+        lines = [f"{method} {path} HTTP/1.1", "Host: server", shown, *headers, "", ""]
+        return "\r\n".join(lines).encode()
+
+    def upload(self, *headers: str) -> bytes:
+        """Return an upload up to its body."""
+        return self.head("/api/v1/splits/val_unseen/submissions?name=x", *headers)
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Small]:
+    """Run the server."""
+    folder = tmp_path_factory.mktemp("small") / "server"
+    make_folder(folder)
+    database = Database(load_settings(folder).database_url)
+    with closing(database), database.writing() as session:
+        said = {"now": datetime.now(UTC), "actor": "test"}
+        add_team(session, "Blue", **said)  # type: ignore[arg-type]
+        person = add_person(session, "Blue", "Ada", "participant", **said)  # type: ignore[arg-type]
+        token = mint(session, person, "access", **said).text  # type: ignore[arg-type]
+    log = folder / "log"
+    limits = {
+        "SECONDS_FOR_BODY": SECONDS,
+        "UPLOAD_MEBIBYTES": 1,
+        "UNPACKED_MEBIBYTES": 2,
+        "REQUESTS_PER_MINUTE": 1_000_000,
+        "UPLOADS_AT_ONCE": 1,
+        "UPLOADS_WAITING": 1,
+    }
+    variables = {f"REVERIE_EVAL_LIMITS__{name}": str(value) for name, value in limits.items()}
+    with running(folder, **variables) as (_, url):
+        yield Small(int(url.rpartition(":")[2]), token, log)
+
+
+def reply_on(connection: socket.socket) -> tuple[int, str]:
+    """Return the status and the code of the next reply; of no reply, zero and nothing."""
+    received = b""
+    while b"\r\n\r\n" not in received:
+        piece = connection.recv(1 << 16)
+        if not piece:
+            return 0, ""
+        received += piece
+    head, _, body = received.partition(b"\r\n\r\n")
+    status = int(head.split(b" ", 2)[1])
+    length = int(head.lower().partition(b"content-length: ")[2].split(b"\r\n")[0] or b"0")
+    while len(body) < length:
+        body += connection.recv(1 << 16)
+    is_problem = b"application/problem+json" in head
+    return status, json.loads(body)["code"] if is_problem else ""
+
+
+TOKENS = "/api/v1/tokens"
+CHUNK = b"10000\r\n" + b" " * 0x10000 + b"\r\n"
+JSON = "Content-Type: application/json"
+FORM = "Content-Type: multipart/form-data"
+MEANNESS = {
+    "a body that does not come": (["Content-Length: 100"], b"[", 408, "too-slow"),
+    "chunks that do not come": (["Transfer-Encoding: chunked"], b"1\r\n[\r\n", 408, "too-slow"),
+    "a large file": ([f"Content-Length: {2 * MEBIBYTE}"], b" " * 2 * MEBIBYTE, 413, "too-large"),
+    "a large file in chunks": (["Transfer-Encoding: chunked"], CHUNK * 32, 413, "too-large"),
+    "a lie about the length": (
+        ["Content-Length: 99999999999"],
+        b" " * (MEBIBYTE + 1),
+        413,
+        "too-large",
+    ),
+    "endless nesting": (
+        ["Content-Length: 1000000"],
+        b"[" * 1_000_000,
+        422,
+        "submission-rejected",
+    ),
+    "containers without end": (
+        [f"Content-Length: {MEBIBYTE}"],
+        b"[" + b"[]," * (MEBIBYTE // 3 - 1) + b"[]]",
+        422,
+        "submission-rejected",
+    ),
+    "a form without a boundary": ([FORM, "Content-Length: 2"], b"[]", 400, "malformed-request"),
+    "a form that is none": (
+        [f"{FORM}; boundary=x", "Content-Length: 2"],
+        b"[]",
+        400,
+        "malformed-request",
+    ),
+}
+
+
+@pytest.mark.parametrize(("headers", "body", "status", "code"), MEANNESS.values(), ids=MEANNESS)
+def test_whatever_is_uploaded_the_reply_says_why_not(
+    headers: list[str], body: bytes, status: int, code: str, small: Small
+) -> None:
+    with small.connect() as connection:
+        connection.sendall(small.upload(*headers) + body)
+        assert reply_on(connection) == (status, code)
+
+
+def codec_of(name: str) -> str:
+    """Return what Python decodes a charset by, or its name."""
+    try:
+        return codecs.lookup(name).name
+    except LookupError:
+        return name
+
+
+CODECS = {module.name for module in pkgutil.iter_modules(encodings.__path__)}
+CHARSETS = sorted(
+    name
+    for name in {*encodings.aliases.aliases, *CODECS, "no-such", ""}
+    if codec_of(name) not in {"utf-8", "ascii"}
+)
+URLENCODED = "application/x-www-form-urlencoded; charset={}"
+MULTIPART = "multipart/form-data; boundary=x; charset={}"
+ONE_FIELD = b'--x\r\nContent-Disposition: form-data; name="token"\r\n\r\nx-\xff\r\n--x--\r\n'
+
+
+@pytest.mark.parametrize("content_type", [MULTIPART, MULTIPART.swapcase(), URLENCODED])
+@pytest.mark.parametrize("path", ["/sign-in", f"/api/v1/splits/{OPEN}/validate"])
+def test_a_form_comes_in_utf_8_whatever_codecs_there_are(
+    path: str, content_type: str, server: Serving
+) -> None:
+    assert {"punycode", "undefined", "idna", "utf_7", "hex_codec"} < set(CHARSETS)
+
+    def status(charset: str) -> int:
+        shown = f"Bearer {server.tokens[OWNER]}"
+        headers = {"Authorization": shown, "Content-Type": content_type.format(charset)}
+        return server.client.post(path, headers=headers, content=ONE_FIELD).status_code
+
+    assert {charset: status(charset) for charset in CHARSETS} == dict.fromkeys(CHARSETS, 400)
+
+
+@pytest.mark.parametrize("charset", ["utf-8", "UTF-8", '"utf8"', "us-ascii"])
+def test_a_form_may_say_that_it_is_in_utf_8(charset: str, server: Serving) -> None:
+    headers = {"Content-Type": MULTIPART.format(charset)}
+    reply = server.client.post("/sign-in", headers=headers, content=ONE_FIELD)
+    assert reply.status_code == 401, "it was read, and holds no token"
+
+
+@pytest.mark.parametrize(
+    ("length", "body", "expected"),
+    [
+        pytest.param(100, b"{", (408, "too-slow"), id="slow"),
+        pytest.param(SMALL + 1, b" " * (SMALL + 1), (413, "too-large"), id="large"),
+        pytest.param(SMALL, b" " * SMALL, (400, "malformed-request"), id="just not too large"),
+    ],
+)
+def test_what_is_no_upload_is_short_and_quick(
+    length: int, body: bytes, expected: tuple[int, str], small: Small
+) -> None:
+    with small.connect() as connection:
+        connection.sendall(small.head(TOKENS, JSON, f"Content-Length: {length}") + body)
+        assert reply_on(connection) == expected
+
+
+def test_headers_without_end_are_cut_short(small: Small) -> None:
+    with small.connect() as connection:
+        connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: server\r\n")
+        for _ in range(4):
+            connection.sendall(b"X-More: " + b"x" * 8000)
+            sleep(0.05)
+        assert reply_on(connection)[0] == 400
+
+
+def test_what_is_no_http_is_told_so(small: Small) -> None:
+    with small.connect() as connection:
+        connection.sendall(b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" * 9)
+        assert reply_on(connection)[0] == 400
+
+
+def test_a_connection_goes_on_after_head(small: Small) -> None:
+    with httpx.Client(base_url=f"http://127.0.0.1:{small.port}") as client:
+        statuses = [
+            client.request(method, path).status_code
+            for path in ("/healthz", "/api/v1/openapi.json", "/api/v1/me")
+            for method in ("HEAD", "GET")
+        ]
+    assert statuses == [200, 200, 200, 200, 401, 401]
+
+
+def test_uploads_wait_for_their_turn_and_too_many_are_sent_away(small: Small) -> None:
+    head = small.upload(f"Content-Length: {len(GOOD)}")
+    with small.connect() as first, small.connect() as second, small.connect() as third:
+        first.sendall(head + GOOD[:1])
+        wait_until_held(small)
+        second.sendall(head + GOOD)
+        sleep(0.5)
+        third.sendall(head + GOOD)
+        assert reply_on(third) == (503, "busy")
+        first.sendall(GOOD[1:])
+        assert {reply_on(first)[0], reply_on(second)[0]} <= {200, 201}
+
+
+def wait_until_held(small: Small) -> None:
+    """Wait until an upload that was just begun is surely the one that is held."""
+    with small.connect() as other:
+        for _ in range(3):
+            other.sendall(small.head("/api/v1/me", method="GET"))
+            assert reply_on(other)[0] == 200
+    sleep(0.1)
+
+
+def test_nobody_waits_for_the_slow_longer_than_they_may_take(small: Small) -> None:
+    head = small.upload(f"Content-Length: {len(GOOD)}")
+    with small.connect() as slow, small.connect() as patient:
+        slow.sendall(head + GOOD[:1])
+        patient.sendall(head + GOOD)
+        assert reply_on(slow) == (408, "too-slow")
+        assert reply_on(patient)[0] in {200, 201, 503}
+    with small.connect() as later:
+        later.sendall(head + GOOD)
+        assert reply_on(later)[0] in {200, 201}
+
+
+def test_whoever_hangs_up_leaves_the_place_to_others(small: Small) -> None:
+    for _ in range(3):
+        with small.connect() as connection:
+            connection.sendall(small.upload("Content-Length: 100") + b"[")
+            wait_until_held(small)
+    with small.connect() as connection:
+        connection.sendall(small.upload(f"Content-Length: {len(GOOD)}") + GOOD)
+        assert reply_on(connection)[0] in {200, 201}
+    assert len(hung_up(small, "/api/v1/splits/{split}/submissions")) == 3
+
+
+def hung_up(small: Small, route: str) -> Sequence[Mapping[str, Any]]:
+    """Return what the log says of requests of a route whose senders were gone before the reply."""
+    lines = [json.loads(line) for line in small.log.read_text().splitlines()]
+    gone = [line for line in lines if line.get("outcome") == "hung-up"]
+    return [line for line in gone if line["route"] == route]
+
+
+def test_whoever_hangs_up_before_the_end_of_their_json_gets_no_reply(small: Small) -> None:
+    with small.connect() as connection:
+        connection.sendall(small.head(TOKENS, JSON, "Content-Length: 100") + b"{")
+        wait_until_held(small)
+    wait_until_held(small)
+    assert [line["status"] for line in hung_up(small, TOKENS)] == [None]
+
+
+def test_nothing_of_all_that_was_a_fault(small: Small) -> None:
+    lines = [json.loads(line) for line in small.log.read_text().splitlines()]
+    assert [line for line in lines if line["level"] == "error" or "fault" in line] == []
+    assert [line for line in lines if line.get("status") == 500] == []
+
+
+@dataclass(frozen=True)
+class Impatient:
+    """A server in this process, with little patience, that can tell who is connected to it."""
+
+    server: uvicorn.Server
+    port: int
+
+    def connect(self, *, room: int = 1 << 16) -> socket.socket:
+        """Open a connection, on which so many bytes may come that nobody reads."""
+        connection = socket.socket()
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, room)
+        connection.settimeout(PATIENCE)
+        connection.connect(("127.0.0.1", self.port))
+        return connection
+
+    def wait_until_closed(self) -> None:
+        """Wait until nobody is connected any more."""
+        for _ in range(20 * PATIENCE):
+            if not self.server.server_state.connections:
+                return
+            sleep(0.05)
+        pytest.fail("the connection is still open")
+
+
+@pytest.fixture
+def impatient(server: Serving, monkeypatch: pytest.MonkeyPatch) -> Iterator[Impatient]:
+    """Serve to sockets in this process; the network takes little that is not read."""
+    monkeypatch.setattr(patience, "SECONDS_FOR_HEADERS", 0.3)
+    monkeypatch.setattr(patience, "SECONDS_FOR_REPLY", 0.3)
+    monkeypatch.setattr(run, "LOGGING", None)  # the logs of this process are pytest's
+    listening = listen("127.0.0.1", 0)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 14)
+    running = uvicorn.Server(run.configuration(create_app(server.state)))
+    thread = threading.Thread(target=running.run, kwargs={"sockets": [listening]})
+    thread.start()
+    yield Impatient(running, listening.getsockname()[1])
+    running.should_exit = True
+    thread.join()
+
+
+@pytest.mark.parametrize(
+    ("sent", "then"),
+    [
+        pytest.param(b"", b"", id="nothing"),
+        pytest.param(b"GET / HTTP/1.1\r\nHost:", b"x", id="headers letter by letter"),
+        pytest.param(
+            b"POST /api/v1/splits/test/validate HTTP/1.1\r\nHost: x\r\nContent-Length: 999\r\n\r\n",
+            b"x",
+            id="a body after its reply",
+        ),
+        pytest.param(
+            b"GET /nothing HTTP/1.1\r\nHost: x\r\n\r\nGET ", b"x", id="a second request's headers"
+        ),
+    ],
+)
+def test_a_connection_that_sends_no_request_is_closed(
+    sent: bytes, then: bytes, impatient: Impatient
+) -> None:
+    with impatient.connect() as connection:
+        connection.sendall(sent)
+        connection.settimeout(0.05)
+        for _ in range(20 * PATIENCE):
+            try:
+                if not connection.recv(1 << 16):
+                    return
+                continue
+            except TimeoutError:
+                pass
+            except ConnectionResetError:
+                return
+            try:
+                connection.sendall(then)
+            except (BrokenPipeError, ConnectionResetError):
+                return
+    pytest.fail("the connection is still open")
+
+
+def unread(impatient: Impatient, head: bytes) -> bytes:
+    """Ask for something, wait until nobody is connected, and return what had come until then."""
+    with impatient.connect(room=1 << 12) as connection:
+        connection.sendall(head + b"Host: server\r\n\r\n")
+        assert connection.recv(12) == b"HTTP/1.1 200"
+        impatient.wait_until_closed()
+        received = b""
+        with suppress(ConnectionResetError):
+            while piece := connection.recv(1 << 16):
+                received += piece
+    return received
+
+
+def test_a_reply_that_nobody_takes_is_given_up(impatient: Impatient, server: Serving) -> None:
+    whole = server.client.get("/api/v1/openapi.json").content
+    assert len(unread(impatient, b"GET /api/v1/openapi.json HTTP/1.1\r\n")) < len(whole)
+
+
+def test_a_file_that_nobody_takes_is_given_up(impatient: Impatient, server: Serving) -> None:
+    content = GOOD + b" " * 2 * MEBIBYTE
+    submission = server.upload(OWNER, content).json()["submission"]["id"]
+    shown = f"Authorization: Bearer {server.tokens[OWNER]}"
+    path = f"/api/v1/submissions/{submission}/file"
+    came = unread(impatient, f"GET {path} HTTP/1.1\r\n{shown}\r\n".encode())
+    assert len(came) < len(content)
+
+
+def test_nothing_more_is_awaited_of_a_request_that_is_being_answered() -> None:
+    scope: Scope = {"type": "http"}
+
+    async def hang_up() -> Message:
+        await asyncio.sleep(0.01)
+        return {"type": "http.disconnect"}
+
+    async def app(scope: Scope, receive: Receive, _: Send) -> None:
+        exchange_of(scope).status = 200
+        assert (await receive())["type"] == "http.disconnect"
+
+    begin(scope)
+    asyncio.run(BodyLimits(app, seconds=0)(scope, hang_up, AsyncMock()))

@@ -1,0 +1,104 @@
+"""The banner and the pause, changed while the server runs."""
+
+from pathlib import Path
+
+import httpx
+import pytest
+
+from reverie_eval.server.service.audit import entries
+from tests.support.serving import (
+    GOOD,
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    OpenServer,
+    Serving,
+    settings_of,
+)
+
+BANNER = "Down until 14:00 UTC."
+
+
+def post(server: Serving, banner: str = "", *, paused: bool = False) -> httpx.Response:
+    said = {"banner": banner, "paused": paused}
+    return server.ask(ORGANISER, "PUT", "/organiser/notice", json=said)
+
+
+def shown(server: Serving) -> tuple[str, bool]:
+    said = server.ask(None, "GET", "/server").json()
+    return said["banner"], said["paused"]
+
+
+def test_before_the_first_the_settings_hold(server: Serving) -> None:
+    said = server.ask(ORGANISER, "GET", "/organiser/notice").json()
+    assert said == {"banner": "", "paused": False, "posted_by": None, "created_at": None}
+
+
+def test_the_latest_holds_at_once_and_is_written_down(server_on: Serving) -> None:
+    posted = post(server_on, f" {BANNER} ", paused=True).json()
+    assert posted == {
+        "banner": BANNER,
+        "paused": True,
+        "posted_by": ORGANISER,
+        "created_at": "2026-03-02T12:00:00Z",
+    }
+    assert shown(server_on) == (BANNER, True)
+    post(server_on)
+    assert shown(server_on) == ("", False)
+    with server_on.state.database.reading() as session:
+        found = [entry.details for entry in entries(session) if entry.action == "notice posted"]
+    assert found == [{"banner": BANNER, "paused": True}, {"banner": "", "paused": False}]
+
+
+@pytest.mark.parametrize(
+    ("settled", "posted", "expected"),
+    [
+        pytest.param(("", False), ("B", True), ("B", True), id="nothing settled"),
+        pytest.param(("A", False), ("B", False), ("B", False), id="another banner"),
+        pytest.param(("A", False), ("", False), ("A", False), id="no banner"),
+        pytest.param(("A", True), ("B", False), ("B", True), id="the settings' pause stays"),
+        pytest.param(("A", True), ("B", True), ("B", True), id="both pause"),
+    ],
+)
+def test_a_notice_stands_above_the_settings(
+    settled: tuple[str, bool],
+    posted: tuple[str, bool],
+    expected: tuple[str, bool],
+    folder: Path,
+    open_server: OpenServer,
+) -> None:
+    banner, paused = settled
+    settings = settings_of(folder).model_copy(update={"banner": banner, "paused": paused})
+    server = open_server(settings)
+    assert shown(server) == settled
+    post(server, posted[0], paused=posted[1])
+    assert shown(server) == expected
+
+
+def test_a_pause_stops_uploads_and_nothing_else(server: Serving) -> None:
+    assert server.upload(OWNER).status_code == 201
+    post(server, BANNER, paused=True)
+    refused = server.upload(OTHER, server.distinct())
+    assert (refused.status_code, refused.json()["code"]) == (409, "not-open")
+    assert refused.json()["detail"] == f"the organiser has paused submissions: {BANNER}"
+    assert server.upload(OWNER).status_code == 200
+    assert server.ask(OTHER, "POST", f"/splits/{OPEN}/validate", content=GOOD).status_code == 200
+    post(server)
+    assert server.upload(OTHER, server.distinct()).status_code == 201
+
+
+def test_it_holds_after_a_restart(server: Serving, folder: Path, open_server: OpenServer) -> None:
+    post(server, BANNER, paused=True)
+    assert shown(open_server(settings_of(folder), server.tokens)) == (BANNER, True)
+
+
+@pytest.mark.parametrize("banner", ["two\nlines", "x" * 501, "\u202eback"])
+def test_a_banner_is_a_line(banner: str, server: Serving) -> None:
+    assert post(server, banner).status_code == 400
+    assert shown(server) == ("", False)
+
+
+def test_pages_show_it_escaped(server: Serving) -> None:
+    post(server, "<b>Down</b>")
+    assert "&lt;b&gt;Down&lt;/b&gt;" in server.client.get("/sign-in").text

@@ -1,0 +1,319 @@
+"""Teams, persons and tokens; invitations; what the organiser gives, and what is written down."""
+
+import hashlib
+import re
+import secrets
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime, timedelta
+from typing import Any
+
+import httpx
+import pytest
+from sqlalchemy import delete, select, update
+
+from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
+from reverie_eval.server.service.audit import broken_links, entries, record
+from reverie_eval.server.service.people import Minted, add_person, add_team, mint, revoke
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import AuditEntry, Token, TokenKind
+from tests.support.description import Description
+from tests.support.serving import NOON, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+
+TOMORROW = NOON + timedelta(days=1)
+
+
+def minted(
+    server: Serving, kind: TokenKind = "access", expires_at: datetime | None = None
+) -> Minted:
+    """Make a token of the owner's."""
+    with server.state.database.writing() as session:
+        owner = session.merge(server.person(OWNER))
+        return mint(session, owner, kind, now=NOON, actor="test", expires_at=expires_at)
+
+
+def status_of(server: Serving, token: str) -> int:
+    headers = {"Authorization": f"Bearer {token}"}
+    return server.client.get("/api/v1/me", headers=headers).status_code
+
+
+def accept(server: Serving, invitation: str) -> httpx.Response:
+    return server.ask(None, "POST", "/tokens", json={"invitation": invitation})
+
+
+def test_a_token_is_long_and_of_a_form_of_its_own(server: Serving) -> None:
+    texts = {minted(server).text for _ in range(20)}
+    assert len(texts) == 20
+    assert all(re.fullmatch(r"rv_[\w-]{43}", text) for text in texts)  # 32 bytes in base64
+
+
+def test_only_a_token_s_digest_is_kept(server: Serving) -> None:
+    made = minted(server)
+    with server.state.database.reading() as session:
+        row = session.scalars(select(Token).where(Token.hint == made.text[:11])).one()
+        log = str([(entry.details, entry.subject) for entry in entries(session)])
+    assert row.digest == hashlib.sha256(made.text.encode()).hexdigest()
+    kept = " ".join(str(value) for value in vars(row).values()) + log
+    assert made.text[11:] not in kept
+
+
+def test_digests_are_compared_in_constant_time(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compared = []
+
+    def compare(left: str, right: str) -> bool:
+        compared.append({left, right})
+        return False
+
+    monkeypatch.setattr(secrets, "compare_digest", compare)
+    assert status_of(server, server.tokens[OWNER]) == 401
+    assert compared == [{hashlib.sha256(server.tokens[OWNER].encode()).hexdigest()}]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [
+        pytest.param(24 * 3600 - 1, 200, id="a second before"),
+        pytest.param(24 * 3600, 401, id="at its end"),
+        pytest.param(48 * 3600, 401, id="after"),
+    ],
+)
+def test_a_token_expires(server: Serving, seconds: float, expected: int) -> None:
+    access, invitation = (minted(server, kind, TOMORROW) for kind in ("access", "invite"))
+    server.clock.turn(seconds=seconds)
+    assert status_of(server, access.text) == expected
+    assert accept(server, invitation.text).status_code == (201 if expected == 200 else 401)
+
+
+def test_a_revoked_token_is_worth_nothing_and_others_are(server: Serving) -> None:
+    one, other = minted(server), minted(server)
+    with server.state.database.writing() as session:
+        revoke(session, one.token.hint, now=NOON, actor="test")
+    assert [status_of(server, one.text), status_of(server, other.text)] == [401, 200]
+
+
+def test_an_invitation_is_turned_into_a_token_once(server: Serving) -> None:
+    invitation = minted(server, "invite").text
+    first, second = accept(server, invitation), accept(server, invitation)
+    assert (first.status_code, second.status_code) == (201, 401)
+    said = first.json()
+    assert (said["person"], said["team"]) == (OWNER, "Blue")
+    assert status_of(server, said["token"]) == 200
+    assert status_of(server, invitation) == 401
+
+
+def test_an_invitation_that_was_revoked_is_none(server: Serving) -> None:
+    invitation = minted(server, "invite")
+    with server.state.database.writing() as session:
+        revoke(session, invitation.token.hint, now=NOON, actor="test")
+    assert accept(server, invitation.text).status_code == 401
+
+
+def test_of_many_who_accept_an_invitation_at_once_one_gets_a_token(server_on: Serving) -> None:
+    invitation = minted(server_on, "invite").text
+    with ThreadPoolExecutor(8) as pool:
+        replies = list(pool.map(lambda _: accept(server_on, invitation), range(8)))
+    assert sorted(reply.status_code for reply in replies) == [201] + 7 * [401]
+
+
+NAMES = ["", "  ", "x" * 101, "two\nlines", "a\x00b", "a\u202eb", "a\u200bb", "a\u00a0b", "\ud800"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_no_name(server: Serving, name: str) -> None:
+    with (
+        server.state.database.writing() as session,
+        pytest.raises(MalformedError, match="is no name of a team"),
+    ):
+        add_team(session, name, now=NOON, actor="test")
+
+
+def test_names_that_look_alike_are_alike(server: Serving) -> None:
+    with server.state.database.writing() as session:
+        add_team(session, "E\u0301quipe", now=NOON, actor="test")
+        with pytest.raises(ConflictError, match="there is a team"):
+            add_team(session, " \u00c9quipe ", now=NOON, actor="test")
+
+
+def test_nobody_is_added_twice_or_to_no_team(server: Serving) -> None:
+    with server.state.database.writing() as session:
+        for team, error in (("Red", ConflictError), ("Nobody's", NotFoundError)):
+            with pytest.raises(error):
+                add_person(session, team, OWNER, "participant", now=NOON, actor="test")
+
+
+def organise(server: Serving, path: str, said: Any, status: int = 201) -> Any:
+    """Let the organiser add something."""
+    reply = server.ask(ORGANISER, "POST", f"/organiser/{path}", json=said)
+    Description(server).check(reply)
+    assert reply.status_code == status, reply.text
+    return reply.json()
+
+
+def test_an_organiser_brings_a_team_in_without_the_command_line(server: Serving) -> None:
+    organise(server, "teams", {"name": "Green"})
+    organise(server, "people", {"team": "Green", "name": "Dora"})
+    made = organise(server, "tokens", {"person": "Dora", "expires_at": "2026-04-01T00:00:00Z"})
+    token = accept(server, made["token"]).json()["token"]
+    headers = {"Authorization": f"Bearer {token}"}
+    upload = server.client.post(
+        f"/api/v1/splits/{OPEN}/submissions?name=x", content=server.distinct(), headers=headers
+    )
+    assert upload.status_code == 201
+
+    def listed(what: str) -> list[Any]:
+        items: list[Any] = server.ask(ORGANISER, "GET", f"/organiser/{what}").json()
+        return items
+
+    assert [team["name"] for team in listed("teams")] == ["Blue", "Green", "Organisers", "Red"]
+    assert next(team for team in listed("teams") if team["name"] == "Green")["people"] == ["Dora"]
+    assert {person["name"]: person["role"] for person in listed("people")}["Dora"] == "participant"
+    hints = {item["hint"]: item["kind"] for item in listed("tokens") if item["person"] == "Dora"}
+    assert hints == {made["token"][:11]: "invite", token[:11]: "access"}
+    assert made["token"][11:] not in str(listed("tokens"))
+
+    server.ask(ORGANISER, "DELETE", f"/organiser/tokens/{token[:11]}")
+    assert status_of(server, token) == 401
+    assert [(entry["actor"], entry["action"]) for entry in listed("audit")[-6:]] == [
+        (ORGANISER, "team added"),
+        (ORGANISER, "person added"),
+        (ORGANISER, "invite token minted"),
+        ("Dora", "access token minted"),
+        ("Dora", "submitted"),
+        (ORGANISER, "token revoked"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("path", "said", "status"),
+    [
+        ("teams", {"name": "Blue"}, 409),
+        ("teams", {"name": "a\u202eb"}, 400),
+        ("people", {"team": "Blue", "name": OTHER}, 409),
+        ("people", {"team": "Nobody's", "name": "Dora"}, 404),
+        ("people", {"team": "Blue", "name": "Dora", "role": "king"}, 400),
+        ("tokens", {"person": "Nobody"}, 404),
+        ("tokens", {"person": OWNER, "kind": "session"}, 400),
+    ],
+)
+def test_what_an_organiser_cannot_add(server: Serving, path: str, said: Any, status: int) -> None:
+    before = server.ask(ORGANISER, "GET", "/organiser/audit").text
+    organise(server, path, said, status)
+    assert server.ask(ORGANISER, "GET", "/organiser/audit").text == before
+
+
+GRANT = {
+    "team": "Blue",
+    "split": PRIVATE,
+    "extra": 3,
+    "reason": "our disk was full",
+    "expires_at": "2026-03-03T12:00:00Z",
+}
+
+
+def left(server: Serving, who: str) -> int:
+    remaining: int = server.ask(who, "GET", f"/splits/{PRIVATE}").json()["quota"]["remaining"]
+    return remaining
+
+
+def test_a_grant_raises_a_team_s_quota_until_a_date_and_says_why(server: Serving) -> None:
+    given = organise(server, "grants", GRANT)
+    assert given == {**GRANT, "created_at": "2026-03-02T12:00:00Z"}
+    assert server.ask(ORGANISER, "GET", "/organiser/grants").json() == [given]
+    assert [left(server, who) for who in (OWNER, "Ben", OTHER)] == [5, 5, 2]
+    last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
+    assert (last["actor"], last["action"], last["subject"]) == (ORGANISER, "granted", "Blue")
+    assert last["details"]["reason"] == "our disk was full"
+    server.clock.turn(hours=24)
+    assert left(server, OWNER) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        pytest.param({"extra": 0}, 400, id="nothing"),
+        pytest.param({"extra": -1}, 400, id="less than nothing"),
+        pytest.param({"extra": 10**30}, 400, id="more than a database can count"),
+        pytest.param({"reason": ""}, 400, id="no reason"),
+        pytest.param({"reason": "  "}, 400, id="a blank reason"),
+        pytest.param({"reason": "two\nlines"}, 400, id="a reason of two lines"),
+        pytest.param({"expires_at": "2026-03-02T12:00:00Z"}, 400, id="for no time"),
+        pytest.param({"expires_at": None}, 400, id="for ever"),
+        pytest.param({"team": "Nobody's"}, 404, id="to no team"),
+        pytest.param({"split": "nothing"}, 404, id="for no split"),
+    ],
+)
+def test_a_grant_that_is_none(server: Serving, change: Any, status: int) -> None:
+    organise(server, "grants", {**GRANT, **change}, status)
+    assert server.ask(ORGANISER, "GET", "/organiser/grants").json() == []
+
+
+@pytest.mark.parametrize("kind", ["access", "invite"])
+@pytest.mark.parametrize(
+    ("seconds", "status"),
+    [
+        pytest.param(-1, 400, id="before now"),
+        pytest.param(0, 400, id="now"),
+        pytest.param(1, 201, id="after now"),
+    ],
+)
+def test_no_token_is_made_that_is_worth_nothing(
+    server: Serving, kind: str, seconds: int, status: int
+) -> None:
+    ends = (server.clock() + timedelta(seconds=seconds)).isoformat()
+    asked = {"person": OWNER, "kind": kind, "expires_at": ends}
+    said = organise(server, "tokens", asked, status)
+    assert status == 201 or said["detail"].startswith("it would have expired already")
+
+
+def test_the_audit_log_is_read_in_pages(server: Serving) -> None:
+    everything = server.ask(ORGANISER, "GET", "/organiser/audit").json()
+    read: list[Any] = []
+    while page := server.ask(
+        ORGANISER, "GET", f"/organiser/audit?limit=3&after={read[-1]['id'] if read else 0}"
+    ).json():
+        assert len(page) <= 3
+        read += page
+    assert read == everything
+    assert len(everything) > 6
+
+
+def test_the_audit_log_says_who_changed_what(server: Serving) -> None:
+    submission = server.upload(OWNER).json()["submission"]["id"]
+    said = {"published": True, "method": {"name": "Runner"}}
+    server.ask(OWNER, "PATCH", f"/submissions/{submission}", json=said)
+    last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
+    assert (last["actor"], last["action"], last["subject"]) == (OWNER, "changed", submission)
+    assert last["details"] == said
+
+
+# What somebody does to the log behind the server's back, and where the chain is broken then.
+TAMPERINGS = [
+    pytest.param(update(AuditEntry).values(actor="Eve").where(AuditEntry.id == 2), [2], id="actor"),
+    pytest.param(update(AuditEntry).values(action="x").where(AuditEntry.id == 2), [2], id="action"),
+    pytest.param(
+        update(AuditEntry).values(details={"extra": 9}).where(AuditEntry.id == 3), [3], id="details"
+    ),
+    pytest.param(update(AuditEntry).values(at=TOMORROW).where(AuditEntry.id == 1), [1], id="time"),
+    pytest.param(
+        update(AuditEntry).values(digest="0" * 64).where(AuditEntry.id == 2), [2, 3], id="digest"
+    ),
+    pytest.param(delete(AuditEntry).where(AuditEntry.id == 2), [3], id="an entry less"),
+    pytest.param(delete(AuditEntry).where(AuditEntry.id == 1), [2], id="the first less"),
+]
+
+
+@pytest.mark.parametrize(("tampering", "expected"), TAMPERINGS)
+def test_what_was_changed_in_the_log_is_found(
+    database: str, tampering: Any, expected: list[int]
+) -> None:
+    opened = Database(database)
+    with opened.writing() as session:
+        for number in range(4):
+            record(session, NOON, "Olga", "granted", "Blue", extra=number, reason="Ä")
+        assert list(broken_links(session)) == []
+    with opened.writing() as session:
+        session.execute(tampering)
+    with opened.reading() as session:
+        assert list(broken_links(session)) == expected
+    opened.close()

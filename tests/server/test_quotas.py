@@ -1,0 +1,351 @@
+"""Quotas: what is left for a team and a person, when there will be more, and what costs nothing."""
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sqlalchemy import func, select
+
+from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.grants import grant
+from reverie_eval.server.service.quotas import WINDOWS, QuotaUsage
+from reverie_eval.server.settings import Quota
+from reverie_eval.server.store.tables import Submission, Team
+from tests.support.serving import (
+    BROKEN,
+    GOOD,
+    MATE,
+    NOON,
+    OPEN,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
+
+QUOTA = Quota(day=2, month=4, year=6)
+HOUR, DAY = 1, 24
+
+
+def before(hours: Sequence[float]) -> Sequence[datetime]:
+    """Return so many hours before noon, the oldest first."""
+    return sorted(NOON - timedelta(hours=each) for each in hours)
+
+
+def later(instant: datetime | None) -> float | None:
+    """Return how many hours after noon it is."""
+    return None if instant is None else (instant - NOON) / timedelta(hours=1)
+
+
+@pytest.mark.parametrize(
+    ("team", "person", "left", "hours_to_more", "hours_to_next"),
+    [
+        pytest.param([], [], (2, 4, 6), (None, None, None), None, id="nothing used"),
+        pytest.param([1], [1], (1, 3, 5), (23, 719, 8759), None, id="one, an hour ago"),
+        pytest.param([3, 1], [3, 1], (0, 2, 4), (21, 717, 8757), 21, id="the day's two"),
+        pytest.param([25, 1], [1], (1, 2, 4), (23, 695, 8735), None, id="one of them a day old"),
+        pytest.param([24], [24], (2, 3, 5), (None, 696, 8736), None, id="24 hours old to the tick"),
+        pytest.param([23.999], [23.999], (1, 3, 5), (0.001, 696.001, 8736.001), None, id="nearly"),
+        pytest.param([720], [720], (2, 4, 5), (None, None, 8040), None, id="30 days to the tick"),
+        pytest.param(
+            [8760], [8760], (2, 4, 6), (None, None, None), None, id="365 days to the tick"
+        ),
+        pytest.param(
+            [700, 600, 500, 400], [], (2, 0, 2), (None, 20, 8060), 20, id="the month's four"
+        ),
+        pytest.param(
+            [8000, 7000, 6000, 5000, 4000, 3000],
+            [],
+            (2, 4, 0),
+            (None, None, 760),
+            760,
+            id="the year's six",
+        ),
+        pytest.param(
+            [700, 600, 2, 1], [], (0, 0, 2), (22, 20, 8060), 22, id="day and month: the later one"
+        ),
+        pytest.param(
+            [719, 718, 717, 716, 1],
+            [],
+            (1, 0, 1),
+            (23, 2, 8041),
+            2,
+            id="more than allowed since: two have to leave",
+        ),
+        pytest.param([1], [], (1, 3, 5), (23, 719, 8759), None, id="a team mate's"),
+        pytest.param([], [1], (1, 3, 5), (23, 719, 8759), None, id="the person's in another team"),
+        pytest.param([5], [3, 1], (0, 2, 4), (21, 717, 8757), 21, id="the person has used more"),
+        pytest.param([5, 4], [4, 1], (0, 2, 4), (20, 716, 8756), 20, id="both have: one of each"),
+        pytest.param([-48], [-48], (1, 3, 5), (72, 768, 8808), None, id="the clock ran back"),
+    ],
+)
+def test_what_is_left(
+    team: Sequence[float],
+    person: Sequence[float],
+    left: Sequence[int],
+    hours_to_more: Sequence[float | None],
+    hours_to_next: float | None,
+) -> None:
+    state = QuotaUsage(QUOTA, [before(team), before(person)], []).state(NOON)
+    assert [window.name for window in state.windows] == ["day", "month", "year"]
+    assert [window.limit for window in state.windows] == [2, 4, 6]
+    assert [window.remaining for window in state.windows] == list(left)
+    assert [later(window.resets_at) for window in state.windows] == pytest.approx(
+        list(hours_to_more)
+    )
+    assert state.remaining == min(left)
+    assert later(state.next_at) == hours_to_next
+
+
+@pytest.mark.parametrize(
+    ("grants", "limits", "left", "hours_to_next"),
+    [
+        pytest.param([(3, 5)], (5, 7, 9), (3, 5, 7), None, id="three more for five hours"),
+        pytest.param([(3, 5), (1, 1)], (6, 8, 10), (4, 6, 8), None, id="two grants"),
+        pytest.param([(3, 0)], (2, 4, 6), (0, 2, 4), 21, id="it ends now"),
+        pytest.param([(3, -9)], (2, 4, 6), (0, 2, 4), 21, id="it has ended"),
+    ],
+)
+def test_what_a_grant_adds_while_it_lasts(
+    grants: Sequence[tuple[int, float]],
+    limits: Sequence[int],
+    left: Sequence[int],
+    hours_to_next: float | None,
+) -> None:
+    received = before([3, 1])
+    lasting = [(extra, NOON + timedelta(hours=hours)) for extra, hours in grants]
+    state = QuotaUsage(QUOTA, [received, received], lasting).state(NOON)
+    assert [window.limit for window in state.windows] == list(limits)
+    assert [window.remaining for window in state.windows] == list(left)
+    assert later(state.next_at) == hours_to_next
+
+
+def test_when_there_is_more_counts_that_a_grant_has_ended_by_then() -> None:
+    received = before([3, 2, 1])
+    usage = QuotaUsage(QUOTA, [received, received], [(1, NOON + timedelta(hours=20))])
+    assert later(usage.state(NOON).next_at) == 22  # at 21 there are two, of two
+
+
+@pytest.mark.parametrize(
+    ("quota", "received"),
+    [
+        pytest.param(Quota(day=0), [], id="none in a day"),
+        pytest.param(Quota(year=0), [1], id="none in a year"),
+    ],
+)
+def test_of_nothing_there_is_never_more(quota: Quota, received: Sequence[float]) -> None:
+    state = QuotaUsage(quota, [before(received), []], []).state(NOON)
+    assert (state.remaining, state.next_at) == (0, None)
+
+
+UNIT = timedelta(hours=12)
+_whens = st.lists(st.integers(-1, 750), max_size=8)
+_grants = st.lists(st.tuples(st.integers(1, 3), st.integers(-2, 800)), max_size=3)
+
+
+@given(_whens, _whens, _grants, st.lists(st.integers(0, 4), min_size=3, max_size=3))
+def test_quotas_agree_with_counting_every_half_day(
+    team: Sequence[int],
+    person: Sequence[int],
+    grants: Sequence[tuple[int, int]],
+    limits: Sequence[int],
+) -> None:
+    """Everything happens at whole half days, so looking at each of them misses nothing."""
+
+    def left(window: int, at: int) -> int:
+        length, limit = ((2, 60, 730)[window], limits[window])
+        used = [len([ago for ago in whose if at + ago < length]) for whose in (team, person)]
+        more = sum(extra for extra, until in grants if until > at)
+        return max(0, limit + more - max(used))
+
+    def first_rise(windows: Sequence[int]) -> int | None:
+        now = min(left(window, 0) for window in windows)
+        rises = (at for at in range(1, 740) if min(left(window, at) for window in windows) > now)
+        return next(rises, None)
+
+    received = [sorted(NOON - ago * UNIT for ago in whose) for whose in (team, person)]
+    until = [(extra, NOON + ends * UNIT) for extra, ends in grants]
+    quota = Quota(**dict(zip(WINDOWS, limits, strict=True)))
+    state = QuotaUsage(quota, received, until).state(NOON)
+
+    def units(instant: datetime | None) -> float | None:
+        return None if instant is None else (instant - NOON) / UNIT
+
+    assert [window.remaining for window in state.windows] == [left(each, 0) for each in range(3)]
+    assert [units(window.resets_at) for window in state.windows] == [
+        first_rise([each]) for each in range(3)
+    ]
+    expected = None if state.remaining else first_rise(range(3))
+    assert units(state.next_at) == expected
+
+
+@pytest.fixture
+def narrow(folder: Path, open_server: OpenServer) -> Serving:
+    """Return a server whose open split has the quota of the tables above."""
+    return open_server(adjusted(settings_of(folder), OPEN, quota=QUOTA))
+
+
+def quota_of(server: Serving, who: str, split: str = OPEN) -> dict[str, Any]:
+    quota: dict[str, Any] = server.ask(who, "GET", f"/splits/{split}").json()["quota"]
+    return quota
+
+
+def rows(server: Serving) -> int:
+    with server.state.database.reading() as session:
+        return session.scalar(select(func.count()).select_from(Submission)) or 0
+
+
+def test_a_third_upload_in_a_day_waits_until_the_first_is_24_hours_old(narrow: Serving) -> None:
+    assert narrow.upload(OWNER, narrow.distinct()).status_code == 201
+    narrow.clock.turn(hours=1)
+    assert narrow.upload(OWNER, narrow.distinct()).status_code == 201
+    refused = narrow.upload(OWNER, narrow.distinct())
+    assert refused.status_code == 429
+    assert refused.headers["Retry-After"] == str(23 * 3600)
+    problem = refused.json()
+    assert problem["code"] == "quota-spent"
+    assert problem["detail"].startswith(
+        "no submission is left; the next is possible from 2026-03-03T12:00:00+00:00"
+    )
+    assert problem["quota"]["next_at"] == "2026-03-03T12:00:00Z"
+    assert problem["quota"]["seconds_to_next"] == 23 * 3600
+    narrow.clock.turn(hours=23, microseconds=-1)
+    waiting = narrow.upload(OWNER, narrow.distinct())
+    assert (waiting.status_code, waiting.headers["Retry-After"]) == (429, "1")
+    narrow.clock.turn(microseconds=1)
+    assert narrow.upload(OWNER, narrow.distinct()).status_code == 201
+    assert rows(narrow) == 3
+
+
+def test_every_reply_to_an_upload_says_what_is_left(narrow: Serving) -> None:
+    first = narrow.upload(OWNER).json()
+    assert first["quota"] == {
+        "remaining": 1,
+        "next_at": None,
+        "seconds_to_next": 0,
+        "windows": [
+            {"name": "day", "limit": 2, "remaining": 1, "resets_at": "2026-03-03T12:00:00Z"},
+            {"name": "month", "limit": 4, "remaining": 3, "resets_at": "2026-04-01T12:00:00Z"},
+            {"name": "year", "limit": 6, "remaining": 5, "resets_at": "2027-03-02T12:00:00Z"},
+        ],
+    }
+    assert first["submission"]["receipt"]["quota"] == first["quota"]
+    assert quota_of(narrow, OWNER) == first["quota"]
+    second = narrow.upload(OWNER, narrow.distinct()).json()
+    assert second["quota"]["next_at"] == "2026-03-03T12:00:00Z"
+    repeat = narrow.upload(OWNER).json()
+    assert repeat["quota"] == second["quota"]
+    assert repeat["submission"]["receipt"]["quota"] == first["quota"]
+
+
+def test_a_team_shares_its_quota(narrow: Serving) -> None:
+    narrow.upload(OWNER, narrow.distinct())
+    narrow.upload(MATE, narrow.distinct())
+    assert narrow.upload(OWNER, narrow.distinct()).status_code == 429
+    assert narrow.upload(MATE, narrow.distinct()).status_code == 429
+    assert narrow.upload(OTHER, narrow.distinct()).status_code == 201
+
+
+def test_nobody_gains_by_changing_teams(narrow: Serving) -> None:
+    narrow.upload(OWNER, narrow.distinct())
+    narrow.upload(OWNER, narrow.distinct())
+    with narrow.state.database.writing() as session:
+        red = session.scalars(select(Team).where(Team.name == "Red")).one()
+        session.merge(narrow.person(OWNER)).team_id = red.id
+    assert narrow.upload(OWNER, narrow.distinct()).status_code == 429
+    assert narrow.upload(OTHER, narrow.distinct()).status_code == 201  # of the same team now
+
+
+def test_each_split_has_a_quota_of_its_own(narrow: Serving) -> None:
+    narrow.upload(OWNER, narrow.distinct())
+    narrow.upload(OWNER, narrow.distinct())
+    assert quota_of(narrow, OWNER)["remaining"] == 0
+    assert quota_of(narrow, OWNER, PRIVATE)["remaining"] == 2
+
+
+@pytest.mark.parametrize(("split", "limits"), [(PRIVATE, [2, 10, 40]), (OPEN, [200, 2000, 10000])])
+def test_what_a_split_allows_if_the_organiser_says_nothing(
+    split: str, limits: Sequence[int], folder: Path, open_server: OpenServer
+) -> None:
+    server = open_server(adjusted(settings_of(folder), split, quota=None))
+    assert [window["limit"] for window in quota_of(server, OWNER, split)["windows"]] == limits
+
+
+def test_what_is_withdrawn_counts(narrow: Serving) -> None:
+    for _ in range(2):
+        sent = narrow.upload(OWNER, narrow.distinct()).json()["submission"]["id"]
+        changed = narrow.ask(OWNER, "PATCH", f"/submissions/{sent}", json={"withdrawn": True})
+        assert changed.json()["status"] == "withdrawn"
+    assert narrow.upload(OWNER, narrow.distinct()).status_code == 429
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "said"),
+    [
+        pytest.param("POST", "/submissions", {"content": BROKEN}, id="a broken submission"),
+        pytest.param("POST", "/submissions", {"content": b"{"}, id="no JSON"),
+        pytest.param("POST", "/submissions", {"content": b"PK\3\4"}, id="no archive"),
+        pytest.param("POST", "/submissions", {"content": GOOD, "params": {}}, id="without a name"),
+        pytest.param("POST", "/validate", {"content": GOOD}, id="validating"),
+        pytest.param("POST", "/validate", {"content": BROKEN}, id="validating what is broken"),
+        pytest.param("GET", "", {}, id="looking"),
+    ],
+)
+def test_what_is_no_submission_costs_nothing(
+    narrow: Serving, method: str, path: str, said: Mapping[str, Any]
+) -> None:
+    untouched = quota_of(narrow, OWNER)
+    assert untouched["remaining"] == 2
+    for _ in range(3):
+        said = {"params": {"name": "Walker"}, **said}
+        reply = narrow.ask(OWNER, method, f"/splits/{OPEN}{path}", **said)
+        assert reply.status_code in {200, 400, 422}
+    assert quota_of(narrow, OWNER) == untouched
+    assert rows(narrow) == 0
+
+
+def test_validating_is_possible_when_nothing_is_left(narrow: Serving) -> None:
+    for _ in range(2):
+        narrow.upload(OWNER, narrow.distinct())
+    reply = narrow.ask(OWNER, "POST", f"/splits/{OPEN}/validate", content=GOOD)
+    assert (reply.status_code, reply.json()["valid"]) == (200, True)
+
+
+def test_a_grant_lets_a_team_submit_more_and_is_on_record(narrow: Serving) -> None:
+    for _ in range(2):
+        narrow.upload(OWNER, narrow.distinct())
+    with narrow.state.database.writing() as session:
+        grant(
+            session,
+            "Blue",
+            OPEN,
+            1,
+            splits=narrow.state.boards,
+            reason="our disk was full",
+            now=NOON,
+            expires_at=NOON + timedelta(hours=2),
+            actor="Olga",
+        )
+        assert [entry.action for entry in entries(session)][-1] == "granted"
+        assert entries(session)[-1].details["reason"] == "our disk was full"
+    assert quota_of(narrow, OTHER)["windows"][0]["limit"] == 2
+    assert narrow.upload(MATE, narrow.distinct()).json()["quota"]["windows"][0]["limit"] == 3
+    assert narrow.upload(OWNER, narrow.distinct()).status_code == 429
+    narrow.clock.turn(hours=2)
+    assert quota_of(narrow, OWNER)["windows"][0]["limit"] == 2
+    assert quota_of(narrow, OWNER)["remaining"] == 0
+
+
+def test_a_clock_that_runs_back_gives_nothing(narrow: Serving) -> None:
+    for _ in range(2):
+        narrow.upload(OWNER, narrow.distinct())
+    narrow.clock.turn(days=-3)
+    refused = narrow.upload(OWNER, narrow.distinct())
+    assert (refused.status_code, refused.headers["Retry-After"]) == (429, str(4 * 24 * 3600))

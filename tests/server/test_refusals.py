@@ -1,0 +1,284 @@
+"""What keeps an organiser's commands from what they are to do, each named with its remedy."""
+
+import shutil
+import socket
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from tests.support.flat import Run
+from tests.support.processes import Laptop
+
+SETTINGS = "reverie-eval.toml"
+
+
+def no_bundle(folder: Path) -> None:
+    (folder / "bundles" / "test.npz").unlink()
+
+
+def open_answers(folder: Path) -> None:
+    (folder / "bundles" / "test.npz").chmod(0o640)
+
+
+def open_key(folder: Path) -> None:
+    (folder / "signing-key.pem").chmod(0o644)
+
+
+def no_key(folder: Path) -> None:
+    (folder / "signing-key.pem").unlink()
+
+
+def no_database(folder: Path) -> None:
+    (folder / "server.db").unlink()
+
+
+def damaged_database(folder: Path) -> None:
+    (folder / "server.db").write_bytes(b"x" * 8192)
+
+
+def later_database(folder: Path) -> None:
+    with closing(sqlite3.connect(folder / "server.db")) as database, database:
+        database.execute("UPDATE alembic_version SET version_num = '9999'")
+
+
+def unknown_keys(folder: Path) -> None:
+    with (folder / SETTINGS).open("a") as settings:
+        settings.write("spead = 9\n[splits.train]\nvisability = 'open'\n")
+
+
+def default_secret(folder: Path) -> None:
+    settings = folder / SETTINGS
+    password = '"postgresql+psycopg://someone:postgres@localhost:1/none"'
+    settings.write_text(settings.read_text().replace('"sqlite:///server.db"', password))
+
+
+TROUBLES = [
+    pytest.param([no_bundle], ["reverie-eval compile"], id="no bundle"),
+    pytest.param([open_answers], ["chmod 600"], id="answers others can read"),
+    pytest.param([open_key], ["chmod 600"], id="key others can read"),
+    pytest.param([no_key], ["restore it from the backup"], id="no key"),
+    pytest.param([no_database], ["reverie-eval server upgrade"], id="no database"),
+    pytest.param([damaged_database], ["file is not a database"], id="damaged database"),
+    pytest.param([later_database], ["install the latest"], id="later version"),
+    pytest.param([default_secret], ["everybody tries first", "connection"], id="default secret"),
+    pytest.param(
+        [unknown_keys], ["spead: is no setting", "visability: is no setting"], id="unknown keys"
+    ),
+    pytest.param(
+        [no_bundle, open_key, later_database],
+        ["reverie-eval compile", "chmod 600", "install the latest"],
+        id="all at once",
+    ),
+]
+
+
+@pytest.mark.parametrize(("troubles", "told"), TROUBLES)
+def test_a_server_refuses_to_start_and_says_why(
+    troubles: list[Callable[[Path], object]], told: list[str], folder: Path, run: Run
+) -> None:
+    for trouble in troubles:
+        trouble(folder)
+    for command in ("check", "doctor"):
+        checked = run("server", command, str(folder))
+        assert checked.status == 1
+        assert [remedy for remedy in told if remedy not in checked.out] == []
+    served = run("serve", str(folder), "--port", "0")
+    assert (served.status, served.out) == (1, "")
+    assert [remedy for remedy in told if remedy not in served.err] == []
+
+
+def backup_of(folder: Path) -> Path:
+    """Return where every command's backup would be."""
+    return folder.with_name(f"{folder.name}.tar.gz")
+
+
+EVERY_COMMAND = [
+    "check {}",
+    "doctor {}",
+    "upgrade {}",
+    "audit {}",
+    "backup {0} -o {0}.tar.gz",
+    "team add {} Blue",
+    "team list {}",
+    "person add {} Ada --team Blue",
+    "person list {}",
+    "token add {} Ada",
+    "token list {}",
+    "token revoke {} rv_12345",
+    "team revoke {} Blue",
+    "person revoke {} Ada",
+    "invite {} Ada",
+    "grant {} Blue test 1 --reason why",
+]
+
+
+@pytest.mark.parametrize("command", EVERY_COMMAND)
+@pytest.mark.parametrize(
+    ("trouble", "told"),
+    [
+        pytest.param(shutil.rmtree, "reverie-eval server init", id="no folder"),
+        pytest.param(damaged_database, "file is not a database", id="damaged database"),
+        pytest.param(later_database, "install the latest reverie-eval", id="later version"),
+    ],
+)
+def test_every_command_says_what_keeps_it(
+    command: str, trouble: Callable[[Path], object], told: str, folder: Path, run: Run
+) -> None:
+    trouble(folder)
+    outcome = run("server", *command.format(folder).split())
+    assert outcome.status in (1, 2)
+    assert told in outcome.out + outcome.err
+    assert not backup_of(folder).exists()
+
+
+def test_a_locked_database_is_named(lab: str, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    from reverie_eval.server.store import database
+
+    impatient = [p.replace("30000", "10") for p in database._SQLITE_PRAGMAS]  # noqa: SLF001
+    monkeypatch.setattr(database, "_SQLITE_PRAGMAS", impatient)
+    with closing(sqlite3.connect(Path(lab) / "server.db")) as other:
+        other.execute("BEGIN IMMEDIATE")
+        outcome = run("server", "team", "add", lab, "Blue")
+        assert (outcome.status, outcome.out) == (2, "")
+        assert "database is locked" in outcome.err
+        assert run("server", "team", "list", lab).status == 0
+    assert run("server", "team", "add", lab, "Blue").status == 0
+
+
+def test_a_full_disk_is_named_and_leaves_nothing(laptop: Laptop) -> None:
+    """A limit on the size of files stands for the disk."""
+    limited = (
+        "import resource, sys\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))\n"
+        "from reverie_eval_cli.main import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    made = subprocess.run(
+        [sys.executable, "-c", limited, "server", "init", "lab"],
+        cwd=laptop.folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (made.returncode, made.stdout) == (2, "")
+    assert "Traceback" not in made.stderr
+    assert made.stderr.startswith("reverie-eval: ")
+    assert list(laptop.folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        pytest.param(("server", "init", "closed/lab"), "closed", id="init"),
+        pytest.param(("server", "backup", "lab", "-o", "closed/b"), "closed", id="backup"),
+        pytest.param(("server", "team", "add", "lab", "Blue"), "readonly", id="team add"),
+        pytest.param(("server", "upgrade", "lab"), "readonly", id="upgrade"),
+    ],
+)
+def test_a_read_only_folder_is_named(words: tuple[str, ...], told: str, laptop: Laptop) -> None:
+    laptop.run("server", "init", "lab")
+    (laptop.folder / "closed").mkdir(mode=0o500)
+    (laptop.folder / "lab" / "server.db").chmod(0o400)
+    (laptop.folder / "lab").chmod(0o500)
+    tried = laptop.like_anybody(*words)
+    (laptop.folder / "lab").chmod(0o700)
+    assert tried.status in (1, 2)
+    assert told in tried.err
+    assert "Traceback" not in tried.err
+
+
+def test_a_port_that_is_taken_is_named(lab: str, run: Run) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        served = run("serve", lab, "--port", str(port))
+    assert served.status == 2
+    assert f"cannot listen at 127.0.0.1, port {port}: address already in use" in served.err
+
+
+@pytest.mark.parametrize("port", ["65536", "-1", "http"])
+def test_what_is_no_port_is_refused(port: str, lab: str, run: Run) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        run("serve", lab, "--port", port)
+
+
+def test_a_database_s_password_is_never_shown(
+    folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    secret = "correct-horse"
+    address = f"postgresql+psycopg://someone:{secret}@127.0.0.1:1/none"
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", address)
+    for command in EVERY_COMMAND:
+        outcome = run("server", *command.format(folder).split())
+        assert outcome.status in (1, 2)
+        assert secret not in outcome.out + outcome.err
+
+
+def test_nor_the_password_of_its_key(
+    folder: Path,
+    postgresql: Callable[[], str],
+    run: Run,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", f"{postgresql()}&sslpassword=correct-horse")
+    assert run("server", "upgrade", str(folder)).status == 0
+    checked = run("server", "check", str(folder))
+    assert checked.status == 0
+    assert "postgresql+psycopg://" in checked.out
+    assert "correct-horse" not in checked.out
+
+
+def test_uploads_that_are_no_folder_are_named(folder: Path, run: Run) -> None:
+    (folder / "uploads").touch()
+    checked = run("server", "check", str(folder))
+    assert checked.status == 1
+    assert "uploads: Not a directory; name a folder that the server can write to" in checked.out
+
+
+def test_uploads_that_cannot_be_written_are_named(laptop: Laptop) -> None:
+    laptop.run("server", "init", "lab")
+    (laptop.folder / "lab" / "uploads").mkdir()
+    assert laptop.run("server", "check", "lab").status == 0
+    (laptop.folder / "lab" / "uploads").chmod(0o500)
+    checked = laptop.like_anybody("server", "check", "lab")
+    assert checked.status == 1
+    assert "uploads: Permission denied; name a folder that the server" in checked.out
+
+
+NO_STORE = "s3://kept: Could not connect to the endpoint URL"
+NO_BOTO3 = "pip install 'reverie-eval[s3]'"
+
+
+@pytest.fixture(params=[NO_STORE, NO_BOTO3], ids=["store is down", "boto3 is not there"])
+def no_store(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Set the uploads to a store that cannot be used, and return what is said of it."""
+    monkeypatch.setenv("REVERIE_EVAL_UPLOADS", "s3://kept")
+    monkeypatch.setenv("AWS_ENDPOINT_URL_S3", "http://127.0.0.1:1")
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "test")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "test")
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    if request.param == NO_BOTO3:
+        monkeypatch.setitem(sys.modules, "boto3", None)
+    told: str = request.param
+    return told
+
+
+def test_a_store_that_cannot_be_used_is_named(
+    used: Path, archive: Path, no_store: str, tmp_path: Path, run: Run
+) -> None:
+    checked = run("server", "check", str(used))
+    assert (checked.status, no_store in checked.out) == (1, True)
+    there = tmp_path / "there"
+    for words in (["backup", str(used), "-o", str(there)], ["restore", str(archive), str(there)]):
+        outcome = run("server", *words)
+        assert (outcome.status, outcome.out) == (2, "")
+        assert no_store in outcome.err
+        assert outcome.err.startswith("reverie-eval: ")
+        assert outcome.err.count("\n") == 1
+        assert "database" not in outcome.err
+        assert not there.exists()

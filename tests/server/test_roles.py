@@ -1,0 +1,178 @@
+"""Who may do what: every route, and everybody who may try it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+from fastapi.routing import iter_route_contexts
+
+from reverie_eval.schemas.service import Method
+from reverie_eval.server.app import create_app
+from reverie_eval.server.service.people import mint, revoke
+from reverie_eval.server.service.reported import add_reported
+from reverie_eval.server.service.reviews import review
+from tests.support.description import API, Description
+from tests.support.serving import GOOD, NOON, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+
+ROLES = ("anonymous", "other team", "team mate", "owner", "organiser", "revoked", "invitation")
+"""The last two: a token of the owner's that was revoked, and an invitation shown as a token."""
+
+TABLE = """
+                                            anonymous  other  mate  owner  organiser  revoked  invitation
+GET    /openapi.json                              200    200   200    200        200      200         200
+GET    /healthz                                   200    200   200    200        200      200         200
+GET    /metrics                                   401    403   403    403        200      401         401
+GET    /server                                    200    200   200    200        200      200         200
+GET    /key                                       200    200   200    200        200      200         200
+GET    /me                                        401    200   200    200        200      401         401
+POST   /tokens                                    401    401   401    401        401      401         201
+POST   /session                                   401    201   201    201        201      401         401
+GET    /session                                   401    401   401    401        401      401         401
+DELETE /session                                   401    401   401    401        401      401         401
+GET    /splits                                    200    200   200    200        200      401         401
+GET    /splits/{split}                            200    200   200    200        200      401         401
+GET    /splits/{split}/leaderboard                200    200   200    200        200      200         200
+GET    /splits/{split}/leaderboard.csv            200    200   200    200        200      200         200
+POST   /splits/{split}/validate                   401    200   200    200        200      401         401
+POST   /splits/{split}/submissions                401    201   200    200        201      401         401
+GET    /submissions                               401    200   200    200        200      401         401
+GET    /submissions/{submission_id}               401    404   200    200        200      401         401
+PATCH  /submissions/{submission_id}               401    404   200    200        200      401         401
+GET    /submissions/{submission_id}/receipt       401    404   200    200        200      401         401
+GET    /submissions/{submission_id}/file          401    404   200    200        200      401         401
+GET    /submissions/{submission_id}/episodes      401    404   200    200        200      401         401
+GET    /submissions/{private_id}/episodes         401    404   404    404        404      401         401
+GET    /organiser/teams                           401    403   403    403        200      401         401
+POST   /organiser/teams                           401    403   403    403        201      401         401
+GET    /organiser/people                          401    403   403    403        200      401         401
+POST   /organiser/people                          401    403   403    403        201      401         401
+GET    /organiser/tokens                          401    403   403    403        200      401         401
+POST   /organiser/tokens                          401    403   403    403        201      401         401
+DELETE /organiser/tokens/{hint}                   401    403   403    403        200      401         401
+GET    /organiser/grants                          401    403   403    403        200      401         401
+POST   /organiser/grants                          401    403   403    403        201      401         401
+GET    /organiser/audit                           401    403   403    403        200      401         401
+GET    /organiser/reviews                         401    403   403    403        200      401         401
+POST   /organiser/reviews                         401    403   403    403        201      401         401
+DELETE /organiser/reviews/{review_id}             401    403   403    403        200      401         401
+GET    /organiser/reported                        401    403   403    403        200      401         401
+POST   /organiser/reported                        401    403   403    403        201      401         401
+DELETE /organiser/reported/{result_id}            401    403   403    403        200      401         401
+GET    /organiser/notice                          401    403   403    403        200      401         401
+PUT    /organiser/notice                          401    403   403    403        200      401         401
+GET    /organiser/attempts                        401    403   403    403        200      401         401
+"""  # noqa: E501  # a row is a line
+OUTSIDE = ("/healthz", "/metrics")
+"""Routes that are not of the API."""
+ROWS = {" ".join(line.split()[:2]): line.split()[2:] for line in TABLE.splitlines()[2:]}
+
+BODIES: Mapping[str, dict[str, Any]] = {
+    "POST /splits/{split}/validate": {"content": GOOD},
+    "POST /splits/{split}/submissions": {"content": GOOD, "params": {"name": "Walker"}},
+    "PATCH /submissions/{submission_id}": {"json": {"published": True}},
+    "POST /organiser/teams": {"json": {"name": "Green"}},
+    "POST /organiser/people": {"json": {"name": "Dora", "team": "Red"}},
+    "POST /organiser/tokens": {"json": {"person": OWNER}},
+    "POST /organiser/grants": {
+        "json": {
+            "team": "Blue",
+            "split": PRIVATE,
+            "extra": 1,
+            "reason": "our disk was full",
+            "expires_at": "2026-04-01T00:00:00Z",
+        }
+    },
+    "POST /organiser/reported": {
+        "json": {
+            "split": PRIVATE,
+            "method": {"name": "Pointer"},
+            "team": "Qi et al.",
+            "scores": {"success": 0.1},
+            "source": "https://example.org/paper",
+        }
+    },
+    "PUT /organiser/notice": {"json": {"banner": "Back at noon."}},
+}
+
+
+@pytest.fixture
+def tokens(server: Serving) -> Mapping[str, str | None]:
+    """Return what everybody shows."""
+    with server.state.database.writing() as session:
+        owner = server.person(OWNER)
+        revoked = mint(session, session.merge(owner), "access", now=NOON, actor="test")
+        revoke(session, revoked.token.hint, now=NOON, actor="test")
+        invitation = mint(session, session.merge(owner), "invite", now=NOON, actor="test")
+    shown = [None, *(server.tokens[name] for name in (OTHER, "Ben", OWNER, ORGANISER))]
+    return dict(zip(ROLES, [*shown, revoked.text, invitation.text], strict=True))
+
+
+@pytest.fixture
+def path_parts(server: Serving) -> Mapping[str, str]:
+    """Return what stands for the braces of a path: what belongs to the owner."""
+    ids = {
+        split: server.upload(OWNER, server.distinct(split), split).json()["submission"]["id"]
+        for split in (OPEN, PRIVATE)
+    }
+    server.upload(OWNER)
+    with server.state.database.writing() as session:
+        owner = session.merge(server.person(OWNER))
+        spare = mint(session, owner, "access", now=NOON, actor="test")
+        said = review(session, ids[OPEN], "verified", "we ran it", now=NOON, actor="test")
+        result = add_reported(
+            session,
+            OPEN,
+            Method(name="Navigator"),
+            team="Qi et al.",
+            scores={"success": 0.1},
+            source="https://example.org/paper",
+            splits=[OPEN],
+            now=NOON,
+            actor="test",
+        )
+    return {
+        "split": OPEN,
+        "submission_id": ids[OPEN],
+        "private_id": ids[PRIVATE],
+        "hint": spare.token.hint,
+        "review_id": str(said.id),
+        "result_id": str(result.id),
+    }
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_who_may_do_what(
+    row: str, server: Serving, tokens: Mapping[str, str | None], path_parts: Mapping[str, str]
+) -> None:
+    description = Description(server)
+    method, path = row.split()
+    statuses = {}
+    for role, token in tokens.items():
+        body = BODIES.get(row, {})
+        if row == "POST /organiser/reviews":
+            said = {"verdict": "flagged", "reason": "looked at its answers"}
+            body = {"json": {"submission_id": path_parts["submission_id"], **said}}
+        if row == "POST /tokens":
+            body = {"json": {"invitation": token or "rv_none"}}
+        if row == "POST /session":
+            body = {"json": {"token": token or "rv_none"}}
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        server.client.cookies.clear()
+        place = path if path in OUTSIDE else API + path.format(**path_parts)
+        reply = server.client.request(method, place, headers=headers, **body)
+        if path != "/openapi.json":
+            description.check(reply)
+        statuses[role] = str(reply.status_code)
+    assert statuses == dict(zip(ROLES, ROWS[row], strict=True))
+
+
+def test_every_route_has_its_row(server: Serving) -> None:
+    """Every route but the pages', whose rows are beside those who look at them."""
+    app = create_app(server.state)
+    routes = {
+        f"{method} {(route.path or '').removeprefix(API)}"
+        for route in iter_route_contexts(app.routes)
+        for method in (route.methods or set()) - {"HEAD"}
+        if route.path in OUTSIDE or (route.path or "").startswith(API)
+    }
+    assert routes == set(ROWS) - {"GET /submissions/{private_id}/episodes"}

@@ -1,0 +1,498 @@
+"""Settings: what an organiser may decide, and how a mistake is told with its key."""
+
+import os
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from sqlalchemy import make_url
+
+from reverie_eval.server.checks import demand_sound
+from reverie_eval.server.settings import (
+    SETTINGS_FILE,
+    Metadata,
+    Phase,
+    Quota,
+    Settings,
+    SettingsError,
+    Split,
+    load_settings,
+)
+from tests.support.serving import GOOD, NOON, OPEN, OWNER, OpenServer, adjusted, settings_of
+
+UNKNOWN = ": is no setting; look for a spelling mistake"
+SPLIT = '[splits.test]\nbundle = "bundles/test.npz"\n'
+
+
+@pytest.fixture(autouse=True)
+def _no_variables(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in os.environ:
+        if name.startswith("REVERIE_EVAL_"):
+            monkeypatch.delenv(name)
+
+
+def loaded(folder: Path, text: str = SPLIT) -> Settings:
+    (folder / SETTINGS_FILE).write_text(text, encoding="utf-8")
+    return load_settings(folder)
+
+
+def problems(folder: Path, text: str) -> Sequence[str]:
+    with pytest.raises(SettingsError) as rejected:
+        loaded(folder, text)
+    return [f"{problem.where}: {problem.message}" for problem in rejected.value.problems]
+
+
+def test_one_split_is_enough(tmp_path: Path) -> None:
+    settings = loaded(tmp_path)
+    assert settings.folder == tmp_path.resolve()
+    assert settings.path(settings.splits["test"].bundle) == tmp_path.resolve() / "bundles/test.npz"
+    assert settings.splits["test"] == Split(
+        bundle=Path("bundles/test.npz"),
+        visibility="private",
+        protocol="official-v1",
+        quota=None,
+        phases=(Phase(name="always"),),
+    )
+    assert (settings.paused, settings.banner, settings.required_metadata) == (False, "", ())
+
+
+def test_the_template_is_sound_and_says_what_would_be_anyway(folder: Path) -> None:
+    template = load_settings(folder)
+    assert list(template.splits) == ["test", "val_seen", "val_unseen"]
+    assert template.splits["test"].quota == Quota()
+    for name, field in Settings.model_fields.items():
+        if name != "splits":
+            assert getattr(template, name) == field.default, name
+
+
+def test_the_template_names_every_setting(folder: Path) -> None:
+    text = (folder / SETTINGS_FILE).read_text()
+    sections = (Settings, Split, Quota)
+    for section in sections:
+        for name in section.model_fields:
+            assert f"{name} =" in text or f"[{name}" in text, name
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        pytest.param(f"titel = 'x'\n{SPLIT}", [f"titel{UNKNOWN}"], id="unknown"),
+        pytest.param(
+            f"{SPLIT}quotas = {{}}\n", [f"splits.test.quotas{UNKNOWN}"], id="unknown in a split"
+        ),
+        pytest.param(
+            f"{SPLIT}quota = {{ week = 3 }}\n",
+            [f"splits.test.quota.week{UNKNOWN}"],
+            id="unknown window",
+        ),
+        pytest.param(f"folder = '/'\n{SPLIT}", [f"folder{UNKNOWN}"], id="the folder"),
+        pytest.param(f"_env_file = 'x'\n{SPLIT}", [f"_env_file{UNKNOWN}"], id="the library's own"),
+        pytest.param("title = 'x'\n", ["splits: field required"], id="no split"),
+        pytest.param(
+            "splits = 3\n",
+            ["splits: got 3; input should be a valid dictionary"],
+            id="splits are none",
+        ),
+        pytest.param(
+            "[splits]\n",
+            ["splits: dictionary should have at least 1 item after validation, not 0"],
+            id="empty splits",
+        ),
+        pytest.param("[splits.test]\n", ["splits.test.bundle: field required"], id="no bundle"),
+        pytest.param(
+            f"{SPLIT}visibility = 'secret'\n",
+            ["splits.test.visibility: got 'secret'; input should be 'private' or 'open'"],
+            id="visibility",
+        ),
+        pytest.param(
+            f"{SPLIT}quota = {{ day = -1 }}\n",
+            ["splits.test.quota.day: got -1; input should be greater than or equal to 0"],
+            id="negative quota",
+        ),
+        pytest.param(
+            f"{SPLIT}quota = {{ day = 2.5 }}\n",
+            [
+                (
+                    "splits.test.quota.day: got 2.5; input should be a valid integer, "
+                    "got a number with a fractional part"
+                )
+            ],
+            id="half a submission",
+        ),
+        pytest.param(
+            f"{SPLIT}phases = [{{ name = '' }}]\n",
+            ["splits.test.phases.0.name: got ''; string should have at least 1 character"],
+            id="nameless phase",
+        ),
+        pytest.param(
+            f"{SPLIT}phases = []\n",
+            [
+                (
+                    "splits.test.phases: name a phase, or leave phases out: "
+                    "then submissions are always taken"
+                )
+            ],
+            id="no phase",
+        ),
+        pytest.param(
+            f"{SPLIT}phases = [{{ name = 'a', opens = 2027-01-01T00:00:00 }}]\n",
+            ["splits.test.phases.0.opens: input should have timezone info"],
+            id="a time without a zone",
+        ),
+        pytest.param(
+            f"{SPLIT}phases = [{{ name = 'a', opens = 2027-01-02T00:00:00Z, "
+            "closes = 2027-01-02T00:00:00Z }]\n",
+            ["splits.test.phases.0: a phase opens before it closes"],
+            id="closes as it opens",
+        ),
+        pytest.param(
+            f"{SPLIT}[limits]\nupload_mebibytes = 0\n",
+            ["limits.upload_mebibytes: got 0; input should be greater than 0"],
+            id="no bytes",
+        ),
+        pytest.param(
+            f"title = ''\n{SPLIT}",
+            ["title: got ''; string should have at least 1 character"],
+            id="no title",
+        ),
+        pytest.param(
+            f'title = "a\\u001b[31mb"\nbanner = "c\\nd"\n{SPLIT}',
+            [
+                "title: got 'a\\x1b[31mb'; takes letters that can be seen, in one line",
+                "banner: got 'c\\nd'; takes letters that can be seen, in one line",
+            ],
+            id="what cannot be seen, and two lines",
+        ),
+        pytest.param(
+            f"required_metadata = ['hair']\n{SPLIT}",
+            [
+                (
+                    "required_metadata.0: got 'hair'; input should be 'description', 'paper', "
+                    "'code', 'extra_data', 'pre_exploration', 'ground_truth_objects' or 'ensemble'"
+                )
+            ],
+            id="unknown metadata",
+        ),
+        pytest.param(
+            f"database = 5\nbanner = 3\nx = 1\n{SPLIT}",
+            [
+                "database: input should be a valid string",
+                "banner: got 3; input should be a valid string",
+                f"x{UNKNOWN}",
+            ],
+            id="everything at once, and no database's address",
+        ),
+    ],
+)
+def test_a_wrong_setting_is_told_with_its_key(
+    text: str, found: Sequence[str], tmp_path: Path
+) -> None:
+    assert sorted(problems(tmp_path, text)) == sorted(found)
+
+
+def test_an_unknown_protocol_is_told_with_those_that_are_known(tmp_path: Path) -> None:
+    (problem,) = problems(tmp_path, f"{SPLIT}protocol = 'mine'\n")
+    assert problem.startswith("splits.test.protocol: got 'mine'; ")
+    assert "official-v1" in problem
+
+
+def test_an_alias_of_a_protocol_is_what_it_stands_for(tmp_path: Path) -> None:
+    assert loaded(tmp_path, f"{SPLIT}protocol = 'hamt'\n").splits["test"].protocol == "duet"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        pytest.param(b"title = ", "Invalid value (at end of document)", id="no TOML"),
+        pytest.param(b"a = 1\na = 2\n", "Cannot overwrite a value", id="twice"),
+        pytest.param(b"title = '\xff'", "can't decode byte 0xff", id="no UTF-8"),
+    ],
+)
+def test_what_is_no_toml_is_told_with_its_place(
+    content: bytes, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / SETTINGS_FILE).write_bytes(content)
+    with pytest.raises(SettingsError) as rejected:
+        load_settings(tmp_path)
+    (problem,) = rejected.value.problems
+    assert problem.where == str(tmp_path / SETTINGS_FILE)
+    assert message in problem.message
+
+
+def test_a_folder_without_settings_is_told_how_to_get_them(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=f"`reverie-eval server init {tmp_path}` makes one"):
+        load_settings(tmp_path)
+
+
+def test_settings_that_cannot_be_read(tmp_path: Path) -> None:
+    (tmp_path / SETTINGS_FILE).mkdir()
+    with pytest.raises(SettingsError, match="Is a directory"):
+        load_settings(tmp_path)
+
+
+# Variables.
+
+
+def test_variables_win_over_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("REVERIE_EVAL_TITLE", "Theirs")
+    monkeypatch.setenv("REVERIE_EVAL_DATABASE", "postgresql+psycopg://me:word@host/name")
+    monkeypatch.setenv("REVERIE_EVAL_SPLITS__test__protocol", "r2r-style")
+    monkeypatch.setenv("REVERIE_EVAL_SPLITS__test__quota__day", "7")
+    monkeypatch.setenv("REVERIE_EVAL_PAUSED", "true")
+    settings = loaded(
+        tmp_path, f"title = 'Ours'\nbanner = 'Hello'\n{SPLIT}quota = {{ month = 9 }}\n"
+    )
+    assert (settings.title, settings.banner, settings.paused) == ("Theirs", "Hello", True)
+    assert settings.database_url == make_url("postgresql+psycopg://me:word@host/name")
+    assert settings.splits["test"].protocol == "r2r-style"
+    assert settings.splits["test"].effective_quota == Quota(day=7, month=9, year=40)
+    assert settings.splits["test"].bundle == Path("bundles/test.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "found"),
+    [
+        (
+            "SPLITS__test__quota__day",
+            "many",
+            "splits.test.quota.day: got 'many'; input should be a valid integer",
+        ),
+        ("LIMITS__SECONDS", "3", "limits.seconds: is no setting"),
+        ("SPLITS", "{", 'REVERIE_EVAL_: error parsing value for field "splits"'),
+        ("SPLITS__val__visibility", "open", "splits.val.bundle: field required"),
+    ],
+)
+def test_a_wrong_variable_is_told(
+    name: str, value: str, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(f"REVERIE_EVAL_{name}", value)
+    (problem,) = problems(tmp_path, SPLIT)
+    assert problem.startswith(found)
+
+
+@pytest.mark.parametrize("name", ["FOLDER", "_FOLDER", "TOKEN", "GROUND_TRUTH", "SERVER"])
+def test_variables_that_are_no_settings_change_nothing(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(f"REVERIE_EVAL_{name}", "/elsewhere")
+    assert loaded(tmp_path).folder == tmp_path.resolve()
+
+
+def test_a_misspelt_variable_is_noted_and_that_of_another_program_is_no_fault(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("REVERIE_EVAL_DATBASE", "postgresql+psycopg://me:word@host/name")
+    monkeypatch.setenv("REVERIE_EVAL_PORT_80_TCP", "tcp://10.0.0.1:80")
+    monkeypatch.setenv("REVERIE_EVAL_TITLE", "Ours")
+    monkeypatch.setenv("REVERIE_EVAL_TOKEN", "rv_mine")
+    said: list[str] = []
+    assert demand_sound(folder, said.append).title == "Ours"
+    assert said == [
+        "REVERIE_EVAL_DATBASE is set, but is no setting; look for a spelling mistake",
+        "REVERIE_EVAL_PORT_80_TCP is set, but is no setting; look for a spelling mistake",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("database", "url"),
+    [
+        ("sqlite:///server.db", "sqlite:///{folder}/server.db"),
+        ("sqlite:////var/server.db", "sqlite:////var/server.db"),
+        ("postgresql+psycopg://host/name", "postgresql+psycopg://host/name"),
+    ],
+)
+def test_sqlites_file_is_below_the_folder(database: str, url: str, tmp_path: Path) -> None:
+    settings = loaded(tmp_path, f"database = '{database}'\n{SPLIT}")
+    assert settings.database_url == make_url(url.format(folder=tmp_path.resolve()))
+
+
+DATABASES = (
+    "database: takes a file of SQLite, sqlite:///FILE, or PostgreSQL, "
+    "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
+)
+BEFORE = (
+    "database: a user and a password stand before the @: "
+    "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
+)
+
+
+@pytest.mark.parametrize(
+    ("database", "told"),
+    [
+        pytest.param("server.db", DATABASES, id="a name alone"),
+        pytest.param("sqlite://", DATABASES, id="memory"),
+        pytest.param("sqlite:///", DATABASES, id="no name"),
+        pytest.param("sqlite:///:memory:", DATABASES, id="memory by its name"),
+        pytest.param("sqlite://server.db", DATABASES, id="a host for a file"),
+        pytest.param("sqlite:///a?b.db", DATABASES, id="a query for a file"),
+        pytest.param("mysql://me@host/name", DATABASES, id="another kind"),
+        pytest.param("postgresql://me@host/name", DATABASES, id="a driver we do not install"),
+        pytest.param("postgresql+psycopg://me@host:abc/name", DATABASES, id="no port"),
+        pytest.param("postgresql+psycopg://host/name?password=word", BEFORE, id="password behind"),
+        pytest.param("postgresql+psycopg://host/name?user=me", BEFORE, id="user behind"),
+    ],
+)
+def test_what_is_no_database_is_told_with_what_is(database: str, told: str, tmp_path: Path) -> None:
+    assert problems(tmp_path, f"database = '{database}'\n{SPLIT}") == [told]
+
+
+@pytest.mark.parametrize(
+    ("uploads", "told"),
+    [
+        pytest.param("gs://bucket", "takes a folder, or an S3-compatible", id="another store"),
+        pytest.param("s3://", "s3://BUCKET/PREFIX", id="no bucket"),
+        pytest.param("s3:bucket", "s3://BUCKET/PREFIX", id="no address"),
+        pytest.param("", "is the server's own folder", id="the folder itself"),
+        pytest.param("uploads/..", "is the server's own folder", id="the folder, roundabout"),
+        pytest.param("/", "is the server's own folder, or around it", id="around the folder"),
+    ],
+)
+def test_what_is_no_place_for_uploads_is_told_with_what_is(
+    uploads: str, told: str, tmp_path: Path
+) -> None:
+    (problem,) = problems(tmp_path, f"uploads = '{uploads}'\n{SPLIT}")
+    assert problem.startswith("uploads: ")
+    assert told in problem
+
+
+@pytest.mark.parametrize("uploads", ["kept/uploads", "../beside", "s3://bucket", "s3://b/a/b"])
+def test_where_uploads_may_be(uploads: str, tmp_path: Path) -> None:
+    assert loaded(tmp_path, f"uploads = '{uploads}'\n{SPLIT}").uploads == uploads
+
+
+# What the settings come to.
+
+
+@pytest.mark.parametrize(
+    ("visibility", "quota", "effective"),
+    [
+        ("private", None, (2, 10, 40)),
+        ("open", None, (200, 2000, 10000)),
+        ("private", {"day": 1}, (1, 10, 40)),
+        ("open", {"day": 500}, (500, 2000, 10000)),
+        ("open", {"day": 2, "month": 10, "year": 40}, (2, 10, 40)),
+        ("private", {"year": 0}, (2, 10, 0)),
+    ],
+)
+def test_what_of_a_quota_is_not_set_is_the_visibilitys(
+    visibility: str, quota: dict[str, int] | None, effective: tuple[int, int, int]
+) -> None:
+    split = Split.model_validate({"bundle": "x", "visibility": visibility, "quota": quota})
+    found = split.effective_quota
+    assert (found.day, found.month, found.year) == effective
+
+
+HOUR = timedelta(hours=1)
+PAST = NOON - timedelta(seconds=1)
+
+
+@pytest.mark.parametrize(
+    ("opens", "closes", "is_open"),
+    [
+        pytest.param(None, None, True, id="always"),
+        pytest.param(NOON, None, True, id="opens now"),
+        pytest.param(NOON + timedelta(microseconds=1), None, False, id="opens in a moment"),
+        pytest.param(None, NOON, True, id="closes with this second"),
+        pytest.param(None, NOON - timedelta(microseconds=1), False, id="closed with the last one"),
+        pytest.param(None, datetime.max.replace(tzinfo=UTC), True, id="closes with time itself"),
+        pytest.param(NOON - HOUR, NOON + HOUR, True, id="in its midst"),
+        pytest.param(NOON - 2 * HOUR, NOON - HOUR, False, id="over"),
+    ],
+)
+def test_when_a_phase_is_open(
+    opens: datetime | None, closes: datetime | None, *, is_open: bool
+) -> None:
+    assert Phase(name="a", opens=opens, closes=closes).is_open(NOON) is is_open
+
+
+@pytest.mark.parametrize(
+    ("moment", "is_open"),
+    [
+        pytest.param("2027-06-01T22:59:58.999999Z", False, id="before its first second"),
+        pytest.param("2027-06-01T22:59:59Z", True, id="its first second"),
+        pytest.param("2027-06-01T23:59:59Z", True, id="its last second"),
+        pytest.param("2027-06-01T23:59:59.999999Z", True, id="the end of it"),
+        pytest.param("2027-06-02T00:00:00Z", False, id="the next"),
+    ],
+)
+def test_a_phase_closes_with_the_end_of_a_second(moment: str, *, is_open: bool) -> None:
+    last = datetime(2027, 6, 1, 23, 59, 59, tzinfo=UTC)
+    phase = Phase(name="a", opens=last - HOUR, closes=last)
+    assert phase.is_open(datetime.fromisoformat(moment)) is is_open
+
+
+@pytest.mark.parametrize(
+    ("phases", "status", "message"),
+    [
+        pytest.param((), 409, "takes no submissions now", id="never"),
+        pytest.param((Phase(name="a", closes=PAST),), 409, "takes no submissions now", id="over"),
+        pytest.param(
+            (Phase(name="a", closes=PAST), Phase(name="b", opens=NOON + HOUR)),
+            409,
+            "the next phase opens 2026-03-02T13:00:00+00:00",
+            id="between two",
+        ),
+        pytest.param(
+            (Phase(name="a", closes=PAST), Phase(name="b", opens=NOON)), 201, "", id="second"
+        ),
+    ],
+)
+def test_a_split_takes_submissions_while_a_phase_is_open(
+    phases: tuple[Phase, ...],
+    status: int,
+    message: str,
+    folder: Path,
+    open_server: OpenServer,
+) -> None:
+    server = open_server(adjusted(settings_of(folder), OPEN, phases=phases))
+    reply = server.upload(OWNER)
+    assert reply.status_code == status
+    assert message in reply.text
+
+
+def test_a_paused_server_takes_none_but_answers_repeats(
+    folder: Path, open_server: OpenServer
+) -> None:
+    first = open_server()
+    assert first.upload(OWNER).status_code == 201
+    paused = open_server(settings_of(folder).model_copy(update={"paused": True}), first.tokens)
+    assert paused.upload(OWNER).status_code == 200
+    refused = paused.upload(OWNER, first.distinct())
+    assert (refused.status_code, refused.json()["code"]) == (409, "not-open")
+    assert paused.ask(OWNER, "POST", f"/splits/{OPEN}/validate", content=GOOD).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("required", "said", "missing"),
+    [
+        pytest.param((), {}, None, id="nothing"),
+        pytest.param(("description",), {}, "description", id="a text that is not there"),
+        pytest.param(("description",), {"description": ""}, "description", id="an empty text"),
+        pytest.param(("description",), {"description": "walks"}, None, id="a text"),
+        pytest.param(("paper", "code"), {"code": "https://x.org"}, "paper", id="one of two links"),
+        pytest.param(("ensemble",), {}, "ensemble", id="a flag that is not there"),
+        pytest.param(("ensemble",), {"ensemble": "false"}, None, id="a flag that says no"),
+        pytest.param(("paper", "ensemble"), {}, "paper, ensemble", id="two"),
+    ],
+)
+def test_what_the_organiser_asks_for_has_to_be_said_of_a_method(
+    required: tuple[Metadata, ...],
+    said: dict[str, str],
+    missing: str | None,
+    folder: Path,
+    open_server: OpenServer,
+) -> None:
+    asking = settings_of(folder).model_copy(update={"required_metadata": required})
+    server = open_server(asking)
+    reply = server.upload(OWNER, GOOD, **said)
+    assert reply.status_code == (201 if missing is None else 400)
+    if missing:
+        assert reply.json()["detail"].endswith(f"asks for more on the method: {missing}")
+        assert server.ask(OWNER, "GET", "/submissions").json() == []
+
+
+def test_settings_cannot_be_changed(tmp_path: Path) -> None:
+    settings = loaded(tmp_path)
+    with pytest.raises(ValueError, match="frozen"):
+        settings.title = "x"  # type: ignore[misc]

@@ -1,0 +1,220 @@
+"""Uploads are kept whole or not at all, in a folder and in an S3-compatible store."""
+
+import hashlib
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from reverie_eval.server.store.uploads import (
+    PIECE,
+    FolderUploads,
+    S3Uploads,
+    Uploads,
+    UploadsError,
+    open_uploads,
+)
+from tests.support.participants import private_submission
+from tests.support.serving import OWNER, PRIVATE, Serving, running
+
+CONTENT = b'[{"instr_id": "7_1_0"}]'
+SHA256 = hashlib.sha256(CONTENT).hexdigest()
+OTHER_SHA256 = hashlib.sha256(b"other").hexdigest()
+
+
+@pytest.fixture(params=["folder", "s3", "s3 with a prefix"])
+def uploads(request: pytest.FixtureRequest, tmp_path: Path) -> Uploads:
+    """Return an empty store of each kind."""
+    if request.param == "folder":
+        return open_uploads("kept/uploads", tmp_path)
+    prefix = "/a/b/" if request.param.endswith("prefix") else ""
+    return open_uploads(f"s3://{request.getfixturevalue('bucket')}{prefix}", tmp_path)
+
+
+def test_what_is_put_can_be_got(uploads: Uploads) -> None:
+    uploads.put(SHA256, CONTENT)
+    uploads.put(OTHER_SHA256, b"other")
+    assert uploads.get(SHA256) == CONTENT
+    assert uploads.get(OTHER_SHA256) == b"other"
+    assert sorted(uploads.names()) == sorted([f"{SHA256}.json", f"{OTHER_SHA256}.json"])
+
+
+def test_to_put_again_changes_nothing(uploads: Uploads) -> None:
+    for _ in range(3):
+        uploads.put(SHA256, CONTENT)
+    assert uploads.get(SHA256) == CONTENT
+    assert list(uploads.names()) == [f"{SHA256}.json"]
+
+
+def test_many_may_put_the_same_at_once(uploads: Uploads) -> None:
+    with ThreadPoolExecutor(16) as pool:
+        list(pool.map(lambda _: uploads.put(SHA256, CONTENT), range(32)))
+    assert uploads.get(SHA256) == CONTENT
+    assert list(uploads.names()) == [f"{SHA256}.json"]
+
+
+def test_what_is_large_comes_in_pieces(uploads: Uploads) -> None:
+    content = CONTENT + b" " * 2 * PIECE
+    uploads.put(SHA256, content)
+    pieces = list(uploads.pieces(SHA256))
+    assert b"".join(pieces) == content
+    assert max(map(len, pieces)) == PIECE
+
+
+def test_what_was_never_put_is_not_found(uploads: Uploads) -> None:
+    assert list(uploads.names()) == []
+    with pytest.raises(FileNotFoundError):
+        uploads.get(SHA256)
+    with pytest.raises(FileNotFoundError):
+        uploads.pieces(SHA256)
+
+
+def test_to_try_a_store_leaves_nothing_in_it(uploads: Uploads) -> None:
+    uploads.try_out()
+    uploads.put(SHA256, CONTENT)
+    uploads.try_out()
+    assert list(uploads.names()) == [f"{SHA256}.json"]
+
+
+@pytest.mark.usefixtures("bucket")
+def test_a_bucket_that_is_not_there_is_named(tmp_path: Path) -> None:
+    elsewhere = open_uploads("s3://no-such-bucket", tmp_path)
+    told = "s3://no-such-bucket: .* the bucket with these credentials"
+    for ask in (
+        elsewhere.try_out,
+        lambda: elsewhere.put(SHA256, CONTENT),
+        lambda: elsewhere.get(SHA256),
+        lambda: list(elsewhere.names()),
+    ):
+        with pytest.raises(UploadsError, match=told):
+            ask()
+
+
+def test_an_s3_store_names_more_than_a_page(bucket: str, tmp_path: Path) -> None:
+    store = open_uploads(f"s3://{bucket}", tmp_path)
+    assert isinstance(store, S3Uploads)
+    names = [hashlib.sha256(bytes([number, number])).hexdigest() for number in range(5)]
+    for name in names:
+        store.put(name, b"x")
+    store._client.meta.events.register(  # noqa: SLF001  # pages are of a thousand otherwise
+        "provide-client-params.s3.ListObjectsV2", lambda params, **_: {**params, "MaxKeys": 2}
+    )
+    assert sorted(store.names()) == sorted(f"{name}.json" for name in names)
+
+
+def test_two_prefixes_of_a_bucket_are_two_stores(bucket: str, tmp_path: Path) -> None:
+    first, second = (open_uploads(f"s3://{bucket}/{prefix}", tmp_path) for prefix in "ab")
+    first.put(SHA256, CONTENT)
+    assert list(second.names()) == []
+    with pytest.raises(FileNotFoundError):
+        second.get(SHA256)
+
+
+def test_a_kept_file_is_its_owners_alone(tmp_path: Path) -> None:
+    FolderUploads(tmp_path / "uploads").put(SHA256, CONTENT)
+    (file,) = (tmp_path / "uploads").rglob("*.json")
+    assert file.relative_to(tmp_path) == Path("uploads") / SHA256[:2] / f"{SHA256}.json"
+    assert file.stat().st_mode & 0o777 == 0o600
+
+
+class _CrashError(BaseException):
+    """Stands for the end of the process."""
+
+
+@pytest.mark.parametrize(
+    ("owner", "step"),
+    [pytest.param(os, "fsync", id="half-written"), pytest.param(Path, "replace", id="unnamed")],
+)
+def test_a_crash_leaves_no_half_of_a_file(
+    owner: object, step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither under its name, nor in the way of the next try; what is left over is hidden."""
+    uploads = FolderUploads(tmp_path)
+
+    def crash(*_: object) -> None:
+        raise _CrashError
+
+    with monkeypatch.context() as broken:
+        # A process that ends cleans up no more than a machine without power does.
+        broken.setattr(Path, "unlink", lambda *_, **__: None)
+        broken.setattr(owner, step, crash)
+        with pytest.raises(_CrashError):
+            uploads.put(SHA256, CONTENT)
+    with pytest.raises(FileNotFoundError):
+        uploads.get(SHA256)
+    assert f"{SHA256}.json" not in uploads.names()
+    uploads.put(SHA256, CONTENT)
+    assert uploads.get(SHA256) == CONTENT
+
+
+def test_a_write_that_fails_leaves_nothing_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uploads = FolderUploads(tmp_path)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    uploads.put(OTHER_SHA256, b"other")
+    with monkeypatch.context() as broken:
+        broken.setattr(Path, "replace", full)
+        with pytest.raises(OSError, match="No space"):
+            uploads.put(SHA256, CONTENT)
+    assert list(uploads.names()) == [f"{OTHER_SHA256}.json"]
+
+
+def test_a_file_and_every_new_folder_is_written_through(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Content first, then the name; of a new folder, its name in the one above."""
+    done: list[Path] = []
+    fsync, replace = os.fsync, Path.replace
+
+    def note_fsync(handle: int) -> None:
+        done.append(Path(f"/proc/self/fd/{handle}").readlink())
+        fsync(handle)
+
+    def note_replace(old: Path, new: Path) -> None:
+        done.append(new)
+        replace(old, new)
+
+    monkeypatch.setattr(os, "fsync", note_fsync)
+    monkeypatch.setattr(Path, "replace", note_replace)
+    uploads = FolderUploads(tmp_path / "a" / "uploads")
+    uploads.put(SHA256, CONTENT)
+    folder = tmp_path / "a" / "uploads" / SHA256[:2]
+    temporary = done[3]
+    assert temporary.parent == folder
+    named = folder / f"{SHA256}.json"
+    assert done == [tmp_path, tmp_path / "a", folder.parent, temporary, named, folder]
+    done.clear()
+    uploads.put(SHA256, CONTENT)  # another's name may not be on the disk yet
+    assert done == [folder]
+
+
+def test_what_was_acknowledged_survives_a_kill(server: Serving) -> None:
+    """Twice: a process that begins after a kill is killed like the first."""
+    folder, headers = server.state.settings.folder, {}
+    headers["Authorization"] = f"Bearer {server.tokens[OWNER]}"
+    acknowledged: list[Any] = []
+    for number in range(2):
+        content = private_submission() + b" " * number
+        with running(folder) as (process, url):
+            address = f"{url}/api/v1/splits/{PRIVATE}/submissions?name=Walker"
+            reply = httpx.post(address, content=content, headers=headers, timeout=60)
+            process.kill()
+        assert reply.status_code == 201, reply.text
+        acknowledged.insert(0, reply.json()["submission"])
+    with running(folder) as (_, url):
+        address = f"{url}/api/v1/submissions"
+        assert httpx.get(address, headers=headers, timeout=60).json() == acknowledged
+        again = f"{url}/api/v1/splits/{PRIVATE}/submissions?name=Walker"
+        repeat = httpx.post(again, content=private_submission(), headers=headers, timeout=60)
+        assert repeat.json()["submission"] == acknowledged[-1]
+        assert repeat.json()["quota"]["remaining"] == 0
+        for each in acknowledged:
+            file = httpx.get(f"{address}/{each['id']}/file", headers=headers, timeout=60).content
+            assert hashlib.sha256(file).hexdigest() == each["sha256"]

@@ -1,0 +1,226 @@
+"""Submissions: the server scores as the laptop does, keeps what it accepts, and answers repeats."""
+
+import gzip
+import io
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import pytest
+
+from reverie_eval import CATALOGUE, SubmissionError, evaluate, validate
+from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.settings import Phase
+from tests.conftest import SAMPLES
+from tests.support.serving import (
+    BROKEN,
+    GOOD,
+    NOON,
+    OPEN,
+    ORGANISER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    broken_private,
+    settings_of,
+    submission_for,
+)
+
+SECRET_BUNDLE = DEMO_BUNDLES / "private" / f"{PRIVATE}.npz"
+HEADLINE = ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
+
+
+def zipped(content: bytes) -> bytes:
+    archive = io.BytesIO()
+    with ZipFile(archive, "w") as file:
+        file.writestr("submit.json", content)
+    return archive.getvalue()
+
+
+def on_the_command_line(file: Path, *options: str) -> str:
+    command = [sys.executable, "-m", "reverie_eval_cli", str(file), *options]
+    return subprocess.check_output(command, text=True)
+
+
+def accepted(server: Serving, content: bytes, split: str = OPEN, **said: str) -> dict[str, Any]:
+    reply = server.upload(OWNER, content, split, **said)
+    assert reply.status_code == 201, reply.text
+    submission: dict[str, Any] = reply.json()["submission"]
+    return submission
+
+
+@pytest.mark.parametrize("sample", ["good", "mediocre", "drawn"])
+def test_on_an_open_split_the_server_says_what_the_laptop_says(
+    server: Serving, sample: str, tmp_path: Path
+) -> None:
+    file = SAMPLES / f"{sample}.json"
+    submission = accepted(server, file.read_bytes())
+    printed = on_the_command_line(file, "--split", OPEN, "--format", "json")
+    in_python = evaluate(file, split=OPEN).to_report().model_dump(mode="json")
+    assert submission["report"] == json.loads(printed) == in_python
+    table = tmp_path / "episodes.csv"
+    on_the_command_line(file, "--split", OPEN, "--episodes", str(table))
+    kept = server.ask(OWNER, "GET", f"/submissions/{submission['id']}/episodes")
+    assert kept.content == table.read_bytes()
+
+
+@pytest.mark.parametrize("agent", ["random", "shortest", "stop"])
+def test_on_a_private_split_it_says_the_headline_of_it_rounded(
+    server: Serving, agent: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "submit.json"
+    file.write_bytes(submission_for(PRIVATE, agent))
+    report = accepted(server, file.read_bytes(), PRIVATE)["report"]
+    options = "--split", PRIVATE, "--ground-truth", str(SECRET_BUNDLE), "--format", "json"
+    printed = json.loads(on_the_command_line(file, *options))
+    exact = evaluate(file, split=PRIVATE, ground_truth=SECRET_BUNDLE)
+    assert printed == exact.to_report().model_dump(mode="json")
+    assert list(report["scores"]) == HEADLINE
+    assert {key: f"{report['scores'][key]:.9f}" for key in HEADLINE} == {
+        key: f"{round(exact[key], 2 if key == 'path_length' else 4):.9f}" for key in HEADLINE
+    }
+    as_printed = {key: CATALOGUE[key].display(exact[key]) for key in HEADLINE}
+    assert {key: CATALOGUE[key].display(report["scores"][key]) for key in HEADLINE} == as_printed
+    assert printed["notes"] == report["notes"]
+    assert {**printed, "scores": 0} == {**report, "scores": 0}
+
+
+@pytest.mark.parametrize(
+    ("pack", "sent_as"),
+    [
+        pytest.param(bytes, "application/json", id="plain"),
+        pytest.param(gzip.compress, "application/gzip", id="gzip"),
+        pytest.param(zipped, "application/zip", id="zip"),
+        pytest.param(zipped, "application/json", id="zip that is called JSON"),
+        pytest.param(gzip.compress, None, id="gzip that is called nothing"),
+    ],
+)
+def test_a_file_is_the_same_however_it_is_packed(
+    server: Serving, pack: Callable[[bytes], bytes], sent_as: str | None
+) -> None:
+    first = accepted(server, GOOD)
+    headers = {"Content-Type": sent_as} if sent_as else {}
+    path, said = f"/splits/{OPEN}/submissions", {"name": "Walker"}
+    again = server.ask(OWNER, "POST", path, content=pack(GOOD), params=said, headers=headers)
+    assert (again.status_code, again.json()["is_repeat"]) == (200, True)
+    assert again.json()["submission"] == first
+    assert server.ask(OWNER, "GET", f"/submissions/{first['id']}/file").content == GOOD
+
+
+@pytest.mark.parametrize("pack", [bytes, gzip.compress, zipped], ids=["plain", "gzip", "zip"])
+def test_a_form_says_the_same_as_the_query(server: Serving, pack: Callable[[bytes], bytes]) -> None:
+    said = {"name": "Walker", "description": "walks", "extra_data": "true", "paper": ""}
+    files = {"file": ("submit.json", pack(GOOD))}
+    sent = server.ask(OWNER, "POST", f"/splits/{OPEN}/submissions", data=said, files=files)
+    assert sent.status_code == 201, sent.text
+    submission = sent.json()["submission"]
+    assert submission["method"]["description"] == "walks"
+    assert submission["method"]["extra_data"] is True
+    assert submission["method"]["paper"] is None
+    again = server.upload(OWNER, GOOD)
+    assert again.json()["submission"] == submission
+
+
+@pytest.mark.parametrize(
+    ("split", "content"),
+    [
+        pytest.param(OPEN, BROKEN, id="open"),
+        pytest.param(PRIVATE, broken_private(), id="private"),
+        pytest.param(OPEN, submission_for(PRIVATE), id="another split's"),
+        pytest.param(OPEN, b"[", id="no JSON"),
+        pytest.param(OPEN, gzip.compress(gzip.compress(GOOD)), id="gzipped twice"),
+        pytest.param(OPEN, gzip.compress(zipped(GOOD)), id="gzipped zip"),
+        pytest.param(OPEN, zipped(GOOD)[:-30], id="damaged"),
+    ],
+)
+def test_a_broken_file_gets_all_problems_at_once_as_at_home(
+    server: Serving, split: str, content: bytes
+) -> None:
+    public = DEMO_BUNDLES / f"{split}{'.public' if split == PRIVATE else ''}.npz"
+    with pytest.raises(SubmissionError) as rejected:
+        validate(content, split=split, ground_truth=public)
+    at_home = [
+        {"code": each.code, "where": each.where, "message": each.message}
+        for each in rejected.value.problems
+    ]
+    for path in ("submissions", "validate"):
+        reply = server.ask(
+            OWNER, "POST", f"/splits/{split}/{path}", content=content, params={"name": "Walker"}
+        )
+        assert (reply.status_code, reply.json()["code"]) == (422, "submission-rejected")
+        assert reply.json()["problems"] == at_home
+
+
+def test_validating_says_what_the_laptop_says(server: Serving) -> None:
+    file = SAMPLES / "drawn.json"
+    reply = server.ask(OWNER, "POST", f"/splits/{OPEN}/validate", content=file.read_bytes())
+    public = {"ground_truth": DEMO_BUNDLES / f"{PRIVATE}.public.npz"}
+    assert reply.json()["notes"]
+    assert reply.json()["valid"] is True
+    sent = submission_for(PRIVATE, "stop")
+    private = server.ask(OWNER, "POST", f"/splits/{PRIVATE}/validate", content=sent)
+    assert private.json()["notes"] == list(validate(sent, split=PRIVATE, **public).notes)
+
+
+def test_who_arrives_in_time_is_in_time_however_long_scoring_takes(
+    open_server: OpenServer, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closing = Phase(name="spring", closes=NOON + timedelta(minutes=1))
+    server = open_server(adjusted(settings_of(folder), OPEN, phases=(closing,)))
+    score = Board.score
+
+    def score_slowly(board: Board, reading: Any) -> Any:
+        server.clock.turn(hours=1)
+        notice = {"banner": "", "paused": True}
+        server.ask(ORGANISER, "PUT", "/organiser/notice", json=notice).raise_for_status()
+        return score(board, reading)
+
+    monkeypatch.setattr(Board, "score", score_slowly)
+    submission = accepted(server, GOOD)
+    assert submission["received_at"] == submission["receipt"]["received_at"] == f"{NOON:%FT%TZ}"
+    assert server.upload(OWNER, server.distinct()).json()["code"] == "not-open"
+
+
+def test_a_change_of_nothing_is_none(server: Serving) -> None:
+    submission = accepted(server, GOOD)
+    reply = server.ask(OWNER, "PATCH", f"/submissions/{submission['id']}", json={})
+    assert reply.json() == submission
+    with server.state.database.reading() as session:
+        assert "changed" not in {entry.action for entry in entries(session)}
+
+
+@pytest.mark.parametrize(
+    ("route", "content", "headers", "status"),
+    [
+        pytest.param("submissions", BROKEN, {}, 422, id="rejected"),
+        pytest.param("validate", BROKEN, {}, 422, id="checked and rejected"),
+        pytest.param("validate", GOOD, {}, 200, id="checked"),
+        pytest.param("submissions", GOOD, {"Idempotency-Key": ""}, 400, id="malformed"),
+        pytest.param("submissions", b" " + GOOD, {"Idempotency-Key": "a"}, 409, id="conflict"),
+        pytest.param("submissions", GOOD, {}, 200, id="repeat"),
+    ],
+)
+def test_every_reply_to_a_file_says_what_is_left(
+    server: Serving, route: str, content: bytes, headers: dict[str, str], status: int
+) -> None:
+    server.upload(OWNER, key="a")
+    path = f"/splits/{OPEN}/{route}?name=Walker"
+    reply = server.ask(OWNER, "POST", path, content=content, headers=headers)
+    quota = reply.json()["quota"]
+    assert (reply.status_code, quota["remaining"]) == (status, 199)
+    day = quota["windows"][0]
+    assert (day["remaining"], day["resets_at"]) == (199, "2026-03-03T12:00:00Z")
+
+
+def test_a_split_that_is_none_has_no_quota(server: Serving) -> None:
+    reply = server.upload(OWNER, split="none")
+    assert (reply.status_code, reply.json()["quota"]) == (404, None)

@@ -1,0 +1,322 @@
+"""What the ground truth finds in a submission, and what a sound one becomes.
+
+The house has a hall, 3 m further a kitchen, 4 m further a pantry, and an attic without a way up;
+the barn has a stall and a loft. Two episodes go to the pantry, one to the loft.
+"""
+
+from collections.abc import Sequence
+from itertools import permutations
+from typing import Any
+
+import pytest
+
+from fixtures.demo_world.broken import FOREIGN, SPOILED
+from fixtures.demo_world.episodes import Answer, Record, episodes_of, submitted
+from reverie_eval import GroundTruth, Problem, SubmissionError, evaluate, validate
+from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval.submissions import Submission, align, read_predictions
+from tests.conftest import SAMPLES
+from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.worlds import SPLIT, ground_truth_of
+
+SPOON, OWL, HAY = 424_242, 515_151, 616_161
+HOUSE = {
+    "hall": (0.0, 0.0, 0.0),
+    "kitchen": (3.0, 0.0, 0.0),
+    "pantry": (3.0, 4.0, 0.0),
+    "attic": (0.0, 0.0, 9.0),
+}
+BARN = {"stall": (0.0, 0.0, 0.0), "loft": (0.0, 0.0, 2.0)}
+
+
+def world(to_house: Task, to_barn: Task) -> World:
+    """Return house and barn, where each target is seen from the end of its path only."""
+    seen = {task.path[-1]: {task.target: [12]} for task in (to_house, to_barn)}
+    house, barn = (
+        {name: Viewpoint(position, views=seen.get(name, {})) for name, position in places.items()}
+        for places in (HOUSE, BARN)
+    )
+    scans = {
+        "house": Scan(house, frozenset({("hall", "kitchen"), ("kitchen", "pantry")})),
+        "barn": Scan(barn, frozenset({("stall", "loft")})),
+    }
+    return World(scans, [to_house, to_barn])
+
+
+FARM = world(
+    Task("7_1", "house", ["hall", "kitchen", "pantry"], SPOON, instructions=2),
+    Task("8_2", "barn", ["stall", "loft"], OWL),
+)
+OTHER_ANSWERS = world(
+    Task("7_1", "house", ["hall", "kitchen"], HAY, instructions=2),
+    Task("8_2", "barn", ["stall"], SPOON),
+)
+"""The same episodes in the same buildings, with no answer in common."""
+
+
+def record(instr_id: str, *viewpoint_ids: str, answer: int = -1) -> Record:
+    """Return the record of an agent that took these viewpoints."""
+    poses = [[viewpoint_id, 0.0, 0.0] for viewpoint_id in viewpoint_ids]
+    return {"instr_id": instr_id, "trajectory": poses, "predObjId": answer}
+
+
+FIRST = record("7_1_0", "hall", "kitchen")
+SECOND = record("7_1_1", "hall", answer=7)
+THIRD = record("8_2_0", "stall", "loft", "stall", answer=9)
+SOUND = [FIRST, SECOND, THIRD]
+
+
+@pytest.fixture(scope="module")
+def farm() -> GroundTruth:
+    """Compile the ground truth of the three episodes."""
+    return ground_truth_of(FARM)
+
+
+def problems_of(submission: Submission, truth: GroundTruth) -> Sequence[Problem]:
+    """Return everything that is wrong with a submission."""
+    with pytest.raises(SubmissionError) as rejected:
+        validate(submission, split=SPLIT, ground_truth=truth)
+    return rejected.value.problems
+
+
+faults = pytest.mark.parametrize(
+    ("submission", "code", "where", "fragment"),
+    [
+        pytest.param(
+            [], "missing-episode", "file", "no prediction for any of the 3 episodes", id="no record"
+        ),
+        pytest.param(
+            [SECOND, THIRD],
+            "missing-episode",
+            "file",
+            "episode 7_1_0 has no prediction; every episode of val_unseen needs one",
+            id="missing episode",
+        ),
+        pytest.param(
+            [*SOUND, record("7_1_2", "hall")],
+            "unknown-episode",
+            "[3].instr_id",
+            "'7_1_2' is not an episode of val_unseen; ids are <task id>_<index of the instruction>",
+            id="unknown episode",
+        ),
+        pytest.param(
+            [*SOUND, FIRST],
+            "duplicate-episode",
+            "[3].instr_id",
+            "7_1_0 already has a prediction in [0]; keep one per episode",
+            id="episode given twice",
+        ),
+        pytest.param(
+            [record("7_1_0", "hall", "cellar"), SECOND, THIRD],
+            "unknown-viewpoint",
+            "[0].trajectory[1][0]",
+            "viewpoint 'cellar' is not in the navigation graph of scan house",
+            id="unknown viewpoint",
+        ),
+        pytest.param(
+            [record("7_1_0", "hall", "loft"), SECOND, THIRD],
+            "other-scan",
+            "[0].trajectory[1][0]",
+            "viewpoint loft belongs to scan barn, but the episode is in scan house",
+            id="viewpoint of another scan",
+        ),
+        pytest.param(
+            [FIRST, SECOND, record("8_2_0", "hall")],
+            "other-scan",
+            "[2].trajectory[0][0]",
+            "viewpoint hall belongs to scan house, but the episode is in scan barn",
+            id="start in another scan",
+        ),
+        pytest.param(
+            [FIRST, record("7_1_1", "kitchen", "hall"), THIRD],
+            "wrong-start",
+            "[1].trajectory[0]",
+            "episode 7_1_1 starts at viewpoint hall, got kitchen; list the start viewpoint",
+            id="wrong start",
+        ),
+        pytest.param(
+            [FIRST, record("7_1_1", "attic"), THIRD],
+            "wrong-start",
+            "[1].trajectory[0]",
+            "episode 7_1_1 starts at viewpoint hall, got attic",
+            id="start that cannot be reached",
+        ),
+        pytest.param(
+            [FIRST, record("7_1_1", "hall", "kitchen", "attic"), THIRD],
+            "unreachable",
+            "[1].trajectory[2][0]",
+            "no route leads from the start to viewpoint attic",
+            id="viewpoint that cannot be reached",
+        ),
+    ],
+)
+
+
+@faults
+def test_a_fault(
+    submission: list[Record], code: str, where: str, fragment: str, farm: GroundTruth
+) -> None:
+    (problem,) = problems_of(submission, farm)
+    assert (problem.code, problem.where) == (code, where)
+    assert fragment in problem.message
+
+
+def test_everything_is_reported_at_once_with_what_reading_found(farm: GroundTruth) -> None:
+    submission = [
+        record("7_1_0", "kitchen", "cellar", "loft", "attic"),
+        {**THIRD, "predObjId": "owl"},
+        record("7_1_0", "hall"),
+        record("7_1_2", "hall"),
+        {"instr_id": "8_2_0", "trajectory": [["stall"], 7, ["hall"]], "predObjId": -1},
+    ]
+    assert [(problem.where, problem.code) for problem in problems_of(submission, farm)] == [
+        ("file", "missing-episode"),
+        ("[0].trajectory[0]", "wrong-start"),
+        ("[0].trajectory[1][0]", "unknown-viewpoint"),
+        ("[0].trajectory[2][0]", "other-scan"),
+        ("[0].trajectory[3][0]", "unreachable"),
+        ("[1].predObjId", "wrong-type"),
+        ("[2].instr_id", "duplicate-episode"),
+        ("[3].instr_id", "unknown-episode"),
+        ("[4].instr_id", "duplicate-episode"),
+        ("[4].trajectory[1]", "wrong-type"),
+        ("[4].trajectory[2][0]", "other-scan"),
+    ]
+
+
+# The sample of a broken submission, fault by fault.
+
+CODES = {
+    "unknown viewpoint": "unknown-viewpoint",
+    "viewpoint of another building": "other-scan",
+    "viewpoint that cannot be reached": "unreachable",
+    "begins after the start": "wrong-start",
+    "empty trajectory": "empty-trajectory",
+    "trajectory is a string": "wrong-type",
+    "trajectory missing": "missing-field",
+    "pose is a number": "wrong-type",
+    "viewpoint is a number": "wrong-type",
+    "heading is a string": "wrong-type",
+    "heading is NaN": "not-finite",
+    "elevation is Infinity": "not-finite",
+    "object is a list": "wrong-type",
+    "object is a fraction": "wrong-type",
+    "object is true": "wrong-type",
+    "object missing": "missing-field",
+    "unknown episode": "unknown-episode",
+    "episode of another split": "other-split",
+    "episode given twice": "duplicate-episode",
+    "episode is a number": "wrong-type",
+    "episode missing": "missing-field",
+    "record is a string": "wrong-type",
+}
+
+
+def test_the_broken_sample(demo: GroundTruth) -> None:
+    """Two episodes are missing; of the records, the first and the last are wrong."""
+    missing, also_missing, *of_records = problems_of(SAMPLES / "broken.json", demo)
+    assert {missing.code, also_missing.code} == {"missing-episode"}
+    assert [problem.code for problem in of_records] == [
+        CODES[fault] for fault in (*SPOILED, *FOREIGN)
+    ]
+    assert len({problem.where.partition("]")[0] for problem in of_records}) == len(of_records)
+
+
+# Submissions for something else.
+
+
+def test_a_submission_for_another_split(demo: GroundTruth) -> None:
+    others = episodes_of("val_seen")
+    submission = [submitted(episode, Answer(episode.task.path[:1], -1)) for episode in others]
+    missing, other = problems_of(submission, demo)
+    assert missing.code == "missing-episode"
+    assert f"any of the {len(episodes_of(SPLIT))} episodes" in missing.message
+    assert (other.code, other.where) == ("other-split", "[0].instr_id")
+    assert f"{len(others)} ids look like val_seen ids" in other.message
+    assert f"the first is {others[0].instr_id}; score them as val_seen" in other.message
+
+
+def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:
+    """Whoever has not compiled the real data yet learns how."""
+    submission = [record("4774_267_1", "a68b5ae6571e4a66a4727573b88227e4"), record("2_3_0", "c1")]
+    (problem,) = problems_of(submission, demo)
+    assert (problem.code, problem.where) == ("not-the-demo-world", "file")
+    assert "none of its 2 episodes" in problem.message
+    assert "clone github.com/YuankaiQi/REVERIE" in problem.message
+    assert "reverie-eval compile REVERIE --split val_unseen -o val_unseen.npz" in problem.message
+    assert "--ground-truth val_unseen.npz" in problem.message
+
+
+def test_only_so_many_problems_are_looked_for(
+    farm: GroundTruth, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("reverie_eval.submissions._problems.MAX_PROBLEMS", 3)
+    submission = [record("7_1_0", "hall", *["nowhere"] * 5), SECOND, THIRD]
+    found = problems_of(submission, farm)
+    assert [problem.where for problem in found] == [
+        *(f"[0].trajectory[{number}][0]" for number in (1, 2, 3)),
+        "file",
+    ]
+    assert found[-1].code == "too-many-problems"
+
+
+# Nothing of the answers is told.
+
+
+@faults
+def test_no_message_depends_on_an_answer(
+    submission: list[Record], code: str, where: str, fragment: str, farm: GroundTruth
+) -> None:
+    told = problems_of(submission, farm)
+    assert told == problems_of(submission, ground_truth_of(OTHER_ANSWERS))
+    text = str(SubmissionError(told))
+    assert not [answer for answer in ("pantry", str(SPOON), str(OWL)) if answer in text]
+
+
+def test_a_public_bundle_finds_the_same_problems(demo: GroundTruth) -> None:
+    public = GroundTruth.from_bundle(Bundle.load(DEMO_BUNDLES / "val_unseen.npz").public())
+    broken = SAMPLES / "broken.json"
+    assert problems_of(broken, public) == problems_of(broken, demo)
+
+
+def test_scoring_rejects_what_validating_rejects(demo: GroundTruth) -> None:
+    broken = SAMPLES / "broken.json"
+    with pytest.raises(SubmissionError) as rejected:
+        evaluate(broken, split=SPLIT, ground_truth=demo)
+    assert rejected.value.problems == problems_of(broken, demo)
+
+
+# What is sound.
+
+
+@pytest.mark.parametrize("records", list(permutations(SOUND)))
+def test_the_order_of_records_does_not_matter(
+    records: Sequence[dict[str, Any]], farm: GroundTruth
+) -> None:
+    aligned = align(read_predictions(records), farm)
+    viewpoints = [farm.graph.viewpoint_ids[number] for number in aligned.viewpoint]
+    assert viewpoints == ["hall", "kitchen", "hall", "stall", "loft", "stall"]
+    assert aligned.offsets.tolist() == [0, 2, 3, 6]
+    assert aligned.predicted_object.tolist() == [-1, 7, 9]
+
+
+def test_a_jump_is_priced_at_the_shortest_route_and_counted(farm: GroundTruth) -> None:
+    jumps_twice = record("7_1_0", "hall", "pantry", "pantry", "hall", "kitchen")
+    scores = evaluate([jumps_twice, SECOND, THIRD], split=SPLIT, ground_truth=farm)
+    assert scores.episodes["path_length"].tolist() == [7.0 + 0.0 + 7.0 + 3.0, 0.0, 4.0]
+    assert scores.episodes["jumps"].tolist() == [2, 0, 0]
+    assert scores.notes[-1] == (
+        "2 jumps in 1 episode: moves between unconnected viewpoints, counted at shortest-path "
+        "distance"
+    )
+
+
+def test_validating_tells_of_jumps_and_abstentions(farm: GroundTruth) -> None:
+    submission = [record("7_1_0", "hall", "pantry"), SECOND, record("8_2_0", "stall")]
+    checked = validate(submission, split=SPLIT, ground_truth=farm)
+    assert checked.jumps.tolist() == [1, 0, 0]
+    assert checked.abstained.tolist() == [True, False, True]
+    silent, elsewhere, jumps = checked.notes
+    assert silent == "2 of 3 answers predict no object"
+    assert elsewhere.startswith("no predicted object is visible where its agent stops")
+    assert "counted at shortest-path distance" in jumps

@@ -1,0 +1,700 @@
+"""What reading makes of a submission: columns, or every problem with its code and its place.
+
+The tables hold the text of JSON values, because some faults exist in text only: a field that is
+there twice, a number beyond the range of floats.
+"""
+
+import gzip
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+
+from reverie_eval import Problem, SubmissionError
+from reverie_eval.submissions import Predictions, Submission, convert, read_predictions
+from reverie_eval.submissions import _sources as sources
+from reverie_eval.submissions._document import parse_document
+from reverie_eval.submissions._official import decode_official
+from reverie_eval.submissions._records import read_carefully
+from tests.conftest import SAMPLES
+
+RIGHT = {"instr_id": '"7_1_0"', "trajectory": '[["hall", 1.5, 0]]', "predObjId": "3"}
+HUNDRED_THOUSAND = 100_000
+
+
+class Columns(NamedTuple):
+    """Everything that predictions say, in a form that compares."""
+
+    instr_ids: list[str | None]
+    viewpoint_ids: list[str | None]
+    offsets: list[int]
+    predicted_object: list[int]
+    has_degrees: bool
+
+
+def record(**fields: str) -> str:
+    """Return the text of a right record, with other texts for some of its fields."""
+    return "{" + ", ".join(f'"{name}": {text}' for name, text in (RIGHT | fields).items()) + "}"
+
+
+def without(field: str) -> str:
+    """Return the text of a record that lacks a field."""
+    return json.dumps({name: json.loads(text) for name, text in RIGHT.items() if name != field})
+
+
+def ending_in(pose: str) -> str:
+    """Return the text of a record whose trajectory ends in this pose."""
+    return record(trajectory=f'[["hall", 1.5, 0], {pose}]')
+
+
+def document(*records: str) -> bytes:
+    """Return the content of a file with these records."""
+    return f"[{', '.join(records)}]".encode()
+
+
+def problems_of(submission: Submission) -> tuple[Problem, ...]:
+    """Return what reading finds, in the order in which it is told."""
+    try:
+        return SubmissionError(read_predictions(submission).problems).problems
+    except SubmissionError as error:
+        return error.problems
+
+
+def columns_of(predictions: Predictions) -> Columns:
+    """Return the columns of predictions."""
+    return Columns(
+        list(predictions.instr_ids),
+        list(predictions.viewpoint_ids),
+        predictions.offsets.tolist(),
+        predictions.predicted_object.tolist(),
+        predictions.has_degrees,
+    )
+
+
+def boxes_of(predictions: Predictions) -> list[tuple[object, ...]]:
+    """Return the boxes of predictions, each with its record, its camera and whether it is cut."""
+    boxes = predictions.boxes
+    columns = boxes.row, boxes.xywh, boxes.camera, boxes.is_cut
+    return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def places_of(predictions: Predictions) -> list[tuple[str, list[tuple[int, ...]]]]:
+    """Return where each record is in its file, and where its poses are in its trajectory."""
+    return [
+        (
+            str(predictions.location(row)),
+            [
+                predictions.pose_path(row, pose)
+                for pose in range(*predictions.offsets[row : row + 2].tolist())
+            ],
+        )
+        for row in range(len(predictions.instr_ids))
+    ]
+
+
+# The file as a whole.
+
+DAMAGED = bytearray(gzip.compress(document(record()), mtime=0))
+DAMAGED[-5] ^= 1  # a bit of the checksum
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "where", "fragment"),
+    [
+        pytest.param(b"", "not-json", "file", "is empty", id="empty file"),
+        pytest.param(b"[\n {'a': 1}]", "not-json", "line 2, column 3", "", id="single quotes"),
+        pytest.param(b"[{}]\n\n  [{}]", "not-json", "line 3, column 3", "", id="JSON lines"),
+        pytest.param(b'[{"a": 1}', "not-json", "line 1, column 10", "", id="cut off"),
+        pytest.param(b"[1e5, .5]", "not-json", "line 1, column 7", "", id="no digit before point"),
+        pytest.param(b'["a\nb"]', "not-json", "line 1, column 4", "", id="line break in a text"),
+        pytest.param(b'["ok", "\xff"]', "not-json", "byte 8", "utf-8", id="invalid UTF-8"),
+        pytest.param(b"PK\x03\x04", "damaged-zip", "file", "not a zip file", id="no zip"),
+        pytest.param(b"<!doctype html>", "not-json", "file", "is a web page", id="web page"),
+        pytest.param(
+            record().encode(), "not-a-list", "file", "expected a list of", id="record without list"
+        ),
+        pytest.param(b"null", "not-a-list", "file", "holds null; expected a list", id="null"),
+        pytest.param(b'"7_1_0"', "not-a-list", "file", "holds '7_1_0'", id="text"),
+        pytest.param(b"17", "not-a-list", "file", "holds 17", id="number"),
+        pytest.param(b"[" * HUNDRED_THOUSAND, "too-deep", "file", "nested", id="brackets"),
+        pytest.param(
+            document(record(note="[" * HUNDRED_THOUSAND + "]" * HUNDRED_THOUSAND)),
+            "too-deep",
+            "file",
+            "a submission has four levels",
+            id="brackets in a field that nobody reads",
+        ),
+        pytest.param(
+            gzip.compress(document(record()))[:-10],
+            "damaged-gzip",
+            "file",
+            "cannot be unpacked",
+            id="truncated gzip",
+        ),
+        pytest.param(
+            bytes(DAMAGED), "damaged-gzip", "file", "CRC check failed", id="gzip with a wrong bit"
+        ),
+        pytest.param(
+            gzip.compress(b"")[:10] + b"\xff" * 10,
+            "damaged-gzip",
+            "file",
+            "invalid block type",
+            id="gzip of nonsense",
+        ),
+        pytest.param(b"\x1f\x8b[{}]", "damaged-gzip", "file", "", id="no gzip but its first bytes"),
+    ],
+)
+def test_a_file_that_is_no_submission(content: bytes, code: str, where: str, fragment: str) -> None:
+    (problem,) = problems_of(content)
+    assert (problem.code, problem.where) == (code, where)
+    assert fragment in problem.message
+
+
+def test_a_trailing_comma_is_shown_in_its_line() -> None:
+    """Python 3.13 shows the comma, older ones what follows."""
+    (problem,) = problems_of(b"[{},\n {},\n]")
+    assert problem.code == "not-json"
+    assert problem.where in ("line 2, column 4", "line 3, column 1")
+
+
+@pytest.mark.parametrize(
+    "submission",
+    [
+        pytest.param(lambda content: content, id="bytes"),
+        pytest.param(gzip.compress, id="what a gzip unpacks to"),
+        pytest.param(io.BytesIO, id="binary file"),
+        pytest.param(lambda content: io.StringIO(content.decode()), id="text file"),
+    ],
+)
+def test_too_large(
+    submission: Callable[[bytes], Submission], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mebibyte = 1 << 20
+    monkeypatch.setattr(sources, "MAX_BYTES", mebibyte)
+    just_fits = document(record()).ljust(mebibyte)
+    assert problems_of(submission(just_fits)) == ()
+    (problem,) = problems_of(submission(just_fits + b" "))
+    assert (problem.code, problem.where) == ("too-large", "file")
+    assert "larger than 1 MiB" in problem.message
+
+
+# Records.
+
+NO_ID = "expected the episode's id as text"
+NO_TRAJECTORY = "expected a list of poses [viewpoint_id, heading, elevation]"
+NO_POSE = "expected [viewpoint_id, heading, elevation]"
+NO_OBJECT = "expected an object id (an integer from 0), or -1"
+FINITE = "heading and elevation are finite numbers of radians"
+SECOND_POSE = ".trajectory[1]"
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "field", "fragment"),
+    [
+        pytest.param('"7_1_0"', "wrong-type", "", "got '7_1_0'; expected an object", id="text"),
+        pytest.param("null", "wrong-type", "", "expected an object", id="null"),
+        pytest.param("[]", "wrong-type", "", "got []; expected an object", id="list"),
+        pytest.param(without("instr_id"), "missing-field", "", "no instr_id", id="id missing"),
+        pytest.param(
+            without("trajectory"), "missing-field", "", "no trajectory", id="trajectory missing"
+        ),
+        pytest.param(
+            without("predObjId"),
+            "missing-field",
+            "",
+            "neither predObjId nor predBox",
+            id="object missing",
+        ),
+        pytest.param(record(instr_id="7"), "wrong-type", ".instr_id", NO_ID, id="id is a number"),
+        pytest.param(record(instr_id="null"), "wrong-type", ".instr_id", NO_ID, id="id is null"),
+        pytest.param(
+            record(trajectory='"hall"'),
+            "wrong-type",
+            ".trajectory",
+            f"got 'hall'; {NO_TRAJECTORY}",
+            id="trajectory is a text",
+        ),
+        pytest.param(
+            record(trajectory="null"),
+            "wrong-type",
+            ".trajectory",
+            NO_TRAJECTORY,
+            id="no trajectory",
+        ),
+        pytest.param(
+            record(trajectory="{}"), "wrong-type", ".trajectory", NO_TRAJECTORY, id="object for it"
+        ),
+        pytest.param(
+            record(trajectory="[]"),
+            "empty-trajectory",
+            ".trajectory",
+            "has one pose, its start viewpoint",
+            id="empty trajectory",
+        ),
+        pytest.param(
+            ending_in("7"), "wrong-type", SECOND_POSE, f"got 7; {NO_POSE}", id="pose is a number"
+        ),
+        pytest.param(ending_in("null"), "wrong-type", SECOND_POSE, NO_POSE, id="pose is null"),
+        pytest.param(ending_in("{}"), "wrong-type", SECOND_POSE, NO_POSE, id="pose is an object"),
+        pytest.param(ending_in("[]"), "wrong-type", SECOND_POSE, NO_POSE, id="pose is empty"),
+        pytest.param(
+            ending_in("[7, 0.0, 0.0]"),
+            "wrong-type",
+            SECOND_POSE,
+            f"got [7, 0.0, 0.0]; {NO_POSE}",
+            id="viewpoint is a number",
+        ),
+        pytest.param(
+            ending_in('["bath", 1]'), "wrong-type", SECOND_POSE, NO_POSE, id="no elevation"
+        ),
+        pytest.param(
+            ending_in('["hall", "north", 0]'), "wrong-type", SECOND_POSE, NO_POSE, id="heading text"
+        ),
+        pytest.param(
+            ending_in('["hall", true, 0]'), "wrong-type", SECOND_POSE, NO_POSE, id="heading true"
+        ),
+        pytest.param(
+            ending_in('["hall", 0, null]'), "wrong-type", SECOND_POSE, NO_POSE, id="elevation null"
+        ),
+        pytest.param(ending_in('["hall", NaN, 0]'), "not-finite", SECOND_POSE, FINITE, id="NaN"),
+        pytest.param(
+            ending_in('["hall", 0, Infinity]'), "not-finite", SECOND_POSE, FINITE, id="Infinity"
+        ),
+        pytest.param(
+            ending_in('["hall", 0, -Infinity]'), "not-finite", SECOND_POSE, FINITE, id="-Infinity"
+        ),
+        pytest.param(
+            ending_in('["hall", 1e400, 0]'), "not-finite", SECOND_POSE, FINITE, id="1e400"
+        ),
+        pytest.param(
+            ending_in(f'["hall", 0, 1{"0" * 400}]'), "not-finite", SECOND_POSE, FINITE, id="10**400"
+        ),
+        pytest.param(
+            record(predObjId="[3]"),
+            "wrong-type",
+            ".predObjId",
+            f"got [3]; {NO_OBJECT}",
+            id="object is a list",
+        ),
+        pytest.param(
+            record(predObjId="3.5"), "wrong-type", ".predObjId", NO_OBJECT, id="object 3.5"
+        ),
+        pytest.param(
+            record(predObjId="3.0"), "wrong-type", ".predObjId", NO_OBJECT, id="object 3.0"
+        ),
+        pytest.param(
+            record(predObjId="true"), "wrong-type", ".predObjId", NO_OBJECT, id="object true"
+        ),
+        pytest.param(
+            record(predObjId='"owl"'),
+            "wrong-type",
+            ".predObjId",
+            f"got 'owl'; {NO_OBJECT}",
+            id="object is a word",
+        ),
+        pytest.param(
+            record(predObjId='"3.0"'), "wrong-type", ".predObjId", NO_OBJECT, id="text 3.0"
+        ),
+        pytest.param(record(predObjId='"-2"'), "wrong-type", ".predObjId", NO_OBJECT, id="text -2"),
+        pytest.param(record(predObjId='" 3"'), "wrong-type", ".predObjId", NO_OBJECT, id="blank 3"),
+        pytest.param(
+            record(predObjId='"\u0663"'), "wrong-type", ".predObjId", NO_OBJECT, id="arabic 3"
+        ),
+        pytest.param(
+            record(predObjId=f'"{2**31}"'), "wrong-type", ".predObjId", NO_OBJECT, id="text 2**31"
+        ),
+        pytest.param(
+            record(predObjId=f'"{"9" * 5000}"'),
+            "wrong-type",
+            ".predObjId",
+            NO_OBJECT,
+            id="text of thousands of digits",
+        ),
+        pytest.param(record(predObjId="-2"), "wrong-type", ".predObjId", NO_OBJECT, id="object -2"),
+        pytest.param(
+            record(predObjId=str(2**31)), "wrong-type", ".predObjId", NO_OBJECT, id="object 2**31"
+        ),
+        pytest.param(
+            record()[:-1] + ', "predObjId": 4}',
+            "repeated-field",
+            "",
+            "has predObjId twice",
+            id="field twice",
+        ),
+    ],
+)
+def test_a_fault_in_a_record(text: str, code: str, field: str, fragment: str) -> None:
+    (problem,) = problems_of(document(record(), text))
+    assert (problem.code, problem.where) == (code, f"[1]{field}")
+    assert fragment in problem.message
+
+
+def test_everything_is_reported_at_once_in_the_order_of_the_file() -> None:
+    wrong = (
+        record(predObjId="true", instr_id="7"),
+        '"7_1_0"',
+        record(),
+        record(trajectory='[7, ["hall", NaN], ["hall"], []]', predObjId="[]"),
+        "{}",
+    )
+    assert [problem.where for problem in problems_of(document(*wrong))] == [
+        "[0].instr_id",
+        "[0].predObjId",
+        "[1]",
+        "[3].predObjId",
+        "[3].trajectory[0]",
+        "[3].trajectory[1]",
+        "[3].trajectory[3]",
+        "[4]",
+        "[4]",
+        "[4]",
+    ]
+
+
+def test_of_too_many_problems_every_kind_is_shown() -> None:
+    error = SubmissionError(problems_of(document(*["null"] * 100, without("instr_id"))))
+    title, *shown, rest = str(error).splitlines()
+    assert title == "submission rejected, 101 problems"
+    assert rest == "... and 80 more wrong-type"
+    assert [line.partition(":")[0] for line in shown] == [*(f"[{n}]" for n in range(20)), "[100]"]
+
+
+# What is accepted.
+
+
+@pytest.mark.parametrize(
+    ("text", "viewpoint_ids", "predicted_object"),
+    [
+        pytest.param(record(), ["hall"], 3, id="as published"),
+        pytest.param(record(predObjId="-1"), ["hall"], -1, id="-1 abstains"),
+        pytest.param(record(predObjId="null"), ["hall"], -1, id="null abstains"),
+        pytest.param(record(predObjId='"None"'), ["hall"], -1, id="None abstains"),
+        pytest.param(record(predObjId='"-1"'), ["hall"], -1, id="-1 as text abstains"),
+        pytest.param(record(predObjId='""'), ["hall"], -1, id="empty text abstains"),
+        pytest.param(record(predObjId="0"), ["hall"], 0, id="0 is an object"),
+        pytest.param(record(predObjId='"0"'), ["hall"], 0, id="0 as text is an object"),
+        pytest.param(record(predObjId='"3"'), ["hall"], 3, id="object as text"),
+        pytest.param(record(predObjId=str(2**31 - 1)), ["hall"], 2**31 - 1, id="largest object id"),
+        pytest.param(
+            record(predObjId=f'"{2**31 - 1}"'), ["hall"], 2**31 - 1, id="largest object id as text"
+        ),
+        pytest.param(without("predObjId"), ["hall"], -1, id="no answer in the whole file"),
+        pytest.param(ending_in('["bath"]'), ["hall", "bath"], 3, id="pose of a viewpoint alone"),
+        pytest.param(
+            record()[:-1] + ', "note": 1, "note": 1}', ["hall"], 3, id="field nobody reads, twice"
+        ),
+        pytest.param(ending_in('"bath"'), ["hall", "bath"], 3, id="bare viewpoint"),
+        pytest.param(ending_in('["bath", "loft"]'), ["hall", "bath", "loft"], 3, id="nested hop"),
+        pytest.param(ending_in('["hall", 9, 0]'), ["hall", "hall"], 3, id="turning on the spot"),
+        pytest.param(record(note='{"a": [NaN]}'), ["hall"], 3, id="further field"),
+        pytest.param(record(trajectory='[["b\\u00e4d"]]'), ["bäd"], 3, id="escapes"),
+    ],
+)
+def test_a_right_record(text: str, viewpoint_ids: list[str], predicted_object: int) -> None:
+    predictions = read_predictions(document(text))
+    assert not predictions.problems
+    assert columns_of(predictions)[:-1] == (
+        ["7_1_0"],
+        viewpoint_ids,
+        [0, len(viewpoint_ids)],
+        [predicted_object],
+    )
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "has_degrees"),
+    [
+        pytest.param('[["hall", 6.28, 0]]', False, id="a full turn, nearly"),
+        pytest.param('[["hall", 6.29, 0]]', True, id="more than a full turn"),
+        pytest.param('[["hall", 0, -30]]', True, id="elevation"),
+        pytest.param('[["hall", 90, 0], ["bath", -3, 0.5]]', False, id="not at the last pose"),
+        pytest.param('[["hall", 1, 2], ["bath", -90, 0.5]]', True, id="at the last pose"),
+        pytest.param('[["hall", 90, 0], ["bath"]]', False, id="stop without angles"),
+        pytest.param('["hall"]', False, id="bare viewpoint"),
+        pytest.param('[["hall", "bath"]]', False, id="nested hop"),
+    ],
+)
+def test_degrees_are_recognised_at_the_last_pose(trajectory: str, *, has_degrees: bool) -> None:
+    predictions = read_predictions(document(record(trajectory=trajectory)))
+    assert predictions.has_degrees == has_degrees
+
+
+def test_most_records_have_to_look_like_degrees() -> None:
+    radians, degrees = record(), record(trajectory='[["hall", 90, 0]]')
+    assert not read_predictions(document(radians, degrees)).has_degrees
+    assert read_predictions(document(radians, degrees, degrees)).has_degrees
+
+
+@pytest.mark.parametrize("content", [b"[]", b"{}"], ids=["list", "keyed"])
+def test_no_record_at_all(content: bytes) -> None:
+    """It is for the ground truth to say that every episode is missing."""
+    predictions = read_predictions(content)
+    assert columns_of(predictions) == ([], [], [0], [], False)
+    assert not [*predictions.problems, *predictions.read_as]
+
+
+CONTENT = document(record(), record(instr_id='"7_1_1"', trajectory='[["hall"], ["bath", 0, 0]]'))
+RECORDS = json.loads(CONTENT)
+COLUMNS = Columns(
+    ["7_1_0", "7_1_1"], ["hall", "hall", "bath"], [0, 1, 3], [3, 3], has_degrees=False
+)
+
+
+def _written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize(
+    "submission",
+    [
+        pytest.param(lambda folder: _written(folder / "submit.json", CONTENT), id="path"),
+        pytest.param(lambda folder: str(_written(folder / "submit.json", CONTENT)), id="its text"),
+        pytest.param(
+            lambda folder: _written(folder / "submit.json.gz", gzip.compress(CONTENT)), id="gzip"
+        ),
+        pytest.param(
+            lambda folder: _written(folder / "submit.json", gzip.compress(CONTENT)),
+            id="gzip by another name",
+        ),
+        pytest.param(lambda _: CONTENT, id="bytes"),
+        pytest.param(lambda _: gzip.compress(CONTENT), id="bytes of a gzip"),
+        pytest.param(lambda _: b"\xef\xbb\xbf" + CONTENT, id="UTF-8 with a byte order mark"),
+        pytest.param(
+            lambda _: CONTENT.decode().encode("utf-16"), id="UTF-16, as PowerShell writes"
+        ),
+        pytest.param(lambda _: io.BytesIO(CONTENT), id="binary stream"),
+        pytest.param(lambda _: io.StringIO(CONTENT.decode()), id="text stream"),
+        pytest.param(lambda _: RECORDS, id="list"),
+        pytest.param(lambda _: tuple(RECORDS), id="tuple"),
+    ],
+)
+def test_whatever_a_submission_comes_in(
+    submission: Callable[[Path], Submission], tmp_path: Path
+) -> None:
+    assert columns_of(read_predictions(submission(tmp_path))) == COLUMNS
+
+
+@pytest.mark.parametrize("mode", ["r", "rb"])
+def test_an_open_file(mode: str, tmp_path: Path) -> None:
+    with _written(tmp_path / "submit.json", CONTENT).open(mode) as file:
+        assert columns_of(read_predictions(file)) == COLUMNS  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "content", [pytest.param(CONTENT, id="plain"), pytest.param(gzip.compress(CONTENT), id="gzip")]
+)
+def test_a_dash_is_standard_input(content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(content)))
+    assert columns_of(read_predictions("-")) == COLUMNS
+
+
+def test_python_objects_with_tuples_and_numpy_scalars() -> None:
+    agent_output = {
+        "instr_id": np.str_("7_1_0"),
+        "trajectory": (("hall", np.float32(1.5), np.int64(0)), (np.str_("bath"),)),
+        "predObjId": np.int64(3),
+    }
+    expected = Columns(["7_1_0"], ["hall", "bath"], [0, 2], [3], has_degrees=False)
+    assert columns_of(read_predictions([agent_output])) == expected
+
+
+@pytest.mark.parametrize(
+    "value", [np.bool_(1), np.float64(3), np.int64(-2), float("nan"), {3}, b"3"], ids=repr
+)
+def test_python_objects_that_are_no_object_id(value: object) -> None:
+    (problem,) = problems_of([{"instr_id": "7_1_0", "trajectory": [["hall"]], "predObjId": value}])
+    assert (problem.code, problem.where) == ("wrong-type", "[0].predObjId")
+
+
+# The fast lane reads as the slow one does.
+
+NUMBERS = ["0", "-0", "-1", "3", "3.0", "3e0", "1.", "01", "1e400", "9" * 400, str(2**31), "NaN"]
+STRANGE = ["null", "true", "{}", "[]", '"', '"a\nb"', '"\\ud800"', '"\\u00e4"', '"a:b"', '[["a"]]']
+
+names = (st.text(max_size=3) | st.sampled_from(["reverie_", "reverie_7_1_0"])).map(json.dumps)
+angles = st.integers().map(str) | st.floats(allow_nan=False, allow_infinity=False).map(repr)
+texts = st.sampled_from([*NUMBERS, *STRANGE]) | names | angles
+fields = st.sampled_from(list(RIGHT))
+box_fields = st.sampled_from(["predBox", "predView", "predImageSize"])
+right_records = st.builds(
+    lambda instr_id, poses, answer: record(
+        instr_id=instr_id, trajectory=f"[{', '.join(poses)}]", predObjId=str(answer)
+    ),
+    names,
+    st.lists(st.builds("[{}, {}, {}]".format, names, angles, angles), min_size=1, max_size=3),
+    st.integers(-1, 2**31 - 1),
+)
+other_poses = st.one_of(
+    names, st.just("[]"), names.map("[{}]".format), st.builds("[{}, {}]".format, names, names)
+)
+other_answers = st.sampled_from(['"3"', '"None"', '""', '"-1"', '"owl"'])
+other_records = st.one_of(
+    st.builds(
+        lambda poses, answer: record(trajectory=f"[{', '.join(poses)}]", predObjId=answer),
+        st.lists(other_poses, max_size=3),
+        other_answers,
+    ),
+    other_answers.map(lambda answer: without("predObjId")[:-1] + f', "pred_objid": {answer}}}'),
+)
+numbers = st.one_of(st.integers(-700, 700), st.floats(-1000, 1000), st.floats(0)).map(json.dumps)
+extents = (st.integers(1, 700) | st.floats(1e-3, 1000)).map(json.dumps)
+box_records = st.builds(
+    lambda box, view, size, pose: record(
+        predBox=box, predView=view, predImageSize=size, predObjId="-1", trajectory=f"[{pose}]"
+    ),
+    st.builds("[{}, {}, {}, {}]".format, numbers, numbers, extents, extents),
+    st.just("null") | st.integers(0, 35).map(str),
+    st.just("null") | st.builds("[{}, {}]".format, extents, extents),
+    st.builds("[{}, {}, {}]".format, names, angles, angles),
+)
+wrong_records = st.one_of(
+    other_records,
+    box_records,
+    texts,
+    fields.map(without),
+    st.builds(
+        lambda name, text: record(**{name: text}), fields | box_fields | st.just("note"), texts
+    ),
+    st.builds(lambda name, text: f'{record()[:-1]}, "{name}": {text}}}', fields, texts),
+    st.builds("[{}, {}, {}]".format, texts, texts, texts).map(ending_in),
+)
+lists = st.builds(
+    lambda before, wrong, after: document(*before, *wrong, *after),
+    st.lists(right_records, max_size=2),
+    st.lists(wrong_records, max_size=1),
+    st.lists(right_records, max_size=2),
+)
+keyed = st.lists(st.tuples(names, right_records | wrong_records), max_size=3).map(
+    lambda items: f"{{{', '.join(f'{name}: {text}' for name, text in items)}}}".encode()
+)
+documents = lists | keyed
+
+
+@st.composite
+def damaged_documents(draw: st.DrawFn) -> bytes:
+    """Draw a document with a few bytes replaced by others."""
+    content = draw(documents)
+    begin = draw(st.integers(0, len(content)))
+    end = draw(st.integers(begin, min(begin + 3, len(content))))
+    return content[:begin] + draw(st.binary(max_size=3)) + content[end:]
+
+
+@settings(max_examples=500)
+@given(content=documents | damaged_documents())
+def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
+    predictions = decode_official(content)
+    event("taken" if predictions else "declined")
+    if predictions:
+        carefully = read_carefully(parse_document(content))
+        assert columns_of(predictions) == columns_of(carefully)
+        assert places_of(predictions) == places_of(carefully)
+        assert predictions.answer_is_text.tolist() == carefully.answer_is_text.tolist()
+        assert boxes_of(predictions) == boxes_of(carefully) == []
+        assert not [*carefully.read_as, *carefully.problems]
+
+
+@settings(max_examples=500)
+@given(content=damaged_documents() | st.binary())
+def test_bytes_are_read_or_rejected(content: bytes) -> None:
+    """Anything but a rejection would be an error of ours, and fail here."""
+    for problem in problems_of(content):
+        assert problem.message
+
+
+@settings(max_examples=500)
+@given(content=documents | damaged_documents(), answers_only=st.booleans())
+def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
+    """Whatever is read: a value for each record, and a place for each pose."""
+    try:
+        predictions = read_predictions(content, answers_only=answers_only)
+    except SubmissionError:
+        return
+    records, poses = len(predictions.instr_ids), len(predictions.viewpoint_ids)
+    assert len(predictions.predicted_object) == len(predictions.answer_is_text) == records
+    assert set(predictions.boxes.row.tolist()) <= set(range(records))
+    assert predictions.offsets[[0, -1]].tolist() == [0, poses]
+    assert (
+        np.diff(predictions.offsets) >= (0 if predictions.problems or answers_only else 1)
+    ).all()
+    assert sum(len(paths) for _, paths in places_of(predictions)) == poses
+    if not predictions.problems and not answers_only:
+        assert (np.diff(predictions.first_of_hops().offsets) >= 1).all()
+
+
+@settings(max_examples=500)
+@given(content=documents)
+def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> None:
+    """But for angles that the file does not give, which become 0."""
+    told = problems_of(content)
+    try:
+        converted = json.dumps(convert(content).records).encode()
+    except SubmissionError as error:
+        event("rejected")
+        converted, found = b"", error.problems
+    else:
+        found = ()
+    assert found == told
+    if told:
+        return
+    before, after = (read_predictions(it) for it in (content, converted))
+    assert columns_of(after)[:-1] == columns_of(before)[:-1]
+    assert boxes_of(after) == boxes_of(before)
+    assert not problems_of(converted)
+
+
+@pytest.mark.parametrize("name", ["good.json", "mediocre.json"])
+def test_the_fast_lane_takes_what_agents_write(name: str) -> None:
+    assert decode_official((SAMPLES / name).read_bytes()) is not None
+
+
+def test_more_records_than_any_split_could_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.submissions._records.MAX_RECORDS", 2)
+    (problem,) = problems_of(b"[{}, {}, {}]")
+    assert (problem.code, problem.where) == ("too-large", "file")
+    assert "holds 3 records, more than the 2 that any split could need" in problem.message
+
+
+@pytest.mark.parametrize("content", [b"[[], [], []]", b"[1, 2, 3, 4, 5]", b'[{"a": 1, "b": [2]}]'])
+def test_more_values_than_can_be_read(content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes many times its letters once it is read, so they are counted before."""
+    monkeypatch.setattr("reverie_eval.submissions._document.MAX_VALUES", 3)
+    (problem,) = problems_of(content)
+    assert (problem.code, problem.where) == ("too-large", "file")
+    assert "values, more than the 3 that can be read" in problem.message
+
+
+@pytest.mark.parametrize("lane", ["text", "objects", "hops"])
+def test_a_trajectory_longer_than_any_agent_walks(
+    lane: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("official", "trajectories"):
+        monkeypatch.setattr(f"reverie_eval.submissions._{module}.MAX_POSES", 2)
+    pose: Any = ["a", 0.0, 0.0] if lane != "hops" else ["a"]
+    records = [
+        {"instr_id": "1_0", "trajectory": [pose] * 2, "predObjId": 1},
+        {"instr_id": "1_1", "trajectory": [pose] * 3, "predObjId": 1},
+    ]
+    (problem,) = problems_of(records if lane == "objects" else json.dumps(records).encode())
+    assert (problem.code, problem.where) == ("too-large", "[1].trajectory")
+    assert "holds 3 elements, more than the 2" in problem.message
+
+
+def test_only_so_many_problems_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.submissions._problems.MAX_PROBLEMS", 3)
+    poses = b'[{"instr_id": "1_0", "predObjId": 1, "trajectory": [1, 2, 3, 4, 5, 6]}, {}]'
+    for content, places in (
+        (b"[1, 2, 3, 4, 5, 6]", ["[0]", "[1]", "[2]", "file"]),
+        (poses, [f"[0].trajectory[{number}]" for number in range(3)] + ["file"]),
+    ):
+        found = problems_of(content)
+        assert [problem.where for problem in found] == places
+        assert found[-1].code == "too-many-problems"
+        assert "has more than 3 problems; fix these" in found[-1].message
+    assert len(problems_of(b"[1, 2, 3]")) == 3

@@ -1,0 +1,186 @@
+"""A real Chromium before a real server, and an ear on all that the browser complains of."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import (
+    Browser,
+    BrowserContext,
+    ConsoleMessage,
+    Page,
+    Request,
+    Response,
+    expect,
+    sync_playwright,
+)
+
+from fixtures.servers import make_folder
+from tests.conftest import unavailable
+from tests.support.demo_site import Site, furnish
+from tests.support.serving import running
+
+CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome")
+MILLISECONDS = 30_000
+"""That a page has for what is waited for."""
+expect.set_options(timeout=MILLISECONDS)
+
+FLAGS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+"""Nothing of the browser's own goes out; in a container it has no right to a sandbox."""
+Size = tuple[int, int]
+PHONE, DESKTOP, NARROW, WIDE = (375, 812), (1280, 900), (320, 640), (1920, 1080)
+_FAULT = 500
+_REFUSED = 400
+
+
+def chromium_path() -> str | None:
+    """Return where a Chromium is, if there is any."""
+    return next(filter(None, map(shutil.which, CHROMIUM_NAMES)), None)
+
+
+@contextmanager
+def browsing(chromium: str) -> Iterator[Browser]:
+    """Run a browser until the end."""
+    with sync_playwright() as engine:
+        browser = engine.chromium.launch(executable_path=chromium, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def demo_site(folder: Path) -> Iterator[Site]:
+    """Run a server with the demo world's people until the end."""
+    make_folder(folder)
+    with running(folder, REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE="1000000") as (_, url):
+        yield furnish(url, folder)
+
+
+class Ear:
+    """Hears what should not happen in a browser."""
+
+    def __init__(self, url: str, context: BrowserContext) -> None:
+        self._url = url
+        self.complaints: list[str] = []
+        context.on("console", self._on_console)
+        context.on("weberror", lambda error: self.complaints.append(f"error: {error.error}"))
+        context.on("request", self._on_request)
+        context.on("response", self._on_response)
+        context.on("dialog", lambda dialog: self.complaints.append(f"dialog: {dialog.message}"))
+
+    def _on_console(self, message: ConsoleMessage) -> None:
+        # That a page was refused is heard from the reply, where a refusal may be what is expected.
+        is_refusal = message.text.startswith("Failed to load resource")
+        if message.type in ("error", "warning") and not is_refusal:
+            self.complaints.append(f"{message.type}: {message.text}")
+
+    def _on_request(self, request: Request) -> None:
+        if not request.url.startswith((f"{self._url}/", "data:", "blob:")):
+            self.complaints.append(f"goes elsewhere: {request.url}")
+
+    def _on_response(self, reply: Response) -> None:
+        is_asked_for = reply.request.resource_type in ("document", "fetch", "xhr")
+        if reply.status >= (_FAULT if is_asked_for else _REFUSED):
+            self.complaints.append(f"{reply.status}: {reply.url}")
+
+
+OpenPage = Callable[..., Page]
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Return where a Chromium is."""
+    return chromium_path() or unavailable("there is no Chromium here")
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str) -> Iterator[Browser]:
+    """Run a browser; its event loop may not stay while other modules have theirs."""
+    with browsing(chromium) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """Run a server that is looked at, and in which nothing is changed."""
+    with demo_site(tmp_path_factory.mktemp("site") / "server") as site:
+        yield site
+
+
+@pytest.fixture
+def own_site(tmp_path: Path) -> Iterator[Site]:
+    """Run a server of this test's own."""
+    with demo_site(tmp_path / "server") as site:
+        yield site
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[OpenPage]:
+    """Return what opens a window on a site, as somebody, and fails the test on any complaint."""
+    opened: list[tuple[BrowserContext, Ear]] = []
+
+    def open_page(
+        site: Site,
+        path: str = "/",
+        who: str | None = None,
+        size: tuple[int, int] = DESKTOP,
+        **of: Any,
+    ) -> Page:
+        context = new_context(browser, site, size, **of)
+        opened.append((context, Ear(site.url, context)))
+        if who is not None:
+            context.request.post("/sign-in", form={"token": site.tokens[who]})
+        page = context.new_page()
+        page.goto(path)
+        return page
+
+    yield open_page
+    complaints = [complaint for _, ear in opened for complaint in ear.complaints]
+    for context, _ in opened:
+        context.close()
+    assert complaints == []
+
+
+def new_context(browser: Browser, site: Site, size: Size, **of: Any) -> BrowserContext:
+    """Open a window of this width and height, with nothing kept from others."""
+    width, height = size
+    viewport = {"width": width, "height": height}
+    context = browser.new_context(base_url=site.url, viewport=viewport, **of)  # type: ignore[arg-type]
+    context.set_default_timeout(MILLISECONDS)
+    return context
+
+
+def sign_in(page: Page, token: str) -> None:
+    """Sign in as people do."""
+    page.goto("/sign-in")
+    page.get_by_label("Token", exact=True).fill(token)
+    page.get_by_role("main").get_by_role("button", name="Sign in", exact=True).click()
+    page.wait_for_url(lambda url: "/sign-in" not in url)
+
+
+def serious_violations(page: Page) -> list[str]:
+    """Return what axe finds that keeps people out: the rule, and where.
+
+    References
+    ----------
+    axe-core 4.12 (Deque Systems), which comes with the package axe-playwright-python.
+    """
+    page.evaluate(files("axe_playwright_python").joinpath("axe.min.js").read_text())
+    found = page.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } })")["violations"]
+    return [
+        f"{each['id']}: {each['help']}: {node['target']} {node.get('failureSummary', '')}"
+        for each in found
+        if each["impact"] in ("serious", "critical")
+        for node in each["nodes"]
+    ]

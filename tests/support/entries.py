@@ -1,0 +1,63 @@
+"""Results on a board, with scores that a test makes up, and what the board's pages show."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import html5lib
+import httpx
+
+from reverie_eval.server.store.tables import Submission
+from tests.support.serving import OPEN, OWNER, Serving
+
+Scores = Mapping[str, float]
+HTML = "{http://www.w3.org/1999/xhtml}"
+BOARD = f"/boards/{OPEN}"
+
+
+def entered(
+    server: Serving,
+    scores: Scores | None = None,
+    who: str = OWNER,
+    split: str = OPEN,
+    report: Mapping[str, Any] | None = None,
+    **change: Any,
+) -> str:
+    """Put a submission on the board and return its id.
+
+    With these scores, if they are given, and then what else is given of the report.
+    """
+    submission: str = server.upload(who, server.distinct(split), split).json()["submission"]["id"]
+    if scores is not None:
+        with server.state.database.writing() as session:
+            row = session.get_one(Submission, submission)
+            row.report = {**row.report, "scores": scores, **(report or {})}
+    reply = server.ask(
+        who, "PATCH", f"/submissions/{submission}", json={"published": True, **change}
+    )
+    assert reply.status_code == 200, reply.text
+    server.clock.turn(seconds=1)
+    return submission
+
+
+def get(server: Serving, query: str = "", path: str = BOARD, status: int = 200) -> httpx.Response:
+    """Look at a page of a board."""
+    reply = server.client.get(path + query)
+    assert reply.status_code == status, reply.text
+    return reply
+
+
+def tables(reply: httpx.Response) -> list[list[list[str]]]:
+    """Return the cells of every table's body, each in words; HTML with an error is refused."""
+    document = html5lib.HTMLParser(strict=True).parse(reply.text)
+    return [
+        [
+            [" ".join("".join(cell.itertext()).split()) for cell in row]
+            for row in body.iter(f"{HTML}tr")
+        ]
+        for body in document.iter(f"{HTML}tbody")
+    ]
+
+
+def named(name: str, **more: Any) -> Mapping[str, Any]:
+    """Return what is said of a method."""
+    return {"method": {"name": name, **more}}

@@ -1,0 +1,105 @@
+"""A home of two storeys with an episode of every outcome: what episodes, maps and reports show.
+
+The cellar is the ground floor's size and 3 m below; stairs lead up between.
+"""
+
+from pathlib import Path
+
+from reverie_eval import GroundTruth, Scores, evaluate
+from reverie_eval.dataset import DatasetFiles, compile_split
+from reverie_eval.ground_truth import DEMO_BUNDLES
+from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.worlds import SPLIT, write_world
+
+LAMP, SOFA = 3, 4
+HOME = World(
+    {
+        "home": Scan(
+            {
+                "cellar": Viewpoint((0.0, 0.0, 0.0)),
+                "rack": Viewpoint((4.0, 0.0, 0.0)),
+                "shelf": Viewpoint((8.0, 0.0, 0.1)),
+                "stairs": Viewpoint((10.0, 0.0, 1.6)),
+                "hall": Viewpoint((10.0, 4.0, 3.0), views={SOFA: [12]}),
+                "room": Viewpoint((10.0, 10.0, 3.0), views={LAMP: [12], SOFA: [12]}),
+                "porch": Viewpoint((10.0, 14.0, 3.2), views={LAMP: [13]}),
+            },
+            frozenset(
+                {
+                    ("cellar", "rack"),
+                    ("rack", "shelf"),
+                    ("shelf", "stairs"),
+                    ("stairs", "hall"),
+                    ("hall", "room"),
+                    ("room", "porch"),
+                }
+            ),
+        )
+    },
+    [
+        Task("1_3", "home", ["hall", "room"], LAMP, instructions=3),
+        Task("2_4", "home", ["porch", "room", "hall"], SOFA, instructions=2),
+    ],
+)
+WALKS = {
+    "1_3_0": (["hall", "room"], LAMP),  # right
+    "1_3_1": (["hall", "room", "porch"], SOFA),  # wrong object, 4 m beyond the path's end
+    "1_3_2": (["hall"], LAMP),  # correct object at the wrong stop, 6 m from the path's end
+    "2_4_0": (["porch", "room", "porch"], LAMP),  # overshot: the sofa is seen from the room
+    "2_4_1": (["porch"], -1),  # never reached
+}
+OTHER_WALKS = {
+    **WALKS,
+    "1_3_0": (["hall", "stairs", "shelf"], -1),  # never reached, and down the stairs
+    "2_4_0": (["porch"], LAMP),  # never reached
+    "2_4_1": (["porch", "room", "hall"], SOFA),  # right
+}
+
+
+def home_scores(
+    folder: Path,
+    walks: dict[str, tuple[list[str], int]] = WALKS,
+    protocol: str = "official-v1",
+    **replaced: str,
+) -> Scores:
+    """Score walks through the home; words in its files may be replaced by others."""
+    write_world(HOME, folder)
+    for file in (folder / "tasks" / "REVERIE" / "data").iterdir():
+        text = file.read_text()
+        for word, other in replaced.items():
+            text = text.replace(word.replace("_", " "), other)
+        file.write_text(text)
+    files = DatasetFiles.find(folder, split=SPLIT)
+    bundle = folder / "home.npz"
+    compile_split(files, SPLIT).save(bundle)
+    return evaluate(records(walks), split=SPLIT, ground_truth=bundle, protocol=protocol)
+
+
+def records(walks: dict[str, tuple[list[str], int]]) -> list[dict[str, object]]:
+    """Return walks as a submission."""
+    return [
+        {"instr_id": id_, "trajectory": [[place, 0, 0] for place in walk], "predObjId": answer}
+        for id_, (walk, answer) in walks.items()
+    ]
+
+
+def perfect() -> list[dict[str, object]]:
+    """Walk every annotated path of the demo world and name every target."""
+    truth = GroundTruth.load(DEMO_BUNDLES / f"{SPLIT}.npz")
+    answers, ids = truth.require_answers(), truth.graph.viewpoint_ids
+    return [
+        {
+            "instr_id": instr_id,
+            "trajectory": [[ids[node], 0, 0] for node in path_of(truth, row)],
+            "predObjId": int(answers.target_object[row]),
+        }
+        for row, instr_id in enumerate(truth.episodes.instr_ids)
+    ]
+
+
+def path_of(truth: GroundTruth, row: int) -> list[int]:
+    """Return an episode's annotated path."""
+    task = truth.episodes.task[row]
+    offsets = truth.require_answers().path_offsets
+    path: list[int] = truth.require_answers().path[offsets[task] : offsets[task + 1]].tolist()
+    return path

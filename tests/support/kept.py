@@ -1,0 +1,59 @@
+"""What a server has kept: its rows, what the doctor says of them, and a backup of it all."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from reverie_eval.server.backup import write_backup
+from reverie_eval.server.doctor import examine
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.dump import Row, dump
+from tests.support.serving import GOOD, MATE, OTHER, OWNER, PRIVATE, Serving, submission_for
+
+
+@contextmanager
+def opened(folder: Path) -> Iterator[Database]:
+    """Open the database of a server."""
+    database = Database(load_settings(folder).database_url)
+    try:
+        yield database
+    finally:
+        database.close()
+
+
+def rows_of(folder: Path) -> Sequence[Row]:
+    """Return every row of a server's database."""
+    with opened(folder) as database:
+        return list(dump(database))
+
+
+def faults(folder: Path) -> list[str]:
+    """Return what the doctor complains of."""
+    return [str(finding) for finding in examine(folder) if finding.kind == "fault"]
+
+
+def use(server: Serving) -> None:
+    """Do some of everything that a server keeps."""
+    server.upload(OWNER, GOOD, key="a key", description="Équipe 蓝")
+    server.upload(MATE, submission_for(PRIVATE), PRIVATE)
+    server.upload(OTHER, submission_for(PRIVATE), PRIVATE)
+    (newest, *_) = server.ask(OTHER, "GET", "/submissions").json()
+    change = {"published": True, "anonymous_until": "2026-06-01T00:00:00.000001Z"}
+    server.ask(OTHER, "PATCH", f"/submissions/{newest['id']}", json=change)
+
+
+@pytest.fixture
+def used(server: Serving, folder: Path) -> Path:
+    """Return the folder of a server that people have used."""
+    use(server)
+    return folder
+
+
+@pytest.fixture
+def archive(used: Path, tmp_path: Path) -> Path:
+    """Return its backup."""
+    write_backup(used, tmp_path / "backup.tar.gz")
+    return tmp_path / "backup.tar.gz"

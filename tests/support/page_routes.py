@@ -1,0 +1,102 @@
+"""Every page there is, and how each is asked for."""
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from fastapi import FastAPI
+from fastapi.routing import iter_route_contexts
+
+from reverie_eval.server.edge.labels import API
+from tests.support.demo_site import (
+    BOLD,
+    ENDLESS,
+    MARKED,
+    OPEN,
+    ORGANISER,
+    OWNER,
+    PRIVATE,
+    WORDY,
+    Site,
+)
+
+
+class Example(NamedTuple):
+    """A page as somebody sees it."""
+
+    route: str
+    """As the application knows it; ``{submission_id}`` is the owner's best."""
+    who: str | None = None
+    query: str = ""
+
+    @property
+    def name(self) -> str:
+        """What to call it in files and of tests."""
+        text = f"{self.route}{self.query} {(self.who or '')[:8]}"
+        return "-".join(re.findall(r"\w+", text)).lower() or "home"
+
+    def path(self, site: Site) -> str:
+        """Return where it is on a server."""
+        parts = {
+            "split": OPEN,
+            "submission_id": site.ids[OPEN, "Walker"],
+            "other_id": site.ids[OPEN, BOLD],
+            "wordy_id": site.ids[OPEN, ENDLESS],
+            "instr_id": "1196_0_0",
+            "private_id": site.ids[PRIVATE, "Shortest paths"],
+        }
+        return (self.route + self.query).format(**parts)
+
+
+EXAMPLES = (
+    Example("/boards/{split}"),
+    Example("/boards/{split}", OWNER, "?metric=spl&extra_data=without&columns=all"),
+    Example("/boards/{split}", None, "?text=nothing+is+called+so"),
+    Example("/sign-in"),
+    Example("/submit", OWNER),
+    Example("/submissions/{submission_id}"),
+    Example("/submissions/{submission_id}", OWNER),
+    Example("/submissions/{other_id}"),
+    Example("/submissions/{wordy_id}", WORDY),
+    Example("/team", OWNER),
+    Example("/team", MARKED),
+    Example("/team", WORDY),
+    Example("/episodes"),
+    Example("/episodes/{split}"),
+    Example("/episodes/{split}", ORGANISER, "?submission={submission_id}&other={other_id}"),
+    Example("/episodes/{split}/{instr_id}"),
+    Example(
+        "/episodes/{split}/{instr_id}",
+        ORGANISER,
+        "?submission={submission_id}&other={other_id}",
+    ),
+    Example("/words"),
+    Example("/words/submitting"),
+    Example("/words/metrics"),
+    Example("/words/protocols"),
+    Example("/words/rules"),
+    Example("/words/api"),
+    Example("/words/privacy"),
+    Example("/desk", ORGANISER),
+    Example("/desk/uploads", ORGANISER),
+    Example("/desk/reviews", ORGANISER),
+    Example("/desk/reviews", ORGANISER, "?submission={wordy_id}"),
+    Example("/desk/reported", ORGANISER),
+    Example("/desk/quotas", ORGANISER),
+    Example("/desk/people", ORGANISER),
+    Example("/desk/notice", ORGANISER),
+    Example("/desk/audit", ORGANISER),
+    Example("/no-such-page"),
+)
+NO_PAGES = frozenset(
+    {"/", "/boards/{split}/chart", "/boards/{split}/latex", "/boards/{split}/bibtex"}
+)
+"""What leads elsewhere or is a file."""
+
+
+def page_routes(app: FastAPI) -> Iterator[tuple[str, str]]:
+    """Yield method and path of every route that is a page's."""
+    for route in iter_route_contexts(app.routes):
+        path = route.path or ""
+        if route.methods and not route.include_in_schema and not path.startswith(API):
+            yield from ((method, path) for method in sorted(route.methods - {"HEAD"}))

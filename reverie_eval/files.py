@@ -27,7 +27,11 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
         return
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        descriptor = os.open(draft, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, mode)
+        try:
+            descriptor = os.open(draft, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, mode)
+        except OSError as error:
+            error.filename = str(path)  # the file that was asked for
+            raise
         with os.fdopen(descriptor, "wb") as file:
             if path.exists():
                 draft.chmod(path.stat().st_mode)

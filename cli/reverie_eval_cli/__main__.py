@@ -1,7 +1,22 @@
-"""``python -m reverie_eval_cli``."""
+"""The command as a process of its own: ``reverie-eval``, or ``python -m reverie_eval_cli``."""
 
-import sys
+import gc
+import os
+from typing import NoReturn
 
-from reverie_eval_cli.main import main
 
-sys.exit(main())
+def run() -> NoReturn:
+    """Run the command and exit with its status.
+
+    The cycle collector is off, and the process leaves without dismantling its modules and arrays.
+    Each would take a tenth of the time that scoring a file takes, and helps only processes that
+    live longer; ``serve`` turns the collector on again.
+    """
+    gc.disable()
+    from reverie_eval_cli.main import main
+
+    os._exit(main())
+
+
+if __name__ == "__main__":
+    run()

@@ -1,60 +1,127 @@
 """``reverie-eval``: the command line.
 
-Results go to standard output, reasons to standard error. Exit status: 0 done, 1 what was given was
-rejected, 2 it could not be tried.
+Results go to standard output, reasons to standard error. Exit status: 0 done, 1 input rejected,
+2 usage or system error.
 """
 
-import argparse
 import io
 import os
 import sys
 from collections.abc import Sequence
 
-from reverie_eval import RejectedError, ReverieEvalError, SubmissionError
-from reverie_eval_cli.parser import PROGRAM, complete, parse
-from reverie_eval_cli.submissions import rejection
+import click
 
-_EXPECTED = (ReverieEvalError, OSError, MemoryError, KeyboardInterrupt)
-"""What may end a command and is told in a line, without a traceback."""
+from reverie_eval import RejectedError, ReverieEvalError
+from reverie_eval.version import __version__
+from reverie_eval_cli.groups import Program
+
+PROGRAM = "reverie-eval"
+COMPLETION_VARIABLE = "_REVERIE_EVAL_COMPLETE"
+"""The environment variable in which a shell asks for completions."""
+
+program = click.version_option(__version__, message="%(prog)s %(version)s")(
+    Program(
+        "reverie_eval_cli.commands",
+        {
+            "Check and score": {
+                "score": "score:score",
+                "validate": "submissions:validate_submission",
+                "compare": "compare:compare",
+                "report": "compare:report",
+                "convert": "submissions:convert_submission",
+                "agent": "submissions:agent",
+            },
+            "Send to an evaluation server": {
+                "login": "login:login",
+                "submit": "submit:submit",
+                "leaderboard": "leaderboard:leaderboard",
+                "verify": "verify:verify",
+            },
+            "Prepare ground truth": {
+                "compile": "dataset:compile_bundle",
+                "lint": "dataset:lint",
+                "describe": "dataset:describe",
+                "boxes": "boxes:boxes",
+            },
+            "Run an evaluation server": {
+                "serve": "serve:serve",
+                "server": "server:server",
+            },
+            "Further help": {
+                "schema": "shell:schema",
+                "completion": "shell:completion",
+            },
+        },
+        options_metavar="",
+        subcommand_metavar="SUBMISSION|COMMAND [OPTIONS]",
+        help="""Score submissions to the REVERIE benchmark.
+
+        \b
+          reverie-eval submit.json --split val_unseen     score a result file
+          reverie-eval validate submit.json --split test  check it before sending it
+          reverie-eval help submit                        explain a command
+
+        A first word that is not a command is a file to score. Without ground truth
+        of your own (`reverie-eval compile`), the demo world is used.
+
+        Exit status: 0 done, 1 input rejected, 2 usage or system error.
+        """,
+    )
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status."""
-    if "_ARGCOMPLETE" in os.environ:
-        complete()
-    arguments = parse(sys.argv[1:] if argv is None else argv)
-    _show_any_name()
+    _show_any_file_name()
     try:
-        status: int = arguments.run(arguments)
+        status = _status(sys.argv[1:] if argv is None else list(argv))
         if sys.stdout is not None:  # closed by the shell: `>&-`
             sys.stdout.flush()
     except BrokenPipeError:
-        # The reader (`| head`) has seen enough; keep Python from complaining at exit.
+        # The reader (`| head`) has seen enough. What is still buffered goes nowhere, so that
+        # Python does not complain at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except _EXPECTED as error:
-        print(_reason(arguments, error), file=sys.stderr)
-        return 1 if isinstance(error, RejectedError) else 2
     return status
 
 
-def _show_any_name() -> None:
-    """Let a file name that the terminal has no letters for be written with escapes."""
+def _status(words: list[str]) -> int:
+    """Run the command; print why it failed in a line, without a traceback."""
+    try:
+        if instruction := os.environ.get(COMPLETION_VARIABLE):
+            from click.shell_completion import shell_complete
+
+            return shell_complete(program, {}, PROGRAM, COMPLETION_VARIABLE, instruction)
+        with program.make_context(PROGRAM, words) as context:
+            status: int | None = program.invoke(context)
+            return status or 0
+    except click.exceptions.Exit as finished:  # after --help and --version
+        return finished.exit_code
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except BrokenPipeError:
+        raise
+    except (ReverieEvalError, OSError, MemoryError, KeyboardInterrupt) as error:
+        print(f"{PROGRAM}: {_reason(error)}", file=sys.stderr)
+        return 1 if isinstance(error, RejectedError) else 2
+
+
+def _reason(error: BaseException) -> str:
+    match error:
+        case OSError():
+            where = "" if error.filename is None else f"{error.filename}: "
+            return f"{where}{error.strerror}"
+        case MemoryError():
+            return "out of memory, which no submission should need"
+        case KeyboardInterrupt():
+            return "interrupted"
+        case _:
+            return str(error)
+
+
+def _show_any_file_name() -> None:
+    """Print characters that the terminal's encoding lacks as escapes."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-
-
-def _reason(arguments: argparse.Namespace, error: BaseException) -> str:
-    match error:
-        case SubmissionError():
-            return rejection(arguments.submission, error)
-        case ReverieEvalError():
-            return f"{PROGRAM}: {error}"
-        case OSError():
-            where = "" if error.filename is None else f"{error.filename}: "
-            return f"{PROGRAM}: {where}{error.strerror}"
-        case MemoryError():
-            return f"{PROGRAM}: out of memory, which no submission should need"
-        case _:
-            return f"{PROGRAM}: interrupted"

@@ -1,80 +1,91 @@
-"""What a participant says of a method: options, and what is made of them."""
+"""What a participant says about a method, for the leaderboard."""
 
-import argparse
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from reverie_eval import ReverieEvalError
+from reverie_eval.text import printable
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Method
 
-_FLAGS = {
-    "extra_data": "the method was trained on more than the benchmark's training split",
-    "pre_exploration": "it saw the test buildings before the instructions",
-    "ground_truth_objects": "it was given the annotated objects of a viewpoint",
-    "ensemble": "several models decide together",
+_TEXTS = {
+    "name": ("--method", "NAME", "Its name.  [default: the file's]"),
+    "description": ("--description", "TEXT", "A description in a few sentences."),
+    "paper": ("--paper", "URL", "Where the paper is."),
+    "code": ("--code", "URL", "Where the code is."),
 }
-_OPTIONS = {"name": "method"}
-"""Fields whose option is called otherwise."""
+_FLAGS = {
+    "extra_data": "It was trained on more than the benchmark's training split.",
+    "pre_exploration": "It saw the test buildings before the instructions.",
+    "ground_truth_objects": "It was given the annotated objects of a viewpoint.",
+    "ensemble": "Several models decide together.",
+}
 _LONGEST_NAME = 100
 
 
-def add_method(parser: argparse.ArgumentParser) -> None:
-    """Add what a leaderboard says of the method."""
-    about = parser.add_argument_group("what the leaderboard says of the method")
-    about.add_argument("--method", metavar="NAME", help="its name (default: the file's)")
-    about.add_argument("--description", metavar="TEXT", help="in a few sentences")
-    about.add_argument("--paper", metavar="URL", help="https://...")
-    about.add_argument("--code", metavar="URL", help="https://...")
-    for name, meaning in _FLAGS.items():
-        about.add_argument(
-            f"--{name.replace('_', '-')}", action=argparse.BooleanOptionalAction, help=meaning
-        )
+@dataclass(frozen=True)
+class MethodOptions:
+    """The fields of a :class:`~reverie_eval.schemas.service.Method` that were given."""
+
+    given: Mapping[str, Any]
+
+    def method(self, submission: str) -> "Method":
+        """Return the method; if it has no name, it gets the file's.
+
+        Raises
+        ------
+        ReverieEvalError
+            Naming each option that is wrong.
+        """
+        from pydantic import ValidationError
+
+        from reverie_eval.schemas.service import Method
+
+        try:
+            return Method.model_validate({"name": _name_of(submission), **self.given})
+        except ValidationError as error:
+            wrong = [
+                f"{_option(str(detail['loc'][0]))}: {detail['msg']}"
+                for detail in error.errors(include_url=False)
+            ]
+            raise ReverieEvalError("; ".join(wrong)) from None
+
+    def changes(self, before: "Method", submission: str) -> Mapping[str, Any]:
+        """Return the fields that were given and differ from what the server has."""
+        given = self.method(submission).model_dump(include=set(self.given))
+        return {field: value for field, value in given.items() if value != getattr(before, field)}
 
 
-def method_of(arguments: argparse.Namespace) -> "Method":
-    """Return what is said of the method; without a name, it has the file's.
+def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add an option for each field of a method; the command gets them as ``method``."""
 
-    Raises
-    ------
-    ReverieEvalError
-        Naming each option that is wrong.
-    """
-    from pydantic import ValidationError
+    @functools.wraps(command)
+    def with_method(**values: Any) -> Any:
+        fields = {field: values.pop(field) for field in (*_TEXTS, *_FLAGS)}
+        given = {field: value for field, value in fields.items() if value is not None}
+        return command(method=MethodOptions(given), **values)
 
-    from reverie_eval.schemas.service import Method
-
-    try:
-        return Method.model_validate({"name": _stem(arguments.submission)} | _given(arguments))
-    except ValidationError as error:
-        wrong = [
-            f"--{_option(str(detail['loc'][0]))}: {detail['msg']}"
-            for detail in error.errors(include_url=False)
-        ]
-        raise ReverieEvalError("; ".join(wrong)) from None
-
-
-def amendments(method: "Method", arguments: argparse.Namespace) -> Mapping[str, Any]:
-    """Return what is said now that was not said of a method before."""
-    said = method_of(arguments).model_dump(include=set(_given(arguments)))
-    return {field: value for field, value in said.items() if value != getattr(method, field)}
-
-
-def _given(arguments: argparse.Namespace) -> dict[str, Any]:
-    fields = ("name", "description", "paper", "code", *_FLAGS)
-    said = {field: getattr(arguments, _OPTIONS.get(field, field)) for field in fields}
-    return {field: value for field, value in said.items() if value is not None}
+    decorated: Callable[..., Any] = with_method
+    for field, meaning in reversed(_FLAGS.items()):
+        name = field.replace("_", "-")
+        add = click.option(f"--{name}/--no-{name}", field, default=None, help=meaning)
+        decorated = add(decorated)
+    for field, (option, metavar, meaning) in reversed(_TEXTS.items()):
+        decorated = click.option(option, field, metavar=metavar, help=meaning)(decorated)
+    return decorated
 
 
 def _option(field: str) -> str:
-    return _OPTIONS.get(field, field).replace("_", "-")
+    return _TEXTS[field][0] if field in _TEXTS else f"--{field.replace('_', '-')}"
 
 
-def _stem(submission: str) -> str:
+def _name_of(submission: str) -> str:
     """Return a file's name up to the first dot."""
-    from reverie_eval.text import printable
-
     stem = "" if submission == "-" else Path(submission).name.partition(".")[0]
     return printable(stem)[:_LONGEST_NAME].strip() or "unnamed"

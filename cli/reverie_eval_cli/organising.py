@@ -1,8 +1,7 @@
-"""What an organiser's commands share: who acts, what time it is, and how lists are shown."""
+"""What an organiser's commands share: who acts, the time, the database, and lists."""
 
 import getpass
 import os
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -10,16 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from reverie_eval.reporting._grids import Grid, aligned, rich_table
+from reverie_eval_cli.output import show
 
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
     from reverie_eval.server.checks import Finding
-    from reverie_eval.server.service.people import Minted
 
 
 def actor() -> str:
-    """Return who acts, for the audit log."""
+    """Return the name of the user, for the audit log."""
     try:
         name = getpass.getuser()
     except (KeyError, OSError):  # in a container, a user may have no name
@@ -33,7 +32,7 @@ def now() -> datetime:
 
 
 def after(days: int | None) -> datetime | None:
-    """Return the time after so many days, if there is an end."""
+    """Return the time after so many days, or None for no end."""
     return None if days is None else now() + timedelta(days=days)
 
 
@@ -49,7 +48,7 @@ def writing(folder: Path) -> Iterator["Session"]:
 
 @contextmanager
 def reading(folder: Path) -> Iterator["Session"]:
-    """Open a server's database to look into it."""
+    """Open a server's database to read it."""
     from reverie_eval.server.checks import opened
     from reverie_eval.server.settings import load_settings
 
@@ -62,31 +61,14 @@ def minute(instant: datetime | None) -> str:
     return "" if instant is None else f"{instant:%Y-%m-%d %H:%M}"
 
 
-def show_list(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def print_list(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a list: as a table on a terminal, in plain columns for a pipe."""
     grid = Grid(headings, rows, frozenset(range(len(headings))))
-    if sys.stdout.isatty():
-        from rich.console import Console
-
-        Console().print(rich_table(grid))
-    else:
-        print(aligned(grid))
+    show(lambda: aligned(grid), None, lambda console: console.print(rich_table(grid)))
 
 
 def show_findings(findings: Sequence["Finding"]) -> int:
-    """Print what a look at a server came to, and return the exit status."""
+    """Print the findings of a check, and return the exit status."""
     rows = [(finding.check, finding.kind, finding.what) for finding in findings]
-    show_list(("looked at", "is", "what"), rows)
+    print_list(("checked", "result", "details"), rows)
     return 1 if any(finding.kind == "fault" for finding in findings) else 0
-
-
-def show_token(minted: "Minted") -> None:
-    """Print a token alone, for a script, and beside it whose it is and that it is shown once."""
-    token = minted.token
-    ends = f", until {minute(token.expires_at)} UTC" if token.expires_at else ""
-    kind = "invitation" if token.kind == "invite" else "token"
-    print(minted.text)
-    print(
-        f"{kind} of {token.person.name}, {token.person.team.name}{ends}; it is not shown again",
-        file=sys.stderr,
-    )

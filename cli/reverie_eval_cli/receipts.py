@@ -12,27 +12,29 @@ if TYPE_CHECKING:
     from reverie_eval.schemas.service import Receipt
 
 
-def check_place(place: str | None, sha256: str, split: str) -> None:
-    """Make sure, before anything is spent, that a receipt can be written where it is wanted.
+def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
+    """Make sure, before a submission is used, that its receipt can be written.
 
     Raises
     ------
     ReverieEvalError
-        If another file is there, or no folder.
+        If another file is there, or the folder is missing.
     """
     if place is None:
         return
     path = Path(place)
     if not path.parent.is_dir():
-        raise ReverieEvalError(f"{path.parent} is no folder that the receipt could be written to")
+        raise ReverieEvalError(
+            f"{path.parent} is not a folder; the receipt cannot be written there"
+        )
     if path.exists():
         there = _receipt_in(path)
         if there is None or (there.sha256, there.split) != (sha256, split):
-            raise ReverieEvalError(f"{place} is there already; choose another file")
+            raise ReverieEvalError(f"{place} already exists; choose another file for the receipt")
 
 
-def keep(receipt: "Receipt", place: str | None, submission: str) -> Path:
-    """Write a receipt, or find where it was written before.
+def keep_receipt(receipt: "Receipt", place: str | None, submission: str) -> Path:
+    """Write a receipt, unless it has been written before, and return its path.
 
     Raises
     ------
@@ -48,7 +50,7 @@ def keep(receipt: "Receipt", place: str | None, submission: str) -> Path:
                 return path
         else:
             return path
-    raise FileExistsError(errno.EEXIST, "is there already", place)
+    raise FileExistsError(errno.EEXIST, "already exists", place)
 
 
 def read_receipt(path: Path) -> "Receipt":
@@ -57,7 +59,7 @@ def read_receipt(path: Path) -> "Receipt":
     Raises
     ------
     ReverieEvalError
-        If the file is none.
+        If the file is not a receipt.
     """
     from pydantic import ValidationError
 
@@ -66,7 +68,7 @@ def read_receipt(path: Path) -> "Receipt":
     try:
         return Receipt.model_validate_json(path.read_bytes())
     except ValidationError:
-        raise ReverieEvalError(f"{path} is no receipt that this version knows") from None
+        raise ReverieEvalError(f"{path} is not a receipt that this version can read") from None
 
 
 def _receipt_in(path: Path) -> "Receipt | None":
@@ -77,7 +79,7 @@ def _receipt_in(path: Path) -> "Receipt | None":
 
 
 def _names(submission: str, receipt: "Receipt") -> Iterator[Path]:
-    """Return ``FILE.receipt.json``, and what follows if that is taken."""
+    """Return ``FILE.receipt.json``, then names with a number, for when it is taken."""
     letters = "".join(filter(str.isalnum, receipt.submission_id))  # it comes from the server
     base = f"submission-{letters}" if submission == "-" else submission
     yield Path(f"{base}.receipt.json")

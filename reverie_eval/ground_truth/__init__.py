@@ -18,6 +18,7 @@ from reverie_eval.ground_truth._truth import (
     GROUND_TRUTH_VARIABLE,
     Episodes,
     GroundTruth,
+    bundled_splits,
     find_ground_truth,
 )
 
@@ -34,6 +35,7 @@ __all__ = [
     "GroundTruth",
     "NavigationGraph",
     "bundle_name",
+    "bundled_splits",
     "find_ground_truth",
     "pack_texts",
 ]

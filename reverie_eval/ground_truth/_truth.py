@@ -2,7 +2,7 @@
 
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -14,7 +14,7 @@ from reverie_eval.errors import GroundTruthError
 from reverie_eval.ground_truth._answers import Answers
 from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name, unpack_texts
 from reverie_eval.ground_truth._graph import NavigationGraph
-from reverie_eval.text import count_text
+from reverie_eval.text import count_text, did_you_mean
 
 GROUND_TRUTH_VARIABLE = "REVERIE_EVAL_GROUND_TRUTH"
 """The environment variable that names a bundle, or a folder of bundles."""
@@ -166,6 +166,11 @@ def find_ground_truth(given: str | PathLike[str] | GroundTruth | None, split: st
     return truth
 
 
+def bundled_splits(place: Path | None = None) -> Sequence[str]:
+    """Return the splits whose bundles are in a folder, or in the demo world."""
+    return sorted({path.name.split(".")[0] for path in (place or DEMO_BUNDLES).glob("*.npz")})
+
+
 def _load(place: Path, split: str) -> GroundTruth:
     if not place.exists():
         raise GroundTruthError(
@@ -181,12 +186,12 @@ def _load(place: Path, split: str) -> GroundTruth:
 
 
 def _missing_bundle(place: Path, split: str) -> str:
-    present = sorted({path.name.split(".")[0] for path in place.glob("*.npz")})
-    if not present:
+    splits = bundled_splits(place)
+    if not splits:
         name, dataset = bundle_name(split, public=False), shlex.quote(str(place))
         return (
             f"there are no bundles in {place}; if it is the dataset itself, run `reverie-eval "
             f"compile {dataset} --split {split} -o {name}` first"
         )
     where = "the demo world" if place == DEMO_BUNDLES else place
-    return f"{where} has no split {split!r}; it has {', '.join(present)}"
+    return f"{where} has no split {split!r}{did_you_mean(split, splits)}"

@@ -7,12 +7,14 @@ Its tables are in ``test_tables.py``; what depends on pipes, terminals, shells a
 import json
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
 
 from reverie_eval import GroundTruth, __version__
-from reverie_eval_cli.main import main
+from reverie_eval_cli.main import main, program
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat import NOTE, SCORE, TABLE, Run, signature, words
 from tests.support.worlds import SPLIT
@@ -42,7 +44,7 @@ BROKEN = SAMPLES / "broken.json"
         pytest.param(
             "submit.json --split val",
             2,
-            "the demo world has no split 'val'; it has test, train, val_seen, val_unseen",
+            "the demo world has no split 'val'; choose one of: test, train, val_seen, val_unseen",
             id="unknown split",
         ),
         pytest.param(
@@ -172,7 +174,6 @@ def test_every_problem_is_listed_with_its_place(run: Run) -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        pytest.param("", id="nothing"),
         pytest.param("submit.json", id="no split"),
         pytest.param("{split}", id="no submission"),
         pytest.param("submit.json {split} --protocol mine", id="unknown protocol"),
@@ -193,26 +194,84 @@ def test_every_problem_is_listed_with_its_place(run: Run) -> None:
     ],
 )
 def test_words_that_make_no_sense(line: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stopped:
-        main(words(line))
-    assert stopped.value.code == 2
-    assert capsys.readouterr().err.startswith("usage: reverie-eval")
+    assert main(words(line)) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.partition(" ")[0]) == ("", "Usage:")
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("line", "suggestion"),
+    [
+        pytest.param("vaildate submit.json", "Did you mean 'validate'?", id="command"),
+        pytest.param("server backpu folder", "Did you mean 'backup'?", id="command of a group"),
+        pytest.param("submit.json --splt x", "Did you mean '--split'?", id="option"),
+        pytest.param(
+            "submit.json {split} --protocol offical-v1", "did you mean official-v1?", id="protocol"
+        ),
+        pytest.param("submit.json --split valunseen", "did you mean val_unseen?", id="split"),
+        pytest.param("leaderboard --metric rgsp", "did you mean rgspl?", id="metric"),
+        pytest.param("schema submision", "did you mean submission?", id="schema"),
+    ],
+)
+def test_a_slip_is_answered_with_a_suggestion(line: str, suggestion: str, run: Run) -> None:
+    outcome = run(*words(line))
+    assert (outcome.status, outcome.out) == (2, "")
+    assert suggestion in outcome.err
 
 
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
         pytest.param("--version", f"reverie-eval {__version__}\n", id="version"),
-        pytest.param("--help", "exit status: 0 done, 1 what was given was rejected", id="help"),
+        pytest.param("--help", "Exit status: 0 done, 1 input rejected", id="help"),
         pytest.param("--help", "\n  validate ", id="commands in help"),
-        pytest.param("validate --help", "usage: reverie-eval validate", id="help of a command"),
+        pytest.param("validate --help", "Usage: reverie-eval validate", id="help of a command"),
+        pytest.param("server team add --help", "\nUsage: reverie-eval server team add", id="deep"),
     ],
 )
-def test_help(line: str, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stopped:
-        main(line.split())
-    assert stopped.value.code == 0
-    assert expected in capsys.readouterr().out
+def test_help(line: str, expected: str, run: Run) -> None:
+    status, out, err = run(*line.split())
+    assert (status, err) == (0, "")
+    assert expected in f"\n{out}" if expected.startswith("\n") else expected in out
+
+
+@pytest.mark.parametrize(
+    ("short", "long"),
+    [
+        pytest.param("", "--help", id="nothing at all"),
+        pytest.param("help", "--help", id="help"),
+        pytest.param("-h", "--help", id="-h"),
+        pytest.param("help validate", "validate --help", id="help of a command"),
+        pytest.param("server", "server --help", id="group alone"),
+        pytest.param("server help backup", "server backup --help", id="help within a group"),
+        pytest.param("server token", "server token --help", id="group in a group"),
+    ],
+)
+def test_ways_to_ask_for_help(short: str, long: str, run: Run) -> None:
+    assert run(*short.split()) == run(*long.split())
+
+
+def paths_of(command: click.Command, *above: str) -> Iterator[tuple[str, ...]]:
+    """List a command and all commands below it, each as the words that call it."""
+    yield above
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            assert below is not None
+            yield from paths_of(below, *above, name)
+
+
+@pytest.mark.parametrize("path", list(paths_of(program)), ids=" ".join)
+def test_help_fits_80_columns(
+    path: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, run: Run
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    status, out, _ = run(*path, "--help")
+    assert status == 0
+    assert max(map(len, out.splitlines())) <= 80
+    assert "..." not in out.partition("Options:")[2].replace("]...", "")
 
 
 def test_an_interruption(monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
@@ -340,7 +399,7 @@ def test_compiling(line: str, written: str, *, is_public: bool, here: Path, run:
     truth = GroundTruth.load(here / written)
     assert (status, err) == (0, "")
     assert out.startswith(f"{written}: custom {SPLIT}, 5 episodes, 1 scan")
-    assert ("it holds no answers" in out) == is_public == (truth.answers is None)
+    assert ("no answers included" in out) == is_public == (truth.answers is None)
     assert out.endswith(f"fingerprint {truth.fingerprint}\n")
 
 

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -48,22 +49,35 @@ def test_reasons_and_status_of_the_installed_command() -> None:
         "agent stop {split} {full}",
         "schema submission",
         "--help",
+        "--version",
+        "server backup --help",
+        "completion bash",
+        "vaildate",
     ],
 )
-def test_a_reader_that_has_gone_is_no_failure(line: str, here: Path) -> None:
-    """As with `| head -1`, at the worst moment: nobody reads any more when it prints."""
+@pytest.mark.parametrize("variables", [{}, {"PYTHONUNBUFFERED": "1"}], ids=["", "unbuffered"])
+def test_a_closed_pipe_ends_a_command_quietly(
+    line: str, variables: Mapping[str, str], here: Path
+) -> None:
+    """As with `| head -1`, at the worst moment: the reader is gone before anything is printed."""
     readable, writable = os.pipe()
     os.close(readable)
     with os.fdopen(writable, "w") as nobody:
         process = subprocess.run(
-            [COMMAND, *words(line)], stdout=nobody, stderr=subprocess.PIPE, text=True, check=False
+            [COMMAND, *words(line)],
+            stdout=nobody,
+            stderr=subprocess.PIPE if line != "vaildate" else nobody,
+            env=os.environ | variables,
+            text=True,
+            check=False,
         )
-    assert (process.returncode, process.stderr) == (0, "")
+    assert (process.returncode, process.stderr or "") == (0, "")
 
 
-def test_python_runs_the_module_alike() -> None:
-    module = [sys.executable, "-m", "reverie_eval_cli", "--version"]
-    assert subprocess.check_output(module, text=True) == installed("--version").out
+@pytest.mark.parametrize("module", ["reverie_eval", "reverie_eval_cli"])
+def test_python_runs_the_module_alike(module: str) -> None:
+    command = [sys.executable, "-m", module, "--version"]
+    assert subprocess.check_output(command, text=True) == installed("--version").out
 
 
 HEAVY = ("fastapi", "pandas", "pydantic", "rich", "scipy", "shapely")
@@ -121,8 +135,10 @@ def test_only_a_terminal_gets_escape_codes() -> None:
 
 COMPLETE = """
 eval "$(reverie-eval completion bash)"
-COMP_LINE=$1 COMP_POINT=${#1} COMP_TYPE=9
-_python_argcomplete reverie-eval
+compopt() { COMPREPLY+=($(compgen -f -- "${COMP_WORDS[COMP_CWORD]}")); }
+read -ra COMP_WORDS <<< "$1"
+COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+_reverie_eval_completion reverie-eval "${COMP_WORDS[COMP_CWORD]}"
 printf '%s\\n' "${COMPREPLY[@]}"
 """
 
@@ -134,7 +150,10 @@ printf '%s\\n' "${COMPREPLY[@]}"
         pytest.param("reverie-eval val", {"validate"}, id="command"),
         pytest.param("reverie-eval validate --sp", {"--split"}, id="option of a command"),
         pytest.param("reverie-eval compile --pu", {"--public"}, id="option of one command only"),
-        pytest.param("reverie-eval submit.json --pu", set(), id="not where it is none"),
+        pytest.param("reverie-eval submit.json --pu", set(), id="not an option of score"),
+        pytest.param("reverie-eval submit.json --split val_u", {"val_unseen"}, id="split"),
+        pytest.param("reverie-eval server to", {"token"}, id="command of a group"),
+        pytest.param("reverie-eval server token rev", {"revoke"}, id="command of a group below"),
         pytest.param("reverie-eval submit.json --format la", {"latex"}, id="value of an option"),
         pytest.param("reverie-eval submit.json --protocol pa", {"paper"}, id="protocol"),
         pytest.param("reverie-eval submit.json --track gr", {"grounding"}, id="track"),

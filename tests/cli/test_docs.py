@@ -1,22 +1,19 @@
 """The documentation says what the code does."""
 
-import argparse
 import re
 import runpy
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
 
 from reverie_eval import CATALOGUE, PROTOCOLS
 from reverie_eval.metrics import Metric
 from reverie_eval.scoring import ALIASES
-from reverie_eval_cli.commands import schema
-from reverie_eval_cli.main import main
-from reverie_eval_cli.parser import COMMANDS
-from reverie_eval_cli.parser import _command_parser as command_parser
-from reverie_eval_cli.parser import _score_parser as score_parser
+from reverie_eval_cli.commands.shell import SCHEMAS
+from reverie_eval_cli.main import main, program
 from tests.conftest import REPOSITORY
 
 DOCS = REPOSITORY / "docs"
@@ -89,7 +86,7 @@ def test_every_protocol_is_documented(name: str) -> None:
     assert f"`{name}`" in table.partition("\n\n")[0]
 
 
-@pytest.mark.parametrize("name", schema.NAMES)
+@pytest.mark.parametrize("name", SCHEMAS)
 def test_schemas_are_those_that_the_command_prints(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -97,27 +94,28 @@ def test_schemas_are_those_that_the_command_prints(
     assert (DOCS / "schemas" / f"{name}.schema.json").read_text() == capsys.readouterr().out
 
 
-def options_of(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Collect the options of a parser and of its commands, each by its last name; not help.
+def options_of(command: click.Command) -> Iterator[str]:
+    """Collect the options of a command and of all commands below it, each by its last name.
 
-    A switch that can be turned off is listed by what turns it on.
+    A switch that can be turned off is listed by what turns it on; help and version are left out.
     """
-    for action in parser._actions:  # noqa: SLF001  # argparse lists them nowhere else
-        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-            for command in action.choices.values():
-                yield from options_of(command)
-        elif action.option_strings and action.dest not in ("help", "version"):
-            yield action.option_strings[0 if "--no-" in action.option_strings[-1] else -1]
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            assert below is not None
+            yield from options_of(below)
+    else:
+        options = [each for each in command.params if isinstance(each, click.Option)]
+        yield from (option.opts[-1] for option in options)
 
 
-@pytest.mark.parametrize("name", list(COMMANDS))
+@pytest.mark.parametrize("name", program.list_commands(click.Context(program)))
 def test_readme_names_every_command(name: str) -> None:
     assert f"reverie-eval {name} " in README.read_text()
 
 
-@pytest.mark.parametrize(
-    "option", sorted({*options_of(score_parser()), *options_of(command_parser())})
-)
+@pytest.mark.parametrize("option", sorted(set(options_of(program))))
 def test_readme_names_every_option(option: str) -> None:
     short = {"--output": "(--output|-o)"}
     assert re.search(rf"(?<![\w-]){short.get(option, option)}(?![\w-])", README.read_text())

@@ -1,4 +1,4 @@
-"""Nothing that was given is written over."""
+"""Inputs are never overwritten."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from tests.support.flat import Run, words
 
 pytestmark = pytest.mark.usefixtures("here")
 
+IN_USE = "is already in use; choose another file to write to"
 COMPILE = "compile dataset --split val_unseen"
 
 
@@ -22,11 +23,11 @@ COMPILE = "compile dataset --split val_unseen"
         pytest.param("agent stop {split} {full} -o full.npz", id="agent's file over the bundle"),
     ],
 )
-def test_a_file_that_is_used_already_is_refused(line: str, run: Run) -> None:
+def test_a_file_in_use_is_not_written_to(line: str, run: Run) -> None:
     given = {name: Path(name).read_bytes() for name in ("submit.json", "full.npz")}
     status, out, err = run(*words(line))
     assert (status, out) == (2, "")
-    assert "is used already; choose another file to write to" in err
+    assert IN_USE in err
     assert {name: Path(name).read_bytes() for name in given} == given
     assert not Path("x").exists()
 
@@ -36,7 +37,7 @@ def test_compiling_never_replaces_the_annotations(run: Run) -> None:
     before = Path(annotations).read_bytes()
     status, _, err = run(*words(f"{COMPILE} -o {annotations}"))
     assert (status, Path(annotations).read_bytes()) == (2, before)
-    assert "is used already" in err
+    assert IN_USE in err
 
 
 def test_a_slash_makes_a_folder_of_bundles(run: Run) -> None:
@@ -45,12 +46,15 @@ def test_a_slash_makes_a_folder_of_bundles(run: Run) -> None:
     assert [path.name for path in Path("new/bundles").iterdir()] == ["val_unseen.npz"]
 
 
-def test_what_is_no_file_is_not_replaced(run: Run) -> None:
+def test_a_device_is_not_replaced(run: Run) -> None:
     status, _, err = run(*words(f"{COMPILE} -o /dev/null"))
-    assert (status, err) == (2, "reverie-eval: /dev/null is no file that could be replaced\n")
+    assert (status, err) == (
+        2,
+        "reverie-eval: /dev/null is not a regular file, and is not replaced\n",
+    )
 
 
-def test_a_split_s_name_is_no_path(run: Run) -> None:
+def test_a_path_is_not_a_split_s_name(run: Run) -> None:
     status, _, err = run("compile", "dataset", "--split", "../evil", "-o", "folder")
     assert status == 2
-    assert "'../evil' is no name of a split" in err
+    assert "'../evil' is not a split's name" in err

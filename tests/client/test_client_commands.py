@@ -56,7 +56,7 @@ def test_login_keeps_a_token_for_oneself_alone(
     outcome = run("login", "--server", real_server.url + "/")
     assert outcome.status == 0
     who = f"{name} of Team of {name} (participant)"
-    assert outcome.out == f"signed in to {real_server.url} as {who}; kept in {at_home}\n"
+    assert outcome.out == f"signed in to {real_server.url} as {who}; token kept in {at_home}\n"
     assert stat.S_IMODE(at_home.stat().st_mode) == 0o600
     kept = json.loads(at_home.read_text())["tokens"][real_server.url]
     assert (kept == secret) == (kind == "access")
@@ -85,7 +85,7 @@ def test_login_with_nothing(
 ) -> None:
     typed(text, monkeypatch)
     outcome = run("login", "--server", real_server.url)
-    assert outcome == (2, "", "reverie-eval: no token was given\n")
+    assert outcome == (2, "", "reverie-eval: no token given\n")
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_the_environment_goes_before_the_login(
     typed(real_server.mint(real_server.newcomer()), monkeypatch)
     outcome = run("login")
     assert outcome.status == 0
-    assert "note: REVERIE_EVAL_TOKEN is set, and goes before what was kept" in outcome.err
+    assert "note: REVERIE_EVAL_TOKEN is set, and takes precedence over the login" in outcome.err
     monkeypatch.setenv("REVERIE_EVAL_TOKEN", "rv_none")
     assert "it came from REVERIE_EVAL_TOKEN" in run(*SUBMIT).err
     monkeypatch.delenv("REVERIE_EVAL_TOKEN")
@@ -127,7 +127,7 @@ def test_a_login_that_is_refused_says_how_to_get_another(
     at_home.touch(0o600)
     at_home.write_text(json.dumps({"tokens": {real_server.url: "rv_old"}}))
     Path("submit.json").write_bytes(private_submission())
-    remedy = f"; run `reverie-eval login --server {real_server.url}` to be asked for another\n"
+    remedy = f"; run `reverie-eval login --server {real_server.url}` to enter another\n"
     outcome = run(*SUBMIT, "--server", real_server.url)
     assert (outcome.status, outcome.err.endswith(remedy)) == (2, True)
 
@@ -145,9 +145,12 @@ def test_problems_are_shown_alike_wherever_they_are_found(
         Path(name).mkdir()
         monkeypatch.setenv("REVERIE_EVAL_GROUND_TRUTH", name)
     outcome = run("submit", BROKEN, "--split", "val_unseen")
-    remote = "no ground truth here is the server's for val_unseen; the server checks the file\n"
+    remote = "no bundle here matches the server's val_unseen; the server checks the file\n"
     assert (outcome.status, outcome.out) == (1, "")
-    assert outcome.err == f"{remote * bool(name)}{locally.err}nothing was scored or spent\n"
+    assert (
+        outcome.err
+        == f"{remote * bool(name)}{locally.err}nothing was scored, and no submission used\n"
+    )
 
 
 @pytest.mark.usefixtures("token")
@@ -217,8 +220,8 @@ def test_sending_again_publishes_and_renames(run: Run) -> None:
         pytest.param(
             ["--method", "x" * 101, "--code", "no"], "--method: String should have at", id="two"
         ),
-        pytest.param(["--receipt", "no/receipt.json"], "no is no folder", id="no folder"),
-        pytest.param(["--receipt", "submit.json"], "submit.json is there already", id="taken"),
+        pytest.param(["--receipt", "no/receipt.json"], "no is not a folder", id="no folder"),
+        pytest.param(["--receipt", "submit.json"], "submit.json already exists", id="taken"),
     ],
 )
 def test_options_that_are_wrong_cost_nothing(options: list[str], said: str, run: Run) -> None:
@@ -240,7 +243,7 @@ def test_receipts_are_kept_and_never_written_over(run: Run) -> None:
     assert Path("mine.json").read_text() == Path("submit.json.2.receipt.json").read_text()
     Path("submit.json").write_bytes(private_submission(2))
     outcome = run(*SUBMIT, "--receipt", "mine.json")
-    said = "mine.json is there already; choose another file"
+    said = "mine.json already exists; choose another file for the receipt"
     assert outcome == (2, "", f"reverie-eval: {said}\n")
 
 
@@ -252,7 +255,7 @@ def test_a_receipt_that_cannot_be_written_hides_no_score(run: Run) -> None:
     assert (outcome.status, "left on test: 1 now" in outcome.out) == (2, True)
     assert outcome.err.startswith("scored, but the receipt could not be written (")
     assert outcome.err.endswith(
-        "; send the same file again, which spends nothing, with --receipt\n"
+        "; send the same file again, which uses no submission, with --receipt\n"
     )
     assert run("submit", str(longest), "--split", "test", "--receipt", "r.json").status == 0
 
@@ -261,7 +264,9 @@ def test_a_receipt_that_cannot_be_written_hides_no_score(run: Run) -> None:
 def test_a_split_that_is_none(run: Run) -> None:
     outcome = run("submit", "submit.json", "--split", "tset")
     assert outcome.status == 2
-    assert outcome.err.endswith("has no split 'tset'; it has test, val_seen, val_unseen\n")
+    assert outcome.err.endswith(
+        "has no split 'tset'; did you mean test? Choose one of: test, val_seen, val_unseen\n"
+    )
 
 
 # Leaderboard.
@@ -370,6 +375,6 @@ def test_another_file_or_another_key(receipt: Path, run: Run) -> None:
 
 def test_what_is_no_receipt(receipt: Path, run: Run) -> None:
     outcome = run("verify", "submit.json")
-    said = "submit.json is no receipt that this version knows"
+    said = "submit.json is not a receipt that this version can read"
     assert outcome == (2, "", f"reverie-eval: {said}\n")
     assert run("verify", "missing.json").status == 2

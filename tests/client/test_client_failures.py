@@ -48,8 +48,8 @@ def is_one_line(outcome: Outcome) -> bool:
     [
         pytest.param(
             problem("401 No", "not-signed-in", "this token has expired"),
-            "this token has expired; it came from REVERIE_EVAL_TOKEN: correct that, or unset it "
-            "to use the login's",
+            "this token has expired; it came from REVERIE_EVAL_TOKEN: correct it, or unset it "
+            "to use your login",
             id="token",
         ),
         pytest.param(
@@ -177,7 +177,7 @@ def test_what_the_organiser_has_to_say_is_passed_on(run: Run) -> None:
     assert (outcome.status, outcome.out) == (2, "")
     assert outcome.err.splitlines() == [
         rf"{script.url}: closing\x1b[2J at noon",
-        f"reverie-eval: {script.url} takes submissions for no split",
+        f"reverie-eval: {script.url} accepts submissions to no split",
     ]
 
 
@@ -202,7 +202,7 @@ def test_what_was_scored_is_shown_though_not_published(
     assert "RGSPL %" in outcome.out
     assert "\nnot published: " in outcome.out
     assert outcome.err == (
-        "scored, but not published: not today; send the same file again, which spends nothing, "
+        "scored, but not published: not today; send the same file again, which uses no submission, "
         "with the same options\n"
     )
     assert run(*SUBMIT, "--publish", "--receipt", "r.json", "--server", real_server.url).status == 0

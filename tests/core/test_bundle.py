@@ -412,7 +412,7 @@ Place = Callable[[Path], Path]
         pytest.param(
             lambda bundles: bundles,
             "test",
-            "{place} has no split 'test'; it has val_seen, val_unseen",
+            "{place} has no split 'test'; choose one of: val_seen, val_unseen",
             id="folder of other splits",
         ),
         pytest.param(
@@ -425,7 +425,7 @@ Place = Callable[[Path], Path]
         pytest.param(
             lambda _: DEMO_BUNDLES,
             "val",
-            "the demo world has no split 'val'; it has test, train, val_seen, val_unseen",
+            "the demo world has no split 'val'; choose one of: test, train, val_seen, val_unseen",
             id="unknown split of the demo world",
         ),
     ],

@@ -118,4 +118,4 @@ def test_the_wheel_holds_more_than_modules(name: str, wheel: ZipFile) -> None:
 
 def test_the_wheel_installs_the_command(wheel: ZipFile) -> None:
     entry_points = wheel.read(f"reverie_eval-{reverie_eval.__version__}.dist-info/entry_points.txt")
-    assert b"reverie-eval = reverie_eval_cli.entry:run" in entry_points
+    assert b"reverie-eval = reverie_eval_cli.__main__:run" in entry_points

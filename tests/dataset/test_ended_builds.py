@@ -61,9 +61,9 @@ def test_processes_end_with_their_scan_if_their_parent_is_killed(tmp_path: Path)
         import sys
         from pathlib import Path
         from reverie_eval.dataset._box_builder import Scan, _results
-        from tests.dataset.test_ended_builds import _work_for_a_while
+        from tests.dataset.test_ended_builds import _work_until_told
         scans = [Scan(name, Path(sys.argv[1], name), Path()) for name in "wxyz"]
-        list(_results(_work_for_a_while, scans, 2))
+        list(_results(_work_until_told, scans, 2))
     """
     files = [tmp_path / name for name in "wxyz"]
     for file in files:
@@ -74,6 +74,7 @@ def test_processes_end_with_their_scan_if_their_parent_is_killed(tmp_path: Path)
     finally:
         parent.kill()
     parent.wait()
+    (tmp_path / "done").touch()
     wait_until(lambda: not any(map(is_held, files)))
     assert [file.name for file in files if file.read_text()] == ["w", "x"]
 
@@ -81,13 +82,13 @@ def test_processes_end_with_their_scan_if_their_parent_is_killed(tmp_path: Path)
 _HELD: list[Any] = []
 
 
-def _work_for_a_while(scan: Scan) -> Any:
-    """Write to the scan's file, and hold it until the process ends."""
+def _work_until_told(scan: Scan) -> Any:
+    """Write to the scan's file, hold it until the process ends; work until ``done`` is there."""
     file = scan.house.open("w")
     _HELD.append(file)
     fcntl.flock(file, fcntl.LOCK_EX)
     print("begun", file=file, flush=True)
-    time.sleep(3)
+    wait_until(scan.house.with_name("done").exists)
 
 
 def is_held(path: Path) -> bool:

@@ -171,11 +171,11 @@ def test_what_the_command_says(used: Path, tmp_path: Path, run: Run) -> None:
     archive, there = tmp_path / "b.tar.gz", tmp_path / "there"
     made = run("server", "backup", str(used), "-o", str(archive))
     assert (made.status, made.err) == (0, "")
-    assert f"{archive}: 3 submissions, 3 teams, 4 persons, " in made.out
+    assert f"{archive}: 3 submissions, 3 teams, 4 people, " in made.out
     assert "keep it where nobody else can read it" in made.out
     restored = run("server", "restore", str(archive), str(there))
     assert restored.status == 0
-    assert f"{there}: restored, 3 submissions, 3 teams, 4 persons" in restored.out
+    assert f"{there}: restored, 3 submissions, 3 teams, 4 people" in restored.out
 
 
 def test_missing_uploads_are_named_and_the_rest_is_kept(

@@ -186,7 +186,7 @@ def test_people_tokens_and_grants_are_listed(lab: str, run: Run) -> None:
     assert token.out.startswith(hint)
     assert re.search(rf"^{hint} +access +Ada .* valid$", tokens, re.MULTILINE)
     assert token.out.strip() not in tokens
-    assert f"{hint}, of Ada, is revoked" in run("server", "token", "revoke", lab, hint).out
+    assert f"{hint} of Ada revoked" in run("server", "token", "revoke", lab, hint).out
     assert re.search(rf"^{hint} .* revoked$", run("server", "token", "list", lab).out, re.MULTILINE)
 
 
@@ -253,16 +253,14 @@ def test_nobody_is_given_more_than_can_be_counted(number: str, lab: str, run: Ru
         pytest.param("grant {} Blue test 1 --reason x --days", id="grant"),
     ],
 )
-def test_an_end_is_no_more_than_a_hundred_years_away(
-    command: str, lab: str, run: Run, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_end_is_no_more_than_a_hundred_years_away(command: str, lab: str, run: Run) -> None:
     run("server", "team", "add", lab, "Blue")
     run("server", "person", "add", lab, "Ada", "--team", "Blue")
     words = command.format(lab).split()
     for days in ("36501", "3600000", "9" * 23):
-        with pytest.raises(SystemExit, match="2"):
-            run("server", *words, days)
-        assert capsys.readouterr().err.endswith(f"'{days}' days are more than a hundred years\n")
+        status, _, err = run("server", *words, days)
+        assert status == 2
+        assert f"{days} is not in the range 1<=x<=36500" in err
     assert run("server", *words, "36500").status == 0
 
 

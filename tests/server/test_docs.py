@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, get_args
 
+import click
 import pytest
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
@@ -45,10 +46,12 @@ def test_every_command_of_the_guide_runs_in_its_order(
 
 
 def test_every_command_of_an_organiser_is_in_the_guide() -> None:
-    from reverie_eval_cli.commands.server import commands
+    from reverie_eval_cli.commands.server import server
 
-    for name, module in commands().items():
-        for command in module.commands() if hasattr(module, "commands") else [""]:
+    context = click.Context(server)
+    for name in server.list_commands(context):
+        group = server.get_command(context, name)
+        for command in group.list_commands(context) if isinstance(group, click.Group) else [""]:
             assert f"{name} {command}".strip() in PAGE
 
 

@@ -202,8 +202,7 @@ def test_a_port_that_is_taken_is_named(lab: str, run: Run) -> None:
 
 @pytest.mark.parametrize("port", ["65536", "-1", "http"])
 def test_what_is_no_port_is_refused(port: str, lab: str, run: Run) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        run("serve", lab, "--port", port)
+    assert run("serve", lab, "--port", port).status == 2
 
 
 def test_a_database_s_password_is_never_shown(

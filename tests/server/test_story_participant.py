@@ -53,7 +53,7 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
         "[1].trajectory",
         "[2].predObjId",
     ]
-    assert last == "nothing was scored or spent"
+    assert last == "nothing was scored, and no submission used"
 
     # A good one, on a terminal on the other side of the world.
     submission.write_bytes(private_submission())

@@ -1,1 +1,1 @@
-"""One module per command: its arguments, and what it does with them."""
+"""The commands; each module is imported when one of its commands is run."""

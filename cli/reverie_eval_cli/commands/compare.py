@@ -1,60 +1,70 @@
-"""``reverie-eval compare A B ...``: say whether one submission is better than another."""
+"""``reverie-eval compare`` and ``report``: several submissions side by side, and as a page."""
 
-import argparse
 import sys
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from reverie_eval_cli.arguments import add_clustering, add_ground_truth, add_split
-from reverie_eval_cli.outputs import check_outputs
-from reverie_eval_cli.scoring import add_protocol, evaluate_each
+import click
+
+from reverie_eval import Scores
+from reverie_eval.analysis import ComparedSubmissionsError, score_all
+from reverie_eval.scoring import Intervals
+from reverie_eval.submissions import submission_names
+from reverie_eval_cli import options
+from reverie_eval_cli.output import (
+    RejectedSubmission,
+    check_outputs,
+    open_output,
+    rejection,
+    show,
+    write_text,
+)
 
 if TYPE_CHECKING:
+    from reverie_eval.scoring import Clustering
+
+
+@click.command()
+@click.argument("first", type=click.Path(allow_dash=True))
+@click.argument("others", nargs=-1, required=True, type=click.Path(allow_dash=True))
+@options.split
+@options.ground_truth
+@options.protocol
+@options.cluster
+@options.layout(
+    "table",
+    "json",
+    "csv",
+    "markdown",
+    "latex",
+    explained=" csv has a row per submission and metric; markdown and latex show the scores as "
+    "papers do.",
+)
+@options.output("the comparison")
+@click.option(
+    "--episodes",
+    metavar="FILE",
+    type=click.Path(),
+    help="Also write the episodes that some submissions got right and others wrong to FILE, as "
+    "CSV: by RGS or, if that is not scored, by SR.",
+)
+def compare(
+    *,
+    first: str,
+    others: Sequence[str],
+    split: str,
+    ground_truth: str | None,
+    protocol: str,
+    cluster: "Clustering",
+    layout: str,
+    output: str | None,
+    episodes: str | None,
+) -> None:
+    """Compare submissions: differences, intervals, significance.
+
+    The OTHERS are each compared with the FIRST.
+    """
     from reverie_eval import Comparison
-
-SUMMARY = "compare submissions with the first: differences, intervals, tests, and where they differ"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.add_argument("first", help="what the others are compared with")
-    parser.add_argument("others", nargs="+", metavar="other", help="result files as for scoring")
-    add_split(parser)
-    add_ground_truth(parser)
-    add_protocol(parser)
-    add_clustering(parser)
-    parser.add_argument(
-        "--format",
-        choices=("table", "json", "csv", "markdown", "latex"),
-        default="table",
-        help="of the comparison; csv has a row per submission and metric, markdown and latex show "
-        "the scores as papers do (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--episodes",
-        metavar="FILE",
-        help="also write the episodes that not all have right, or not all wrong, to FILE, as CSV: "
-        "by RGS, and where that is not scored by SR",
-    )
-
-
-def run(arguments: argparse.Namespace) -> int:
-    """Score all, compare, and say it."""
-    from reverie_eval import Comparison
-
-    submissions = [arguments.first, *arguments.others]
-    check_outputs([arguments.episodes], [*submissions, arguments.ground_truth])
-    scores = evaluate_each(submissions, arguments)
-    if scores is None:
-        return 1
-    comparison = Comparison.of(scores, arguments.cluster)
-    if arguments.episodes:
-        comparison.episodes().to_csv(Path(arguments.episodes))
-    _show(comparison, arguments.format)
-    return 0
-
-
-def _show(comparison: "Comparison", form: str) -> None:
     from reverie_eval.reporting._comparison import (
         comparison_latex,
         comparison_markdown,
@@ -62,17 +72,71 @@ def _show(comparison: "Comparison", form: str) -> None:
         show_comparison,
     )
 
-    if form == "json":
-        print(comparison.to_report().model_dump_json(indent=2))
-    elif form == "csv":
-        print(comparison.to_pandas().to_csv(), end="")
-    elif form == "markdown":
-        print(comparison_markdown(comparison))
-    elif form == "latex":
-        print(comparison_latex(comparison))
-    elif sys.stdout.isatty():
-        from rich.console import Console
-
-        show_comparison(comparison, Console())
+    submissions = [first, *others]
+    check_outputs([output, episodes], [*submissions, ground_truth])
+    scores = _score(submissions, split, ground_truth, protocol)
+    comparison = Comparison.of(scores, cluster)
+    if episodes:
+        with open_output(episodes) as file:
+            comparison.episodes().to_csv(file)
+    texts = {
+        "table": lambda: comparison_text(comparison),
+        "json": lambda: comparison.to_report().model_dump_json(indent=2),
+        "csv": lambda: comparison.to_pandas().to_csv().removesuffix("\n"),
+        "markdown": lambda: comparison_markdown(comparison),
+        "latex": lambda: comparison_latex(comparison),
+    }
+    if layout == "table":
+        show(texts[layout], output, lambda console: show_comparison(comparison, console))
     else:
-        print(comparison_text(comparison))
+        show(texts[layout], output)
+
+
+@click.command()
+@options.submission
+@click.argument("other", required=False, type=click.Path(allow_dash=True))
+@options.split
+@options.ground_truth
+@options.protocol
+@options.cluster
+@options.output("the report")
+def report(
+    *,
+    submission: str,
+    other: str | None,
+    split: str,
+    ground_truth: str | None,
+    protocol: str,
+    cluster: "Clustering",
+    output: str | None,
+) -> None:
+    """Write an HTML report with scores, outcomes and maps.
+
+    With OTHER, a second result file, the report also compares the two.
+    """
+    from reverie_eval.reporting._report import report_html
+
+    submissions = [submission, *filter(None, [other])]
+    check_outputs([output], [*submissions, ground_truth])
+    if output is None and sys.stdout.isatty():
+        raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
+    scores = _score(submissions, split, ground_truth, protocol)
+    page = {name: _with_intervals(each, cluster) for name, each in scores.items()}
+    write_text(report_html(page, cluster), output)
+
+
+def _score(
+    submissions: Sequence[str], split: str, ground_truth: str | None, protocol: str
+) -> Mapping[str, Scores]:
+    """Score all; if some are rejected, list the problems of each of them."""
+    named = dict(zip(submission_names(submissions), submissions, strict=True))
+    try:
+        return score_all(named, split=split, ground_truth=ground_truth, protocol=protocol)
+    except ComparedSubmissionsError as error:
+        lines = [rejection(named[name], each) for name, each in error.errors.items()]
+        raise RejectedSubmission("\n".join(lines)) from None
+
+
+def _with_intervals(scores: Scores, by: "Clustering") -> Scores:
+    """Add intervals, unless there are too few clusters, which the report then says."""
+    return scores if Intervals.why_not(scores.ground_truth, by) else scores.with_intervals(by)

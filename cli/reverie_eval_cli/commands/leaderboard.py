@@ -1,76 +1,75 @@
 """``reverie-eval leaderboard --server URL``: what teams have published."""
 
-import argparse
-import sys
 from typing import TYPE_CHECKING
+
+import click
 
 from reverie_eval import CATALOGUE, ReverieEvalError
 from reverie_eval.metrics import PRIMARY_METRIC
-from reverie_eval_cli.servers import add_server, connect, tell_banner
+from reverie_eval_cli import options
+from reverie_eval_cli.output import show
+from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from reverie_eval.client import Client
     from reverie_eval.schemas.service import Leaderboard
-
-SUMMARY = "show what is published on an evaluation server"
 
 _RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    add_server(parser)
-    parser.add_argument("--split", help="whose board (default: the first that the server has)")
-    parser.add_argument(
-        "--metric",
-        choices=_RANKED,
-        default=PRIMARY_METRIC,
-        metavar="KEY",
-        help=f"to rank by: {', '.join(_RANKED)} (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--format", choices=("table", "json", "csv"), default="table", help="(default: %(default)s)"
-    )
-
-
-def run(arguments: argparse.Namespace) -> int:
-    """Print the leaderboard."""
+@click.command()
+@server_options
+@click.option("--split", help="Whose leaderboard.  [default: the server's first split]")
+@click.option(
+    "--metric",
+    type=options.Choice(_RANKED),
+    default=PRIMARY_METRIC,
+    show_default=True,
+    metavar="KEY",
+    help=f"Rank by this metric: {', '.join(_RANKED)}.",
+)
+@options.layout("table", "json", "csv")
+@options.output("the leaderboard")
+def leaderboard(
+    *, server: ServerOptions, split: str | None, metric: str, layout: str, output: str | None
+) -> None:
+    """Show a server's leaderboard."""
     from reverie_eval.text import printable
 
-    with connect(arguments) as client:
-        tell_banner(client)
-        split = arguments.split or _first_split(client)
-        if arguments.format == "csv":
-            lines = client.leaderboard_csv(split, arguments.metric).splitlines()
-            print(*map(printable, lines), sep="\n")
-            return 0
-        board = client.leaderboard(split, arguments.metric)
-    if arguments.format == "json":
-        print(board.model_dump_json(indent=2, ensure_ascii=True))
+    with server.connect() as client:
+        print_banner(client)
+        split = split or _first_split(client)
+        if layout == "csv":
+            lines = client.leaderboard_csv(split, metric).splitlines()
+            show(lambda: "\n".join(map(printable, lines)), output)
+            return
+        board = client.leaderboard(split, metric)
+    if layout == "json":
+        show(lambda: board.model_dump_json(indent=2, ensure_ascii=True), output)
     else:
-        _show(board)
-    return 0
+        show(lambda: _text(board), output, lambda console: _print(board, console))
 
 
 def _first_split(client: "Client") -> str:
     splits = client.splits()
     if not splits:
-        raise ReverieEvalError(f"{client.url} takes submissions for no split")
+        raise ReverieEvalError(f"{client.url} accepts submissions to no split")
     return splits[0].name
 
 
-def _show(board: "Leaderboard") -> None:
+def _text(board: "Leaderboard") -> str:
     from reverie_eval.reporting._grids import aligned
-    from reverie_eval.reporting._leaderboards import (
-        leaderboard_captions,
-        leaderboard_grid,
-        show_leaderboard,
-    )
+    from reverie_eval.reporting._leaderboards import leaderboard_captions, leaderboard_grid
 
-    if (board.rows or board.apart) and sys.stdout.isatty():
-        from rich.console import Console
+    table = [aligned(leaderboard_grid(board)), ""] if board.rows or board.apart else []
+    return "\n".join([*table, *leaderboard_captions(board)])
 
-        show_leaderboard(board, Console())
-    elif board.rows or board.apart:
-        print(aligned(leaderboard_grid(board)) + "\n")
+
+def _print(board: "Leaderboard", console: "Console") -> None:
+    from reverie_eval.reporting._leaderboards import leaderboard_captions, show_leaderboard
+
+    if board.rows or board.apart:
+        show_leaderboard(board, console)
     print(*leaderboard_captions(board), sep="\n")

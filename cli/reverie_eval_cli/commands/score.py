@@ -1,95 +1,115 @@
 """``reverie-eval SUBMISSION --split SPLIT``: print the score table of a submission."""
 
-import argparse
-import sys
-from collections.abc import Sequence
-from pathlib import Path
+from functools import partial
+from typing import TYPE_CHECKING
 
-from reverie_eval import PROTOCOLS, ReverieEvalError, Scores, diagnose, evaluate, evaluate_protocols
+import click
+
+from reverie_eval import PROTOCOLS, Scores, diagnose, evaluate, evaluate_protocols
 from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.reporting._tables import FORMATS, write_episodes
 from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL
-from reverie_eval_cli.arguments import add_clustering, add_ground_truth, add_split, add_submission
-from reverie_eval_cli.outputs import check_outputs
+from reverie_eval_cli import options
+from reverie_eval_cli.output import check_outputs, naming, open_output, show
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from reverie_eval.scoring import Clustering, Track
 
 _ALL = "all"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    add_submission(parser)
-    add_split(parser)
-    add_ground_truth(parser)
-    parser.add_argument(
-        "--protocol",
-        choices=[*PROTOCOLS, *ALIASES, _ALL],
-        default=DEFAULT_PROTOCOL,
-        metavar="NAME",
-        help=f"the rules to score by: {', '.join([*PROTOCOLS, *ALIASES])}, or {_ALL} of them side "
-        "by side (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--track",
-        choices=("full", "grounding"),
-        default="full",
-        help="grounding: the agent stands at the goal, only its answer is scored "
-        "(default: %(default)s)",
-    )
-    parser.add_argument(
-        "--diagnose",
-        action="store_true",
-        help="also show what evaluators that read only the first viewpoint of a hop would give",
-    )
-    parser.add_argument("--ci", action="store_true", help="also show 95 %% confidence intervals")
-    add_clustering(parser, default=None)  # whoever says of what wants intervals
-    parser.add_argument(
-        "--format", choices=FORMATS, default="table", help="of the scores (default: %(default)s)"
-    )
-    parser.add_argument("--output", metavar="FILE", help="write the scores to FILE")
-    parser.add_argument(
-        "--episodes",
-        metavar="FILE",
-        help="also write every episode's values to FILE, as CSV; with several rows the first's",
-    )
+@click.command()
+@options.submission
+@options.split
+@options.ground_truth
+@click.option(
+    "--protocol",
+    type=options.Choice([*PROTOCOLS, *ALIASES, _ALL]),
+    default=DEFAULT_PROTOCOL,
+    show_default=True,
+    metavar="NAME",
+    help=f"The rules to score by: {', '.join([*PROTOCOLS, *ALIASES])}, or {_ALL} side by side.",
+)
+@click.option(
+    "--track",
+    type=options.Choice(["full", "grounding"]),
+    default="full",
+    show_default=True,
+    help="grounding scores answers alone, with the agent placed at the goal.",
+)
+@click.option(
+    "--diagnose",
+    "diagnosed",
+    is_flag=True,
+    help="Also show what evaluators that read only the first viewpoint of each hop would give.",
+)
+@click.option("--ci", is_flag=True, help="Also show 95 % confidence intervals.")
+@click.option(
+    "--cluster",
+    type=options.Choice(["target", "scan"]),
+    help="What to resample for intervals; implies --ci.  [default: target]",
+)
+@options.layout(*FORMATS)
+@options.output("the scores")
+@click.option(
+    "--episodes",
+    metavar="FILE",
+    type=click.Path(),
+    help="Also write the values of every episode to FILE, as CSV; of several rows, the first's.",
+)
+def score(
+    *,
+    submission: str,
+    split: str,
+    ground_truth: str | None,
+    protocol: str,
+    track: "Track",
+    diagnosed: bool,
+    ci: bool,
+    cluster: "Clustering | None",
+    layout: str,
+    output: str | None,
+    episodes: str | None,
+) -> None:
+    """Score a submission.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Score the submission and put the scores where they were asked for."""
-    check_outputs(
-        [arguments.output, arguments.episodes], [arguments.submission, arguments.ground_truth]
-    )
-    results = _evaluate(arguments)
-    if arguments.ci or arguments.cluster:
-        results = [scores.with_intervals(arguments.cluster or "target") for scores in results]
-    if arguments.episodes:
-        with Path(arguments.episodes).open("w", encoding="utf-8", newline="") as file:
+    SUBMISSION is a result file (.json, .json.gz or .zip), or - for standard input. The word `score`
+    may be left out.
+    """
+    check_outputs([output, episodes], [submission, ground_truth])
+    if diagnosed and (protocol == _ALL or track != "full"):
+        raise click.UsageError("--diagnose goes with one protocol, on the full track")
+    truth = find_ground_truth(ground_truth, split)
+    results: Sequence[Scores]
+    with naming(submission):
+        if diagnosed:
+            results = diagnose(submission, split=split, ground_truth=truth, protocol=protocol)
+        elif protocol == _ALL:
+            tables = evaluate_protocols(submission, split=split, ground_truth=truth, track=track)
+            results = list(tables.values())
+        else:
+            results = [
+                evaluate(
+                    submission, split=split, ground_truth=truth, protocol=protocol, track=track
+                )
+            ]
+    if ci or cluster:
+        results = [scores.with_intervals(cluster or "target") for scores in results]
+    if episodes:
+        with open_output(episodes) as file:
             write_episodes(results[0], file)
-    if arguments.output:
-        text = FORMATS[arguments.format](results)
-        Path(arguments.output).write_text(text + "\n", encoding="utf-8")
-    elif arguments.format == "table" and sys.stdout.isatty():
-        _show_on_terminal(results)
+    text = partial(FORMATS[layout], results)
+    if layout == "table":
+        show(text, output, lambda console: _print_scores(results, console))
     else:
-        print(FORMATS[arguments.format](results))
-    return 0
+        show(text, output)
 
 
-def _evaluate(arguments: argparse.Namespace) -> Sequence[Scores]:
-    submission = arguments.submission
-    truth = find_ground_truth(arguments.ground_truth, arguments.split)
-    where = {"split": arguments.split, "ground_truth": truth}
-    if arguments.diagnose:
-        if arguments.protocol == _ALL or arguments.track != "full":
-            raise ReverieEvalError("--diagnose goes with one protocol, on the full track")
-        return diagnose(submission, **where, protocol=arguments.protocol)
-    if arguments.protocol == _ALL:
-        return list(evaluate_protocols(submission, **where, track=arguments.track).values())
-    return [evaluate(submission, **where, protocol=arguments.protocol, track=arguments.track)]
+def _print_scores(results: "Sequence[Scores]", console: "Console") -> None:
+    from reverie_eval.reporting._terminal import show as show_scores
 
-
-def _show_on_terminal(results: Sequence[Scores]) -> None:
-    from rich.console import Console
-
-    from reverie_eval.reporting._terminal import show
-
-    show(results, Console())
+    show_scores(results, console)

@@ -1,61 +1,54 @@
-"""``reverie-eval serve [FOLDER]``: run an evaluation server.
+"""``reverie-eval serve [FOLDER]``: run an evaluation server."""
 
-Exit status: 0 it was stopped, 1 it refused to start, 2 it could not listen.
-"""
-
-import argparse
 import gc
 import shlex
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from reverie_eval_cli.submissions import write_submission
+import click
 
-SUMMARY = "run an evaluation server; without a folder, one with the demo world"
+from reverie_eval_cli import options
+from reverie_eval_cli.output import note, submission_text, write_text
 
 _DEMO = Path("reverie-eval-server")
 _SAMPLE = _DEMO / "sample.json"
 _SAMPLE_SPLIT = "val_unseen"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.add_argument(
-        "folder",
-        nargs="?",
-        type=Path,
-        help=f"what `reverie-eval server init` made (default: ./{_DEMO}, made if need be)",
-    )
-    parser.add_argument("--host", default="127.0.0.1", help="(default: %(default)s)")
-    parser.add_argument(
-        "--port", type=_port, default=8000, help="0 for any that is free (default: %(default)s)"
-    )
+@click.command()
+@click.argument("folder", required=False, type=options.PATH)
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 0xFFFF),
+    default=8000,
+    show_default=True,
+    help="Port to listen at; 0 for any free one.",
+)
+def serve(*, folder: Path | None, host: str, port: int) -> None:
+    """Run an evaluation server.
 
+    FOLDER is what `reverie-eval server init` made. Without it, a server with the demo world runs in
+    ./reverie-eval-server, which is made if needed.
 
-def run(arguments: argparse.Namespace) -> int:
-    """Serve until it is stopped."""
+    Exit status: 0 stopped, 1 settings or data are not sound, 2 usage or system error.
+    """
     from reverie_eval.server.checks import demand_sound
     from reverie_eval.server.run import run_server
     from reverie_eval.server.state import ServerState
 
-    gc.enable()  # the installed command works without, which pays in short lives only
-    folder = arguments.folder or _DEMO
-    token = None if arguments.folder or _DEMO.exists() else _make_demo()
-    state = ServerState.open(demand_sound(folder, _note))
+    gc.enable()  # off in this command, which pays off in short lives only
+    token = None if folder or _DEMO.exists() else _make_demo()
+    place = folder or _DEMO
+    state = ServerState.open(demand_sound(place, note))
     print(f"{state.settings.title}, data in {state.settings.folder}", flush=True)
     with suppress(KeyboardInterrupt):
-        run_server(state, arguments.host, arguments.port, _announcement(folder, token))
-    return 0
-
-
-def _note(said: str) -> None:
-    print(f"note: {said}", file=sys.stderr)
+        run_server(state, host, port, _announcement(place, token))
 
 
 def _make_demo() -> str:
-    """Make a server with the demo world and a sample to send to it; return its first token."""
+    """Make a server with the demo world and a sample submission; return its first token."""
     from reverie_eval.agents import run_agent
     from reverie_eval.ground_truth import find_ground_truth
     from reverie_eval.server.checks import database_errors
@@ -66,12 +59,12 @@ def _make_demo() -> str:
         token = make_server(_DEMO, now=now(), actor=actor())
     print(f"organiser's token, not shown again: {token}", flush=True)
     truth = find_ground_truth(_DEMO / "bundles", _SAMPLE_SPLIT)
-    write_submission(run_agent("shortest", truth, 0), str(_SAMPLE))
+    write_text(submission_text(run_agent("shortest", truth, 0)), str(_SAMPLE))
     return token
 
 
 def _announcement(folder: Path, token: str | None) -> Callable[[str], None]:
-    """Return what says where the server listens, and how to try it or to get in."""
+    """Return what prints where the server listens, and how to try it or to sign in."""
 
     def announce(url: str) -> None:
         further = _trying(url, token) if token else _signing_in(url, folder)
@@ -92,12 +85,6 @@ def _trying(url: str, token: str) -> str:
 def _signing_in(url: str, folder: Path) -> str:
     return (
         f"to sign in: reverie-eval login --server {url}\n"
-        "for a token, also in place of a lost one: "
+        "for a token, or to replace a lost one: "
         f"reverie-eval server token add {shlex.quote(str(folder))} PERSON"
     )
-
-
-def _port(text: str) -> int:
-    if not text.isdecimal() or int(text) > 0xFFFF:
-        raise argparse.ArgumentTypeError(f"{text!r} is no port; give 0 to 65535")
-    return int(text)

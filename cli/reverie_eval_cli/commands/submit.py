@@ -1,91 +1,93 @@
-"""``reverie-eval submit FILE --split SPLIT --server URL``: send a submission to be scored.
+"""``reverie-eval submit FILE --split SPLIT --server URL``: send a submission to be scored."""
 
-Exit status: 0 scored, and all done that was asked for; 1 the submission was rejected; 2 something
-could not be done: what was scored nevertheless is shown.
-"""
-
-import argparse
 import hashlib
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from reverie_eval import GroundTruth, ReverieEvalError, SubmissionError, validate
 from reverie_eval.ground_truth import find_ground_truth
-from reverie_eval_cli.arguments import add_split, add_submission
-from reverie_eval_cli.commands.validate import problems_as_json
-from reverie_eval_cli.methods import add_method, amendments, method_of
-from reverie_eval_cli.progress import transfer_bar
-from reverie_eval_cli.receipts import check_place, keep
-from reverie_eval_cli.servers import (
-    add_server,
-    connect,
-    server_of,
-    showing_token,
-    tell_banner,
-    token_for,
-)
-from reverie_eval_cli.submissions import rejection
+from reverie_eval.text import did_you_mean, printable
+from reverie_eval_cli import options
+from reverie_eval_cli.commands.submissions import problems_json
+from reverie_eval_cli.methods import MethodOptions, method_options
+from reverie_eval_cli.output import rejection, show, transfer_bar
+from reverie_eval_cli.receipts import check_receipt_path, keep_receipt
+from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from reverie_eval.client import Client
     from reverie_eval.schemas.service import Accepted, SplitReport, SubmissionChange
 
-SUMMARY = "send a submission to an evaluation server, once, and keep its receipt"
-
-_AGAIN = "send the same file again, which spends nothing,"
+_AGAIN = "send the same file again, which uses no submission,"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    add_submission(parser)
-    add_split(parser)
-    add_server(parser)
-    add_method(parser)
-    parser.add_argument(
-        "--publish", action="store_true", help="put the result on the leaderboard at once"
-    )
-    parser.add_argument(
-        "--receipt",
-        metavar="FILE",
-        help="where to write the receipt (default: SUBMISSION.receipt.json)",
-    )
-    parser.add_argument(
-        "--format",
-        choices=("text", "json"),
-        default="text",
-        help="json is the server's reply, or every problem that was found",
-    )
+@click.command()
+@options.submission
+@options.split
+@server_options
+@method_options
+@click.option("--publish", is_flag=True, help="Put the result on the leaderboard at once.")
+@click.option(
+    "--receipt",
+    metavar="FILE",
+    help="Where to write the receipt.  [default: SUBMISSION.receipt.json]",
+)
+@options.layout("text", "json", explained=" json is the server's reply, or all problems found.")
+def submit(
+    *,
+    submission: str,
+    split: str,
+    server: ServerOptions,
+    method: MethodOptions,
+    publish: bool,
+    receipt: str | None,
+    layout: str,
+) -> int:
+    """Send a submission to be scored, and keep the receipt.
 
+    The file is checked here first if a bundle of the split is at hand. Sending the same file again
+    uses no submission and returns the same result.
 
-def run(arguments: argparse.Namespace) -> int:
-    """Check the submission, send it, and show what it scored."""
-    server = server_of(arguments)
-    token = token_for(server)
-    method_of(arguments)  # whatever is wrong with the options is said before anything is read
+    Exit status: 0 scored and everything done, 1 submission rejected, 2 something could not be
+    done; a result is shown in any case.
+    """
+    token = server.token()
+    described = method.method(submission)  # wrong options are reported before anything is sent
     try:
-        content = _content(arguments.submission)
-        check_place(arguments.receipt, hashlib.sha256(content).hexdigest(), arguments.split)
-        with showing_token(server), connect(arguments, token, _tell) as client:
-            tell_banner(client)
-            _check(client, _split(client, arguments.split), content)
-            accepted = _sent(client, content, arguments)
-            kept = _keep(accepted, arguments)
-            changed = _changed(client, accepted, arguments)
+        content = _content(submission)
+        check_receipt_path(receipt, hashlib.sha256(content).hexdigest(), split)
+        with server.explaining_refused_token(), server.connect(token, _warn) as client:
+            print_banner(client)
+            _check(client, _split(client, split), content)
+            try:
+                with transfer_bar(f"sending to {client.url}") as progress:
+                    accepted = client.submit(split, content, described, progress)
+            except KeyboardInterrupt:
+                raise ReverieEvalError(
+                    f"interrupted; it may have been scored: {_AGAIN} to see its result"
+                ) from None
+            kept = _keep(accepted, receipt, submission)
+            changed = _change(client, accepted, _wanted(accepted, method, submission, publish))
     except SubmissionError as error:
-        if arguments.format == "text":
-            _tell(f"{rejection(arguments.submission, error)}\nnothing was scored or spent")
+        if layout == "text":
+            _warn(f"{rejection(submission, error)}\nnothing was scored, and no submission used")
         else:
-            print(problems_as_json(arguments.split, error))
+            print(problems_json(split, error))
         return 1
-    if arguments.format == "json":
-        print((changed or accepted).model_dump_json(indent=2, ensure_ascii=True))
+    final = changed or accepted
+    if layout == "json":
+        print(final.model_dump_json(indent=2, ensure_ascii=True))
     else:
-        _show(changed or accepted, server, kept)
+        _show(final, server.url, kept)
     return 0 if kept and changed else 2
 
 
-def _tell(line: str) -> None:
+def _warn(line: str) -> None:
     print(line, file=sys.stderr)
 
 
@@ -96,83 +98,74 @@ def _content(submission: str) -> bytes:
 
 
 def _split(client: "Client", name: str) -> "SplitReport":
-    from reverie_eval.text import printable
-
     splits = {split.name: split for split in client.splits()}
     if name not in splits:
-        known = printable(", ".join(splits))
-        raise ReverieEvalError(f"{client.url} has no split {name!r}; it has {known}")
+        known = printable(did_you_mean(name, splits))
+        raise ReverieEvalError(f"{client.url} has no split {name!r}{known}")
     return splits[name]
 
 
 def _check(client: "Client", split: "SplitReport", content: bytes) -> None:
-    """Find what is wrong here, or, where no ground truth fits, have the server find it."""
-    truth = _fitting_truth(split)
+    """Find all problems here or, without the server's ground truth, let the server find them."""
+    truth = _same_ground_truth(split)
     if truth is not None:
         validate(content, split=split.name, ground_truth=truth)
     else:
-        _tell(f"no ground truth here is the server's for {split.name}; the server checks the file")
+        _warn(f"no bundle here matches the server's {split.name}; the server checks the file")
         client.validate(split.name, content)
 
 
-def _fitting_truth(split: "SplitReport") -> GroundTruth | None:
+def _same_ground_truth(split: "SplitReport") -> GroundTruth | None:
     try:
         truth = find_ground_truth(None, split.name)
     except (ReverieEvalError, OSError):
         return None
-    fits = truth.fingerprint in (split.fingerprint, split.public_fingerprint)
-    return truth if fits else None
+    is_same = truth.fingerprint in (split.fingerprint, split.public_fingerprint)
+    return truth if is_same else None
 
 
-def _sent(client: "Client", content: bytes, arguments: argparse.Namespace) -> "Accepted":
+def _keep(accepted: "Accepted", receipt: str | None, submission: str) -> Path | None:
+    """Write the receipt; the result is shown whether or not that succeeds."""
     try:
-        with transfer_bar(f"sending to {client.url}") as progress:
-            return client.submit(arguments.split, content, method_of(arguments), progress)
-    except KeyboardInterrupt:
-        raise ReverieEvalError(
-            f"interrupted; it may have been scored: {_AGAIN} to see its result"
-        ) from None
-
-
-def _keep(accepted: "Accepted", arguments: argparse.Namespace) -> Path | None:
-    """Write the receipt; whether or not that succeeds, the result that is there is shown."""
-    try:
-        return keep(accepted.submission.receipt, arguments.receipt, arguments.submission)
+        return keep_receipt(accepted.submission.receipt, receipt, submission)
     except OSError as error:
         reason = f"{error.filename}: {error.strerror}"
-        _tell(f"scored, but the receipt could not be written ({reason}); {_AGAIN} with --receipt")
+        _warn(f"scored, but the receipt could not be written ({reason}); {_AGAIN} with --receipt")
         return None
 
 
-def _changed(
-    client: "Client", accepted: "Accepted", arguments: argparse.Namespace
+def _wanted(
+    accepted: "Accepted",
+    method: MethodOptions,
+    submission: str,
+    publish: bool,  # noqa: FBT001  # an option's value
+) -> "SubmissionChange":
+    """Return what was asked for and differs from what the server has."""
+    from reverie_eval.schemas.service import SubmissionChange
+
+    asked: dict[str, object] = {}
+    if changes := method.changes(accepted.submission.method, submission):
+        asked["method"] = changes
+    if publish and accepted.submission.status != "published":
+        asked["published"] = True
+    return SubmissionChange.model_validate(asked)
+
+
+def _change(
+    client: "Client", accepted: "Accepted", change: "SubmissionChange"
 ) -> "Accepted | None":
-    """Publish the result, or amend what was said of it before; the result is shown in any case."""
+    """Publish the result or change its description; the result is shown in any case."""
     from reverie_eval.client import ServiceError
 
-    change = _change(accepted, arguments)
     if not change.model_fields_set:
         return accepted
     try:
         submission = client.change(accepted.submission.id, change)
     except ServiceError as error:
-        undone = "published" if arguments.publish else "changed"
-        _tell(f"scored, but not {undone}: {error}; {_AGAIN} with the same options")
+        undone = "published" if change.published else "changed"
+        _warn(f"scored, but not {undone}: {error}; {_AGAIN} with the same options")
         return None
     return accepted.model_copy(update={"submission": submission})
-
-
-def _change(accepted: "Accepted", arguments: argparse.Namespace) -> "SubmissionChange":
-    """Return what is asked for and is not so yet."""
-    from reverie_eval.schemas.service import SubmissionChange
-
-    submission = accepted.submission
-    asked: dict[str, object] = {}
-    if amended := amendments(submission.method, arguments):
-        asked["method"] = amended
-    if arguments.publish and submission.status != "published":
-        asked["published"] = True
-    return SubmissionChange.model_validate(asked)
 
 
 def _show(accepted: "Accepted", server: str, kept: Path | None) -> None:
@@ -181,14 +174,13 @@ def _show(accepted: "Accepted", server: str, kept: Path | None) -> None:
 
     submission = accepted.submission
     table = table_of_submission(submission.report, server)
-    if sys.stdout.isatty():
-        from rich.console import Console
 
+    def on_terminal(console: "Console") -> None:
         from reverie_eval.reporting._terminal import show_table
 
-        show_table(table, Console())
-    else:
-        print(laid_out(table))
+        show_table(table, console)
+
+    show(lambda: laid_out(table), None, on_terminal)
     print(
         "",
         *submission_lines(submission, is_repeat=accepted.is_repeat),

@@ -1,67 +1,70 @@
-"""``reverie-eval verify RECEIPT``: whether a result is what a server signed.
+"""``reverie-eval verify RECEIPT``: check that a result is what a server signed."""
 
-Exit status: 0 genuine, 1 not, 2 it could not be tried.
-"""
-
-import argparse
 import hashlib
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from reverie_eval import ReverieEvalError
-from reverie_eval_cli.servers import add_server, connect
+from reverie_eval_cli import options
+from reverie_eval_cli.servers import ServerOptions, server_options
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Receipt
 
-SUMMARY = "check a receipt against the key of the server that signed it"
 
+@click.command()
+@click.argument("receipt", type=options.PATH)
+@server_options
+@click.option(
+    "--key", metavar="FILE", type=options.PATH, help="The server's public key, in PEM form."
+)
+@click.option(
+    "--submission", metavar="FILE", help="Also check that this is the file that was scored."
+)
+def verify(
+    *, receipt: Path, server: ServerOptions, key: Path | None, submission: str | None
+) -> int:
+    """Check that a receipt was signed by a server.
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the command takes."""
-    parser.add_argument("receipt", type=Path, help="as `reverie-eval submit` wrote it")
-    named = add_server(parser)
-    named.add_argument(
-        "--key", metavar="FILE", type=Path, help="the server's public key, in PEM form"
-    )
-    parser.add_argument(
-        "--submission", metavar="FILE", help="also check that this is the file that was scored"
-    )
-
-
-def run(arguments: argparse.Namespace) -> int:
-    """Say whether the receipt is genuine, and what it proves."""
-    from reverie_eval.receipts import NotGenuineError, verify
+    RECEIPT is what `reverie-eval submit` wrote. Exit status: 0 genuine, 1 not genuine, 2 usage or
+    system error.
+    """
+    from reverie_eval.receipts import NotGenuineError
+    from reverie_eval.receipts import verify as verify_signature
     from reverie_eval.reporting._service import receipt_lines
     from reverie_eval_cli.receipts import read_receipt
 
-    receipt = read_receipt(arguments.receipt)
-    key, owner = _key(arguments)
+    if key is not None and server.named:
+        raise click.UsageError("give --key or --server, not both")
+    signed = read_receipt(receipt)
+    public_key, owner = _public_key(server, key)
     try:
-        verify(receipt, key)
+        verify_signature(signed, public_key)
     except NotGenuineError as error:
-        print(f"{arguments.receipt}: not genuine by the key of {owner}: {error}", file=sys.stderr)
+        print(f"{receipt}: not genuine by the key of {owner}: {error}", file=sys.stderr)
         return 1
-    if arguments.submission and not _is_of(receipt, arguments.submission):
-        print(f"{arguments.submission}: not the file that the receipt is for", file=sys.stderr)
+    if submission and not _is_of(signed, submission):
+        print(f"{submission}: not the file that the receipt is for", file=sys.stderr)
         return 1
-    print(f"{arguments.receipt}: genuine, signed with the key of {owner} ({receipt.key_id})")
-    print(*receipt_lines(receipt), sep="\n")
-    if arguments.submission:
-        print(f"{arguments.submission}: the file that was scored")
+    print(f"{receipt}: genuine, signed with the key of {owner} ({signed.key_id})")
+    print(*receipt_lines(signed), sep="\n")
+    if submission:
+        print(f"{submission}: the file that was scored")
     return 0
 
 
-def _key(arguments: argparse.Namespace) -> tuple[str, str]:
+def _public_key(server: ServerOptions, key: Path | None) -> tuple[str, str]:
     """Return the public key, and whose it is."""
-    if arguments.key is None:
-        with connect(arguments) as client:
+    if key is None:
+        with server.connect() as client:
             return client.key(), client.url
     try:
-        return arguments.key.read_text(encoding="ascii"), str(arguments.key)
+        return key.read_text(encoding="ascii"), str(key)
     except UnicodeDecodeError:
-        raise ReverieEvalError(f"{arguments.key} is no public key in PEM form") from None
+        raise ReverieEvalError(f"{key} is not a public key in PEM form") from None
 
 
 def _is_of(receipt: "Receipt", submission: str) -> bool:

@@ -1,39 +1,28 @@
-"""``reverie-eval server COMMAND FOLDER``: make, look after and hand on an evaluation server."""
+"""``reverie-eval server COMMAND FOLDER``: set up, run and hand over an evaluation server."""
 
-from collections.abc import Mapping
-from types import ModuleType
+from reverie_eval_cli.groups import LazyGroup
 
-SUMMARY = "make, look after and hand on an evaluation server"
-
-
-def commands() -> Mapping[str, ModuleType]:
-    """Return the commands; they are imported when some command is to be parsed."""
-    from reverie_eval_cli.commands.server import (
-        audit,
-        backup,
-        check,
-        doctor,
-        grant,
-        init,
-        invite,
-        person,
-        restore,
-        team,
-        token,
-        upgrade,
-    )
-
-    return {
-        "init": init,
-        "check": check,
-        "doctor": doctor,
-        "upgrade": upgrade,
-        "backup": backup,
-        "restore": restore,
-        "team": team,
-        "person": person,
-        "token": token,
-        "invite": invite,
-        "grant": grant,
-        "audit": audit,
-    }
+server = LazyGroup(
+    "reverie_eval_cli.commands.server",
+    {
+        "Set up": {
+            "init": "folder:init",
+            "check": "folder:check",
+            "upgrade": "folder:upgrade",
+        },
+        "People": {
+            "team": "team:team",
+            "person": "person:person",
+            "token": "token:token",
+            "invite": "token:invite",
+            "grant": "grant:grant",
+        },
+        "Keep": {
+            "doctor": "folder:doctor",
+            "audit": "audit:audit",
+            "backup": "backup:backup",
+            "restore": "backup:restore",
+        },
+    },
+    help="Set up, look after and hand over an evaluation server.",
+)

@@ -1,0 +1,144 @@
+"""``reverie-eval compile``, ``lint`` and ``describe``: work on a dataset's published files."""
+
+import os
+import re
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from reverie_eval import DatasetError, ReverieEvalError
+from reverie_eval.ground_truth import Bundle, bundle_name
+from reverie_eval.text import count_text
+from reverie_eval_cli import options
+from reverie_eval_cli.output import check_outputs, show, with_progress
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from reverie_eval.dataset import DatasetDescription
+
+
+@click.command("compile")
+@options.dataset_files
+@options.object_positions
+@options.split
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FILE",
+    help="The bundle to write; or a folder, existing or ending in /, for SPLIT.npz.",
+)
+@click.option("--public", is_flag=True, help="Leave out the answers: a bundle to validate with.")
+def compile_bundle(*, split: str, output: str, public: bool, **paths: Path | None) -> None:
+    """Compile a split's files into a ground-truth bundle.
+
+    DATASET is a clone of the REVERIE dataset repository. Files that are not in it are named by the
+    options.
+    """
+    from reverie_eval.dataset import DatasetFiles, compile_split
+
+    if not re.fullmatch(r"\w+", split):
+        raise click.UsageError(f"{split!r} is not a split's name; use letters, digits and _")
+    files = DatasetFiles.find(split=split, **paths)
+    bundle = compile_split(files, split, progress=with_progress)
+    if public:
+        bundle = bundle.public()
+    place = _bundle_path(output, bundle)
+    check_outputs([place], [*files.annotations.values(), files.boxes, files.object_positions])
+    bundle.save(place)
+    parts = {"episode": "instr_id", "scan": "scan_id", "viewpoint": "viewpoint_id"}
+    counts = [count_text(len(bundle.arrays[array]), noun) for noun, array in parts.items()]
+    print(f"{place}: {bundle.header.dataset} {split}, {', '.join(counts)}")
+    if bundle.is_public:
+        print("no answers included: it can validate submissions, not score them")
+    print(f"fingerprint {bundle.header.fingerprint}")
+
+
+def _bundle_path(output: str, bundle: Bundle) -> Path:
+    """Return the file to write; a folder that is named with a slash is made."""
+    path = Path(output)
+    if output.endswith(os.sep):
+        path.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        path /= bundle_name(bundle.header.split, public=bundle.is_public)
+    if path.exists() and not path.is_file():
+        raise ReverieEvalError(f"{path} is not a regular file, and is not replaced")
+    return path
+
+
+@click.command()
+@options.dataset_files
+@options.object_positions
+@options.layout("text", "json", explained=" json has more percentiles and examples.")
+@options.output("the report")
+def lint(*, layout: str, output: str | None, **paths: Path | None) -> int:
+    """Check all files of a dataset.
+
+    DATASET is a clone of the REVERIE dataset repository.
+
+    Exit status: 0 no errors, 1 errors found, 2 usage or system error.
+    """
+    from reverie_eval.dataset import DatasetFiles, LintReport, lint_dataset
+    from reverie_eval.reporting._lint import lint_text, show_lint
+
+    check_outputs([output], paths.values())
+    try:
+        files = DatasetFiles.find(split=None, **paths)
+    except DatasetError as error:  # no dataset to check is a usage error, not a finding
+        raise ReverieEvalError(str(error)) from error
+    report = lint_dataset(files, progress=with_progress)
+    if layout == "json":
+        from pydantic import TypeAdapter
+
+        show(lambda: TypeAdapter(LintReport).dump_json(report, indent=2).decode(), output)
+    else:
+        show(lambda: lint_text(report), output, lambda console: show_lint(report, console))
+    return 0 if report.sound else 1
+
+
+@click.command()
+@options.dataset_files
+@options.layout("table", "json")
+@options.output("the description")
+@click.option(
+    "--figures",
+    metavar="FOLDER",
+    type=options.PATH,
+    help="Also draw figures into FOLDER, as SVG and PNG; needs matplotlib.",
+)
+def describe(
+    *, layout: str, output: str | None, figures: Path | None, **paths: Path | None
+) -> None:
+    """Describe a dataset, beside the paper's numbers.
+
+    DATASET is a clone of the REVERIE dataset repository.
+    """
+    from reverie_eval.dataset import DatasetFiles, describe_dataset
+    from reverie_eval.reporting._description import FORMATS
+    from reverie_eval.reporting._description import show as show_description
+
+    check_outputs([output], paths.values())
+    write_figures = _figure_writer() if figures else None
+    files = DatasetFiles.find(split=None, **paths)
+    description = describe_dataset(files, progress=with_progress)
+    if write_figures and figures:
+        write_figures(description, figures)
+    text = partial(FORMATS[layout], description)
+    if layout == "table":
+        show(text, output, lambda console: show_description(description, console))
+    else:
+        show(text, output)
+
+
+def _figure_writer() -> "Callable[[DatasetDescription, Path], Sequence[Path]]":
+    """Return what draws, before any time is spent on a dataset that could not be drawn."""
+    try:
+        from reverie_eval.reporting._dataset_figures import write_figures
+    except ModuleNotFoundError as error:
+        raise ReverieEvalError(
+            "--figures needs matplotlib; install it with: pip install 'reverie-eval[figures]'"
+        ) from error
+    return write_figures

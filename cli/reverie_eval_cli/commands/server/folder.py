@@ -1,0 +1,74 @@
+"""``reverie-eval server init|check|doctor|upgrade FOLDER``: the folder that a server lives in."""
+
+import shlex
+from pathlib import Path
+
+import click
+
+from reverie_eval_cli import options
+from reverie_eval_cli.organising import actor, now, show_findings
+from reverie_eval_cli.output import with_progress
+
+
+@click.command()
+@options.server_folder
+def init(*, folder: Path) -> None:
+    """Make a server's folder.
+
+    It gets settings, a signing key, a database and, until you add your own, the demo world as its
+    ground truth.
+    """
+    from reverie_eval.server.checks import database_errors
+    from reverie_eval.server.folder import make_server
+
+    with database_errors():
+        token = make_server(folder, now=now(), actor=actor())
+    quoted = shlex.quote(str(folder))
+    print(f"{folder}: a server, for now with the demo world as its ground truth")
+    print(f"organiser's token, not shown again: {token}")
+    print(f"next: edit {folder / 'reverie-eval.toml'}, then")
+    print(f"  reverie-eval server check {quoted}")
+    print(f"  reverie-eval serve {quoted}")
+
+
+@click.command()
+@options.server_folder
+def check(*, folder: Path) -> int:
+    """Check that a server can start.
+
+    Settings, ground truth, signing key, database and uploads are checked.
+
+    Exit status: 0 the server can start, 1 it cannot, 2 usage or system error.
+    """
+    from reverie_eval.server.checks import check_folder
+
+    return show_findings(check_folder(folder))
+
+
+@click.command()
+@options.server_folder
+def doctor(*, folder: Path) -> int:
+    """Check all stored data.
+
+    Uploads, reports, receipts, the audit log and the disk are checked.
+
+    Exit status: 0 no faults, 1 faults to fix, 2 usage or system error.
+    """
+    from reverie_eval.server.doctor import examine
+
+    return show_findings(list(examine(folder, with_progress)))
+
+
+@click.command()
+@options.server_folder
+def upgrade(*, folder: Path) -> None:
+    """Bring the database to this version.
+
+    Back it up first.
+    """
+    from reverie_eval.server.checks import database_errors
+    from reverie_eval.server.folder import upgrade_folder
+
+    with database_errors():
+        upgrade_folder(folder)
+    print(f"{folder}: the database is up to date with this version")

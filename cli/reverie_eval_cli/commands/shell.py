@@ -1,0 +1,63 @@
+"""``reverie-eval schema`` and ``completion``: what programs and shells need."""
+
+import json
+from typing import Any
+
+import click
+
+from reverie_eval_cli import options
+from reverie_eval_cli.output import show
+
+SCHEMAS = (
+    "submission",
+    "score-report",
+    "validation-report",
+    "comparison-report",
+    "lint-report",
+    "dataset-description",
+)
+
+
+@click.command()
+@click.argument("name", type=options.Choice(SCHEMAS))
+@options.output("the schema")
+def schema(*, name: str, output: str | None) -> None:
+    """Print the JSON Schema of a submission or a report."""
+    show(lambda: json.dumps(_schema(name), indent=2), output)
+
+
+def _schema(name: str) -> dict[str, Any]:
+    from pydantic import TypeAdapter
+
+    from reverie_eval.dataset import DatasetDescription, LintReport
+    from reverie_eval.reporting._comparison import ComparisonReport
+    from reverie_eval.schemas.report import ScoreReport, ValidationReport
+    from reverie_eval.submissions import submission_schema
+
+    if name == "submission":
+        return submission_schema()
+    adapters: dict[str, TypeAdapter[Any]] = {
+        "score-report": TypeAdapter(ScoreReport),
+        "validation-report": TypeAdapter(ValidationReport),
+        "comparison-report": TypeAdapter(ComparisonReport),
+        "lint-report": TypeAdapter(LintReport),
+        "dataset-description": TypeAdapter(DatasetDescription),
+    }
+    return adapters[name].json_schema(mode="serialization")
+
+
+@click.command()
+@click.argument("shell", type=options.Choice(["bash", "zsh", "fish", "powershell"]))
+def completion(*, shell: str) -> int:
+    r"""Print a script for completion in a shell.
+
+    \b
+      bash:  eval "$(reverie-eval completion bash)"
+      zsh:   eval "$(reverie-eval completion zsh)"
+      fish:  reverie-eval completion fish | source
+    """
+    from click.shell_completion import shell_complete
+
+    from reverie_eval_cli.main import COMPLETION_VARIABLE, PROGRAM, program
+
+    return shell_complete(program, {}, PROGRAM, COMPLETION_VARIABLE, f"{shell}_source")

@@ -1,0 +1,110 @@
+"""Work on submissions without scoring them: check them, convert them, have an agent write one."""
+
+import sys
+
+import click
+
+from reverie_eval import SubmissionError, Validation, validate
+from reverie_eval.submissions import source_name
+from reverie_eval_cli import options
+from reverie_eval_cli.output import (
+    RejectedSubmission,
+    check_outputs,
+    naming,
+    rejection,
+    show,
+    submission_text,
+    write_text,
+)
+
+
+@click.command("validate")
+@options.submission
+@options.split
+@options.ground_truth
+@options.layout("text", "json", explained=" json lists all problems, text the first 20.")
+@options.output("the outcome")
+def validate_submission(
+    *, submission: str, split: str, ground_truth: str | None, layout: str, output: str | None
+) -> int:
+    """Check a submission without scoring it.
+
+    SUBMISSION is a result file, or - for standard input. A public bundle, without answers, is
+    enough.
+    """
+    check_outputs([output], [submission, ground_truth])
+    try:
+        checked = validate(submission, split=split, ground_truth=ground_truth)
+    except SubmissionError as error:
+        if layout == "text":
+            raise RejectedSubmission(rejection(submission, error)) from None
+        write_text(problems_json(split, error) + "\n", output)
+        return 1
+    show(lambda: _as_json(checked) if layout == "json" else _as_text(checked, submission), output)
+    return 0
+
+
+def _as_text(checked: Validation, submission: str) -> str:
+    truth = checked.ground_truth
+    count = len(truth.episodes.instr_ids)
+    verdict = f"valid, with a prediction for each of the {count:,} episodes of {truth.split}"
+    notes = [f"note: {note}" for note in checked.notes]
+    first = f"{source_name(submission)}: {verdict}"
+    return "\n".join([first, f"ground truth: {truth.provenance}", *notes])
+
+
+def _as_json(checked: Validation) -> str:
+    from reverie_eval.schemas.report import ValidationReport
+
+    report = ValidationReport(
+        split=checked.ground_truth.split, valid=True, notes=list(checked.notes)
+    )
+    return report.model_dump_json(indent=2)
+
+
+def problems_json(split: str, error: SubmissionError) -> str:
+    """Return what is wrong with a submission as a validation report."""
+    from reverie_eval.schemas.report import ProblemReport, ValidationReport
+
+    problems = [ProblemReport.model_validate(problem) for problem in error.problems]
+    return ValidationReport(split=split, valid=False, problems=problems).model_dump_json(indent=2)
+
+
+@click.command("convert")
+@options.submission
+@options.output("the submission")
+def convert_submission(*, submission: str, output: str | None) -> None:
+    """Convert a submission to the official form.
+
+    SUBMISSION is a result file in any form that can be scored, or - for standard input. Standard
+    error reports what was read differently from the official form, and what was dropped.
+    """
+    from reverie_eval.submissions import convert
+
+    check_outputs([output], [submission])
+    with naming(submission):
+        conversion = convert(submission)
+    write_text(submission_text(conversion.records), output)
+    for each in conversion.notes:
+        print(f"{source_name(submission)}: {each}", file=sys.stderr)
+
+
+@click.command()
+@click.argument("name", type=options.Choice(["shortest", "random", "stop"]))
+@options.split
+@options.ground_truth
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random agent.")
+@options.output("the submission")
+def agent(
+    *, name: str, split: str, ground_truth: str | None, seed: int, output: str | None
+) -> None:
+    """Write the submission of a reference agent.
+
+    shortest walks to the goal, random anywhere, and stop stays where it starts.
+    """
+    from reverie_eval.agents import run_agent
+    from reverie_eval.ground_truth import find_ground_truth
+
+    check_outputs([output], [ground_truth])
+    truth = find_ground_truth(ground_truth, split)
+    write_text(submission_text(run_agent(name, truth, seed)), output)

@@ -1,0 +1,101 @@
+"""Groups of commands: with help at hand, imported when needed, and one that takes a file first."""
+
+import importlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+from click.exceptions import NoSuchCommand
+from click.shell_completion import CompletionItem
+
+_HELP = ("-h", "--help")
+_LONGEST_SUMMARY = 120
+
+
+class Group(click.Group):
+    """A group that shows its help when no command is named, or the command is ``help``."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Turn ``help COMMAND`` into ``COMMAND --help``."""
+        if not args:
+            args = ["--help"]
+        elif args[0] == "help":
+            args = [*args[1:], "--help"]
+        return super().parse_args(ctx, args)
+
+
+class LazyGroup(Group):
+    """A group whose commands are imported when they are run or listed.
+
+    Parameters
+    ----------
+    package : str
+        The package with the commands' modules.
+    sections : mapping of str to mapping of str to str
+        By heading: the commands by name, each as ``module:attribute`` below ``package``.
+    settings
+        As for :class:`click.Group`.
+    """
+
+    def __init__(
+        self, package: str, sections: Mapping[str, Mapping[str, str]], **settings: Any
+    ) -> None:
+        super().__init__(context_settings={"help_option_names": list(_HELP)}, **settings)
+        self._package = package
+        self._sections = sections
+        self._places = {name: place for part in sections.values() for name, place in part.items()}
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Return the names of all commands, in the order of the help."""
+        return list(self._places)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; an unknown name is an error that suggests a known one."""
+        if cmd_name not in self._places:
+            if ctx.resilient_parsing:  # while completing, nothing is an error
+                return None
+            raise NoSuchCommand(cmd_name, possibilities=self._places, ctx=ctx)
+        module, _, attribute = self._places[cmd_name].partition(":")
+        command: click.Command = getattr(
+            importlib.import_module(f"{self._package}.{module}"), attribute
+        )
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands below the headings of their sections."""
+        longest = max(map(len, self._places))
+        for heading, places in self._sections.items():
+            commands = {name: self.get_command(ctx, name) for name in places}
+            rows = [
+                (name.ljust(longest), command.get_short_help_str(_LONGEST_SUMMARY))
+                for name, command in commands.items()
+                if command
+            ]
+            with formatter.section(heading):
+                formatter.write_dl(rows)
+
+
+class Program(LazyGroup):
+    """The program: a first word that is not a command is a file, which ``score`` takes."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put ``score`` before a file, or before one of its options."""
+        if args and args[0] not in {*self._places, *_HELP, "help", "--version"}:
+            if not ctx.resilient_parsing:
+                self._check_is_file(ctx, args[0])
+            args = ["score", *args]
+        return super().parse_args(ctx, args)
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete a first word: to a command, a file to score, or an option of ``score``."""
+        score = self.get_command(ctx, "score")
+        options = score.shell_complete(ctx, incomplete) if score else []
+        files = [CompletionItem(str(path)) for path in Path().glob(f"{incomplete}*")]
+        return [*super().shell_complete(ctx, incomplete), *options, *files]
+
+    def _check_is_file(self, ctx: click.Context, word: str) -> None:
+        """Refuse a word that looks like a mistyped command rather than like a file."""
+        if word.isidentifier() and not Path(word).exists():
+            message = f"{word!r} is neither a command nor a file."
+            raise NoSuchCommand(word, message, self._places, ctx)

@@ -1,0 +1,155 @@
+"""Arguments and options that several commands take, each worded once."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from click.shell_completion import CompletionItem
+
+from reverie_eval import PROTOCOLS
+from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE, bundled_splits
+from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL
+from reverie_eval.text import did_you_mean
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+_SPLITS = ("train", "val_seen", "val_unseen", "test")
+_MOST_DAYS = 100 * 365
+"""Later dates are beyond what a token needs, and close to what Python's calendar ends at."""
+PATH = click.Path(path_type=Path)
+
+
+class Choice(click.Choice[str]):
+    """One of some names; an error suggests the closest."""
+
+    def get_invalid_choice_message(
+        self,
+        value: object,
+        ctx: click.Context | None,  # noqa: ARG002
+    ) -> str:
+        """Say what was given, and what can be."""
+        return f"unknown value {value!r}{did_you_mean(value, self.choices)}"
+
+
+def _complete_split(
+    context: click.Context,
+    parameter: click.Parameter,  # noqa: ARG001
+    incomplete: str,
+) -> list[CompletionItem]:
+    """Complete to the splits that there is ground truth for."""
+    place = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
+    splits = bundled_splits(Path(place) if place else None) or _SPLITS
+    return [CompletionItem(split) for split in splits if split.startswith(incomplete)]
+
+
+submission = click.argument("submission", type=click.Path(allow_dash=True))
+split = click.option(
+    "--split",
+    required=True,
+    metavar="NAME",
+    shell_complete=_complete_split,
+    help="train, val_seen, val_unseen or test.",
+)
+ground_truth = click.option(
+    "--ground-truth",
+    metavar="PATH",
+    type=click.Path(),
+    help="A bundle or a folder of bundles.  [default: $REVERIE_EVAL_GROUND_TRUTH, or else the "
+    "demo world]",
+)
+protocol = click.option(
+    "--protocol",
+    type=Choice([*PROTOCOLS, *ALIASES]),
+    default=DEFAULT_PROTOCOL,
+    show_default=True,
+    metavar="NAME",
+    help="The rules to score by.",
+)
+cluster = click.option(
+    "--cluster",
+    type=Choice(["target", "scan"]),
+    default="target",
+    show_default=True,
+    help="What to resample for intervals: target objects or scans, each with all its episodes.",
+)
+server_folder = click.argument("folder", type=PATH)
+
+
+def output(what: str) -> Callable[[Command], Command]:
+    """Add ``-o FILE`` for what a command prints otherwise."""
+    return click.option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        type=click.Path(),
+        help=f"Write {what} to FILE.  [default: standard output]",
+    )
+
+
+def layout(*names: str, explained: str = "") -> Callable[[Command], Command]:
+    """Add ``--format``, whose default is the first name."""
+    return click.option(
+        "--format",
+        "layout",
+        type=Choice(names),
+        default=names[0],
+        show_default=True,
+        help=f"Format of the output.{explained}",
+    )
+
+
+def dataset_files(command: Command) -> Command:
+    """Add the published files: a clone's root, and where they are if not in it.
+
+    The command gets them as the keyword arguments of
+    :meth:`reverie_eval.dataset.DatasetFiles.find`.
+    """
+    for add in (
+        click.option(
+            "--connectivity", metavar="PATH", type=PATH, help="The folder of connectivity files."
+        ),
+        click.option(
+            "--boxes", metavar="PATH", type=PATH, help="The BBox folder, or one BBoxes.json."
+        ),
+        click.option(
+            "--annotations",
+            metavar="PATH",
+            type=PATH,
+            help="REVERIE_SPLIT.json or its folder; also a private file with answers.",
+        ),
+        click.argument("root", metavar="[DATASET]", required=False, type=PATH),
+    ):
+        command = add(command)
+    return command
+
+
+object_positions = click.option(
+    "--object-positions",
+    metavar="FILE",
+    type=PATH,
+    help="objpos.json, the centres of all objects: needed for the protocol challenge-2022, and by "
+    "lint to check distances.",
+)
+
+
+def expiry(default: int | None) -> Callable[[Command], Command]:
+    """Add when a token expires."""
+    return click.option(
+        "--expires-days",
+        metavar="N",
+        type=click.IntRange(1, _MOST_DAYS),
+        default=default,
+        show_default="never" if default is None else True,
+        help="Days until it expires.",
+    )
+
+
+days = click.option(
+    "--days",
+    metavar="N",
+    type=click.IntRange(1, _MOST_DAYS),
+    default=30,
+    show_default=True,
+    help="Days until the extra submissions expire.",
+)

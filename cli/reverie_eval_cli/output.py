@@ -1,0 +1,133 @@
+"""What commands print and write: results, progress, and why a submission was rejected."""
+
+import io
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
+
+import click
+
+from reverie_eval import ReverieEvalError, SubmissionError
+from reverie_eval.files import staged_file
+from reverie_eval.submissions import source_name
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+T = TypeVar("T")
+
+
+class RejectedSubmission(click.ClickException):
+    """A submission was rejected; the message names the file and lists its problems."""
+
+    exit_code = 1
+
+    def show(self, file: Any = None) -> None:
+        """Print the problems to standard error."""
+        print(self.message, file=file or sys.stderr)
+
+
+@contextmanager
+def naming(submission: str) -> Iterator[None]:
+    """Say which file was rejected."""
+    try:
+        yield
+    except SubmissionError as error:
+        raise RejectedSubmission(rejection(submission, error)) from None
+
+
+def rejection(submission: str, error: SubmissionError) -> str:
+    """Return what is wrong with which submission."""
+    return f"{source_name(submission)}: {error}"
+
+
+def check_outputs(
+    outputs: Iterable[str | Path | None], inputs: Iterable[str | Path | None]
+) -> None:
+    """Refuse to write over an input, or twice to the same file.
+
+    Raises
+    ------
+    ReverieEvalError
+        Naming the file.
+    """
+    taken = {Path(path).resolve() for path in inputs if path and Path(path).is_file()}
+    for output in outputs:
+        if not output:
+            continue
+        place = Path(output).resolve()
+        if place in taken:
+            raise ReverieEvalError(f"{output} is already in use; choose another file to write to")
+        taken.add(place)
+
+
+@contextmanager
+def open_output(path: str) -> Iterator[TextIO]:
+    """Open a text file that appears complete or not at all."""
+    with (
+        staged_file(Path(path)) as file,
+        io.TextIOWrapper(file, "utf-8", errors="backslashreplace", newline="") as text,
+    ):
+        yield text
+
+
+def write_text(text: str, output: str | None) -> None:
+    """Write a text to a file, or to standard output."""
+    if output is None:
+        sys.stdout.write(text)
+        return
+    with open_output(output) as file:
+        file.write(text)
+
+
+def show(
+    text: Callable[[], str],
+    output: str | None = None,
+    on_terminal: "Callable[[Console], None] | None" = None,
+) -> None:
+    """Write a result to a file, to a terminal in its own way, or to a pipe as text."""
+    if on_terminal and output is None and sys.stdout.isatty():
+        from rich.console import Console
+
+        on_terminal(Console())
+    else:
+        write_text(f"{text()}\n", output)
+
+
+def submission_text(records: Sequence[Mapping[str, Any]]) -> str:
+    """Return a submission with a record per line, to read and to compare line by line."""
+    import json
+
+    return "[\n" + ",\n".join(map(json.dumps, records)) + "\n]\n"
+
+
+def note(text: str) -> None:
+    """Print a note to standard error."""
+    print(f"note: {text}", file=sys.stderr)
+
+
+def with_progress(items: Iterable[T], description: str, total: int | None = None) -> Iterable[T]:
+    """Show a progress bar on a terminal while the items are worked on."""
+    if not sys.stderr.isatty():
+        return items
+    from rich.console import Console
+    from rich.progress import track
+
+    return track(items, description, total, console=Console(stderr=True), transient=True)
+
+
+@contextmanager
+def transfer_bar(description: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Show a progress bar of bytes on a terminal; yield the function that updates it."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
+
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), DownloadColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(description, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

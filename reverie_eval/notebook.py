@@ -25,9 +25,9 @@ def _plots(scores: Scores) -> "Plots":
 
 def _scores_html(scores: Scores) -> str:
     """Show the score table in a notebook."""
-    from reverie_eval.reporting._score_html import scores_html
+    from reverie_eval.reporting._scores import score_table
 
-    return scores_html(scores)
+    return score_table([scores]).to_html()
 
 
 def _comparison_report(comparison: Comparison) -> "ComparisonReport":

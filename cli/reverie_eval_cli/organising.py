@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from reverie_eval.reporting._grids import Grid, aligned, rich_table
+from reverie_eval.reporting._table import Table, print_table
 from reverie_eval_cli.output import show
 
 if TYPE_CHECKING:
@@ -63,8 +63,8 @@ def minute(instant: datetime | None) -> str:
 
 def print_list(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a list: as a table on a terminal, in plain columns for a pipe."""
-    grid = Grid(headings, rows, frozenset(range(len(headings))))
-    show(lambda: aligned(grid), None, lambda console: console.print(rich_table(grid)))
+    table = Table(headings, rows, frozenset(range(len(headings))))
+    show(table.to_text, None, lambda console: print_table(console, table))
 
 
 def show_findings(findings: Sequence["Finding"]) -> int:

@@ -1,5 +1,19 @@
 """Scores for people and programs: tables, charts, maps, reports."""
 
+from typing import TYPE_CHECKING, Any
+
 from reverie_eval.reporting._results import results_table
 
-__all__ = ["results_table"]
+if TYPE_CHECKING:
+    from reverie_eval.reporting._report import report_html
+
+__all__ = ["report_html", "results_table"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the report when it is first used: scoring a file does without its imports."""
+    if name == "report_html":
+        from reverie_eval.reporting._report import report_html
+
+        return report_html
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,16 +1,21 @@
-"""A comparison as people read it: scores, differences, and a sentence for each."""
+"""A comparison of submissions: scores, differences, and a sentence for each."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ConfigDict
 
 from reverie_eval.analysis import Comparison, Difference, p_text
 from reverie_eval.metrics import Metric
-from reverie_eval.reporting._grids import Grid, aligned, show_grid
-from reverie_eval.reporting._html_tables import table_html
-from reverie_eval.reporting._latex import comments
 from reverie_eval.reporting._results import results_table
+from reverie_eval.reporting._table import (
+    MISSING,
+    Table,
+    latex_comments,
+    print_lines,
+    print_table,
+)
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.scoring import Intervals
 from reverie_eval.text import count_text
@@ -48,49 +53,13 @@ def comparison_report(comparison: Comparison) -> ComparisonReport:
 
 
 _WON = (
-    "episodes that only the one, or only the other, has; McNemar's test takes them for independent"
+    "won : lost: episodes that only one submission got right; McNemar's test treats them as "
+    "independent"
 )
 
 
-def comparison_text(comparison: Comparison) -> str:
-    """Lay a comparison out in aligned columns, for a pipe or a file."""
-    return "\n".join(
-        [aligned(grid_of(comparison)), "", *sentences(comparison), "", *captions(comparison)]
-    )
-
-
-def show_comparison(comparison: Comparison, console: "Console") -> None:
-    """Print a comparison on a terminal."""
-    show_grid(grid_of(comparison), console)
-    for sentence in sentences(comparison):
-        console.print(sentence, style="bold", markup=False, highlight=False)
-    console.print()
-    for caption in captions(comparison):
-        console.print(caption, style="dim", markup=False, highlight=False, soft_wrap=True)
-
-
-def comparison_html(comparison: Comparison) -> str:
-    """Show a comparison on a page or in a notebook: sentences, the table, captions below it."""
-    from html import escape
-
-    said = "<br>".join(map(escape, sentences(comparison)))
-    return f"<p><strong>{said}</strong></p>{table_html(grid_of(comparison), captions(comparison))}"
-
-
-def comparison_markdown(comparison: Comparison) -> str:
-    """Show the scores as a paper does, and below them a sentence for each difference."""
-    table = results_table(comparison.scores).markdown()
-    return "\n\n".join([table, *sentences(comparison)])
-
-
-def comparison_latex(comparison: Comparison) -> str:
-    """Show the scores as a paper does; what else is known of them stands above as comments."""
-    said = comments([*sentences(comparison), *captions(comparison)])
-    return "\n".join([*said, results_table(comparison.scores).latex()])
-
-
-def grid_of(comparison: Comparison) -> Grid:
-    """Word the scores, a row each, and below them the differences from the first."""
+def comparison_table(comparison: Comparison) -> Table:
+    """Return the scores, a row per submission, and below them the differences from the first."""
     metrics = [
         metric
         for metric in comparison.scores[comparison.first].headline
@@ -102,63 +71,63 @@ def grid_of(comparison: Comparison) -> Grid:
     ]
     differences = [row for name in comparison for row in _rows(comparison, name, metrics)]
     headings = ["", *(metric.heading for metric in metrics)]
-    return Grid(headings, [*scores, *differences], frozenset({0}))
+    return Table(headings, [*scores, *differences], frozenset({0}))
 
 
-def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
-    """Word how one submission differs from the first, below an empty row."""
-    label = comparison.intervals[name].label
-    pairs = [(metric, comparison[name][metric.key]) for metric in metrics]
-    yield [""] * (1 + len(metrics))
-    yield [f"{name} - {comparison.first}", *(_signed(m, d.mean) for m, d in pairs)]
-    yield [f"{label} low", *(_signed(m, d.interval.low) for m, d in pairs)]
-    yield [f"{label} high", *(_signed(m, d.interval.high) for m, d in pairs)]
-    yield ["p", *(p_text(d.p_value).removeprefix("p ").removeprefix("= ") for _, d in pairs)]
-    yield ["won : lost", *(_won(m, d) for m, d in pairs)]
-    yield ["McNemar's p", *(_mcnemar(d) for _, d in pairs)]
+def comparison_text(comparison: Comparison) -> str:
+    """Return a comparison in aligned columns, for a pipe or a file."""
+    below = [*sentences(comparison), "", *notes(comparison)]
+    return replace(comparison_table(comparison), notes=below).to_text()
 
 
-def _signed(metric: Metric, value: float) -> str:
-    shown = metric.display(value)
-    return shown if shown.startswith("-") else f"+{shown}"
+def print_comparison(console: "Console", comparison: Comparison) -> None:
+    """Print a comparison on a terminal."""
+    print_table(console, comparison_table(comparison))
+    for sentence in sentences(comparison):
+        console.print(sentence, style="bold", markup=False, highlight=False)
+    console.print()
+    print_lines(console, notes(comparison), style="dim")
 
 
-def _won(metric: Metric, difference: Difference) -> str:
-    return f"{difference.higher} : {difference.lower}" if metric.is_binary else "-"
+def comparison_html(comparison: Comparison) -> str:
+    """Return the sentences, the table and its notes, for a page or a notebook."""
+    from html import escape
+
+    lines = "<br>".join(map(escape, sentences(comparison)))
+    table = replace(comparison_table(comparison), notes=notes(comparison)).to_html()
+    return f"<p><strong>{lines}</strong></p>{table}"
 
 
-def _mcnemar(difference: Difference) -> str:
-    if difference.mcnemar_p is None:
-        return "-"
-    return p_text(difference.mcnemar_p).removeprefix("p ").removeprefix("= ")
+def comparison_markdown(comparison: Comparison) -> str:
+    """Return the scores as a results table, and below it a sentence for each difference."""
+    return "\n\n".join([results_table(comparison.scores).to_markdown(), *sentences(comparison)])
+
+
+def comparison_latex(comparison: Comparison) -> str:
+    """Return the scores as a results table, and above it everything else as comments."""
+    comments = latex_comments([*sentences(comparison), *notes(comparison)])
+    return "\n".join([*comments, results_table(comparison.scores).to_latex()])
 
 
 def sentences(comparison: Comparison) -> Sequence[str]:
-    """Say of each submission whether it is better than the first."""
+    """Return for each other submission whether it is better than the first."""
     return [f"{comparison.sentence(name)}." for name in comparison]
 
 
 def methods(comparison: Comparison) -> Sequence[str]:
-    """Say how intervals, p-values and counts came about."""
-    drawn = next(iter(comparison.intervals.values()))
+    """Return how intervals, p-values and counts were computed."""
+    resampled = next(iter(comparison.intervals.values()))
     corrected = ", corrected by Holm's method" if len(comparison) > 1 else ""
+    test = f"p: paired randomisation test that swaps whole {resampled.by}s"
     return [
-        drawn.caption,
-        f"p: paired randomisation test, {drawn.by}s swapped whole{corrected}{_least_p(drawn)}",
-        f"won : lost: {_WON}",
+        resampled.caption,
+        f"{test}{corrected}{_smallest_p(resampled)}",
+        _WON,
     ]
 
 
-def _least_p(drawn: Intervals) -> str:
-    """Say how small a p-value can be, where that is not small: two of all swaps come as far."""
-    least = 2.0 ** (1 - drawn.n_clusters)
-    if least < 1 - drawn.confidence:
-        return ""
-    return f"; of {count_text(drawn.n_clusters, drawn.by)} it is about {least:.2g} at least"
-
-
-def captions(comparison: Comparison) -> Sequence[str]:
-    """Say what the numbers depend on."""
+def notes(comparison: Comparison) -> Sequence[str]:
+    """Return what the numbers depend on, the signature first."""
     first = comparison.scores[comparison.first]
     return [
         first.signature,
@@ -170,3 +139,43 @@ def captions(comparison: Comparison) -> Sequence[str]:
             for note in each.notes
         ),
     ]
+
+
+def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
+    """Yield the rows on how one submission differs from the first, below an empty row."""
+    label = comparison.intervals[name].label
+    pairs = [(metric, comparison[name][metric.key]) for metric in metrics]
+    yield [""] * (1 + len(metrics))
+    yield [f"{name} - {comparison.first}", *(_signed(m, d.mean) for m, d in pairs)]
+    yield [f"{label} low", *(_signed(m, d.interval.low) for m, d in pairs)]
+    yield [f"{label} high", *(_signed(m, d.interval.high) for m, d in pairs)]
+    yield ["p", *(_p_cell(d.p_value) for _, d in pairs)]
+    yield ["won : lost", *(_won_cell(m, d) for m, d in pairs)]
+    yield ["McNemar's p", *(_p_cell(d.mcnemar_p) for _, d in pairs)]
+
+
+def _signed(metric: Metric, value: float) -> str:
+    text = metric.display(value)
+    return text if text.startswith("-") else f"+{text}"
+
+
+def _p_cell(p_value: float | None) -> str:
+    if p_value is None:
+        return MISSING
+    return p_text(p_value).removeprefix("p ").removeprefix("= ")
+
+
+def _won_cell(metric: Metric, difference: Difference) -> str:
+    return f"{difference.higher} : {difference.lower}" if metric.is_binary else MISSING
+
+
+def _smallest_p(resampled: Intervals) -> str:
+    """Return a warning if even the largest difference could not be significant.
+
+    Of all swaps of ``n`` clusters, two give the largest difference: none and all.
+    """
+    smallest = 2.0 ** (1 - resampled.n_clusters)
+    if smallest < 1 - resampled.confidence:
+        return ""
+    clusters = count_text(resampled.n_clusters, resampled.by)
+    return f"; with {clusters}, p is at least about {smallest:.2g}"

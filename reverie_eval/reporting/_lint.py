@@ -1,72 +1,71 @@
-"""The report on a dataset's files as people read it."""
+"""The report on the faults of a dataset's files, as text."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from reverie_eval.dataset import Finding, Found, LintReport, LintSection, Spread
-from reverie_eval.reporting._grids import Grid, aligned, rich_table
+from reverie_eval.reporting._table import Table, print_table
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-_COUNTED = ("", "code", "number", "of", "%", "what")
-_MEASURED = ("code", "number", "min", "5 %", "median", "mean", "95 %", "max", "what")
+_COUNTED = ("", "code", "number", "of", "%", "description")
+_MEASURED = ("code", "number", "min", "5 %", "median", "mean", "95 %", "max", "description")
 _SHOWN_EXAMPLES = 3
 
 
 def lint_text(report: LintReport) -> str:
-    """Write the report in aligned columns, for a pipe or a file."""
+    """Return the report in aligned columns, for a pipe or a file."""
     sections = [
-        "\n".join([title_of(section), *map(aligned, grids_of(section)), *_note(section)])
+        "\n".join([_title(section), *(it.to_text() for it in _tables(section)), *_note(section)])
         for section in report.sections
     ]
-    return "\n\n".join([*sections, *errors_of(report), verdict_of(report)])
+    return "\n\n".join([*sections, *_errors(report), _verdict(report)])
 
 
-def show_lint(report: LintReport, console: "Console") -> None:
+def print_lint(console: "Console", report: LintReport) -> None:
     """Print the report on a terminal."""
     for section in report.sections:
-        console.print(title_of(section), style="bold", markup=False, highlight=False)
-        for grid in grids_of(section):
-            console.print(rich_table(grid))
+        console.print(_title(section), style="bold", markup=False, highlight=False)
+        for table in _tables(section):
+            print_table(console, table, table.stacked())
         for note in _note(section):
             console.print(f"{note}\n", style="dim", markup=False, highlight=False)
-    for error in errors_of(report):
+    for error in _errors(report):
         console.print(f"{error}\n", style="red", markup=False, highlight=False)
     style = "bold green" if report.sound else "bold red"
-    console.print(verdict_of(report), style=style, markup=False, highlight=False)
+    console.print(_verdict(report), style=style, markup=False, highlight=False)
 
 
-def title_of(section: LintSection) -> str:
-    """Return a section's heading."""
+def _title(section: LintSection) -> str:
     return f"{section.title} of {section.split}" if section.split else section.title
 
 
-def grids_of(section: LintSection) -> Sequence[Grid]:
-    """Word a section: what was counted, and what was measured."""
+def _tables(section: LintSection) -> Sequence[Table]:
+    """Return a table of a section's counts, and one of its measurements."""
     counts = [_count_row(count) for count in section.counts]
     spreads = [_spread_row(spread) for spread in section.spreads if spread.number]
-    grids = [
-        Grid(_COUNTED, counts, frozenset({0, 1, len(_COUNTED) - 1})),
-        Grid(_MEASURED, spreads, frozenset({0, len(_MEASURED) - 1})),
+    tables = [
+        Table(_COUNTED, counts, frozenset({0, 1, len(_COUNTED) - 1})),
+        Table(_MEASURED, spreads, frozenset({0, len(_MEASURED) - 1})),
     ]
-    return [grid for grid in grids if grid.rows]
+    return [table for table in tables if table.rows]
 
 
-def errors_of(report: LintReport) -> Iterator[str]:
-    """Say of every error what it means, what to do, and where."""
+def _errors(report: LintReport) -> Iterator[str]:
+    """Yield for every error what it means, what to do, and where it is."""
     for section in report.sections:
         for count in section.counts:
             if _is_there(count) and count.severity == "error":
-                title = f"error {count.code}, {title_of(section)}: {_words(count.found)}"
+                title = f"error {count.code}, {_title(section)}: {_count_phrase(count.found)}"
                 examples = [f"  {line}" for line in _shown(count.found)]
                 yield "\n".join([f"{title} {count.says}", count.advice, *examples])
 
 
-def verdict_of(report: LintReport) -> str:
-    """Say in a line whether the dataset is sound."""
+def _verdict(report: LintReport) -> str:
+    """Return whether the dataset is sound, in a line."""
     counts = [count for section in report.sections for count in section.counts]
     checks = count_text(sum(count.severity == "error" for count in counts), "check")
     errors = sum(_is_there(count) for count in counts if count.severity == "error")
@@ -74,8 +73,8 @@ def verdict_of(report: LintReport) -> str:
         sum(_is_there(count) for count in counts if count.severity == "warning"), "warning"
     )
     if report.sound:
-        return f"sound: {checks} found no error, {warnings}"
-    return f"not sound: {errors} of {checks} found an error, {warnings}"
+        return f"passed: {checks}, no errors, {warnings}"
+    return f"failed: {errors} of {checks} found errors, {warnings}"
 
 
 def _note(section: LintSection) -> Sequence[str]:
@@ -113,13 +112,13 @@ def _spread_row(spread: Spread) -> Sequence[str]:
 
 
 def _number(value: float) -> str:
-    """Word a value to three digits, large ones to the whole."""
+    """Format a value with three digits, large ones as whole numbers."""
     if value == round(value) or abs(value) >= 100:
         return f"{value:,.0f}"
     return f"{value:#.3g}"
 
 
-def _words(found: Found) -> str:
+def _count_phrase(found: Found) -> str:
     return f"{found.number:,}" if found.of is None else f"{found.number:,} of {found.of:,}"
 
 

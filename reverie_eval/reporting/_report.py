@@ -13,12 +13,11 @@ from reverie_eval.analysis import _near_misses as failures
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
 from reverie_eval.reporting import _report_parts as report_parts
-from reverie_eval.reporting._comparison import grid_of, methods, sentences
-from reverie_eval.reporting._html_tables import as_markup, table_html
+from reverie_eval.reporting._comparison import comparison_table, methods, sentences
 from reverie_eval.reporting._map_svg import MAP_STYLE, map_element, map_key
 from reverie_eval.reporting._maps import EpisodeMap
 from reverie_eval.reporting._report_charts import report_charts
-from reverie_eval.reporting.resources import text_of
+from reverie_eval.reporting.resources import as_markup, text_of
 from reverie_eval.scoring import FEW_CLUSTERS, OUTCOMES, Clustering, Intervals, Scores
 from reverie_eval.submissions import check_names
 from reverie_eval.text import count_text
@@ -154,7 +153,7 @@ def _tested(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
     comparison = Comparison.of(scores, by)
     return {
         "sentences": sentences(comparison),
-        "comparison": as_markup(table_html(grid_of(comparison))),
+        "comparison": as_markup(comparison_table(comparison).to_html()),
         "methods": methods(comparison),
     }
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from reverie_eval.reporting._charts import farthest_shown, histogram_svg, walks_svg
 from reverie_eval.reporting._distributions import Histogram, histogram_of
-from reverie_eval.reporting._html_tables import as_markup
+from reverie_eval.reporting.resources import as_markup
 from reverie_eval.scoring import Scores
 from reverie_eval.text import count_text
 

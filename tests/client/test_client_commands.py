@@ -252,7 +252,7 @@ def test_a_receipt_that_cannot_be_written_hides_no_score(run: Run) -> None:
     longest = Path(f"{'x' * 250}.json")  # with .receipt.json, no file system would take it
     longest.write_bytes(private_submission())
     outcome = run("submit", str(longest), "--split", "test")
-    assert (outcome.status, "left on test: 1 now" in outcome.out) == (2, True)
+    assert (outcome.status, "submissions left on test: 1" in outcome.out) == (2, True)
     assert outcome.err.startswith("scored, but the receipt could not be written (")
     assert outcome.err.endswith(
         "; send the same file again, which uses no submission, with --receipt\n"
@@ -291,7 +291,9 @@ def test_the_leaderboard_in_every_format(run: Run) -> None:
 
 @pytest.mark.usefixtures("token")
 def test_an_empty_board_and_one_that_is_none(run: Run) -> None:
-    assert run("leaderboard", "--split", "val_seen").out.endswith("\nnothing is published yet\n")
+    assert run("leaderboard", "--split", "val_seen").out.endswith(
+        "\nno results are published yet\n"
+    )
     outcome = run("leaderboard", "--split", "tset")
     assert (outcome.status, outcome.out) == (2, "")
     assert "there is no split 'tset' here; there are: test, " in outcome.err

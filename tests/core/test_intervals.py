@@ -65,7 +65,8 @@ def test_wherever_intervals_are_shown_few_clusters_are_spoken_of(run: Run) -> No
 
 
 @pytest.mark.parametrize(
-    ("by", "least"), [("scan", "; of 2 scans it is about 0.5 at least\n"), ("target", "whole\n")]
+    ("by", "least"),
+    [("scan", "; with 2 scans, p is at least about 0.5\n"), ("target", "whole targets\n")],
 )
 def test_of_few_clusters_no_p_value_is_small(by: str, least: str, run: Run) -> None:
     files = (SAMPLE[0], str(SAMPLES / "mediocre.json"))

@@ -148,9 +148,9 @@ r2r-style & 22.00 & 60.00 & 80.00 & 35.42 & - & - \\
 \end{tabular}
 """
 DIAGNOSIS = """\
-protocol                           TL m   SR %   OSR %   SPL %   RGS %  RGSPL %
+protocol                           TL m    SR %   OSR %   SPL %   RGS %  RGSPL %
 official-v1                       22.00   60.00   80.00   35.42   40.00   29.33
-official-v1 reading:first-of-hop  13.60*  0.00*  20.00*  0.00*  40.00   31.67*
+official-v1 reading:first-of-hop  13.60*   0.00*  20.00*   0.00*  40.00   31.67*
 """
 ALL_PROTOCOLS = words("afar.json {split} {full} --protocol all")
 

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from pydantic import TypeAdapter
 
 from reverie_eval import __version__
 from reverie_eval.dataset import DatasetDescription, DatasetFiles, describe_dataset
-from reverie_eval.reporting._description import json_report
 from tests.conftest import REPOSITORY
 from tests.support.described import SEEN, SPLITS, TABLE, Record, listed, task, write_dataset
 from tests.support.flat import Run
@@ -127,14 +127,15 @@ def test_splits_come_in_their_usual_order(tmp_path: Path) -> None:
 
 
 def test_boxes_in_one_file_may_leave_out_who_sees_nothing(dataset: Path, tmp_path: Path) -> None:
-    expected = json_report(describe(dataset))
+    to_json = TypeAdapter(DatasetDescription).dump_json
+    expected = to_json(describe(dataset))
     content = {
         f"hut_{viewpoint}": {key: listed(*it) for key, it in objects.items()}
         for viewpoint, objects in SEEN.items()
     }
     Path("BBoxes.json").write_text(json.dumps(content))
     found = describe_dataset(DatasetFiles.find(dataset, boxes=Path("BBoxes.json")))
-    assert json_report(found) == expected
+    assert to_json(found) == expected
 
 
 def test_a_target_that_is_listed_nowhere_has_no_category(tmp_path: Path) -> None:

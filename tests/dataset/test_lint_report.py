@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 from rich.console import Console
 
 from reverie_eval.dataset import DatasetFiles, LintReport, lint_dataset
-from reverie_eval.reporting._lint import show_lint
+from reverie_eval.reporting._lint import print_lint
 from tests.conftest import REPOSITORY
 from tests.support.flat import TUB, Run
 from tests.support.spoiled import DATA, listed, write_published_flat
@@ -36,16 +36,16 @@ def test_a_sound_dataset_in_a_pipe(flat: Path, run: Run) -> None:
     sections = out.split("\n\n")
     assert sections[0].splitlines() == [
         "files",
-        "    code            number  of  %  what",
+        "    code            number  of  %  description",
         "    files                5         files read",
         "ok  malformed-file       0   5     files that do not have the published form",
         "ok  duplicate-key        0         names given twice in one JSON object",
     ]
     assert sections[1].splitlines()[-2:] == [
-        "code         number  min   5 %  median  mean  95 %  max  what",
+        "code         number  min   5 %  median  mean  95 %  max  description",
         "edge-length       2    6  6.10       7     7  7.90    8  length of the edges, m",
     ]
-    assert sections[-1] == "sound: 23 checks found no error, 0 warnings\n"
+    assert sections[-1] == "passed: 23 checks, no errors, 0 warnings\n"
 
 
 def test_a_fault_is_told_with_its_meaning_and_its_places(flat: Path, run: Run) -> None:
@@ -58,7 +58,7 @@ def test_a_fault_is_told_with_its_meaning_and_its_places(flat: Path, run: Run) -
         "Annotations and boxes of different releases look like this (v2 annotations of val_seen "
         "with v1 boxes: 3 of 501): fetch both from one.\n"
         "  7_1\n\n"
-        "not sound: 1 of 23 checks found an error, 2 warnings\n"
+        "failed: 1 of 23 checks found errors, 2 warnings\n"
     )
     marks = {code: mark for mark, code in re.findall(r"^(\w+) +([a-z-]+) ", out, re.MULTILINE)}
     assert marks["target-not-visible"] == "error"
@@ -124,13 +124,13 @@ def test_what_cannot_be_tried(words: list[str], reasons: list[str], run: Run) ->
 def test_the_tables_fit_the_terminal(columns: int, flat: Path) -> None:
     HIDDEN_TARGET(flat)
     screen = io.StringIO()
-    show_lint(
-        lint_dataset(DatasetFiles.find(flat)),
+    print_lint(
         Console(file=screen, width=columns, force_terminal=True, color_system=None),
+        lint_dataset(DatasetFiles.find(flat)),
     )
     shown = screen.getvalue()
     assert max(map(len, shown.splitlines())) <= columns
-    for word in ("target-not-visible", "boxes-of-excluded-viewpoint", "not sound: 1 of 23"):
+    for word in ("target-not-visible", "boxes-of-excluded-viewpoint", "failed: 1 of 23"):
         assert word in shown
 
 

@@ -11,7 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from reverie_eval import CATALOGUE, PROTOCOLS
-from reverie_eval.reporting._leaderboards import FLAGS
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.openapi import CODES
 from reverie_eval.server.pages.board_query import BoardQuery
@@ -121,10 +121,12 @@ def test_equal_values_and_unequal_ranks_are_explained(server: Serving) -> None:
 
 def test_every_flag_of_a_method_is_worded_filtered_and_explained(server: Serving) -> None:
     flags = {name for name, field in Method.model_fields.items() if field.annotation is bool}
-    assert set(FLAGS) == flags
+    assert set(METHOD_FLAGS) == flags
     assert flags < set(BoardQuery.model_fields)
     text = words(server, "/rules")
-    assert all(f"{FLAGS[name]} {Method.model_fields[name].description}" in text for name in flags)
+    assert all(
+        f"{METHOD_FLAGS[name]} {Method.model_fields[name].description}" in text for name in flags
+    )
 
 
 def test_every_problem_has_a_place(server: Serving) -> None:

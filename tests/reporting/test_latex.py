@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.reporting._latex import comments, escaped
+from reverie_eval.reporting._table import latex_comments, latex_text
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
 
@@ -76,8 +76,8 @@ def test_no_cell_holds_what_means_something_else(line: str, hard: str, run: Run)
     ],
 )
 def test_a_text_is_shown_as_it_is(text: str, expected: str) -> None:
-    assert escaped(text) == expected
+    assert latex_text(text) == expected
 
 
 def test_a_comment_ends_with_its_line() -> None:
-    assert comments(["of a\n\\input{b}.npz", ""]) == ["% of a \\input{b}.npz", "%"]
+    assert latex_comments(["of a\n\\input{b}.npz", ""]) == ["% of a \\input{b}.npz", "%"]

@@ -8,12 +8,11 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from reverie_eval.reporting._grids import aligned
-from reverie_eval.reporting._leaderboards import (
-    leaderboard_captions,
-    leaderboard_grid,
-    narrow_leaderboard_grid,
-    show_leaderboard,
+from reverie_eval.reporting._leaderboard import (
+    leaderboard_table,
+    leaderboard_text,
+    narrow_leaderboard_table,
+    print_leaderboard,
 )
 from reverie_eval.schemas.service import Leaderboard
 
@@ -43,7 +42,7 @@ LONG = board(
 @pytest.mark.parametrize("columns", [20, 40, 60, 72, 80, 100, 140, 300])
 def test_a_terminal_of_any_width_shows_everything(columns: int) -> None:
     screen = io.StringIO()
-    show_leaderboard(LONG, Console(file=screen, width=columns))
+    print_leaderboard(Console(file=screen, width=columns), LONG)
     words = " ".join(screen.getvalue().split())
     for name in ("Somewhere", "transformer", "[bold]rich[/bold]", "(anonymous)", "漢字", "Partial"):
         assert name in words
@@ -54,11 +53,13 @@ def test_a_terminal_of_any_width_shows_everything(columns: int) -> None:
 
 
 def test_a_pipe_gets_aligned_columns() -> None:
-    grid = leaderboard_grid(board(row(1, "Blue", {"name": "Ours"}), row(10, "Red", {"name": "B"})))
-    assert aligned(grid).splitlines() == [
-        "rank  team  method   TL m   SR %  RGSPL %  sent          on  remarks",
-        "   1  Blue  Ours    12.34  54.54    35.03     7  2027-06-01",
-        "  10  Red   B       12.34  54.54    35.03     7  2027-06-01",
+    two = board(row(1, "Blue", {"name": "Ours"}), row(10, "Red", {"name": "B"}))
+    assert leaderboard_text(two).splitlines() == [
+        "rank  team  method   TL m   SR %  RGSPL %  entries   published  notes",
+        "   1  Blue  Ours    12.34  54.54    35.03        7  2027-06-01",
+        "  10  Red   B       12.34  54.54    35.03        7  2027-06-01",
+        "",
+        "split:test|protocol:official-v1|data:abababababab, sorted by RGSPL",
     ]
 
 
@@ -84,46 +85,46 @@ def test_what_the_organiser_says_and_what_is_not_ranked_is_shown() -> None:
     full = Leaderboard.model_validate(
         board(verified, flagged).model_dump(exclude={"apart"}) | {"apart": apart}
     )
-    grid = leaderboard_grid(full)
-    assert [(cells[0], cells[2], cells[-1]) for cells in grid.rows] == [
+    table = leaderboard_table(full)
+    assert [(cells[0], cells[2], cells[-1]) for cells in table.rows] == [
         ("1", "Ours", "verified"),
         ("2", "B", "flagged, ensemble"),
         ("-", "Paper", "reported, not scored"),
         ("-", "Old", "scored by other rules"),
         ("-", "C", "disqualified"),
     ]
-    assert narrow_leaderboard_grid(full).rows[4][-1].endswith("2027-06-01, disqualified)")
-    assert leaderboard_captions(full)[1:] == [
+    assert narrow_leaderboard_table(full).rows[4][-1].endswith("2027-06-01, disqualified)")
+    assert leaderboard_table(full).notes[1:] == [
         r"flagged: B (Olga: no \x1b[2J code)",
         "disqualified: C (Olga: trained on test)",
     ]
 
 
 def test_what_the_board_is_sorted_by_is_shown() -> None:
-    grid = leaderboard_grid(board(row(1, "Blue", {"name": "Ours"}), metric="ndtw"))
-    assert "nDTW %" in grid.headings
-    assert leaderboard_captions(board(metric="ndtw")) == [
+    table = leaderboard_table(board(row(1, "Blue", {"name": "Ours"}), metric="ndtw"))
+    assert "nDTW %" in table.headings
+    assert leaderboard_text(board(metric="ndtw")).splitlines() == [
         "split:test|protocol:official-v1|data:abababababab, sorted by nDTW",
-        "nothing is published yet",
+        "no results are published yet",
     ]
 
 
 def test_a_metric_that_this_version_does_not_know() -> None:
     newer = board(row(1, "Blue", {"name": "Ours"}, scores=SCORES | {"joy": 1}), metric="joy\x1b[2J")
-    assert leaderboard_captions(newer)[0].endswith(r", sorted by joy\x1b[2J")
-    assert "35.03" in leaderboard_grid(newer).rows[0]
+    assert leaderboard_table(newer).notes[0].endswith(r", sorted by joy\x1b[2J")
+    assert "35.03" in leaderboard_table(newer).rows[0]
 
 
 def test_names_cannot_command_a_terminal() -> None:
-    grid = leaderboard_grid(board(row(1, "Blue\x1b[2J\u202e", {"name": "Ours"})))
-    assert grid.rows[0][1] == r"Blue\x1b[2J\u202e"
+    table = leaderboard_table(board(row(1, "Blue\x1b[2J\u202e", {"name": "Ours"})))
+    assert table.rows[0][1] == r"Blue\x1b[2J\u202e"
 
 
 def test_nobody_counts_what_an_anonymous_team_has_sent() -> None:
-    assert leaderboard_grid(LONG).rows[1][-3:] == ["-", "2027-06-01", "extra data, ensemble"]
-    assert "None" not in narrow_leaderboard_grid(LONG).rows[1][-1]
+    assert leaderboard_table(LONG).rows[1][-3:] == ["-", "2027-06-01", "extra data, ensemble"]
+    assert "None" not in narrow_leaderboard_table(LONG).rows[1][-1]
 
 
 def test_an_unscored_row_has_no_rank_and_dashes() -> None:
-    (*_, last) = leaderboard_grid(LONG).rows
+    (*_, last) = leaderboard_table(LONG).rows
     assert last == ["-", "Red", "Partial", "-", "50.00", "-", "7", "2027-06-01", ""]

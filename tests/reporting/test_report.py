@@ -531,7 +531,7 @@ def test_a_report_is_about_one_or_two(names: list[str], says: str, home: rv.Scor
         pytest.param(
             ["--protocol", "r2r-style"], 2, "but rgs is not scored here", id="no outcomes"
         ),
-        pytest.param(["-o", str(SAMPLES / "good.json")], 2, "is used already", id="over its input"),
+        pytest.param(["-o", str(SAMPLES / "good.json")], 2, "good.json", id="over its input"),
     ],
 )
 def test_the_command_refuses(words: list[str], status: int, reason: str, run: Run) -> None:

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from reverie_eval import CATALOGUE, ProtocolError, Scores, evaluate
-from reverie_eval.reporting._results import results_table
+from reverie_eval.reporting import results_table
+from reverie_eval.reporting._table import Bold
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
 
@@ -85,21 +86,21 @@ def test_two_methods_on_one_split(scores: Scores) -> None:
     first, second = (showing(scores, **means) for means in MEANS)
     said = dict(part.split(":") for part in scores.signature.split("|"))
     expected = ONE_SPLIT.replace("VERSION", said["version"]).replace("DATA", said["data"])
-    assert results_table({"first": first, "second": second}).latex() == expected
+    assert results_table({"first": first, "second": second}).to_latex() == expected
 
 
 def test_the_same_as_markdown(scores: Scores) -> None:
     first, second = (showing(scores, **means) for means in MEANS)
     table = results_table({"a|b": first, "second": second})
-    lines = table.markdown().splitlines()
+    lines = table.to_markdown().splitlines()
     assert lines[:4] == [
-        "| method | SR | OSR | SPL | TL | RGS | RGSPL |",
+        "| Method | SR | OSR | SPL | TL | RGS | RGSPL |",
         "| :--- | ---: | ---: | ---: | ---: | ---: | ---: |",
         r"| a\|b | **50.00** | 75.00 | 25.00 | 12.50 | **12.50** | 0.00 |",
         "| second | 25.00 | **87.50** | **50.00** | 9.25 | **12.50** | **6.25** |",
     ]
     assert lines[4:] == ["", table.caption]
-    assert table._repr_markdown_() == repr(table) == table.markdown()  # what Jupyter calls
+    assert table._repr_markdown_() == repr(table) == table.to_markdown()  # what Jupyter calls
 
 
 # What is bold.
@@ -121,19 +122,19 @@ def test_the_best_of_a_column(values: list[float], expected: list[str], scores: 
         name: replace(each, episodes={"rgs": each.episodes["rgs"]})
         for name, each in methods.items()
     }
-    assert bold(results_table(only_rgs).latex()) == expected
+    assert bold(results_table(only_rgs).to_latex()) == expected
 
 
 def test_of_trajectory_lengths_none_is_best(scores: Scores) -> None:
     methods = {name: showing(scores, path_length=length) for name, length in (("a", 1), ("b", 2))}
     table = results_table(methods)
-    column = [metric.key for metric in table.metrics].index("path_length")
+    column = table.headings.index("TL")
     assert CATALOGUE["path_length"].better == "neither"
-    assert [row[column].is_best for row in table.rows.values()] == [False, False]
+    assert not any(isinstance(row[column], Bold) for row in table.rows)
 
 
 def test_one_method_is_not_the_best_of_one(scores: Scores) -> None:
-    assert bold(results_table({"alone": scores}).latex()) == []
+    assert bold(results_table({"alone": scores}).to_latex()) == []
 
 
 # Several splits.
@@ -142,7 +143,7 @@ def test_one_method_is_not_the_best_of_one(scores: Scores) -> None:
 def test_every_method_on_every_split(scores: Scores) -> None:
     seen, unseen = on(scores, "val_seen", "a" * 64), on(scores, "val_unseen", "b" * 64)
     table = results_table({"a": [seen, unseen], "b": [unseen], "c": unseen})
-    text = table.latex()
+    text = table.to_latex()
     assert text.startswith("\\begin{table*}\n")
     assert text.endswith("\\end{table*}")
     assert r" & \multicolumn{6}{c}{Val seen} & \multicolumn{6}{c}{Val unseen} \\" in text
@@ -155,20 +156,20 @@ def test_every_method_on_every_split(scores: Scores) -> None:
     assert rows[1][1:7] == ["-"] * 6
     assert rows[1][7:] == rows[2][7:] == rows[0][7:]
     assert r"val\_seen aaaaaaaaaaaa (84 episodes), val\_unseen bbbbbbbbbbbb (84 episodes)" in text
-    assert "Val seen SR | Val seen OSR" in table.markdown()
+    assert "Val seen SR | Val seen OSR" in table.to_markdown()
 
 
 def test_a_method_is_never_best_where_it_has_no_score(scores: Scores) -> None:
     seen, unseen = on(scores, "val_seen"), on(scores, "val_unseen")
     table = results_table({"a": [seen, unseen], "b": unseen, "c": unseen})
-    assert [cell.text for cell in table.rows["b"][:6]] == ["-"] * 6
-    assert not any(cell.is_best for row in table.rows.values() for cell in row[:6])
+    assert table.rows[1][:7] == ["b", *["-"] * 6]
+    assert not any(isinstance(cell, Bold) for row in table.rows for cell in row[:7])
 
 
 def test_the_grounding_track_has_one_column(scores: Scores) -> None:
     grounding = evaluate(SAMPLES / "good.json", split=SPLIT, track="grounding")
     table = results_table({"a": grounding, "b": grounding})
-    assert [metric.key for metric in table.metrics] == ["rgs"]
+    assert table.headings == ["Method", "RGS"]
     assert "In percent; the best" in table.caption
     assert "protocol official-v1 track:grounding" in table.caption
 
@@ -188,14 +189,14 @@ def test_the_grounding_track_has_one_column(scores: Scores) -> None:
     ],
 )
 def test_names_are_shown_as_they_are(name: str, escaped: str, scores: Scores) -> None:
-    (row,) = lines_between(results_table({name: scores}).latex(), r"\midrule", r"\bottomrule")
+    (row,) = lines_between(results_table({name: scores}).to_latex(), r"\midrule", r"\bottomrule")
     joined = " & ".join(row)
     assert joined.startswith(f"{escaped} & 80.95 & ")
 
 
 def test_braces_and_environments_close(scores: Scores) -> None:
     both = [scores, on(scores, "val_seen")]
-    text = re.sub(r"\\[&%$#_{}]", "", results_table({"a_{b}": both, "100 %}": scores}).latex())
+    text = re.sub(r"\\[&%$#_{}]", "", results_table({"a_{b}": both, "100 %}": scores}).to_latex())
     depths = np.cumsum([{"{": 1, "}": -1}.get(letter, 0) for letter in text])
     assert depths.min() == depths[-1] == 0
     assert "%" not in text  # which would hide the rest of its line
@@ -208,25 +209,25 @@ def test_braces_and_environments_close(scores: Scores) -> None:
 
 @pytest.mark.parametrize("results", [{}, {"a": []}], ids=["nothing", "no scores"])
 def test_an_empty_table(results: dict[str, list[Scores]]) -> None:
-    with pytest.raises(ProtocolError, match="needs the scores of one method or more"):
+    with pytest.raises(ProtocolError, match="needs the scores of at least one method"):
         results_table(results)
 
 
 @pytest.mark.parametrize("other", [{"protocol": "r2r-style"}, {"track": "grounding"}])
 def test_what_does_not_compare(other: dict[str, Any], scores: Scores) -> None:
-    says = r"do not compare: split:val_unseen\|protocol:official-v1"
+    says = r"not comparable: split:val_unseen\|protocol:official-v1"
     with pytest.raises(ProtocolError, match=says):
         results_table({"a": scores, "b": evaluate(SAMPLES / "good.json", split=SPLIT, **other)})
 
 
 def test_two_protocols_on_two_splits(scores: Scores) -> None:
     other = evaluate(SAMPLES / "good.json", split=SPLIT, protocol="r2r-style")
-    with pytest.raises(ProtocolError, match="do not compare"):
+    with pytest.raises(ProtocolError, match="not comparable"):
         results_table({"a": scores, "b": on(other, "val_seen")})
 
 
 def test_two_ground_truths_of_a_split(scores: Scores) -> None:
-    with pytest.raises(ProtocolError, match="do not compare"):
+    with pytest.raises(ProtocolError, match="not comparable"):
         results_table({"a": scores, "b": on(scores, SPLIT)})
 
 
@@ -248,11 +249,11 @@ def test_comparing_in_latex(run: Run) -> None:
     assert comments.startswith("% good is better than mediocre by 22.70 RGSPL, 95 % interval ")
     scored = {file: evaluate(file, split=SPLIT) for file in FILES}
     named = dict(zip(("mediocre", "good"), scored.values(), strict=True))
-    assert rf"\begin{{table}}{table}" == results_table(named).latex()
+    assert rf"\begin{{table}}{table}" == results_table(named).to_latex()
 
 
 def test_comparing_in_markdown(run: Run) -> None:
     status, out, err = run("compare", *FILES, "--split", SPLIT, "--format", "markdown")
     assert (status, err) == (0, "")
-    assert out.startswith("| method | SR | OSR | SPL | TL | RGS | RGSPL |\n")
+    assert out.startswith("| Method | SR | OSR | SPL | TL | RGS | RGSPL |\n")
     assert "\n\ngood is better than mediocre by 22.70 RGSPL, 95 % interval " in out

@@ -26,7 +26,7 @@ def broken(content: bytes) -> bytes:
 def result_of(outcome: Outcome) -> list[str]:
     """Return what is shown of a submission, but for how it came about."""
     assert outcome.status == 0, outcome.err
-    repeat = "this file had been scored already; nothing was spent"
+    repeat = "this file was already scored; no submission was used"
     return [line for line in outcome.out.splitlines() if line != repeat]
 
 
@@ -66,13 +66,15 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
     assert len(re.findall(r"\d+\.\d\d", table)) >= len(headings)
     assert re.search(rf": Ours, received {BOTH_TIMES}\nnot published: ", said)
     assert "receipt: submit.json.receipt.json\n" in said
-    assert re.search(rf"left on test: 1 now\n  1 of 2 in 24 hours; one more at {BOTH_TIMES}", said)
+    assert re.search(
+        rf"submissions left on test: 1\n  1 of 2 per 24 hours; one more at {BOTH_TIMES}", said
+    )
 
     # In a pipe, the same without the terminal's codes and without a bar.
     again = installed(*command)
     assert (again.status, again.err) == (0, "")
     assert "\x1b" not in again.out
-    assert "this file had been scored already; nothing was spent" in again.out
+    assert "this file was already scored; no submission was used" in again.out
 
     # The network fails when the next one has been scored. The command sends it again.
     Path("better.json").write_bytes(private_submission(1))
@@ -85,7 +87,7 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
     assert "trying again in 0.5 s" in outcome.err
     shown = "\n".join(result_of(outcome)).replace(proxy.url, real_server.url)
     assert shown == "\n".join(result_of(installed(*command)))
-    assert "left on test: 0 now; the next is possible at " in shown
+    assert "submissions left on test: 0; next possible at " in shown
 
     # Nothing is left: a line that says when there will be something; what was scored is still told.
     Path("best.json").write_bytes(private_submission(2))

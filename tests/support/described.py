@@ -47,48 +47,48 @@ SPLITS: Mapping[str, Sequence[Record]] = {
     ],
 }
 TABLE = """\
-                       val_seen  val_unseen  test  together
-tasks                         3           2     1         6
-instructions                  4           2     1         7
-scans                         1           1     1         2
-viewpoints of them            3           3     2         5
-words per instruction       4.0         2.0   2.0       3.1
-    range                   3-5         2-2   2-2       2-5
-different words               8           4     2        12
-frequent words                0           0     0         1
-target objects                2           2     -         4
-target categories             2           2     -         3
-objects at the goal         1.7         1.5     -       1.6
-    range                   1-2         1-2     -       1-2
-boxes at the goal           3.3         3.5     -       3.4
-    range                   3-4         3-4     -       3-4
-path steps                  1.3         1.5     -       1.4
-    range                   1-2         1-2     -       1-2
-path length m              11.3        11.0     -      11.2
-    range                  5-17        5-17     -      5-17
+                       val_seen  val_unseen  test  total
+tasks                         3           2     1      6
+instructions                  4           2     1      7
+scans                         1           1     1      2
+viewpoints in scans           3           3     2      5
+words per instruction       4.0         2.0   2.0    3.1
+    range                   3-5         2-2   2-2    2-5
+distinct words                8           4     2     12
+frequent words                0           0     0      1
+target objects                2           2     -      4
+target categories             2           2     -      3
+objects at the goal         1.7         1.5     -    1.6
+    range                   1-2         1-2     -    1-2
+boxes at the goal           3.3         3.5     -    3.4
+    range                   3-4         3-4     -    3-4
+path steps                  1.3         1.5     -    1.4
+    range                   1-2         1-2     -    1-2
+path length (m)            11.3        11.0     -   11.2
+    range                  5-17        5-17     -   5-17
 
-                       splits      here   paper
-buildings                             3      90
-viewpoints                            6  10,567
-instructions           all            7  21,702  without train
-instructions           train          -  10,466
-instructions           val            6   4,944
-instructions           val_unseen     2   3,573
-instructions           test           1   6,292
-words per instruction  all          3.1      18  without train
-frequent words         all            1   1,600  without train
-scans                  train          -      59
-scans                  val            1      63
-scans                  val_unseen     1      10
-scans                  test           1      16
-target objects         all            4   4,140  without train, test
-target objects         train          -   2,353
-target objects         val            4     953
-target objects         val_unseen     2     525
-target objects         test           -     834
-target categories      all            3     489  without train, test
-objects at the goal    all          1.6       7  without train, test
-boxes at the goal      all          3.4      50  without train, test
+                       splits      dataset   paper
+buildings                                3      90
+viewpoints                               6  10,567
+instructions           all               7  21,702  without train
+instructions           train             -  10,466
+instructions           val               6   4,944
+instructions           val_unseen        2   3,573
+instructions           test              1   6,292
+words per instruction  all             3.1      18  without train
+frequent words         all               1   1,600  without train
+scans                  train             -      59
+scans                  val               1      63
+scans                  val_unseen        1      10
+scans                  test              1      16
+target objects         all               4   4,140  without train, test
+target objects         train             -   2,353
+target objects         val               4     953
+target objects         val_unseen        2     525
+target objects         test              -     834
+target categories      all               3     489  without train, test
+objects at the goal    all             1.6       7  without train, test
+boxes at the goal      all             3.4      50  without train, test
 
 paper: Qi et al., REVERIE, CVPR 2020, section 3
 note: test has no targets: its goals and paths are not known

@@ -69,7 +69,7 @@ def compare(
         comparison_latex,
         comparison_markdown,
         comparison_text,
-        show_comparison,
+        print_comparison,
     )
 
     submissions = [first, *others]
@@ -87,7 +87,7 @@ def compare(
         "latex": lambda: comparison_latex(comparison),
     }
     if layout == "table":
-        show(texts[layout], output, lambda console: show_comparison(comparison, console))
+        show(texts[layout], output, lambda console: print_comparison(console, comparison))
     else:
         show(texts[layout], output)
 
@@ -114,7 +114,7 @@ def report(
 
     With OTHER, a second result file, the report also compares the two.
     """
-    from reverie_eval.reporting._report import report_html
+    from reverie_eval.reporting import report_html
 
     submissions = [submission, *filter(None, [other])]
     check_outputs([output], [*submissions, ground_truth])

@@ -2,9 +2,8 @@
 
 import os
 import re
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,7 +16,7 @@ from reverie_eval_cli.output import check_outputs, show, with_progress
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from reverie_eval.dataset import DatasetDescription
+    from reverie_eval.dataset import DatasetDescription, LintReport
 
 
 @click.command("compile")
@@ -81,8 +80,8 @@ def lint(*, layout: str, output: str | None, **paths: Path | None) -> int:
 
     Exit status: 0 no errors, 1 errors found, 2 usage or system error.
     """
-    from reverie_eval.dataset import DatasetFiles, LintReport, lint_dataset
-    from reverie_eval.reporting._lint import lint_text, show_lint
+    from reverie_eval.dataset import DatasetFiles, lint_dataset
+    from reverie_eval.reporting._lint import lint_text, print_lint
 
     check_outputs([output], paths.values())
     try:
@@ -91,11 +90,9 @@ def lint(*, layout: str, output: str | None, **paths: Path | None) -> int:
         raise ReverieEvalError(str(error)) from error
     report = lint_dataset(files, progress=with_progress)
     if layout == "json":
-        from pydantic import TypeAdapter
-
-        show(lambda: TypeAdapter(LintReport).dump_json(report, indent=2).decode(), output)
+        show(lambda: _as_json(report), output)
     else:
-        show(lambda: lint_text(report), output, lambda console: show_lint(report, console))
+        show(lambda: lint_text(report), output, lambda console: print_lint(console, report))
     return 0 if report.sound else 1
 
 
@@ -117,8 +114,7 @@ def describe(
     DATASET is a clone of the REVERIE dataset repository.
     """
     from reverie_eval.dataset import DatasetFiles, describe_dataset
-    from reverie_eval.reporting._description import FORMATS
-    from reverie_eval.reporting._description import show as show_description
+    from reverie_eval.reporting._description import description_text, print_description
 
     check_outputs([output], paths.values())
     write_figures = _figure_writer() if figures else None
@@ -126,11 +122,21 @@ def describe(
     description = describe_dataset(files, progress=with_progress)
     if write_figures and figures:
         write_figures(description, figures)
-    text = partial(FORMATS[layout], description)
-    if layout == "table":
-        show(text, output, lambda console: show_description(description, console))
+    if layout == "json":
+        show(lambda: _as_json(description), output)
     else:
-        show(text, output)
+        show(
+            lambda: description_text(description),
+            output,
+            lambda console: print_description(console, description),
+        )
+
+
+def _as_json(report: "DatasetDescription | LintReport") -> str:
+    from pydantic import TypeAdapter
+
+    adapter: TypeAdapter[Any] = TypeAdapter(type(report))
+    return adapter.dump_json(report, indent=2).decode()
 
 
 def _figure_writer() -> "Callable[[DatasetDescription, Path], Sequence[Path]]":

@@ -11,10 +11,7 @@ from reverie_eval_cli.output import show
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from reverie_eval.client import Client
-    from reverie_eval.schemas.service import Leaderboard
 
 _RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
 
@@ -36,6 +33,7 @@ def leaderboard(
     *, server: ServerOptions, split: str | None, metric: str, layout: str, output: str | None
 ) -> None:
     """Show a server's leaderboard."""
+    from reverie_eval.reporting._leaderboard import leaderboard_text, print_leaderboard
     from reverie_eval.text import printable
 
     with server.connect() as client:
@@ -49,7 +47,11 @@ def leaderboard(
     if layout == "json":
         show(lambda: board.model_dump_json(indent=2, ensure_ascii=True), output)
     else:
-        show(lambda: _text(board), output, lambda console: _print(board, console))
+        show(
+            lambda: leaderboard_text(board),
+            output,
+            lambda console: print_leaderboard(console, board),
+        )
 
 
 def _first_split(client: "Client") -> str:
@@ -57,19 +59,3 @@ def _first_split(client: "Client") -> str:
     if not splits:
         raise ReverieEvalError(f"{client.url} accepts submissions to no split")
     return splits[0].name
-
-
-def _text(board: "Leaderboard") -> str:
-    from reverie_eval.reporting._grids import aligned
-    from reverie_eval.reporting._leaderboards import leaderboard_captions, leaderboard_grid
-
-    table = [aligned(leaderboard_grid(board)), ""] if board.rows or board.apart else []
-    return "\n".join([*table, *leaderboard_captions(board)])
-
-
-def _print(board: "Leaderboard", console: "Console") -> None:
-    from reverie_eval.reporting._leaderboards import leaderboard_captions, show_leaderboard
-
-    if board.rows or board.apart:
-        show_leaderboard(board, console)
-    print(*leaderboard_captions(board), sep="\n")

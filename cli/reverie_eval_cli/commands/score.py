@@ -7,15 +7,13 @@ import click
 
 from reverie_eval import PROTOCOLS, Scores, diagnose, evaluate, evaluate_protocols
 from reverie_eval.ground_truth import find_ground_truth
-from reverie_eval.reporting._tables import FORMATS, write_episodes
+from reverie_eval.reporting._scores import FORMATS, print_scores, write_episodes
 from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL
 from reverie_eval_cli import options
 from reverie_eval_cli.output import check_outputs, naming, open_output, show
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from rich.console import Console
 
     from reverie_eval.scoring import Clustering, Track
 
@@ -104,12 +102,6 @@ def score(
             write_episodes(results[0], file)
     text = partial(FORMATS[layout], results)
     if layout == "table":
-        show(text, output, lambda console: _print_scores(results, console))
+        show(text, output, lambda console: print_scores(console, results))
     else:
         show(text, output)
-
-
-def _print_scores(results: "Sequence[Scores]", console: "Console") -> None:
-    from reverie_eval.reporting._terminal import show as show_scores
-
-    show_scores(results, console)

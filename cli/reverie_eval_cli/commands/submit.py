@@ -18,8 +18,6 @@ from reverie_eval_cli.receipts import check_receipt_path, keep_receipt
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from reverie_eval.client import Client
     from reverie_eval.schemas.service import Accepted, SplitReport, SubmissionChange
 
@@ -169,18 +167,12 @@ def _change(
 
 
 def _show(accepted: "Accepted", server: str, kept: Path | None) -> None:
-    from reverie_eval.reporting._service import quota_lines, submission_lines, table_of_submission
-    from reverie_eval.reporting._tables import laid_out
+    from reverie_eval.reporting._submission import quota_lines, submission_lines, submission_table
+    from reverie_eval.reporting._table import print_table
 
     submission = accepted.submission
-    table = table_of_submission(submission.report, server)
-
-    def on_terminal(console: "Console") -> None:
-        from reverie_eval.reporting._terminal import show_table
-
-        show_table(table, console)
-
-    show(lambda: laid_out(table), None, on_terminal)
+    table = submission_table(submission.report, server)
+    show(table.to_text, None, lambda console: print_table(console, table, table.stacked()))
     print(
         "",
         *submission_lines(submission, is_repeat=accepted.is_repeat),

@@ -34,7 +34,7 @@ def verify(
     """
     from reverie_eval.receipts import NotGenuineError
     from reverie_eval.receipts import verify as verify_signature
-    from reverie_eval.reporting._service import receipt_lines
+    from reverie_eval.reporting._submission import receipt_lines
     from reverie_eval_cli.receipts import read_receipt
 
     if key is not None and server.named:

@@ -7,7 +7,7 @@ from urllib.parse import urlencode
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
-from reverie_eval.reporting._leaderboards import FLAGS
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.service.filters import Filter
 from reverie_eval.server.service.leaderboard import SORTABLE
 
@@ -50,7 +50,9 @@ class BoardQuery(BaseModel):
     @property
     def shown(self) -> Filter:
         """Which rows are shown."""
-        flags = {flag: getattr(self, flag) == "with" for flag in FLAGS if getattr(self, flag)}
+        flags = {
+            flag: getattr(self, flag) == "with" for flag in METHOD_FLAGS if getattr(self, flag)
+        }
         return Filter(flags, self.since, self.until, self.text.strip())
 
     @property

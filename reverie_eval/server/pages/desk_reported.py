@@ -8,7 +8,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting._leaderboards import FLAGS
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.errors import MalformedError
@@ -65,7 +65,7 @@ def add(here: Here, form: Posted) -> Response:
         "name": typed.get("name", ""),
         "paper": typed.get("source", ""),
         "code": typed.get("code") or None,
-        **{name: True for name in FLAGS if name in typed},
+        **{name: True for name in METHOD_FLAGS if name in typed},
     }
     new = read(
         NewReported,

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting._leaderboards import FLAGS
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.pages.files import SHELVES
 from reverie_eval.server.pages.headings import heading
 from reverie_eval.server.service.people import CALLED
@@ -102,7 +102,7 @@ def _environment() -> Environment:
     )
     environment.globals |= {
         "called": CALLED,
-        "flags": FLAGS,
+        "flags": METHOD_FLAGS,
         "metrics": CATALOGUE,
         "static": static_url,
     }

@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Response
 from fastapi.responses import StreamingResponse
 
-from reverie_eval.reporting._tables import write_episodes
+from reverie_eval.reporting._scores import write_episodes
 from reverie_eval.schemas.service import Receipt, SubmissionChange, SubmissionReport
 from reverie_eval.server.callers import Caller, Server
 from reverie_eval.server.dependencies import Turn

@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from urllib.parse import urljoin
 
 from reverie_eval.metrics import Metric
-from reverie_eval.reporting._latex import comments, escaped
-from reverie_eval.reporting._results import Cell, ResultsTable, column
+from reverie_eval.reporting._results import methods_table
+from reverie_eval.reporting._table import latex_comments, latex_text
 from reverie_eval.server.service.leaderboard import Ranking
 from reverie_eval.server.service.standings import Row
 
@@ -19,16 +19,19 @@ _ANONYMOUS = "Anonymous"
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:
     """Return the rows as a table for LaTeX's booktabs package, the best of each column in bold.
 
-    Without a row or a metric that any of them has, there is no table: LaTeX takes none of no width.
+    Without a row, or a metric that any row has, there is no table: LaTeX cannot set one without
+    columns.
     """
     board = ranking.board
     if not metrics:
-        return "\n".join(comments([f"No result of {board.name} is shown at {address}"])) + "\n"
-    columns = [column(metric, [row.entry.scores for row in rows]) for metric in metrics]
-    cells: Sequence[Sequence[Cell]] = list(zip(*columns, strict=True))
-    named = dict(zip(_names(ranking, rows), cells, strict=True))
+        return (
+            "\n".join(latex_comments([f"No result of {board.name} is shown at {address}"])) + "\n"
+        )
+    methods = {
+        name: [row.entry.scores] for name, row in zip(_names(ranking, rows), rows, strict=True)
+    }
     caption = f"Leaderboard of {board.name}: {board.signature}. {address}"
-    return ResultsTable([board.name], metrics, named, caption).latex() + "\n"
+    return methods_table(methods, [board.name], metrics, caption).to_latex() + "\n"
 
 
 def _names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
@@ -92,4 +95,4 @@ def _key(text: str) -> str:
 
 def _text(text: str) -> str:
     """Write a text so that BibTeX and then LaTeX show it as it is."""
-    return "".join(_BRACES.get(letter) or escaped(letter) for letter in text)
+    return "".join(_BRACES.get(letter) or latex_text(letter) for letter in text)

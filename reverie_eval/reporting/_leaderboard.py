@@ -1,0 +1,131 @@
+"""A leaderboard as a table: a row per published result, its scores and notes on its method."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting._table import MISSING, Table, print_lines, print_table
+from reverie_eval.schemas.service import Leaderboard, LeaderboardRow
+from reverie_eval.text import count_text, printable
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+METHOD_FLAGS = {
+    "extra_data": "extra data",
+    "pre_exploration": "pre-exploration",
+    "ground_truth_objects": "ground-truth objects",
+    "ensemble": "ensemble",
+}
+"""What a reader must know to compare a method with others."""
+_STANDINGS = {
+    "reported": "reported, not scored",
+    "other-rules": "scored by other rules",
+    "disqualified": "disqualified",
+}
+"""Why a result is not ranked."""
+_WARNINGS = ("flagged", "disqualified")
+_FINGERPRINT_SHOWN = 12
+
+
+def leaderboard_table(board: Leaderboard) -> Table:
+    """Return a leaderboard with its headline metrics and the one that it is sorted by.
+
+    Results that are not ranked come last.
+    """
+    metrics = _metrics(board)
+    columns = [metric.heading for metric in metrics]
+    headings = ["rank", "team", "method", *columns, "entries", "published", "notes"]
+    rows = [
+        [
+            _rank(row),
+            *_names(row),
+            *_values(row, metrics),
+            MISSING if row.submissions is None else str(row.submissions),
+            f"{row.published_at:%Y-%m-%d}",
+            ", ".join(_row_notes(row)),
+        ]
+        for row in _all_rows(board)
+    ]
+    text_columns = frozenset({1, 2, len(headings) - 1})
+    return Table(headings, rows, text_columns, notes=_board_notes(board))
+
+
+def narrow_leaderboard_table(board: Leaderboard) -> Table:
+    """Return the same with all text in the last column, which can be wrapped."""
+    metrics = _metrics(board)
+    headings = ["rank", *(m.heading for m in metrics), "team: method"]
+    rows = [[_rank(row), *_values(row, metrics), _description(row)] for row in _all_rows(board)]
+    return Table(headings, rows, frozenset({len(headings) - 1}), notes=_board_notes(board))
+
+
+def leaderboard_text(board: Leaderboard) -> str:
+    """Return a leaderboard in aligned columns, for a pipe or a file."""
+    table = leaderboard_table(board)
+    return table.to_text() if table.rows else "\n".join(table.notes)
+
+
+def print_leaderboard(console: "Console", board: Leaderboard) -> None:
+    """Print a leaderboard on a terminal, with all text in one column if it is narrow."""
+    table = leaderboard_table(board)
+    if table.rows:
+        print_table(console, table, narrow_leaderboard_table(board))
+    else:
+        print_lines(console, table.notes, style="dim")
+
+
+def _board_notes(board: Leaderboard) -> Sequence[str]:
+    """Return what the scores depend on, and the organiser's warnings."""
+    metric = CATALOGUE.get(board.metric)
+    label = metric.label if metric else board.metric
+    data = board.fingerprint[:_FINGERPRINT_SHOWN]
+    about = f"split:{board.split}|protocol:{board.protocol}|data:{data}, sorted by {label}"
+    empty = [] if _all_rows(board) else ["no results are published yet"]
+    warnings = [
+        printable(f"{review.verdict}: {row.method.name} ({review.reviewer}: {review.reason})")
+        for row in _all_rows(board)
+        for review in row.reviews
+        if review.verdict in _WARNINGS
+    ]
+    return [printable(about), *empty, *warnings]
+
+
+def _all_rows(board: Leaderboard) -> Sequence[LeaderboardRow]:
+    return [*board.rows, *board.apart]
+
+
+def _metrics(board: Leaderboard) -> Sequence[Metric]:
+    present: set[str] = set().union(*(row.scores for row in _all_rows(board)))
+    return [
+        metric
+        for key, metric in CATALOGUE.items()
+        if (metric.headline or key == board.metric) and key in present
+    ]
+
+
+def _rank(row: LeaderboardRow) -> str:
+    return MISSING if row.rank is None else str(row.rank)
+
+
+def _names(row: LeaderboardRow) -> tuple[str, str]:
+    return printable(row.team) or "(anonymous)", printable(row.method.name)
+
+
+def _values(row: LeaderboardRow, metrics: Sequence[Metric]) -> Sequence[str]:
+    return [m.display(row.scores[m.key]) if m.key in row.scores else MISSING for m in metrics]
+
+
+def _row_notes(row: LeaderboardRow) -> Sequence[str]:
+    """Return why a result is not ranked, the organiser's verdicts, and the method's flags."""
+    standing = [] if row.standing == "ranked" else [_STANDINGS[row.standing]]
+    verdicts = [review.verdict for review in row.reviews if review.verdict not in standing]
+    flags = [text for name, text in METHOD_FLAGS.items() if getattr(row.method, name)]
+    return [*standing, *verdicts, *flags]
+
+
+def _description(row: LeaderboardRow) -> str:
+    team, method = _names(row)
+    entries = [] if row.submissions is None else [count_text(row.submissions, "entry", "entries")]
+    about = [*entries, f"{row.published_at:%Y-%m-%d}", *_row_notes(row)]
+    return f"{team}: {method} ({', '.join(about)})"

@@ -1,0 +1,343 @@
+"""One table, and its layouts for text, terminals, Markdown, LaTeX, CSV and HTML.
+
+No table library is used: scoring a file must not import one, and none escapes LaTeX and marks
+values as papers need it.
+"""
+
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table as RichTable
+
+
+MISSING = "-"
+"""Stands for a value that there is not."""
+MARK = "*"
+"""Ends a value that a note below the table explains."""
+
+_MEANINGS = {m.heading: f"{m.name}: {m.definition}" for m in CATALOGUE.values()}
+_PRIMARY = CATALOGUE[PRIMARY_METRIC].heading
+_ANY_WIDTH = 1000
+_NARROWEST_TEXT = 12
+"""Letters: a terminal does not wrap a column to fewer."""
+_MARKDOWN = str.maketrans({"|": r"\|", MARK: rf"\{MARK}", "\n": " ", "\r": " "})
+
+
+class Bold(str):
+    """A cell in bold, in the layouts that have bold type."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Table:
+    """A table of formatted cells; a notebook shows it as Markdown.
+
+    An empty row separates the rows above it from those below.
+    """
+
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    text_columns: frozenset[int] = frozenset()
+    """Columns aligned to the left; the others hold numbers and are aligned to the right."""
+    groups: Sequence[str] = ()
+    """Headings above the headings: each spans as many of the columns after the first."""
+    caption: str = ""
+    """As below a table in a paper. With one, LaTeX gets a floating ``table``."""
+    notes: Sequence[str] = ()
+    """Lines below the table, the signature first; in LaTeX comments above it."""
+
+    def __repr__(self) -> str:
+        return self.to_markdown()
+
+    def _repr_markdown_(self) -> str:
+        """Show the table in a notebook."""
+        return self.to_markdown()
+
+    def to_text(self) -> str:
+        """Align the columns with spaces, for a pipe or a file.
+
+        >>> rows = [["scans", "7"], ["edges", "321"]]
+        >>> print(Table(["", "number"], rows, text_columns=frozenset({0})).to_text())
+               number
+        scans       7
+        edges     321
+        """
+        columns = zip(self.flat_headings, *self.rows, strict=True)
+        aligned = [
+            _aligned(column, is_text=number in self.text_columns)
+            for number, column in enumerate(columns)
+        ]
+        lines = ["  ".join(row).rstrip() for row in zip(*aligned, strict=True)]
+        below = self.lines_below
+        return "\n".join([*lines, "", *below] if below else lines)
+
+    def to_markdown(self) -> str:
+        """Return a GitHub-flavoured table with the lines below it as paragraphs."""
+        rule = [":---" if n in self.text_columns else "---:" for n in range(len(self.headings))]
+        rows = [
+            [it.translate(_MARKDOWN) for it in self.flat_headings],
+            rule,
+            *([_markdown_cell(cell) for cell in row] for row in self.rows),
+        ]
+        table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+        below = [line.replace(MARK, rf"\{MARK}") for line in self.lines_below if line]
+        return "\n\n".join([table, *below])
+
+    def to_latex(self) -> str:
+        r"""Return a ``tabular`` for the booktabs package, in a ``table`` if there is a caption."""
+        columns = "".join("l" if n in self.text_columns else "r" for n in range(len(self.headings)))
+        tabular = [
+            rf"\begin{{tabular}}{{{columns}}}",
+            r"\toprule",
+            *self._latex_groups(),
+            _latex_row(map(latex_text, self.headings)),
+            r"\midrule",
+            *(_latex_row(map(_latex_cell, row)) for row in self.rows),
+            r"\bottomrule",
+            r"\end{tabular}",
+        ]
+        if self.caption:
+            name = "table*" if len(self.groups) > 1 else "table"
+            caption = rf"\caption{{{latex_text(self.caption)}}}"
+            begin, end = rf"\begin{{{name}}}", rf"\end{{{name}}}"
+            tabular = [begin, r"\centering", caption, *tabular, end]
+        return "\n".join([*latex_comments(self.notes), *tabular])
+
+    def to_csv(self) -> str:
+        """Return the headings and the rows as CSV, without the lines below."""
+        import csv
+
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([self.flat_headings, *self.rows])
+        return text.getvalue().rstrip("\n")
+
+    def to_html(self) -> str:
+        """Return the table as HTML, everything escaped, the signature as code.
+
+        A metric's heading explains the metric as its tooltip.
+        """
+        headings = [_html_heading(heading) for heading in self.flat_headings]
+        bodies = [
+            "".join(self._html_row(row) for row in rows)
+            for is_filled, rows in groupby(self.rows, any)
+            if is_filled
+        ]
+        return (
+            f"<table>{self._html_caption()}<thead><tr>{''.join(headings)}</tr></thead>"
+            f"<tbody>{'</tbody><tbody>'.join(bodies)}</tbody></table>"
+        )
+
+    def stacked(self) -> "Table":
+        """Return two columns, heading and value, with the rows below each other.
+
+        Fits where the table is too wide. Empty cells are left out.
+        """
+        blocks = [
+            [[heading, cell] for heading, cell in zip(self.flat_headings, row, strict=True) if cell]
+            for row in self.rows
+        ]
+        rows = [line for block in blocks for line in (["", ""], *block)][1:]
+        has_text = any(column > 0 for column in self.text_columns)
+        return Table(["", ""], rows, frozenset({0, 1} if has_text else {0}))
+
+    @property
+    def flat_headings(self) -> Sequence[str]:
+        """The headings in one row, each with its group if there are several."""
+        if len(self.groups) < 2:
+            return self.headings
+        first, *others = self.headings
+        names = [group for group in self.groups for _ in range(self._group_width)]
+        return [first, *(f"{name} {it}" for name, it in zip(names, others, strict=True))]
+
+    @property
+    def _group_width(self) -> int:
+        return (len(self.headings) - 1) // len(self.groups)
+
+    @property
+    def lines_below(self) -> Sequence[str]:
+        """The caption, if there is one, and the notes."""
+        return [self.caption, *self.notes] if self.caption else self.notes
+
+    def _latex_groups(self) -> Iterator[str]:
+        if not self.groups:
+            return
+        width = self._group_width
+        starts = [2 + width * number for number in range(len(self.groups))]
+        names = [rf"\multicolumn{{{width}}}{{c}}{{{latex_text(it)}}}" for it in self.groups]
+        yield _latex_row(["", *names])
+        yield " ".join(rf"\cmidrule(lr){{{start}-{start + width - 1}}}" for start in starts)
+
+    def _html_caption(self) -> str:
+        lines = [_html_text(line) for line in self.lines_below if line]
+        if not lines:
+            return ""
+        if not self.caption:
+            lines[0] = f"<code>{lines[0]}</code>"
+        text = "<br>".join(lines)
+        return f'<caption style="caption-side: bottom; text-align: left">{text}</caption>'
+
+    def _html_row(self, row: Sequence[str]) -> str:
+        cells = (
+            f'<th scope="row" style="text-align: left">{_html_cell(cell)}</th>'
+            if column in self.text_columns
+            else f"<td>{_html_cell(cell)}</td>"
+            for column, cell in enumerate(row)
+        )
+        return f"<tr>{''.join(cells)}</tr>"
+
+
+def _aligned(column: Sequence[str], *, is_text: bool) -> Sequence[str]:
+    """Pad a heading and its cells to one width; a mark moves no decimal point out of line."""
+    heading, *cells = column
+    is_marked = not is_text and any(cell.endswith(MARK) for cell in cells)
+    if is_marked:
+        cells = [cell if cell.endswith(MARK) else f"{cell} " for cell in cells]
+    width = max(map(len, [heading, *cells]))
+    if is_text:
+        return [cell.ljust(width) for cell in column]
+    if is_marked and len(heading) < width:
+        heading = f"{heading} "
+    return [cell.rjust(width) for cell in [heading, *cells]]
+
+
+def _markdown_cell(cell: str) -> str:
+    text = cell.translate(_MARKDOWN)
+    return f"**{text}**" if isinstance(cell, Bold) else text
+
+
+# LaTeX.
+
+_NAMED = {
+    "~": "asciitilde",
+    "^": "asciicircum",
+    "\\": "backslash",
+    "<": "less",
+    ">": "greater",
+    "|": "bar",
+}
+_SPECIAL = str.maketrans(
+    {letter: f"\\{letter}" for letter in "&%$#_{}"}
+    | {letter: f"{{{letter}}}" for letter in "[]*"}  # options of the \\ that ends a row
+    | {letter: rf"\text{name}{{}}" for letter, name in _NAMED.items()}
+    | dict.fromkeys("\n\r", " ")  # two of them would end a paragraph
+)
+"""What is a command in LaTeX, or another letter in its default font encoding."""
+
+
+def latex_text(text: str) -> str:
+    r"""Escape a text for LaTeX.
+
+    Letters beyond the Latin ones stay: they need xelatex or lualatex, and a font that has them.
+    Quotation marks, and hyphens in a row, come out as LaTeX sets them.
+
+    >>> print(latex_text("DUET_{ours} & 100% ~ a|b"))
+    DUET\_\{ours\} \& 100\% \textasciitilde{} a\textbar{}b
+    """
+    return text.translate(_SPECIAL)
+
+
+def latex_comments(lines: Iterable[str]) -> Sequence[str]:
+    r"""Return lines as LaTeX comments.
+
+    >>> latex_comments(["95 % intervals", "", "of a\nb.npz"])
+    ['% 95 % intervals', '%', '% of a b.npz']
+    """
+    return [f"% {' '.join(line.splitlines())}".rstrip() for line in lines]
+
+
+def _latex_row(cells: Iterable[str]) -> str:
+    return " & ".join(cells) + r" \\"
+
+
+def _latex_cell(cell: str) -> str:
+    text = latex_text(cell)
+    return rf"\textbf{{{text}}}" if isinstance(cell, Bold) else text
+
+
+# HTML.
+
+
+def _html_text(text: str) -> str:
+    from html import escape
+
+    return escape(text)
+
+
+def _html_heading(heading: str) -> str:
+    meaning = _MEANINGS.get(heading)
+    title = f' title="{_html_text(meaning)}"' if meaning else ""
+    return f"<th{title}>{_html_text(heading)}</th>"
+
+
+def _html_cell(cell: str) -> str:
+    text = _html_text(cell)
+    return f"<strong>{text}</strong>" if isinstance(cell, Bold) else text
+
+
+# Terminals.
+
+
+def print_table(console: "Console", *layouts: Table) -> None:
+    """Print on a terminal the first of a table's layouts that fits, and the first one's notes.
+
+    A layout whose last text column can be wrapped fits as well. If none does, the first one is
+    printed as plain text and the terminal breaks its lines: nothing is cut.
+    """
+    first, *_ = layouts
+    for layout in layouts:
+        if _fits(console, layout):
+            console.print(_rich_table(layout))
+            if not any(layout.headings):  # without headings, rich adds no empty line
+                console.print()
+            break
+    else:
+        text = replace(first, caption="", notes=()).to_text()
+        console.print(text, end="\n\n", markup=False, highlight=False, soft_wrap=True)
+    print_lines(console, first.lines_below, style="dim")
+
+
+def print_lines(console: "Console", lines: Iterable[str], style: str) -> None:
+    """Print lines as they are, unwrapped, so that they can be copied."""
+    for line in lines:
+        console.print(line, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def _fits(console: "Console", table: Table) -> bool:
+    """Return whether a table fits a terminal with its last text column as narrow as may be."""
+    wrapped = max(table.text_columns, default=None)
+    narrowest = [
+        [cell[:_NARROWEST_TEXT] if number == wrapped else cell for number, cell in enumerate(row)]
+        for row in table.rows
+    ]
+    options = console.options.update_width(_ANY_WIDTH)
+    shown = _rich_table(replace(table, rows=narrowest))
+    return console.measure(shown, options=options).maximum <= console.width
+
+
+def _rich_table(table: Table) -> "RichTable":
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    has_headings = any(table.headings)
+    laid_out = RichTable(box=SIMPLE_HEAD if has_headings else None, show_header=has_headings)
+    for number, heading in enumerate(table.flat_headings):
+        laid_out.add_column(
+            heading,
+            justify="left" if number in table.text_columns else "right",
+            no_wrap=number != max(table.text_columns, default=None),
+            overflow="fold",
+            style="bold" if heading == _PRIMARY else "",
+        )
+    for row in table.rows:
+        cells = [Text(cell, style="yellow" if cell.endswith(MARK) else "") for cell in row]
+        laid_out.add_row(*cells, style="bold" if row[0] == _PRIMARY else "")
+    return laid_out

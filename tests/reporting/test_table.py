@@ -1,0 +1,134 @@
+"""One table in every layout, by hand."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from reverie_eval.reporting._table import MARK, MISSING, Bold, Table, print_table
+
+TABLE = Table(
+    headings=["Method", "SR", "OSR", "SR", "OSR"],
+    rows=[
+        ["a|b", Bold("60.00"), "80.00", "5.00", MISSING],
+        ["c_*", "9.00", f"100.00{MARK}", Bold("50.00"), "75.00"],
+    ],
+    text_columns=frozenset({0}),
+    groups=["Seen", "Unseen"],
+    caption="Results & all.",
+    notes=["split:a|n:3", "", "* differs"],
+)
+TEXT = """\
+Method  Seen SR  Seen OSR  Unseen SR  Unseen OSR
+a|b       60.00    80.00        5.00           -
+c_*        9.00   100.00*      50.00       75.00
+
+Results & all.
+split:a|n:3
+
+* differs"""
+MARKDOWN = r"""| Method | Seen SR | Seen OSR | Unseen SR | Unseen OSR |
+| :--- | ---: | ---: | ---: | ---: |
+| a\|b | **60.00** | 80.00 | 5.00 | - |
+| c_\* | 9.00 | 100.00\* | **50.00** | 75.00 |
+
+Results & all.
+
+split:a|n:3
+
+\* differs"""
+LATEX = r"""% split:a|n:3
+%
+% * differs
+\begin{table*}
+\centering
+\caption{Results \& all.}
+\begin{tabular}{lrrrr}
+\toprule
+ & \multicolumn{2}{c}{Seen} & \multicolumn{2}{c}{Unseen} \\
+\cmidrule(lr){2-3} \cmidrule(lr){4-5}
+Method & SR & OSR & SR & OSR \\
+\midrule
+a\textbar{}b & \textbf{60.00} & 80.00 & 5.00 & - \\
+c\_{*} & 9.00 & 100.00{*} & \textbf{50.00} & 75.00 \\
+\bottomrule
+\end{tabular}
+\end{table*}"""
+CSV = """\
+Method,Seen SR,Seen OSR,Unseen SR,Unseen OSR
+a|b,60.00,80.00,5.00,-
+c_*,9.00,100.00*,50.00,75.00"""
+STACKED = """\
+Method         a|b
+Seen SR      60.00
+Seen OSR     80.00
+Unseen SR     5.00
+Unseen OSR       -
+
+Method         c_*
+Seen SR       9.00
+Seen OSR   100.00*
+Unseen SR    50.00
+Unseen OSR   75.00"""
+
+
+@pytest.mark.parametrize(
+    ("layout", "expected"),
+    [
+        pytest.param(Table.to_text, TEXT, id="text"),
+        pytest.param(Table.to_markdown, MARKDOWN, id="markdown"),
+        pytest.param(Table._repr_markdown_, MARKDOWN, id="notebook"),
+        pytest.param(Table.to_latex, LATEX, id="latex"),
+        pytest.param(Table.to_csv, CSV, id="csv"),
+    ],
+)
+def test_a_layout(layout: object, expected: str) -> None:
+    assert callable(layout)
+    assert layout(TABLE) == expected
+
+
+def test_html_escapes_explains_metrics_and_separates_rows() -> None:
+    table = Table(["", "SR %"], [["<a>", Bold("1")], ["", ""], ["b", "2"]], frozenset({0}))
+    name, value = '<tr><th scope="row" style="text-align: left">', "</th><td>"
+    assert table.to_html() == (
+        "<table><thead><tr><th></th><th title="
+        '"success rate: the target object is visible where the agent stops">SR %</th></tr></thead>'
+        f"<tbody>{name}&lt;a&gt;{value}<strong>1</strong></td></tr></tbody>"
+        f"<tbody>{name}b{value}2</td></tr></tbody></table>"
+    )
+
+
+def test_lines_below_a_table_in_html() -> None:
+    html = TABLE.to_html()
+    assert ">Results &amp; all.<br>split:a|n:3<br>* differs</caption>" in html
+    signed = Table(["n"], [["1"]], notes=["split:a|n:3", "note"]).to_html()
+    assert "><code>split:a|n:3</code><br>note</caption>" in signed
+
+
+def printed(columns: int, *layouts: Table) -> str:
+    """Return what a terminal of this width shows."""
+    screen = io.StringIO()
+    print_table(Console(file=screen, width=columns), *layouts)
+    return screen.getvalue()
+
+
+def test_a_terminal_gets_the_first_layout_that_fits() -> None:
+    narrow = TABLE.stacked()
+    wide = printed(80, TABLE, narrow)
+    assert "Seen SR   Seen OSR" in wide
+    lines = [line.strip() for line in printed(24, TABLE, narrow).splitlines()]
+    expected = [line.strip().split() for line in STACKED.splitlines()]
+    assert [line.split() for line in lines[: len(expected)]] == expected
+    assert lines[len(expected) :] == ["", "Results & all.", "split:a|n:3", "", "* differs"]
+
+
+def test_text_wraps_before_another_layout_is_taken() -> None:
+    table = Table(["text", "n"], [["some words that need more room", "1"]], frozenset({0}))
+    shown = printed(24, table, Table(["other"], [["layout"]]))
+    assert max(map(len, shown.splitlines())) <= 24
+    assert "some words" in shown
+    assert "other" not in shown
+
+
+def test_nothing_is_cut_where_no_layout_fits() -> None:
+    assert printed(20, TABLE).startswith(TEXT.partition("\n\n")[0])

@@ -18,6 +18,7 @@ from tests.conftest import REPOSITORY
 
 DOCS = REPOSITORY / "docs"
 README = REPOSITORY / "README.md"
+COMMAND_LINE = DOCS / "command-line.md"
 
 
 def codes_in(*sources: Path) -> set[str]:
@@ -111,14 +112,14 @@ def options_of(command: click.Command) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("name", program.list_commands(click.Context(program)))
-def test_readme_names_every_command(name: str) -> None:
-    assert f"reverie-eval {name} " in README.read_text()
+def test_every_command_is_documented(name: str) -> None:
+    assert f"reverie-eval {name} " in COMMAND_LINE.read_text()
 
 
 @pytest.mark.parametrize("option", sorted(set(options_of(program))))
-def test_readme_names_every_option(option: str) -> None:
+def test_every_option_is_documented(option: str) -> None:
     short = {"--output": "(--output|-o)"}
-    assert re.search(rf"(?<![\w-]){short.get(option, option)}(?![\w-])", README.read_text())
+    assert re.search(rf"(?<![\w-]){short.get(option, option)}(?![\w-])", COMMAND_LINE.read_text())
 
 
 @pytest.mark.parametrize("metric", CATALOGUE.values(), ids=list(CATALOGUE))

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from reverie_eval.reporting._comparison import ComparisonReport
-    from reverie_eval.reporting._plots import Plots
+    from reverie_eval.reporting._figures import Plots
 
 
 def _plots(scores: Scores) -> "Plots":
     """Figures of these scores, ``scores.plot.funnel()``; they need matplotlib."""
-    from reverie_eval.reporting._plots import Plots
+    from reverie_eval.reporting._figures import Plots
 
     return Plots(scores)
 
@@ -57,14 +57,14 @@ def _plot_episode(shown: Episode, ax: "Axes | None" = None) -> "Axes":
     ReverieEvalError
         If matplotlib is not installed.
     """
-    from reverie_eval.reporting._plots import plot_episode
+    from reverie_eval.reporting._figures import plot_episode
 
     return plot_episode(shown, ax)
 
 
 def _episode_html(shown: Episode) -> str:
     """Show the map of the episode in a notebook, with its instruction and outcome."""
-    from reverie_eval.reporting._episodes import episode_html
+    from reverie_eval.reporting._map_svg import episode_html
 
     return episode_html(shown)
 

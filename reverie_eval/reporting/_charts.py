@@ -1,137 +1,138 @@
-"""Charts of a report as SVG: bars and dots that take their colours from the page.
+"""What charts show, as data: the report draws it as SVG, notebooks with matplotlib."""
 
-Classes: ``mark series-1`` and ``series-2`` for what is drawn, ``axis`` for what it is held against.
-"""
-
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from html import escape
+from itertools import count
+from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 
-from reverie_eval.arrays import FloatArray
-from reverie_eval.reporting._bins import round_numbers
-from reverie_eval.reporting._distributions import Histogram
+from reverie_eval.arrays import BoolArray, FloatArray
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics._catalogue import Unit
 from reverie_eval.scoring import Scores
 
-WIDTH, HEIGHT = 400, 250
-_LEFT, _RIGHT, _TOP, _BOTTOM = 42, 12, 10, 40
-_MOST_TICKS = 7
-_NEARLY_ALL = 99
-"""Percent of walks that are shown: a few of hundreds of metres would hide all others."""
+_MOST_BARS = 60
+_SHOWN_WALKS = 99
+"""Percent of the walks that a chart has room for: a few of hundreds of metres would squeeze all
+others together."""
+_MILLIMETRE = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
-class _Axes:
-    """Linear axes from the lower left corner."""
-
-    low: float
-    """Of what is shown across."""
-    high: float
-    top: float
-    """Of what is shown upwards, from 0."""
-
-    def x(self, values: FloatArray) -> FloatArray:
-        inside = WIDTH - _LEFT - _RIGHT
-        return _LEFT + (values - self.low) / (self.high - self.low) * inside
-
-    def y(self, values: FloatArray) -> FloatArray:
-        inside = HEIGHT - _TOP - _BOTTOM
-        return HEIGHT - _BOTTOM - values / self.top * inside
-
-    def drawn(self, across: str, upwards: str) -> Iterator[str]:
-        """Draw lines, numbers and names of both axes."""
-        bottom, middle = HEIGHT - _BOTTOM, (_TOP + HEIGHT - _BOTTOM) / 2
-        for tick in _ticks(self.low, self.high):
-            yield _text(float(self.x(tick)), bottom + 15, f"{tick:g}", "middle")
-        for tick in _ticks(0, self.top):
-            height = float(self.y(tick))
-            yield f'<path class="axis" d="M{_LEFT} {height:.1f}H{WIDTH - _RIGHT}"/>'
-            yield _text(_LEFT - 6, height + 4, f"{tick:g}", "end")
-        yield _text((_LEFT + WIDTH - _RIGHT) / 2, HEIGHT - 6, across, "middle")
-        turned = f' transform="rotate(-90 11 {middle:g})"'
-        yield _text(11, middle, upwards, "middle", turned)
+def round_numbers() -> Iterator[int]:
+    """Count 1, 2, 5, 10, 20, 50, 100 and so on."""
+    return (digit * 10**exponent for exponent in count() for digit in (1, 2, 5))
 
 
-def histogram_svg(histogram: Histogram, names: Sequence[str]) -> str:
-    """Draw a histogram: bars for the first submission, an outline for the second.
+def bin_edges(values: FloatArray, most: int) -> FloatArray:
+    """Divide the range of values into at most ``most`` bins, 1, 2, 5, 10, 20, 50 ... wide.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of all submissions; those that the histogram knows nothing of have no marks.
+    >>> bin_edges(np.array([3.2, 5.0]), 3)
+    array([3., 4., 5., 6.])
     """
-    most = max(float(share.max()) for share in histogram.share.values())
-    axes = _Axes(float(histogram.edges[0]), float(histogram.edges[-1]), 1.05 * most)
-    marks = [
-        _mark(axes, histogram.edges, histogram.share[name], number)
-        for number, name in enumerate(names, 1)
-        if name in histogram.share
-    ]
-    upwards = f"share of {histogram.nouns} (%)"
-    title = f"Distribution of {histogram.label}"
-    return _chart(title, [*axes.drawn(histogram.label, upwards), *marks])
+    first, last = np.floor(values.min()), np.floor(values.max()) + 1
+    width = next(width for width in round_numbers() if (last - first) / width <= most)
+    return np.arange(np.floor(first / width) * width, last + width, width)
 
 
-def walks_svg(scores: Scores) -> str:
-    """Draw the walked length of every episode over the shortest, a dot each."""
-    walked, shortest = scores.episodes["path_length"], scores.episodes["shortest_length"]
-    axes = _Axes(0.0, float(np.ceil(shortest.max())) or 1.0, farthest_shown(scores))
-    is_shown = walked <= axes.top
-    succeeded = scores.episodes["success"] > 0
-    ends = np.array([0.0, min(axes.high, axes.top)])
-    dots = [
-        f'<path class="dot {kind}" d="{_dots(axes, shortest[part], walked[part])}"/>'
-        for kind, part in (("miss", is_shown & ~succeeded), ("hit", is_shown & succeeded))
-    ]
-    x, y = axes.x(ends), axes.y(ends)
-    line = f'<path class="diagonal" d="M{x[0]:.1f} {y[0]:.1f}L{x[1]:.1f} {y[1]:.1f}"/>'
-    return _chart(
-        "Walked length of every episode over the shortest length",
-        [*axes.drawn("shortest length (m)", "walked length (m)"), *dots, line],
-    )
+def count_edges(counts: FloatArray, most: int) -> FloatArray:
+    """Divide a range of counts likewise; a bin of a single count is centred on it.
+
+    >>> count_edges(np.array([3.0, 5.0]), 3), count_edges(np.array([3.0, 5.0]), 2)
+    (array([2.5, 3.5, 4.5, 5.5]), array([2., 4., 6.]))
+    """
+    edges = bin_edges(counts, most)
+    return edges - 0.5 if edges[1] - edges[0] == 1 else edges
 
 
-def farthest_shown(scores: Scores) -> float:
-    """Return how long a walk is, in metres, that :func:`walks_svg` still shows: nearly all are."""
-    walked, shortest = scores.episodes["path_length"], scores.episodes["shortest_length"]
-    most = max(float(np.percentile(walked, _NEARLY_ALL)), float(shortest.max()), 1.0)
-    return float(np.ceil(most))
+_PERCENT_EDGES = np.arange(0.0, 101.0, 10.0)
+_EDGES: Mapping[Unit, Callable[[FloatArray, int], FloatArray]] = MappingProxyType(
+    {"fraction": lambda *_: _PERCENT_EDGES, "metres": bin_edges, "count": count_edges}
+)
 
 
-def _mark(axes: _Axes, edges: FloatArray, share: FloatArray, number: int) -> str:
-    if number == 1:
-        return f'<path class="mark series-1" d="{"".join(_bars(axes, edges, share))}"/>'
-    return f'<path class="outline series-{number}" d="{_outline(axes, edges, share)}"/>'
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """How a metric's values are distributed, for one submission or several in the same bins."""
+
+    metric: Metric
+    edges: FloatArray
+    """Shape (n_bins + 1,): in percent for fractions, else in the metric's unit."""
+    share: Mapping[str, FloatArray]
+    """By submission, shape (n_bins,): percent of its values. A value on an edge counts in the bin
+    above it; on the last edge, in the bin below."""
+    values: Mapping[str, FloatArray]
+    """By submission: all its values, in the metric's own unit."""
+    noun: str
+    """What the values belong to: episodes or boxes."""
+
+    @classmethod
+    def of(cls, scores: Mapping[str, Scores], key: str) -> Self:
+        """Divide a metric's values into bins; of a box metric, those of predicted boxes only.
+
+        Parameters
+        ----------
+        scores : mapping of Scores
+            By the submissions' names.
+        key : str
+            The metric's.
+
+        Raises
+        ------
+        KeyError
+            If the metric is not scored.
+        """
+        values = {name: each.episodes[key] for name, each in scores.items()}
+        metric = CATALOGUE[key]
+        is_of_boxes = "box" in metric.needs
+        if is_of_boxes:
+            boxes = {name: each.boxes for name, each in scores.items() if each.boxes is not None}
+            values |= {name: values[name][each.row] for name, each in boxes.items()}
+        scale = 100 if metric.unit == "fraction" else 1
+        shown = {name: scale * each for name, each in values.items()}
+        edges = _EDGES[metric.unit](np.concatenate(list(shown.values())), _MOST_BARS)
+        share = {
+            name: 100 * np.histogram(each, edges)[0] / len(each) for name, each in shown.items()
+        }
+        return cls(metric, edges, share, values, "boxes" if is_of_boxes else "episodes")
+
+    @property
+    def label(self) -> str:
+        """The metric's name with the unit of the edges."""
+        unit = {"fraction": " (%)", "metres": " (m)", "count": ""}[self.metric.unit]
+        return f"{self.metric.name}{unit}"
 
 
-def _bars(axes: _Axes, edges: FloatArray, share: FloatArray) -> Iterator[str]:
-    left, right, top = axes.x(edges[:-1]), axes.x(edges[1:]), axes.y(share)
-    for start, end, height in zip(left + 0.5, right - 0.5, top, strict=True):
-        yield f"M{start:.1f} {HEIGHT - _BOTTOM}V{height:.1f}H{end:.1f}V{HEIGHT - _BOTTOM}z"
+@dataclass(frozen=True, eq=False)
+class Walks:
+    """The walked length of every episode against the shortest; all shapes are (n_episodes,)."""
 
+    shortest: FloatArray
+    """Metres."""
+    walked: FloatArray
+    """Metres."""
+    is_success: BoolArray
 
-def _outline(axes: _Axes, edges: FloatArray, share: FloatArray) -> str:
-    steps = zip(axes.y(share), axes.x(edges[1:]), strict=True)
-    drawn = "".join(f"V{height:.1f}H{end:.1f}" for height, end in steps)
-    return f"M{_LEFT} {HEIGHT - _BOTTOM}{drawn}V{HEIGHT - _BOTTOM}"
+    @classmethod
+    def of(cls, scores: Scores) -> Self:
+        """Take the lengths from a submission's scores."""
+        episodes = scores.episodes
+        is_success = episodes["success"] > 0
+        return cls(episodes["shortest_length"], episodes["path_length"], is_success)
 
+    @property
+    def longest_shown(self) -> float:
+        """How long a walk is, in whole metres, that a chart still shows; nearly all are shown."""
+        nearly_all = float(np.percentile(self.walked, _SHOWN_WALKS))
+        return float(np.ceil(max(nearly_all, float(self.shortest.max()), 1.0)))
 
-def _dots(axes: _Axes, across: FloatArray, upwards: FloatArray) -> str:
-    places = zip(axes.x(across), axes.y(upwards), strict=True)
-    return "".join(f"M{x:.1f} {y:.1f}h0" for x, y in places)
+    @property
+    def is_shown(self) -> BoolArray:
+        """Whether the walk is short enough for a chart."""
+        return self.walked <= self.longest_shown
 
-
-def _ticks(low: float, high: float) -> FloatArray:
-    step = next(step for step in round_numbers() if (high - low) / step <= _MOST_TICKS)
-    return np.arange(np.ceil(low / step) * step, high + 1e-9, step) + 0.0  # no -0
-
-
-def _text(x: float, y: float, text: str, anchor: str, attributes: str = "") -> str:
-    place = f'x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"'
-    return f"<text {place}{attributes}>{escape(text)}</text>"
-
-
-def _chart(title: str, parts: Sequence[str]) -> str:
-    opening = f'<svg class="chart" role="img" viewBox="0 0 {WIDTH} {HEIGHT}">'
-    return f"{opening}<title>{escape(title)}</title>{''.join(parts)}</svg>"
+    @property
+    def is_detour(self) -> BoolArray:
+        """Whether the walk is longer than the shortest, by more than rounding."""
+        return self.walked > self.shortest + _MILLIMETRE

@@ -1,25 +1,91 @@
 """A dataset's description as figures, for slides and papers. Needs matplotlib."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reverie_eval.dataset import DatasetDescription
-from reverie_eval.reporting._dataset_panels import GOALS, PATHS, WORDS, draw_distributions
-from reverie_eval.reporting._figure_style import STYLE, colour_of, count_in_round_steps
+from reverie_eval.arrays import FloatArray
+from reverie_eval.dataset import (
+    AnswerDescription,
+    DatasetDescription,
+    Distribution,
+    SplitDescription,
+)
+from reverie_eval.reporting._charts import bin_edges, count_edges
+from reverie_eval.reporting._figure_style import INK, STYLE, split_colour, use_round_ticks
+from reverie_eval.text import count_text
 
 _FORMATS = ("svg", "png")
 _SHOWN_CATEGORIES = 15
+_MOST_BARS = 80
+"""In a row of histograms."""
+
+
+class _Quantity(NamedTuple):
+    """What a column of histograms shows."""
+
+    name: str
+    """As in ``DatasetDescription.paper``, if the paper gives its mean."""
+    label: str
+    noun: str
+    """What each value belongs to."""
+    values: Callable[[SplitDescription], Distribution | None]
+    edges: Callable[[FloatArray, int], FloatArray] = count_edges
+    """Divides the values into at most so many bins."""
+
+
+def _of_answers(
+    values: Callable[[AnswerDescription], Distribution],
+) -> Callable[[SplitDescription], Distribution | None]:
+    return lambda split: None if split.answers is None else values(split.answers)
+
+
+_WORDS = (
+    _Quantity(
+        "words per instruction", "words per instruction", "instruction", lambda split: split.words
+    ),
+)
+_GOALS = (
+    _Quantity(
+        "objects at the goal",
+        "visible objects at the goal",
+        "task",
+        _of_answers(lambda answers: answers.goal_objects),
+    ),
+    _Quantity(
+        "boxes at the goal",
+        "boxes at the goal, in all views",
+        "task",
+        _of_answers(lambda answers: answers.goal_boxes),
+    ),
+)
+_PATHS = (
+    _Quantity(
+        "path steps",
+        "steps of the annotated path",
+        "task",
+        _of_answers(lambda answers: answers.path_steps),
+    ),
+    _Quantity(
+        "path length",
+        "length of the annotated path (m)",
+        "task",
+        _of_answers(lambda answers: answers.path_length),
+        bin_edges,
+    ),
+)
 
 
 def write_figures(description: DatasetDescription, folder: Path) -> Sequence[Path]:
     """Draw the figures into a folder, which is made if it is not there.
 
-    ``words``, ``categories``, ``goals`` and ``paths``, each as SVG and as PNG. Where no split names
-    its targets, only the first.
+    ``words``, ``categories``, ``goals`` and ``paths``, each as SVG and as PNG. Where no split has
+    answers, only the first.
 
     Returns
     -------
@@ -29,25 +95,69 @@ def write_figures(description: DatasetDescription, folder: Path) -> Sequence[Pat
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(dict(STYLE)):
         figures = {
-            "words": draw_distributions(description, WORDS),
-            "categories": _categories(description),
-            "goals": draw_distributions(description, GOALS),
-            "paths": draw_distributions(description, PATHS),
+            "words": _draw_histograms(description, _WORDS),
+            "categories": _draw_categories(description),
+            "goals": _draw_histograms(description, _GOALS),
+            "paths": _draw_histograms(description, _PATHS),
         }
-        return [
-            _save(figure, folder / f"{name}.{suffix}")
-            for name, figure in figures.items()
-            if figure is not None
-            for suffix in _FORMATS
-        ]
+        written = []
+        drawn = {name: figure for name, figure in figures.items() if figure is not None}
+        for name, figure in drawn.items():
+            for suffix in _FORMATS:
+                path = folder / f"{name}.{suffix}"
+                # Without a date the same description gives the same file.
+                figure.savefig(path, metadata={"Date": None} if suffix == "svg" else None)
+                written.append(path)
+        return written
 
 
-def _save(figure: Figure, path: Path) -> Path:
-    figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
-    return path
+def _draw_histograms(
+    description: DatasetDescription, quantities: Sequence[_Quantity]
+) -> Figure | None:
+    """Draw a row of histograms for each split that has the values, a column per quantity."""
+    columns = [
+        {
+            split: values
+            for split, described in description.splits.items()
+            if (values := quantity.values(described))
+        }
+        for quantity in quantities
+    ]
+    splits = list(columns[0])
+    if not splits:
+        return None
+    figure = Figure(figsize=(8, 1.3 + 1.5 * len(splits)), layout="constrained")
+    grid = figure.subplots(len(splits), len(quantities), sharex="col", sharey="col", squeeze=False)
+    for column, quantity, all_axes in zip(columns, quantities, grid.T, strict=True):
+        together = np.concatenate([each.values for each in column.values()])
+        edges = quantity.edges(together, _MOST_BARS // len(quantities))
+        paper = [each.paper for each in description.paper if each.quantity == quantity.name]
+        for split, axes in zip(splits, all_axes, strict=True):
+            _draw_histogram(axes, column[split], edges, split_colour(split))
+            for mean in paper:
+                label = "mean of all splits in the paper"
+                axes.axvline(mean, color=INK, linestyle=":", linewidth=1.2, label=label)
+            number = count_text(len(column[split].values), quantity.noun)
+            heading = f"mean {column[split].mean:.1f} of {number}"
+            axes.set_title(heading, loc="right", fontsize="medium")
+        all_axes[-1].set_xlabel(quantity.label)
+        use_round_ticks(all_axes[-1])
+    for split, axes in zip(splits, grid[:, 0], strict=True):
+        axes.set_title(split, loc="left", fontweight="bold")
+    figure.supylabel(f"share of {quantities[0].noun}s (%)", fontsize="medium")
+    lines, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(lines, labels, loc="outside lower right", ncols=2, frameon=False)
+    return figure
 
 
-def _categories(description: DatasetDescription) -> Figure | None:
+def _draw_histogram(axes: Axes, values: Distribution, edges: FloatArray, colour: str) -> None:
+    """Draw the shares of the values and their mean."""
+    share = np.full_like(values.values, 100 / len(values.values))
+    axes.hist(values.values, edges.tolist(), weights=share, color=colour, rwidth=0.9)
+    axes.axvline(values.mean, color=INK, linestyle="--", linewidth=1.2, label="mean")
+
+
+def _draw_categories(description: DatasetDescription) -> Figure | None:
     """Draw the most frequent categories of target objects, each a bar with a piece per split."""
     total = description.total.answers
     if total is None or not total.category_counts:
@@ -56,10 +166,11 @@ def _categories(description: DatasetDescription) -> Figure | None:
     figure = Figure(figsize=(8, 1.5 + 0.3 * len(names)), layout="constrained")
     axes = figure.subplots()
     drawn = np.zeros(len(names))
-    for split, part in description.splits.items():
-        if part.answers is not None:
-            counts = np.array([part.answers.category_counts.get(name, 0) for name in names])
-            axes.barh(names, counts, left=drawn, height=0.75, color=colour_of(split), label=split)
+    for split, described in description.splits.items():
+        if described.answers is not None:
+            counts = np.array([described.answers.category_counts.get(name, 0) for name in names])
+            colour = split_colour(split)
+            axes.barh(names, counts, left=drawn, height=0.75, color=colour, label=split)
             drawn += counts
     for row, number in enumerate(drawn):
         axes.annotate(
@@ -73,7 +184,7 @@ def _categories(description: DatasetDescription) -> Figure | None:
     axes.margins(x=0.08, y=0.01)
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("target objects")
-    count_in_round_steps(axes)
+    use_round_ticks(axes)
     axes.set_title(
         f"target categories: the {len(names)} most frequent of {total.target_categories:,}",
         loc="left",

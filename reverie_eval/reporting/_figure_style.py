@@ -1,21 +1,25 @@
-"""How figures look: alike, whatever they show. Needs matplotlib.
+"""How figures look, whatever they show. matplotlib is imported when a figure is drawn.
 
-A split has the same colour in every figure, one that people with any colour vision tell apart.
+A split has the same colour in every figure. All colours can be told apart with any colour vision;
+they are from the palette of Okabe and Ito, "Color Universal Design", 2008.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from reverie_eval.errors import ReverieEvalError
 
-_COLOURS: Mapping[str, str] = MappingProxyType(
-    {"train": "#0072B2", "val_seen": "#E69F00", "val_unseen": "#009E73", "test": "#CC79A7"}
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+GREY, INK = "#B3BAC4", "#333333"
+_SPLIT_COLOURS: Mapping[str, str] = MappingProxyType(
+    {"train": BLUE, "val_seen": ORANGE, "val_unseen": GREEN, "test": "#CC79A7"}
 )
-"""From the palette of Okabe and Ito, "Color Universal Design", 2008; so is the next."""
-_OTHER_COLOUR = "#56B4E9"
-INK = "#333333"
+_OTHER_SPLIT = "#56B4E9"
 STYLE: Any = MappingProxyType(
     {
         "font.size": 11,
@@ -30,17 +34,45 @@ STYLE: Any = MappingProxyType(
         "text.color": INK,
         "text.parse_math": False,  # a name is shown as it is
         "savefig.dpi": 200,
-        "svg.hashsalt": "reverie-eval",  # else no two files would be the same
+        "svg.hashsalt": "reverie-eval",  # the same figure gives the same file
     }
 )
 
 
-def colour_of(split: str) -> str:
+def split_colour(split: str) -> str:
     """Return the colour of a split."""
-    return _COLOURS.get(split, _OTHER_COLOUR)
+    return _SPLIT_COLOURS.get(split, _OTHER_SPLIT)
 
 
-def count_in_round_steps(axes: Axes) -> None:
+@contextmanager
+def styled_axes(ax: "Axes | None") -> Iterator["Axes"]:
+    """Draw on the given Axes in our style, or on new ones of pyplot, which notebooks show.
+
+    Raises
+    ------
+    ReverieEvalError
+        If matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl
+        from matplotlib import pyplot as plt
+    except ModuleNotFoundError as error:
+        raise ReverieEvalError(
+            "figures need matplotlib; install it with: pip install 'reverie-eval[figures]'"
+        ) from error
+    plt.install_repl_displayhook()  # if first done in the context, leaving it would undo it
+    with mpl.rc_context(dict(STYLE)):
+        yield plt.subplots(figsize=(7, 4.2), layout="constrained")[1] if ax is None else ax
+
+
+def use_round_ticks(axes: "Axes") -> None:
     """Mark whole numbers below the axes, in steps of 1, 2, 5, 10, 20, 50 and so on."""
+    from matplotlib.ticker import MaxNLocator
+
     whole = MaxNLocator(integer=True, steps=[1, 2, 5, 10], min_n_ticks=1)
     axes.xaxis.set_major_locator(whole)
+
+
+def set_heading(axes: "Axes", heading: str) -> None:
+    """Set the heading of a figure, on the left above the axes."""
+    axes.set_title(heading, loc="left", fontweight="bold", fontsize="medium")

@@ -1,4 +1,4 @@
-"""Which part of a scan a map shows, and where on the page its places come to lie."""
+"""Where a map's viewpoints, routes and arrows lie on the page."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,54 +7,64 @@ from typing import Self
 import numpy as np
 
 from reverie_eval.arrays import FloatArray
-from reverie_eval.reporting._bins import round_numbers
+from reverie_eval.reporting._charts import round_numbers
 from reverie_eval.reporting._maps import EpisodeMap, Route
 
-MARGIN = 1.5
-"""Metres of the scan that are shown around what the episode is about, at least."""
-LEAST_METRES = 8.0
+WIDTH, HEIGHT = 400, 300
+"""Of a map, in units of the page."""
+_MARGIN = 1.5
+"""Metres around the viewpoints of the episode, at least."""
+_LEAST_METRES = 8.0
 """Shown across, at least."""
-LANE = 3.4
-"""By how much a route keeps to the right of the way, so that going and coming are two lines."""
-_ARROW_AT = 0.62
-"""Share of a leg that an arrow stands behind."""
+_LANE = 3.4
+"""Units between two routes; a route keeps half of it to the right, so that the way there and the
+way back are two lines."""
+_ARROW_SIZE = 9.0
+_ARROW_PLACE = 0.62
+"""Beyond the middle of a leg, so that the arrows of both directions stand side by side."""
 _BAR_SHARE = 0.25
-"""Of the width that the scale's bar has at most."""
+"""Of the width: the longest bar of the scale."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A window on a scan: metres inside, the page's own units outside, y downwards."""
+    """The part of a scan that is shown; units of the page go to the right and down."""
 
-    width: float
-    height: float
     left: float
-    """Metres, of the left edge."""
+    """Metres."""
     top: float
-    """Metres, of the upper edge."""
+    """Metres."""
     scale: float
-    """Units of the page for a metre."""
+    """Units of the page per metre."""
 
     @classmethod
-    def around(cls, episode_map: EpisodeMap, width: float, height: float) -> Self:
-        """Show all that the episode is about, as large as it can be."""
-        place = episode_map.position[episode_map.concerned, :2]
-        low, high = place.min(axis=0) - MARGIN, place.max(axis=0) + MARGIN
+    def around(cls, episode_map: EpisodeMap) -> Self:
+        """Show all viewpoints of the episode, as large as possible."""
+        place = episode_map.position[episode_map.visited, :2]
+        low, high = place.min(axis=0) - _MARGIN, place.max(axis=0) + _MARGIN
         across, down = high - low
-        metres = max(across, down * width / height, LEAST_METRES)
+        metres = max(across, down * WIDTH / HEIGHT, _LEAST_METRES)
         x, y = (low + high) / 2
-        scale = width / metres
-        return cls(width, height, float(x - metres / 2), float(y + height / scale / 2), scale)
+        scale = WIDTH / metres
+        return cls(float(x - metres / 2), float(y + HEIGHT / scale / 2), scale)
 
     def place(self, position: FloatArray) -> FloatArray:
-        """Return where positions, in metres with x and y first, come to lie: shape (..., 2)."""
+        """Return where positions, in metres with x and y first, lie: shape (..., 2)."""
         x, y = position[..., 0] - self.left, self.top - position[..., 1]
         return self.scale * np.stack([x, y], axis=-1)
 
+    def lanes(self, episode_map: EpisodeMap, route: Route) -> FloatArray:
+        """Return the ends of every leg of a route, shape (n_legs, 2, 2), beside other routes."""
+        ends = self.place(episode_map.position[route.legs])
+        along = ends[:, 1] - ends[:, 0]
+        length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
+        to_the_right = np.stack([-along[:, 1], along[:, 0]], axis=-1) / length
+        return ends + _LANE * (route.number - 0.5) * to_the_right[:, None]
+
     @property
-    def bar(self) -> int:
-        """The length of the scale's bar: a round number of metres."""
-        most = _BAR_SHARE * self.width / self.scale
+    def bar_metres(self) -> int:
+        """The length of the scale's bar, a round number of metres."""
+        most = _BAR_SHARE * WIDTH / self.scale
         length = 1
         for metres in round_numbers():
             if metres > most:
@@ -62,30 +72,16 @@ class Frame:
             length = metres
         return length
 
-    def lane_of(self, episode_map: EpisodeMap, route: Route) -> FloatArray:
-        """Return both ends of every leg of a route, on its own lane: shape (n_legs, 2, 2)."""
-        ends = self.place(episode_map.position[route.legs])
-        along = ends[:, 1] - ends[:, 0]
-        length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
-        to_the_right = np.stack([-along[:, 1], along[:, 0]], axis=-1) / length
-        lane = 2 * _number(episode_map, route) + 1
-        return ends + LANE * lane / 2 * to_the_right[:, None]
 
-
-def _number(episode_map: EpisodeMap, route: Route) -> int:
-    return next(n for n, each in enumerate(episode_map.routes) if each is route)
-
-
-def arrows(lane: FloatArray, size: float) -> Iterator[FloatArray]:
-    """Return a triangle, shape (3, 2), on each leg that has room for one.
-
-    Beyond its middle, so that those of going and coming stand side by side.
-    """
-    for start, end in lane:
+def arrows(lanes: FloatArray) -> Iterator[FloatArray | None]:
+    """Return for each leg a triangle, shape (3, 2), that points ahead; None if it has no room."""
+    for start, end in lanes:
         length = float(np.hypot(*(end - start)))
-        if length > 2 * size:
-            ahead = (end - start) / length
-            aside = np.array([-ahead[1], ahead[0]])
-            place = start + _ARROW_AT * (end - start)
-            tip, tail = place + 0.6 * size * ahead, place - 0.6 * size * ahead
-            yield np.array([tip, tail + 0.55 * size * aside, tail - 0.55 * size * aside])
+        if length <= 2 * _ARROW_SIZE:
+            yield None
+            continue
+        ahead = _ARROW_SIZE * (end - start) / length
+        aside = np.array([-ahead[1], ahead[0]])
+        place = start + _ARROW_PLACE * (end - start)
+        tip, tail = place + 0.6 * ahead, place - 0.6 * ahead
+        yield np.array([tip, tail + 0.55 * aside, tail - 0.55 * aside])

@@ -1,151 +1,286 @@
-"""A map as SVG: a string that stands for itself, readable in light and dark, on screen and paper.
+"""Maps as SVG: still ones for reports and notebooks, interactive ones for pages with a script.
 
-Nothing here knows of pages or of matplotlib; the same map has the same bytes.
+Both consist of the same pieces. A still map joins them and is small. An interactive map keeps them
+apart and says where each belongs: ``data-levels`` are its storeys, ``data-leg`` is the move of the
+route, ``data-viewpoint`` the viewpoint. Without a script it shows what the still map shows.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from html import escape
+from itertools import groupby, pairwise
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
+from reverie_eval.analysis import Episode
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.reporting import _map_shapes as shapes
-from reverie_eval.reporting._map_frame import Frame, arrows
-from reverie_eval.reporting._maps import EpisodeMap, Route, Sign, key_of
+from reverie_eval.reporting._map_frame import HEIGHT, WIDTH, Frame, arrows
+from reverie_eval.reporting._maps import EpisodeMap, Route, Sign, map_signs
 from reverie_eval.reporting.resources import text_of
 
-WIDTH, HEIGHT = 400, 300
 MAP_STYLE = text_of("shared/map.css")
-"""What :func:`map_element` needs once on its page."""
+"""What maps and their keys need on their page; :func:`map_picture` brings its own."""
+MOST_POSES = 1000
+"""Of a route that are drawn; ten times as many as agents in the literature walk."""
+_SIGHT = 0.75
+"""Viewpoints farther from the middle than this, in widths and heights, are not drawn."""
+_STAR = np.array(
+    [
+        (radius * np.sin(turn), -radius * np.cos(turn))
+        for turn, radius in zip(np.arange(10) * np.pi / 5, [7.5, 3.2] * 5, strict=True)
+    ]
+)
+_RADIUS = {"start": 5.5, "goal": 7.0}
+_NO_LINES: Mapping[str, str] = MappingProxyType({})
 
 
 def map_svg(episode_map: EpisodeMap) -> str:
-    """Draw a map as a picture of its own, with all that it needs inside.
-
-    Returns
-    -------
-    str
-        An ``svg`` element, to be put on a page or written to a file.
-    """
-    return _svg(episode_map, ' xmlns="http://www.w3.org/2000/svg"', f"<style>{MAP_STYLE}</style>")
+    """Draw a still map for a page that includes ``MAP_STYLE``."""
+    return _Drawing(episode_map).still()
 
 
-def map_element(episode_map: EpisodeMap) -> str:
-    """Draw a map for a page that has ``MAP_STYLE`` among its styles."""
-    return _svg(episode_map, "", "")
+def map_picture(episode_map: EpisodeMap) -> str:
+    """Draw a still map with its style inside: a file, or a part of any page."""
+    own = ' xmlns="http://www.w3.org/2000/svg"', f"<style>{MAP_STYLE}</style>"
+    return _Drawing(episode_map).still(*own)
+
+
+def interactive_map_svg(episode_map: EpisodeMap) -> str:
+    """Draw an interactive map for a page that includes ``MAP_STYLE``."""
+    return _Drawing(episode_map).interactive()
 
 
 def map_key(names: Sequence[str]) -> str:
-    """Explain the signs of a map, in HTML; of the submissions with these names if there are any."""
-    explained = "".join(
-        f"<span>{_sign(sign)} {escape(sign.meaning)}</span>" for sign in key_of(names)
+    """Explain the signs of a map in HTML; the names are those of :func:`map_signs`."""
+    entries = "".join(
+        f'<span><svg class="episode-map sign" viewBox="0 0 40 16" aria-hidden="true">'
+        f"{_sign(sign)}</svg> {escape(sign.meaning)}</span>"
+        for sign in map_signs(names)
     )
-    return f'<p class="map-key">{explained}</p>'
+    return f'<p class="map-key">{entries}</p>'
 
 
-def _svg(episode_map: EpisodeMap, attributes: str, style: str) -> str:
-    frame = Frame.around(episode_map, WIDTH, HEIGHT)
-    return "".join(
-        [
-            f'<svg class="episode-map" role="img" viewBox="0 0 {WIDTH} {HEIGHT}"{attributes}>',
-            f"<title>{escape(f'Map of episode {episode_map.instr_id}')}</title>",
-            f"<desc>{escape(episode_map.description)}</desc>",
-            style,
-            f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>',
-            *_graph(episode_map, frame),
-            *_annotation(episode_map, frame),
-            *(
-                part
-                for number, route in enumerate(episode_map.routes, 1)
-                for part in _route(episode_map, route, number, frame)
-            ),
-            *_ends(episode_map, frame),
-            *shapes.scale(frame),
-            "</svg>",
+def episode_html(episode: Episode) -> str:
+    """Show an episode in a notebook: its map with instruction, outcome and key."""
+    instruction = f"<q>{escape(episode.instruction)}</q>" if episode.instruction else ""
+    return (
+        '<figure style="margin: 0; max-width: 36rem">'
+        f"{map_picture(EpisodeMap.of({'': episode}))}<figcaption>"
+        f"<code>{escape(episode.instr_id)}</code> {instruction}<br>"
+        f"{escape(episode.caption)}</figcaption>{map_key([''])}</figure>"
+    )
+
+
+class _Piece(NamedTuple):
+    """Something on a map."""
+
+    viewpoints: Sequence[int]
+    """Where it is, or between which it leads."""
+    lines: Mapping[str, str] = _NO_LINES
+    """The data of paths, by class; a still map joins those of the same class."""
+    title: str = ""
+    """Of the lines, on an interactive map."""
+    sign: str = ""
+    """Elements that are never joined."""
+    attributes: str = ""
+    """For the script of an interactive map."""
+
+
+class _Drawing:
+    def __init__(self, episode_map: EpisodeMap) -> None:
+        self._map = episode_map
+        self._frame = Frame.around(episode_map)
+        self._place = self._frame.place(episode_map.position)
+        self._is_elsewhere = episode_map.is_elsewhere
+        size = np.array([WIDTH, HEIGHT])
+        far = np.abs(self._place - size / 2) / size
+        self._in_sight: BoolArray = (far < _SIGHT).all(axis=1)
+
+    def still(self, attributes: str = "", style: str = "") -> str:
+        layers = [
+            self._edges(),
+            self._annotated_path(),
+            self._viewpoints(),
+            self._goals(),
+            *map(self._legs, self._map.routes),
+            self._ends(),
         ]
-    )
+        shapes = (shape for layer in layers for shape in self._joined(layer))
+        return self._svg("episode-map", shapes, attributes, style)
 
+    def interactive(self) -> str:
+        shapes = [
+            *map(self._apart, self._edges()),
+            '<g class="annotation" opacity="0.3">',  # as one: not darker where pieces meet
+            *map(self._apart, self._annotated_path()),
+            "</g>",
+            *map(self._apart, self._viewpoints()),
+            *map(self._apart, self._goals()),
+            *(self._apart(leg) for route in self._map.routes for leg in self._legs(route)),
+            *map(self._apart, self._ends()),
+        ]
+        return self._svg("episode-map walkable", shapes)
 
-def _graph(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
-    """Draw the scan's navigation graph, other storeys faintly and below."""
-    place = frame.place(episode_map.position)
-    viewpoints = np.arange(len(place))
-    hidden = episode_map.is_elsewhere
-    across = hidden[episode_map.edges].any(axis=1)
-    parts = ((" elsewhere", hidden, across), ("", ~hidden, ~across))
-    for kind, of_viewpoints, of_edges in parts:
-        yield shapes.path(f"edge{kind}", map(shapes.line, place[episode_map.edges[of_edges]]))
-        yield shapes.path(
-            f"viewpoint{kind}",
-            (f"M{shapes.coordinates(place[v])}h0" for v in viewpoints[of_viewpoints]),
+    def _svg(self, kind: str, shapes: Iterable[str], attributes: str = "", style: str = "") -> str:
+        metres = self._frame.bar_metres
+        bar = f"M10 {HEIGHT - 14}v4h{metres * self._frame.scale:.1f}v-4"
+        return "".join(
+            [
+                f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {HEIGHT}"{attributes}>',
+                f"<title>{escape(f'Map of episode {self._map.instr_id}')}</title>",
+                f"<desc>{escape(self._map.description)}</desc>{style}",
+                f'<rect class="ground" width="{WIDTH}" height="{HEIGHT}"/>',
+                *shapes,
+                f'<path class="scale" d="{bar}"/>',
+                f'<text class="scale" x="14" y="{HEIGHT - 16}">{metres} m</text></svg>',
+            ]
         )
 
+    def _joined(self, layer: Iterable[_Piece]) -> Iterator[str]:
+        """Draw pieces as few elements, those of other storeys first and faintly."""
+        paths: dict[str, str] = {}
+        signs = []
+        for piece in layer:
+            faint = " elsewhere" if self._is_elsewhere[piece.viewpoints].any() else ""
+            for kind, data in piece.lines.items():
+                before = paths.get(kind + faint, "")
+                start, _, rest = data.partition("L")
+                goes_on = rest and before.endswith(f"L{start[1:]}")
+                paths[kind + faint] = f"{before}L{rest}" if goes_on else before + data
+            signs.append(piece.sign)
+        for kind in sorted(paths, key=lambda kind: "elsewhere" not in kind):
+            yield _path(kind, paths[kind])
+        yield from signs
 
-def _annotation(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
-    place = frame.place(episode_map.position)
-    yield shapes.path("annotated", [shapes.line(place[episode_map.annotated_path])])
-    for viewpoint in episode_map.success:
-        yield shapes.circle(
-            "success", place[viewpoint], f"a stop here is a success: {_id(episode_map, viewpoint)}"
-        )
+    def _apart(self, piece: _Piece) -> str:
+        """Draw a piece as a group that says which storeys it is on."""
+        levels = " ".join(map(str, self._levels(piece.viewpoints)))
+        is_faint = self._is_elsewhere[piece.viewpoints].any()
+        faint = ' data-elsewhere="" opacity="0.35"' if is_faint else ""
+        lines = "".join(_path(kind, data, piece.title) for kind, data in piece.lines.items())
+        group = f'<g data-levels="{levels}"{piece.attributes}{faint}>'
+        return f"{group}{lines}{piece.sign}</g>"
 
+    def _levels(self, viewpoints: Sequence[int]) -> Sequence[int]:
+        return sorted({int(storey) + 1 for storey in self._map.storey[viewpoints]})
 
-def _route(episode_map: EpisodeMap, route: Route, number: int, frame: Frame) -> Iterator[str]:
-    """Draw where an agent went: a line on its lane, with an arrow on every leg."""
-    lane, is_jump = frame.lane_of(episode_map, route), episode_map.is_jump(route)
-    if len(lane):
-        yield shapes.path(f"route route-{number}", _walked(lane, is_jump))
-        yield shapes.path(
-            f"arrow route-{number}", (f"{shapes.line(tip)}z" for tip in arrows(lane, 9.0))
-        )
-    if is_jump.any():
-        yield shapes.path(f"route jump route-{number}", map(shapes.line, lane[is_jump]))
+    def _edges(self) -> Iterator[_Piece]:
+        """Draw the edges between the same storeys as one piece."""
+        edges = self._map.edges[self._in_sight[self._map.edges].any(axis=1)]
+        storeys = np.sort(self._map.storey[edges], axis=1)
+        for pair in np.unique(storeys, axis=0):
+            same = edges[(storeys == pair).all(axis=1)]
+            yield _Piece(same[0].tolist(), {"edge": "".join(map(_line, self._place[same]))})
 
+    def _annotated_path(self) -> Iterator[_Piece]:
+        """Draw the annotated path, a piece for as long as it stays on a storey."""
+        legs = map(list, pairwise(self._map.annotated_path.tolist()))
+        for _, same in groupby(legs, key=self._levels):
+            first, *others = same
+            rows = first + [end for _, end in others]
+            yield _Piece(first, {"annotated": _line(self._place[rows])})
 
-def _walked(lane: FloatArray, is_jump: BoolArray) -> Iterator[str]:
-    """Join the legs that were walked to one line, interrupted where the agent jumped."""
-    goes_on = np.concatenate([[False], ~is_jump[:-1]])
-    for leg in np.flatnonzero(~is_jump):
-        yield shapes.line(lane[leg]).replace("M", "L" if goes_on[leg] else "M")
+    def _viewpoints(self) -> Iterator[_Piece]:
+        for row in np.flatnonzero(self._in_sight).tolist():
+            dot = f"M{_point(self._place[row])}h0"
+            yield self._at(row, lines={"viewpoint": dot}, title=self._map.viewpoint_ids[row])
 
+    def _goals(self) -> Iterator[_Piece]:
+        for row in self._map.goal_viewpoints.tolist():
+            title = self._title("goal viewpoint", row)
+            yield self._at(row, _circle("goal", self._place[row], title))
 
-def _ends(episode_map: EpisodeMap, frame: Frame) -> Iterator[str]:
-    place = frame.place(episode_map.position)
-    yield shapes.circle(
-        "start", place[episode_map.start], f"start: {_id(episode_map, episode_map.start)}"
-    )
-    yield shapes.goal(
-        place[episode_map.goal], f"end of the annotated path: {_id(episode_map, episode_map.goal)}"
-    )
-    for number, route in enumerate(episode_map.routes, 1):
-        whose = f" of {route.name}" if route.name else ""
-        shift = np.array([6.0 * (number - 1), 0.0])
-        title = f"stop{whose}: {_id(episode_map, route.stop)}"
-        yield shapes.stop(place[route.stop] + shift, number, title)
+    def _legs(self, route: Route) -> Iterator[_Piece]:
+        """Draw a route; a leg begins where the one before ended on its lane, if it is walked."""
+        shown = route
+        if len(route.viewpoint) > MOST_POSES:
+            cut = np.append(route.viewpoint[: MOST_POSES - 1], route.stop)
+            shown = replace(route, viewpoint=cut)
+        lanes, is_jump = self._frame.lanes(self._map, shown), self._map.is_jump(shown).tolist()
+        number = route.number
+        for leg, (ends, arrow) in enumerate(zip(lanes, arrows(lanes), strict=True)):
+            goes_on = leg > 0 and not is_jump[leg - 1] and not is_jump[leg]
+            way = np.vstack([lanes[leg - 1][1:], ends]) if goes_on else ends
+            lines = {f"route{' jump' if is_jump[leg] else ''} route-{number}": _line(way)}
+            if arrow is not None:
+                lines[f"arrow route-{number}"] = f"{_line(arrow)}z"
+            place = f' class="leg" data-route="{number}" data-leg="{leg + 1}"'
+            yield _Piece(shown.legs[leg].tolist(), lines, attributes=place)
+
+    def _ends(self) -> Iterator[_Piece]:
+        """Draw the start, the end of the annotated path, and where agents stopped."""
+        start, end, place = self._map.start, self._map.path_end, self._place
+        yield self._at(start, _circle("start", place[start], self._title("start", start)))
+        yield self._at(end, _star(place[end], self._title("end of the annotated path", end)))
+        for route in self._map.routes:
+            aside = np.array([6.0 * (route.number - 1), 0.0])
+            whose = f" of {route.name}" if route.name else ""
+            title = self._title(f"stop{whose}", route.stop)
+            yield self._at(route.stop, _square(place[route.stop] + aside, route.number, title))
+
+    def _at(
+        self, row: int, sign: str = "", lines: Mapping[str, str] = _NO_LINES, title: str = ""
+    ) -> _Piece:
+        name = f' data-viewpoint="{escape(self._map.viewpoint_ids[row])}"'
+        return _Piece([row], lines, title, sign, name)
+
+    def _title(self, meaning: str, row: int) -> str:
+        return f"{meaning}: {self._map.viewpoint_ids[row]}"
 
 
 def _sign(sign: Sign) -> str:
-    drawn = _drawn(sign)
-    return f'<svg class="episode-map sign" viewBox="0 0 40 16" aria-hidden="true">{drawn}</svg>'
-
-
-def _drawn(sign: Sign) -> str:
     middle = np.array([20.0, 8.0])
     match sign.kind:
         case "stop":
-            line = shapes.path(f"route route-{sign.route}", ["M2 8H30"])
-            return line + shapes.stop(np.array([33.0, 8.0]), sign.route)
-        case "start" | "success":
-            return shapes.circle(sign.kind, middle)
+            line = _path(f"route route-{sign.route}", "M2 8H30")
+            return line + _square(np.array([33.0, 8.0]), sign.route)
+        case "start" | "goal":
+            return _circle(sign.kind, middle)
+        case "end":
+            return _star(middle)
         case "jump":
-            return shapes.path("route jump", ["M4 8H36"])
+            return _path("route jump", "M4 8H36")
         case "annotated":
-            return shapes.path("annotated", ["M6 8H34"])
-        case "goal":
-            return shapes.goal(middle)
+            return _path("annotated", "M6 8H34")
         case "elsewhere":
-            return shapes.path("viewpoint elsewhere", ["M12 8h0M28 8h0"])
+            return _path("viewpoint elsewhere", "M12 8h0M28 8h0")
 
 
-def _id(episode_map: EpisodeMap, viewpoint: int) -> str:
-    return episode_map.viewpoint_ids[viewpoint]
+def _path(kind: str, data: str, title: str = "") -> str:
+    return _element("path", f'class="{kind}" d="{data}"', title)
+
+
+def _circle(kind: str, place: FloatArray, title: str = "") -> str:
+    x, y = place
+    return _element(
+        "circle", f'class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="{_RADIUS[kind]:g}"', title
+    )
+
+
+def _star(place: FloatArray, title: str = "") -> str:
+    return _path("end", f"{_line(_STAR + place)}z", title)
+
+
+def _square(place: FloatArray, number: int, title: str = "") -> str:
+    x, y = place - 4.5
+    size = 'width="9" height="9"'
+    return _element("rect", f'class="stop route-{number}" x="{x:.1f}" y="{y:.1f}" {size}', title)
+
+
+def _element(name: str, attributes: str, title: str) -> str:
+    """Write an element, with a tooltip if it has a title."""
+    if not title:
+        return f"<{name} {attributes}/>"
+    return f"<{name} {attributes}><title>{escape(title)}</title></{name}>"
+
+
+def _line(points: FloatArray) -> str:
+    """Return the data of a path through points of shape (n_points, 2)."""
+    return "M" + "L".join(map(_point, points))
+
+
+def _point(point: FloatArray) -> str:
+    x, y = point
+    return f"{x:.1f} {y:.1f}"

@@ -1,4 +1,4 @@
-"""An episode from above, as data: what a map of it shows, whoever draws it."""
+"""An episode from above, as data: what its map shows. SVG and matplotlib draw the same."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,79 +8,135 @@ import numpy as np
 
 from reverie_eval.analysis import Episode
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
+from reverie_eval.ground_truth import NavigationGraph
 from reverie_eval.text import count_text
 
-STOREY_HEIGHT = 2.0
-"""Metres that storeys are apart at least."""
-LEVEL_HEIGHT = 0.5
-"""Metres that viewpoints of one floor differ in height at most, most of them."""
-LEAST_VIEWPOINTS = 3
-"""Of one height make a storey; fewer are a landing."""
-
-
-SignKind = Literal["stop", "start", "jump", "annotated", "goal", "success", "elsewhere"]
+_LEAST_STOREY_HEIGHT = 2.0
+"""Metres between the floors of two storeys."""
+_FLOOR_TOLERANCE = 0.5
+"""Metres by which viewpoints on one floor differ in height, most of them."""
+_LEAST_VIEWPOINTS = 3
+"""At one height make a storey; fewer are a landing."""
+_JUMP, _GOAL_VIEWPOINT = "jump between unconnected viewpoints", "goal viewpoint"
 
 
 class Sign(NamedTuple):
-    """What is drawn on a map, and what it means."""
+    """A sign on a map, and its meaning."""
 
-    kind: SignKind
+    kind: Literal["stop", "start", "jump", "annotated", "end", "goal", "elsewhere"]
     meaning: str
     route: int = 0
-    """Of a stop, the number of the submission, from 1."""
+    """Of a stop: the number of the submission, from 1."""
+
+
+def map_signs(names: Sequence[str]) -> Sequence[Sign]:
+    """Return the signs that a map's key explains.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the submissions whose routes are shown, if any; the name of a single one may be empty.
+    """
+    stops = [f"{name}: route and stop" if name else "route and stop" for name in names]
+    return [
+        *(Sign("stop", meaning, number) for number, meaning in enumerate(stops, 1)),
+        Sign("start", "start"),
+        *([Sign("jump", _JUMP)] if names else []),
+        Sign("annotated", "annotated path"),
+        Sign("end", "end of the annotated path"),
+        Sign("goal", f"{_GOAL_VIEWPOINT} (success)"),
+        Sign("elsewhere", "on another level"),
+    ]
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Where one submission's agent went."""
+    """The way of one submission's agent."""
 
+    number: int
+    """Of the submission, from 1."""
     name: str
-    """Of the submission."""
+    """Of the submission; may be empty for a single one."""
+    outcome: str
     viewpoint: IntArray
     """Shape (n_poses,): rows of the map's viewpoints."""
-    outcome: str
 
     @property
     def legs(self) -> IntArray:
-        """Shape (n_legs, 2): the moves to another viewpoint, in their order."""
+        """Shape (n_legs, 2): the moves to another viewpoint; turns on the spot are left out."""
         is_move = np.diff(self.viewpoint) != 0
         legs: IntArray = np.column_stack([self.viewpoint[:-1], self.viewpoint[1:]])[is_move]
         return legs
 
     @property
     def stop(self) -> int:
-        """Where the agent stopped."""
+        """The viewpoint where the agent stopped."""
         return int(self.viewpoint[-1])
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A viewpoint on a route; turns on the spot are not steps."""
+
+    number: int
+    """0 is the start."""
+    viewpoint_id: str
+    level: int
+    """From 1, the lowest storey."""
+    walked: float
+    """Metres since the start."""
+    to_path_end: float
+    """Metres along the graph to the end of the annotated path."""
+    is_goal: bool
+    """Whether it is a goal viewpoint."""
+    is_jump: bool
+    """Whether no edge leads here from the step before."""
+    is_stop: bool
+
+    @property
+    def remark(self) -> str:
+        """What is notable about the step; empty for most."""
+        remarks = {
+            "start": self.number == 0,
+            _JUMP: self.is_jump,
+            "stop": self.is_stop,
+            _GOAL_VIEWPOINT: self.is_goal,
+        }
+        return ", ".join(remark for remark, applies in remarks.items() if applies)
 
 
 @dataclass(frozen=True, eq=False)
 class EpisodeMap:
-    """A scan's navigation graph from above, and what happened on it in one episode.
+    """A scan's navigation graph from above, and one episode on it.
 
-    Everything that is a place is given as a row of ``position``.
+    Viewpoints are given by their rows in ``position``.
     """
 
     instr_id: str
     scan: str
     instruction: str
+    graph: NavigationGraph
+    """Of all scans of the split."""
+    graph_row: IntArray
+    """Shape (n_viewpoints,): the scan's viewpoints in ``graph``."""
     viewpoint_ids: Sequence[str]
     position: FloatArray
     """Shape (n_viewpoints, 3): metres, z up."""
     storey: IntArray
     """Shape (n_viewpoints,): from 0, the lowest."""
     edges: IntArray
-    """Shape (n_edges, 2): pairs that an agent can walk between, each once."""
+    """Shape (n_edges, 2): connected pairs of viewpoints, each once."""
     routes: Sequence[Route]
     """One for each submission that is shown."""
     annotated_path: IntArray
-    """Shape (n_nodes,)."""
-    success: IntArray
-    """Shape (n_success,): where a stop counts as success under the protocol."""
+    """Shape (n_path,)."""
+    goal_viewpoints: IntArray
+    """Shape (n_goals,): where a stop counts as success under the protocol."""
     start: int
 
     @classmethod
     def of(cls, episodes: Mapping[str, Episode]) -> Self:
-        """Lay out one episode, as one or several submissions went through it.
+        """Lay out an episode of one or several submissions.
 
         Parameters
         ----------
@@ -89,113 +145,127 @@ class EpisodeMap:
         """
         first, *_ = episodes.values()
         graph = first.graph
-        number = graph.scan_ids.index(first.scan)
-        rows = np.flatnonzero(graph.viewpoint_scan == number)
+        rows = np.flatnonzero(graph.viewpoint_scan == graph.scan_ids.index(first.scan))
         ids = [graph.viewpoint_ids[row] for row in rows]
-        place = {viewpoint_id: row for row, viewpoint_id in enumerate(ids)}
+        index = {viewpoint_id: row for row, viewpoint_id in enumerate(ids)}
 
-        def places(viewpoint_ids: Sequence[str]) -> IntArray:
-            return np.array([place[each] for each in viewpoint_ids], dtype=np.int64)
+        def rows_of(viewpoint_ids: Sequence[str]) -> IntArray:
+            return np.array([index[each] for each in viewpoint_ids], dtype=np.int64)
 
         position = graph.viewpoint_position[rows]
         start, end = np.triu_indices(len(rows), k=1)
-        joined = graph.has_edge(rows[start], rows[end])
+        is_edge = graph.has_edge(rows[start], rows[end])
         return cls(
             instr_id=first.instr_id,
             scan=first.scan,
             instruction=first.instruction,
+            graph=graph,
+            graph_row=rows,
             viewpoint_ids=ids,
             position=position,
-            storey=storeys_of(position[:, 2]),
-            edges=np.column_stack([start, end])[joined],
+            storey=find_storeys(position[:, 2]),
+            edges=np.column_stack([start, end])[is_edge],
             routes=[
-                Route(name, places(episode.trajectory), episode.outcome)
-                for name, episode in episodes.items()
+                Route(number, name, episode.outcome, rows_of(episode.trajectory))
+                for number, (name, episode) in enumerate(episodes.items(), 1)
             ],
-            annotated_path=places(first.annotated_path),
-            success=places(first.goal_viewpoints),
-            start=place[first.start],
+            annotated_path=rows_of(first.annotated_path),
+            goal_viewpoints=rows_of(first.goal_viewpoints),
+            start=index[first.start],
         )
 
     def without_routes(self) -> Self:
-        """Return the same with what was annotated alone."""
+        """Return the map with the annotations only."""
         return replace(self, routes=())
 
     @property
-    def goal(self) -> int:
-        """Where the annotated path ends."""
+    def path_end(self) -> int:
+        """The viewpoint where the annotated path ends."""
         return int(self.annotated_path[-1])
 
     @property
-    def concerned(self) -> IntArray:
-        """The viewpoints that the episode is about: walked, annotated, or a success."""
-        walked: Sequence[Array] = [route.viewpoint for route in self.routes]
-        return np.unique(np.concatenate([[self.start], *walked, self.annotated_path, self.success]))
+    def visited(self) -> IntArray:
+        """The viewpoints of the episode: on a route, on the annotated path, or goals."""
+        routes: Sequence[Array] = [route.viewpoint for route in self.routes]
+        rows = np.concatenate([[self.start], *routes, self.annotated_path, self.goal_viewpoints])
+        return np.unique(rows)
 
     @property
     def is_elsewhere(self) -> BoolArray:
-        """Shape (n_viewpoints,): whether it is on a storey that the episode has no part in."""
-        return ~np.isin(self.storey, self.storey[self.concerned])
+        """Shape (n_viewpoints,): whether it is on a storey where the episode has no viewpoint."""
+        return ~np.isin(self.storey, self.storey[self.visited])
 
     def is_jump(self, route: Route) -> BoolArray:
-        """Tell which legs of a route no edge joins: shape (n_legs,)."""
-        size = len(self.viewpoint_ids)
-        edge, leg = (
-            pairs.min(axis=1) * size + pairs.max(axis=1) for pairs in (self.edges, route.legs)
+        """Shape (n_legs,): whether no edge joins the ends of a route's leg."""
+        start, end = self.graph_row[route.legs].T
+        return ~self.graph.has_edge(start, end)
+
+    def to_path_end(self, viewpoints: IntArray) -> FloatArray:
+        """Return the metres along the graph from viewpoints to the end of the annotated path."""
+        end = np.full(len(viewpoints), self.graph_row[self.path_end])
+        return self.graph.distance_between(self.graph_row[viewpoints], end)
+
+    def steps(self, route: Route) -> Sequence[Step]:
+        """Return a route step by step."""
+        legs = route.legs
+        viewpoints = np.array([route.viewpoint[0], *legs[:, 1]])
+        lengths = self.graph.distance_between(*self.graph_row[legs].T)
+        is_goal = np.isin(viewpoints, self.goal_viewpoints)
+        columns = zip(
+            viewpoints.tolist(),
+            np.concatenate([[0.0], np.cumsum(lengths)]).tolist(),
+            self.to_path_end(viewpoints).tolist(),
+            is_goal.tolist(),
+            [False, *self.is_jump(route).tolist()],
+            strict=True,
         )
-        return ~np.isin(leg, edge)
+        return [
+            Step(
+                number=number,
+                viewpoint_id=self.viewpoint_ids[viewpoint],
+                level=int(self.storey[viewpoint]) + 1,
+                walked=walked,
+                to_path_end=to_path_end,
+                is_goal=is_goal,
+                is_jump=is_jump,
+                is_stop=number == len(legs),
+            )
+            for number, (viewpoint, walked, to_path_end, is_goal, is_jump) in enumerate(columns)
+        ]
 
     @property
     def storeys(self) -> str:
-        """Which storeys the episode is on, counted from the lowest: ``level 1 of 2``."""
+        """The storeys of the episode, counted from the lowest: ``level 1 of 2``."""
         count = int(self.storey.max()) + 1
-        levels = sorted({int(storey) + 1 for storey in self.storey[self.concerned]})
+        levels = sorted({int(storey) + 1 for storey in self.storey[self.visited]})
         if count == 1:
             return "one level"
-        named = " and ".join(", ".join(map(str, levels)).rsplit(", ", 1))
-        return f"level{'s' if len(levels) > 1 else ''} {named} of {count}"
+        numbers = " and ".join(", ".join(map(str, levels)).rsplit(", ", 1))
+        return f"level{'s' if len(levels) > 1 else ''} {numbers} of {count}"
 
     @property
     def description(self) -> str:
-        """What the map shows, for whoever cannot see it."""
+        """What the map shows, for readers who cannot see it."""
         steps = count_text(len(self.annotated_path) - 1, "step")
-        places = count_text(len(self.success), "viewpoint")
-        return " ".join(
-            [
-                f"Scan {self.scan}, {self.storeys}, seen from above.",
-                f"The annotated path has {steps}; a stop counts as success at {places}.",
-                *(_sentence(route, int(self.is_jump(route).sum())) for route in self.routes),
-            ]
-        )
+        goals = count_text(len(self.goal_viewpoints), "goal viewpoint")
+        sentences = [
+            f"Scan {self.scan}, {self.storeys}, seen from above.",
+            f"The annotated path has {steps}, the episode {goals}.",
+        ]
+        for route in self.routes:
+            agent = f"The agent of {route.name}" if route.name else "The agent"
+            moves, jumps = count_text(len(route.legs), "move"), int(self.is_jump(route).sum())
+            among = f", {jumps} of them between unconnected viewpoints" if jumps else ""
+            outcome = f"; {route.outcome}" if route.outcome else ""
+            sentences.append(f"{agent} makes {moves}{among}{outcome}.")
+        return " ".join(sentences)
 
 
-def key_of(names: Sequence[str]) -> Sequence[Sign]:
-    """List the signs of a map, whoever explains them.
+def find_storeys(height: FloatArray) -> IntArray:
+    """Assign the viewpoints of a scan to storeys by their heights.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the submissions whose routes are shown, if any are; for one, an empty name will do.
-    """
-    return [
-        *(
-            Sign("stop", f"{name or 'the agent'}, stop", number)
-            for number, name in enumerate(names, 1)
-        ),
-        Sign("start", "start"),
-        *([Sign("jump", "a jump where no edge is")] if names else []),
-        Sign("annotated", "annotated path"),
-        Sign("goal", "end of the annotated path"),
-        Sign("success", "a stop here is a success"),
-        Sign("elsewhere", "on another level"),
-    ]
-
-
-def storeys_of(height: FloatArray) -> IntArray:
-    """Give the storeys of a scan numbers by the heights of its viewpoints.
-
-    The dataset names no storeys. A height at which many viewpoints are is one; what lies between
-    two, on stairs, belongs to the nearer.
+    The dataset does not name storeys. A height shared by several viewpoints is a storey; a
+    viewpoint between two storeys, on stairs, belongs to the nearer one.
 
     Parameters
     ----------
@@ -209,21 +279,14 @@ def storeys_of(height: FloatArray) -> IntArray:
 
     Examples
     --------
-    >>> storeys_of(np.array([1.5, 1.5, 1.6, 2.9, 4.3, 4.3, 4.4]))
+    >>> find_storeys(np.array([1.5, 1.5, 1.6, 2.9, 4.3, 4.3, 4.4]))
     array([0, 0, 0, 0, 1, 1, 1])
     """
-    alike = (np.abs(height[:, None] - height) <= LEVEL_HEIGHT).sum(axis=1)
+    sharing = (np.abs(height[:, None] - height) <= _FLOOR_TOLERANCE).sum(axis=1)
     floors: list[float] = []
-    for row in np.argsort(-alike, kind="stable").tolist():
-        is_apart = all(abs(height[row] - floor) >= STOREY_HEIGHT for floor in floors)
-        if is_apart and (alike[row] >= LEAST_VIEWPOINTS or not floors):
+    for row in np.argsort(-sharing, kind="stable").tolist():
+        is_apart = all(abs(height[row] - floor) >= _LEAST_STOREY_HEIGHT for floor in floors)
+        if is_apart and (sharing[row] >= _LEAST_VIEWPOINTS or not floors):
             floors.append(float(height[row]))
     storey: IntArray = np.abs(height[:, None] - np.sort(floors)).argmin(axis=1)
     return storey
-
-
-def _sentence(route: Route, jumps: int) -> str:
-    whose = f"The agent of {route.name}" if route.name else "The agent"
-    outcome = f"; {route.outcome}" if route.outcome else ""
-    jumped = f", {jumps} of them where no edge is" if jumps else ""
-    return f"{whose} makes {count_text(len(route.legs), 'move')}{jumped}{outcome}."

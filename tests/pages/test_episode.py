@@ -46,14 +46,14 @@ def test_from_an_episode_that_was_not_chosen_one_comes_to_the_nearest(
     ids = home.state.boards[OPEN].truth.episodes.instr_ids
     page = signed_in(home, OWNER).get(f"/episodes/{OPEN}/{ids[2]}?text={ids[3]}")
     assert urlsplit(linked(page, "next")).path == f"/episodes/{OPEN}/{ids[3]}"
-    assert (linked(page, "prev"), "not among the 1 chosen" in said(page)) == (None, True)
+    assert (linked(page, "prev"), "not one of the 1 chosen" in said(page)) == (None, True)
 
 
 def test_a_walk_is_drawn_and_told(home: Serving, submission: str) -> None:
     page = signed_in(home, OWNER).get(f"/episodes/{OPEN}/2_4_0?submission={submission}")
     svg, text = picture(page), said(page)
     assert [each.get("data-leg") for each in drawn(svg, "leg")] == ["1", "2"]
-    kinds = ("start", "goal", "stop", "success", "viewpoint")
+    kinds = ("start", "end", "stop", "goal", "viewpoint")
     assert [len(drawn(svg, kind)) for kind in kinds] == [
         1,
         1,
@@ -68,7 +68,7 @@ def test_a_walk_is_drawn_and_told(home: Serving, submission: str) -> None:
     ]
     assert [[cell for cell in row if cell] for row in cells] == [
         ["0", "porch", "start", "0.0", "10.0", "2"],
-        ["1", "room", "a stop here is a success", "4.0", "6.0", "2"],
+        ["1", "room", "goal viewpoint", "4.0", "6.0", "2"],
         ["2", "porch", "stop", "8.0", "10.0", "2"],
     ]
     assert "overshot" in text
@@ -168,6 +168,6 @@ def test_a_protocol_without_outcomes(open_server: OpenServer, folder: Path) -> N
     id_ = send(server, server.distinct())
     browser = signed_in(server, OWNER)
     page = browser.get(f"/episodes/{OPEN}?submission={id_}")
-    assert "What became of them" not in said(page)
+    assert 'id="outcomes"' not in page.text
     assert listed(browser.get(f"/episodes/{OPEN}?submission={id_}&outcome=correct")) == []
     assert browser.get(f"/episodes/{OPEN}/1196_0_0?submission={id_}").status_code == 200

@@ -150,7 +150,7 @@ def test_a_split_that_becomes_private_has_no_episodes(
     browser = signed_in(server, ORGANISER)
     for path in ("", "/1196_0_0", f"?submission={id_}", f"/1196_0_0?submission={id_}"):
         assert browser.get(f"/episodes/{OPEN}{path}").status_code == 404
-    assert OPEN not in said(browser.get("/episodes")).split("Episodes Look")[1]
+    assert OPEN not in said(browser.get("/episodes")).split("Episodes Every episode")[1]
 
 
 # The list.
@@ -186,7 +186,7 @@ BY_OUTCOME = {
 def test_what_is_listed(query: str, expected: list[str], home: Serving, submission: str) -> None:
     page = signed_in(home, OWNER).get(f"/episodes/{OPEN}?submission={submission}&{query}")
     assert sorted(listed(page)) == expected
-    assert ("No episode is like that" in said(page)) == (not expected)
+    assert ("No episodes match" in said(page)) == (not expected)
 
 
 def test_outcomes_of_two(home: Serving, submission: str, other: str) -> None:

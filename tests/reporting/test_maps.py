@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.reporting._map_frame import Frame, arrows
-from reverie_eval.reporting._map_svg import HEIGHT, MAP_STYLE, WIDTH, map_element, map_key, map_svg
-from reverie_eval.reporting._maps import EpisodeMap, storeys_of
+from reverie_eval.reporting._map_frame import HEIGHT, WIDTH, Frame, arrows
+from reverie_eval.reporting._map_svg import MAP_STYLE, map_key, map_picture, map_svg
+from reverie_eval.reporting._maps import EpisodeMap, Step, find_storeys
 from tests.conftest import SAMPLES
 from tests.support.home import LAMP, OTHER_WALKS, WALKS, home_scores
 
@@ -60,8 +60,8 @@ def test_a_map_holds_the_scan_and_the_episode(scores: rv.Scores) -> None:
     }
     assert named(episode_map, route.viewpoint) == ["porch", "room", "porch"]
     assert named(episode_map, episode_map.annotated_path) == ["porch", "room", "hall"]
-    assert sorted(named(episode_map, episode_map.success)) == ["hall", "room"]
-    ends = np.array([episode_map.start, route.stop, episode_map.goal])
+    assert sorted(named(episode_map, episode_map.goal_viewpoints)) == ["hall", "room"]
+    ends = np.array([episode_map.start, route.stop, episode_map.path_end])
     assert named(episode_map, ends) == ["porch", "porch", "hall"]
 
 
@@ -101,7 +101,7 @@ def test_an_agent_that_changes_storeys_is_shown_on_both(other: rv.Scores) -> Non
     ],
 )
 def test_storeys_by_height(height: list[float], expected: list[int]) -> None:
-    assert storeys_of(np.array(height, dtype=float)).tolist() == expected
+    assert find_storeys(np.array(height, dtype=float)).tolist() == expected
 
 
 def test_storeys_of_the_demo_mansion() -> None:
@@ -110,7 +110,7 @@ def test_storeys_of_the_demo_mansion() -> None:
     graph = scores.ground_truth.graph
     scan = graph.scan_ids.index("DemoMansion")
     height = graph.viewpoint_position[graph.viewpoint_scan == scan, 2]
-    storey = storeys_of(height)
+    storey = find_storeys(height)
     assert set(storey[height < 2]) == {0}
     assert set(storey[height > 4]) == {1}
 
@@ -126,15 +126,15 @@ def test_legs_leave_out_turns_on_the_spot(scores: rv.Scores) -> None:
 @pytest.mark.parametrize("instr_id", ["1_3_0", "1_3_2", "2_4_0"])
 def test_all_that_matters_is_in_the_frame(instr_id: str, other: rv.Scores) -> None:
     episode_map = map_of(other, instr_id)
-    frame = Frame.around(episode_map, WIDTH, HEIGHT)
-    place = frame.place(episode_map.position[episode_map.concerned])
+    frame = Frame.around(episode_map)
+    place = frame.place(episode_map.position[episode_map.visited])
     margin = 1.4 * frame.scale
     assert (place > margin).all()
     assert (place < np.array([WIDTH, HEIGHT]) - margin).all()
 
 
 def test_north_is_up_and_a_metre_is_as_long_both_ways(scores: rv.Scores) -> None:
-    frame = Frame.around(map_of(scores, "1_3_0"), WIDTH, HEIGHT)
+    frame = Frame.around(map_of(scores, "1_3_0"))
     origin, east, north = frame.place(np.array([[0, 0], [1, 0], [0, 1]], dtype=float))
     assert (east - origin).tolist() == pytest.approx([frame.scale, 0])
     assert (north - origin).tolist() == pytest.approx([0, -frame.scale])
@@ -143,18 +143,20 @@ def test_north_is_up_and_a_metre_is_as_long_both_ways(scores: rv.Scores) -> None
 def test_going_and_coming_are_two_lines(scores: rv.Scores) -> None:
     """The agent goes south and back: to its right is west, then east."""
     episode_map = map_of(scores, "2_4_0")
-    frame = Frame.around(episode_map, WIDTH, HEIGHT)
-    going, coming = frame.lane_of(episode_map, episode_map.routes[0])
+    frame = Frame.around(episode_map)
+    going, coming = frame.lanes(episode_map, episode_map.routes[0])
     assert going[0][0] == going[1][0] < coming[0][0] == coming[1][0]
     assert going[0][1] < going[1][1]
 
 
 def test_an_arrow_points_ahead() -> None:
     leg = np.array([[[0.0, 0.0], [100.0, 0.0]]])
-    ((tip, left, right),) = arrows(leg, 10.0)
+    (arrow,) = arrows(leg)
+    assert arrow is not None
+    tip, left, right = arrow
     assert tip[0] > left[0] == right[0]
     assert tip[1] == 0
-    assert not list(arrows(leg / 10, 10.0))  # no room
+    assert list(arrows(leg / 10)) == [None]  # no room
 
 
 @pytest.mark.parametrize(
@@ -162,7 +164,7 @@ def test_an_arrow_points_ahead() -> None:
     [(40.0, 2), (25.0, 2), (20.0, 5), (10.0, 10), (200.0, 1)],
 )
 def test_the_scale_s_bar_is_round(scale: float, metres: int) -> None:
-    assert Frame(WIDTH, HEIGHT, 0.0, 0.0, scale).bar == metres
+    assert Frame(0.0, 0.0, scale).bar_metres == metres
 
 
 # SVG.
@@ -177,24 +179,25 @@ def elements(svg: str, kind: str) -> Iterator[ET.Element]:
 def test_a_picture_counts(scores: rv.Scores) -> None:
     svg = map_svg(map_of(scores, "2_4_0"))
     (edges, elsewhere) = reversed([each.get("d", "") for each in elements(svg, "edge")])
-    assert (edges.count("M"), elsewhere.count("M")) == (3, 3)  # the stairs' foot is elsewhere
+    assert (edges.count("L"), elsewhere.count("L")) == (3, 3)  # the stairs' foot is elsewhere
     assert [each.get("d", "").count("M") for each in elements(svg, "viewpoint")] == [3, 4]
-    assert len(list(elements(svg, "success"))) == 2
-    assert [len(list(elements(svg, kind))) for kind in ("start", "goal", "stop")] == [1, 1, 1]
+    assert len(list(elements(svg, "goal"))) == 2
+    assert [len(list(elements(svg, kind))) for kind in ("start", "end", "stop")] == [1, 1, 1]
     (arrow,) = elements(svg, "arrow")
     assert arrow.get("d", "").count("z") == 2
 
 
 def test_a_picture_says_what_it_shows(scores: rv.Scores) -> None:
-    root = ET.fromstring(map_svg(map_of(scores, "2_4_0")))
+    root = ET.fromstring(map_picture(map_of(scores, "2_4_0")))
     assert root.get("role") == "img"
     assert root.findtext(f"{SVG}title") == "Map of episode 2_4_0"
     assert root.findtext(f"{SVG}desc") == (
-        "Scan home, level 2 of 2, seen from above. The annotated path has 2 steps; a stop counts "
-        "as success at 2 viewpoints. The agent makes 2 moves; overshot."
+        "Scan home, level 2 of 2, seen from above. The annotated path has 2 steps, the "
+        "episode 2 goal viewpoints. The agent makes 2 moves; overshot."
     )
     titles = [
-        each.findtext(f"{SVG}title") for each in elements(map_svg(map_of(scores, "2_4_0")), "stop")
+        each.findtext(f"{SVG}title")
+        for each in elements(map_picture(map_of(scores, "2_4_0")), "stop")
     ]
     assert titles == ["stop: porch"]
 
@@ -215,10 +218,10 @@ def test_a_jump_is_drawn_apart(tmp_path: Path) -> None:
     episode_map = map_of(scores, "1_3_0")
     assert episode_map.is_jump(episode_map.routes[0]).tolist() == [True, False, False]
     assert (
-        "The agent makes 3 moves, 1 of them where no edge is; correct object at the wrong stop."
-        in map_svg(episode_map)
+        "The agent makes 3 moves, 1 of them between unconnected viewpoints; correct object at the "
+        "wrong stop." in map_svg(episode_map)
     )
-    walked, jumped = (each.get("d", "") for each in elements(map_svg(episode_map), "route"))
+    jumped, walked = (each.get("d", "") for each in elements(map_svg(episode_map), "route"))
     assert (walked.count("M"), walked.count("L")) == (1, 3)
     assert (jumped.count("M"), jumped.count("L")) == (1, 1)
 
@@ -231,12 +234,12 @@ def test_an_agent_that_stays_has_no_route(scores: rv.Scores) -> None:
 
 def test_a_picture_stands_for_itself(scores: rv.Scores) -> None:
     episode_map = map_of(scores, "1_3_0")
-    svg = map_svg(episode_map)
+    svg = map_picture(episode_map)
     assert f"<style>{MAP_STYLE}</style>" in svg
     assert "prefers-color-scheme: dark" in MAP_STYLE
     assert "url(" not in svg
-    assert svg == map_svg(map_of(scores, "1_3_0"))
-    bare = map_element(episode_map)
+    assert svg == map_picture(map_of(scores, "1_3_0"))
+    bare = map_svg(episode_map)
     assert "<style>" not in bare
     assert "http" not in bare
 
@@ -251,7 +254,7 @@ def test_every_name_is_escaped(scores: rv.Scores) -> None:
         viewpoint_ids=[MARKUP] * len(episode_map.viewpoint_ids),
         routes=[replace(route, name=MARKUP, outcome=MARKUP)],
     )
-    root = ET.fromstring(map_svg(spoiled))
+    root = ET.fromstring(map_picture(spoiled))
     assert not list(root.iter(f"{SVG}script"))
     assert root.findtext(f"{SVG}title") == f"Map of episode {MARKUP}"
     assert "<script" not in map_key([MARKUP])
@@ -263,3 +266,49 @@ def test_a_notebook_shows_the_map_and_a_caption(tmp_path: Path) -> None:
     assert "<q>turn on &lt;b&gt;the lamp&lt;/b&gt;</q>" in html
     assert "correct: predicted the target, object 3; walked 6.0 m" in html
     assert '<svg class="episode-map" role="img"' in html
+
+
+# Step by step.
+
+
+def test_steps_of_a_walk(other: rv.Scores) -> None:
+    """The stairs' foot is 2.5 m along and 1.5 m down: 2.5 m of way over 2.0 by 1.5."""
+    episode_map = map_of(other, "1_3_0")
+    hall, stairs, shelf = episode_map.steps(episode_map.routes[0])
+    assert (hall.viewpoint_id, hall.level, hall.walked) == ("hall", 2, 0.0)
+    assert hall.to_path_end == pytest.approx(6.0)
+    assert (stairs.viewpoint_id, stairs.level) == ("stairs", 2)
+    assert stairs.walked == pytest.approx((4.0**2 + 1.4**2) ** 0.5)
+    assert (shelf.viewpoint_id, shelf.level, shelf.number) == ("shelf", 1, 2)
+    assert shelf.walked - stairs.walked == pytest.approx(2.5)
+    assert shelf.to_path_end == pytest.approx(6.0 + shelf.walked)
+    assert not any(step.is_goal or step.is_jump for step in (hall, stairs, shelf))
+
+
+def test_turns_on_the_spot_are_not_steps(tmp_path: Path) -> None:
+    walk = ["hall", "hall", "room", "room", "cellar"]
+    scores = home_scores(tmp_path, {**WALKS, "1_3_0": (walk, LAMP)})
+    episode_map = map_of(scores, "1_3_0")
+    steps = episode_map.steps(episode_map.routes[0])
+    assert [(step.viewpoint_id, step.is_goal, step.is_jump) for step in steps] == [
+        ("hall", False, False),
+        ("room", True, False),
+        ("cellar", False, True),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("number", "notable", "expected"),
+    [
+        pytest.param(0, set(), "start", id="start"),
+        pytest.param(1, set(), "", id="on the way"),
+        pytest.param(
+            1, {"goal", "jump"}, "jump between unconnected viewpoints, goal viewpoint", id="jump"
+        ),
+        pytest.param(2, {"goal", "stop"}, "stop, goal viewpoint", id="stop"),
+    ],
+)
+def test_remarks(number: int, notable: set[str], expected: str) -> None:
+    is_goal, is_jump, is_stop = (name in notable for name in ("goal", "jump", "stop"))
+    step = Step(number, "hall", 1, 0.0, 0.0, is_goal=is_goal, is_jump=is_jump, is_stop=is_stop)
+    assert step.remark == expected

@@ -11,9 +11,9 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval.analysis import GROUPINGS, episodes_won, near_misses, with_different_routes
-from reverie_eval.reporting import _report_parts as report_parts
+from reverie_eval.reporting import _report_sections as sections
 from reverie_eval.reporting._report import report_html
-from reverie_eval.reporting._report_parts import Bar, PartRow, SliceTable
+from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST, Bar, Breakdown, GroupRow
 from reverie_eval.scoring import OUTCOMES
 from tests.conftest import SAMPLES
 from tests.support.flat import Run, words
@@ -105,8 +105,8 @@ def test_scores_with_their_intervals(single: str, home: rv.Scores) -> None:
 
 def test_the_finding(single: str) -> None:
     assert (
-        "1 of 5 episodes (20.0\u00a0%) stopped at the goal and predicted the target. The most "
-        "frequent failure: 1 of the other 4 (25.0\u00a0%) never reached the goal."
+        "1 of 5 episodes (20.0\u00a0%) stopped at the goal and predicted the target. Most "
+        "common failure: 1 of the other 4 (25.0\u00a0%) never reached the goal."
     ) in single
 
 
@@ -152,23 +152,23 @@ def test_bars_are_as_long_as_they_say(single: str) -> None:
     assert pieces == [(f"{20 * n:.2f}%", "20.00%") for n in range(5)]
 
 
-def test_slices(single: str) -> None:
-    headings = [each.text for each in section(single, "parts").iter(f"{HTML}h3")]
+def test_breakdowns(single: str) -> None:
+    headings = [each.text for each in section(single, "strengths").iter(f"{HTML}h3")]
     assert headings == ["By length"]  # both targets are seen from two places
-    said = [each.text for each in section(single, "parts").iter(f"{HTML}p")]
+    said = [each.text for each in section(single, "strengths").iter(f"{HTML}p")]
     assert said[-1] == "The shortest length to the goal."
-    ((near, far),) = tables(single, "parts")
+    ((near, far),) = tables(single, "strengths")
     assert near == ["6 to 8 m", "3", "66.67", "66.67"]
     assert far == ["10 to 12 m", "2", "0.00", "0.00"]
 
 
-def test_a_part_without_episodes_of_the_other_has_no_score_of_it() -> None:
+def test_a_group_without_episodes_of_the_other_has_no_score_of_it() -> None:
     """Only the mediocre sample's trajectories have jumps."""
     scores = {
         name: rv.evaluate(SAMPLES / f"{name}.json", split="val_unseen")
         for name in ("mediocre", "good")
     }
-    table = report_parts.slice_table(scores, GROUPINGS["jumps"])
+    table = sections.breakdown_by(scores, GROUPINGS["jumps"])
     (_, without), (mediocre, missing) = (row.bars for row in table.rows)
     assert [row.name for row in table.rows] == ["no jump", "jumps"]
     assert without is not None
@@ -177,23 +177,23 @@ def test_a_part_without_episodes_of_the_other_has_no_score_of_it() -> None:
     assert missing is None
 
 
-def test_parts_have_intervals_where_the_scores_have_them() -> None:
+def test_groups_have_intervals_where_the_scores_have_them() -> None:
     scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen").with_intervals()
     page = report_html({"good": scores})
-    shown = {row[0]: row[-1] for table in tables(page, "parts") for row in table}
+    shown = {row[0]: row[-1] for table in tables(page, "strengths") for row in table}
     found = scores.breakdown("level", intervals=True).to_dict("index")["level 2"]
     ends = " to ".join(f"{100 * found[f'rgspl_{end}']:.1f}" for end in ("low", "high"))
     assert shown["level 2"] == f"{100 * found['rgspl']:.2f}{ends}"
     whiskers = [
-        (each.get("x1"), each.get("x2")) for each in section(page, "parts").iter(f"{SVG}line")
+        (each.get("x1"), each.get("x2")) for each in section(page, "strengths").iter(f"{SVG}line")
     ]
     drawn = tuple(f"{100 * found[f'rgspl_{end}']:.2f}%" for end in ("low", "high"))
     assert drawn in whiskers
     assert "95\u00a0% intervals over targets below RGSPL" in page.replace("&nbsp;", "\u00a0")
 
 
-def test_parts_of_few_targets_have_none(single: str) -> None:
-    assert not list(section(single, "parts").iter(f"{SVG}line"))
+def test_groups_of_few_targets_have_none(single: str) -> None:
+    assert not list(section(single, "strengths").iter(f"{SVG}line"))
 
 
 def test_scans_come_from_the_worst() -> None:
@@ -205,19 +205,19 @@ def test_scans_come_from_the_worst() -> None:
 
 def test_small_scans_come_last(home: rv.Scores) -> None:
     sizes = (("a", 9, 0.0), ("b", 10, 50.0), ("c", 10, 40.0))
-    rows = [PartRow(name, episodes, "", [Bar(percent)]) for name, episodes, percent in sizes]
-    table = SliceTable(GROUPINGS["scan"], rows)
+    rows = [GroupRow(name, episodes, "", [Bar(percent)]) for name, episodes, percent in sizes]
+    table = Breakdown(GROUPINGS["scan"], rows)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report_parts, "slice_table", lambda *_: table)
-        ordered = report_parts.scans_from_the_worst({"mine": home}).rows
+        patch.setattr(sections, "breakdown_by", lambda *_: table)
+        ordered = sections.scans_worst_first({"mine": home}).rows
     assert [row.name for row in ordered] == ["c", "b", "a"]
 
 
-def test_many_parts_are_folded() -> None:
+def test_many_groups_are_folded() -> None:
     page = report_html({"good": rv.evaluate(SAMPLES / "good.json", split="val_unseen")})
     categories = rv.evaluate(SAMPLES / "good.json", split="val_unseen").breakdown("category")
     folded = len(categories) - 10
-    (details,) = section(page, "parts").iter(f"{HTML}details")
+    (details,) = section(page, "strengths").iter(f"{HTML}details")
     assert details.findtext(f"{HTML}summary") == f"and {folded} more"
     assert len(cells(details)) == folded
 
@@ -248,8 +248,8 @@ def test_distributions_are_drawn(single: str) -> None:
     titles = [each.text for each in section(single, "distributions").iter(f"{HTML}h3")]
     assert titles == ["Walked and shortest length", "Distance at stop"]
     text = "".join(section(single, "distributions").itertext())
-    assert "20.0 % are above" in text  # 1_3_1 alone makes a detour
-    assert "median 6.00 m. 20.0 % of episodes stop right there" in text
+    assert "20.0 % are above it" in text  # 1_3_1 alone makes a detour
+    assert "median 6.00 m. 20.0 % of episodes stop exactly there" in text
     charts = list(section(single, "distributions").iter(f"{SVG}svg"))
     dots = {each.get("class"): each.get("d", "") for each in charts[0].iter(f"{SVG}path")}
     assert [dots[kind].count("M") for kind in ("dot miss", "dot hit")] == [3, 2]
@@ -267,7 +267,7 @@ def test_overlaps_of_boxes_are_drawn_where_there_are_some() -> None:
     page = report_html({"drawn": rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")})
     titles = [each.text for each in section(page, "distributions").iter(f"{HTML}h3")]
     assert titles[-1] == "Overlap of boxes"
-    assert "58.0 % of 81 boxes reach 50 % and are right" in page
+    assert "58.0 % of 81 boxes reach 50 % and are correct" in page
 
 
 @pytest.mark.parametrize("first", ["drawn", "good"])
@@ -284,8 +284,8 @@ def test_overlaps_are_drawn_of_whoever_has_boxes(first: str) -> None:
 
 
 def test_a_map_for_each_failure(single: str) -> None:
-    shown = section(single, "episodes")
-    assert shown.findtext(f"{HTML}h2") == "Failures nearest to being right"
+    shown = section(single, "near-misses")
+    assert shown.findtext(f"{HTML}h2") == "Near misses"
     kinds = [each.text for each in shown.iter(f"{HTML}h3")]
     assert kinds == [
         "never reached",
@@ -302,7 +302,7 @@ def test_without_failures_there_are_no_maps() -> None:
     scores = rv.evaluate(perfect(), split="val_unseen")
     page = report_html({"perfect": scores})
     assert "84 of 84 episodes (100.0\u00a0%) stopped at the goal and predicted the target." in page
-    assert "All episodes are right." in page
+    assert "All episodes are correct." in page
     assert "Map of episode" not in page
 
 
@@ -389,8 +389,8 @@ def test_both_are_side_by_side(both: str) -> None:
     funnel, outcomes = tables(both, "outcomes")
     assert funnel[1] == ["reached the goal", "3", "60.0 %", "2", "40.0 %"]
     assert outcomes[0][1:] == ["1", "20.0 %", "1", "20.0 %"]
-    assert tables(both, "parts")[0][0] == ["6 to 8 m", "3", "66.67", "66.67", "33.33"]
-    (heads,) = (each for each in section(both, "parts").iter(f"{HTML}thead"))
+    assert tables(both, "strengths")[0][0] == ["6 to 8 m", "3", "66.67", "66.67", "33.33"]
+    (heads,) = (each for each in section(both, "strengths").iter(f"{HTML}thead"))
     assert [each.text for each in heads.iter(f"{HTML}th")] == [
         "length",
         "episodes",
@@ -415,8 +415,8 @@ def test_episodes_won_and_lost_are_overlaid(both: str) -> None:
     shown = section(both, "changes")
     headings = [each.text for each in shown.iter(f"{HTML}h3")]
     assert headings == [
-        "1 episode: only theirs answers right",
-        "1 episode: only mine answers right",
+        "1 episode that only theirs got right",
+        "1 episode that only mine got right",
     ]
     maps = [each for each in shown.iter(f"{SVG}svg") if each.get("role")]
     assert [each.findtext(f"{SVG}title") for each in maps] == [
@@ -461,7 +461,7 @@ def test_it_loads_nothing(page: str, request: pytest.FixtureRequest) -> None:
 def test_every_text_is_escaped(spoiled: str) -> None:
     text = "".join(parsed(spoiled).itertext())
     assert MARKUP in text
-    assert "<i>theirs against <i>mine" in text
+    assert "<i>theirs compared with <i>mine" in text
     assert "<b>home" in text
     assert not re.search(r"<script|<i>|<b>home", spoiled)
 
@@ -505,15 +505,15 @@ def test_one_cluster_has_a_report_without_intervals(by: str, run: Run) -> None:
     parsed(two)
     assert f"not compared: all episodes share one {by}" in two
     ((*changes,),) = tables(two, "comparison")
-    assert [row[0] for row in changes] == list(report_parts.FROM_THE_BEST)
-    assert "1 episode: only afar answers right" in two
+    assert [row[0] for row in changes] == list(BEST_OUTCOME_FIRST)
+    assert "1 episode that only afar got right" in two
 
 
 @pytest.mark.parametrize(
     ("names", "says"),
     [
-        pytest.param([], "one submission, or two; got 0", id="none"),
-        pytest.param(["a", "b", "c"], "one submission, or two; got 3", id="three"),
+        pytest.param([], "one submission or two; got 0", id="none"),
+        pytest.param(["a", "b", "c"], "one submission or two; got 3", id="three"),
         pytest.param([1], "names of submissions are text; got 1", id="a number"),
     ],
 )

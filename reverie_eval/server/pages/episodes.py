@@ -1,22 +1,19 @@
-"""The episode browser: which episodes there are, and each on its map."""
+"""The episode browser: a list of the episodes, and each on its map."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Annotated
 from urllib.parse import quote, urlencode
 
-import numpy as np
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response
 from markupsafe import Markup
 
 from reverie_eval.analysis import Episode
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting._map_page import page_map
-from reverie_eval.reporting._map_svg import map_key
-from reverie_eval.reporting._maps import EpisodeMap
-from reverie_eval.reporting._report_parts import FROM_THE_BEST
-from reverie_eval.reporting._walks import Step, remark_on, steps_of
+from reverie_eval.reporting._map_svg import interactive_map_svg, map_key
+from reverie_eval.reporting._maps import EpisodeMap, Step
+from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST
 from reverie_eval.server.callers import Server
 from reverie_eval.server.dependencies import Turn
 from reverie_eval.server.pages.rendering import page
@@ -63,7 +60,7 @@ Browsed = Annotated[Browsing, Depends(browsed)]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What became of so many episodes."""
+    """An outcome, and how many episodes have it."""
 
     name: str
     meaning: str
@@ -89,17 +86,17 @@ class Walk:
     name: str
     run: Run
     episode: Episode
-    said: str
-    """What it answered, and how far it went."""
-    steps: Sequence[tuple[Step, str]]
-    """With what is to be said of each."""
+    details: str
+    """Its answer and its lengths."""
+    steps: Sequence[Step]
+    """The first few."""
     unlisted: int
     """How many more there are."""
 
 
 @router.get("/episodes")
 def show_splits(request: Request, server: Server, visitor: Visitor) -> Response:
-    """Show which splits' episodes can be looked at."""
+    """List the splits whose episodes can be browsed."""
     person = _person(visitor)
     splits = [
         (board, server.episodes.choices(person, board.name)) for board in server.episodes.boards
@@ -115,7 +112,7 @@ def show_episodes(
     selection: Selected,
     number: Annotated[int, Query(alias="page", ge=1)] = 1,
 ) -> Response:
-    """List the episodes of an open split, with what became of them."""
+    """List the episodes of an open split, with their outcomes."""
     rows = browsing.rows(selection)
     pages = max(1, -(-len(rows) // PER_PAGE))
     number = min(number, pages)
@@ -132,7 +129,7 @@ def show_episodes(
         pages=pages,
         funnels=_funnels(browsing, selection),
         parts=_parts(browsing, selection),
-        outcomes=FROM_THE_BEST,
+        outcomes=BEST_OUTCOME_FIRST,
         scans=sorted(set(browsing.annotations.scan)),
         categories=sorted(set(browsing.annotations.category)),
     )
@@ -146,7 +143,7 @@ def show_episode(
     visitor: Visitor,
     selection: Selected,
 ) -> Response:
-    """Show an episode on the map of its scan, with up to two agents that went through it."""
+    """Show an episode on the map of its scan, with the routes of up to two submissions."""
     episode = browsing.episode(instr_id)
     names = _names(browsing.runs)
     keys = list(browsing.runs[0].scores if browsing.runs else ())
@@ -162,13 +159,13 @@ def show_episode(
         selection=selection,
         episode=episode,
         map=shown,
-        picture=_markup(page_map(shown)),
+        picture=_markup(interactive_map_svg(shown)),
         key=_markup(map_key(names)),
         walks=_walks(browsing.runs, walked, shown),
         neighbours=_neighbours(browsing, selection, instr_id),
-        sights=_sights(episode, shown),
+        goals=_goals(episode, shown),
         levels=range(1, int(shown.storey.max()) + 2),
-        outcomes=FROM_THE_BEST,
+        outcomes=BEST_OUTCOME_FIRST,
         headline=[key for key in keys if CATALOGUE[key].headline],
         further=[key for key in keys if not CATALOGUE[key].headline],
         kept={field.name: getattr(selection, field.name) for field in fields(Wanted)},
@@ -193,14 +190,14 @@ def _names(runs: Sequence[Run]) -> Sequence[str]:
 
 
 def _parts(browsing: Browsing, selection: Selection) -> Sequence[Part]:
-    """Count what became of the episodes, for every submission."""
+    """Count the episodes of every outcome, for every submission."""
     found = [browsing.anatomy(run, selection) for run in browsing.runs]
     counted = [anatomy.counts for anatomy in found if anatomy is not None]
     if not counted:
         return []
     return [
         Part(name, meaning, [counts[name] for counts in counted])
-        for name, meaning in FROM_THE_BEST.items()
+        for name, meaning in BEST_OUTCOME_FIRST.items()
     ]
 
 
@@ -224,20 +221,16 @@ def _neighbours(browsing: Browsing, selection: Selection, instr_id: str) -> Neig
 def _walks(runs: Sequence[Run], walked: Mapping[str, Episode], shown: EpisodeMap) -> Sequence[Walk]:
     walks = []
     for run, route, (name, episode) in zip(runs, shown.routes, walked.items(), strict=True):
-        steps = steps_of(episode, shown, route)
-        last = len(steps) - 1
-        listed = [(step, remark_on(step, last)) for step in steps[:MOST_STEPS]]
-        said = episode.caption.removeprefix(f"{episode.outcome}: ")
-        walks.append(Walk(name, run, episode, said, listed, len(steps) - len(listed)))
+        steps = shown.steps(route)
+        listed = steps[:MOST_STEPS]
+        details = episode.caption.removeprefix(f"{episode.outcome}: ")
+        walks.append(Walk(name, run, episode, details, listed, len(steps) - len(listed)))
     return walks
 
 
-def _sights(episode: Episode, shown: EpisodeMap) -> Sequence[tuple[str, int, float]]:
-    """List where a stop is a success: the viewpoint, its level, metres to the path's end."""
-    graph = episode.graph
-    numbers = np.array([graph.index[id_] for id_ in episode.goal_viewpoints], dtype=np.int64)
-    goal = np.full(len(numbers), graph.index[episode.goal])
-    metres = graph.distance_between(numbers, goal)
-    levels = shown.storey[shown.success] + 1
+def _goals(episode: Episode, shown: EpisodeMap) -> Sequence[tuple[str, int, float]]:
+    """List the goal viewpoints: each with its level and the metres to the path's end."""
+    levels = shown.storey[shown.goal_viewpoints] + 1
+    metres = shown.to_path_end(shown.goal_viewpoints)
     listed = zip(episode.goal_viewpoints, levels.tolist(), metres.tolist(), strict=True)
-    return sorted(listed, key=lambda sight: sight[2])
+    return sorted(listed, key=lambda goal: goal[2])

@@ -73,7 +73,7 @@ function makeStepper(walks) {
     walks.forEach((walk) => walk.goTo(step));
     const said = walks.map((walk) => walk.says(step)).filter(Boolean);
     status.hidden = false;
-    status.textContent = `Step ${step} of ${last}: ${said.join("; beside it ")}`;
+    status.textContent = `Step ${step} of ${last}: ${said.join("; compared with ")}`;
     slider.setAttribute("aria-valuetext", status.textContent);
   }
 
@@ -116,7 +116,7 @@ function makePointer() {
     const dot = part.querySelector(".viewpoint");
     if (dot) places.set(part.dataset.viewpoint, dot.getPointAtLength(0));
   }
-  for (const row of document.querySelectorAll(".steps tr[data-step], .sights tr[data-viewpoint]")) {
+  for (const row of document.querySelectorAll(".steps tr[data-step], .goals tr[data-viewpoint]")) {
     const place = places.get(row.querySelector(".viewpoint-id").textContent);
     if (!place) continue;
     row.addEventListener("pointerenter", () => {

@@ -1,4 +1,4 @@
-"""Maps to look closer at: legs one by one, storeys apart, and walks step by step."""
+"""Interactive maps: legs one by one, and storeys apart."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.reporting._map_page import MOST_POSES, page_map
-from reverie_eval.reporting._map_svg import map_element, map_key
+from reverie_eval.reporting._map_svg import MOST_POSES, interactive_map_svg, map_key, map_svg
 from reverie_eval.reporting._maps import EpisodeMap
-from reverie_eval.reporting._walks import Step, remark_on, steps_of
 from tests.support.home import LAMP, OTHER_WALKS, WALKS, home_scores
 
 MARKUP = '<script src="x">&amp;"\''
@@ -34,7 +32,7 @@ def pieces(svg: str, kind: str) -> list[ET.Element]:
 
 
 def test_every_piece_says_which_storeys_it_is_on(scores: rv.Scores) -> None:
-    svg = page_map(map_of(scores, "1_3_0"))
+    svg = interactive_map_svg(map_of(scores, "1_3_0"))
     levels = {g.get("data-viewpoint"): g.get("data-levels") for g in pieces(svg, "viewpoint")}
     below, above = ("cellar", "rack", "shelf"), ("stairs", "hall", "room", "porch")
     assert levels == dict.fromkeys(below, "1") | dict.fromkeys(above, "2")
@@ -50,7 +48,7 @@ def test_an_annotated_path_is_in_pieces_by_storey(tmp_path: Path) -> None:
     episode_map = map_of(scores, "1_3_0")
     place = {name: row for row, name in enumerate(episode_map.viewpoint_ids)}
     path = np.array([place[name] for name in ("room", "hall", "stairs", "shelf", "rack", "cellar")])
-    svg = page_map(replace(episode_map, annotated_path=path))
+    svg = interactive_map_svg(replace(episode_map, annotated_path=path))
     drawn = [(g.get("data-levels"), g[0].get("d", "")) for g in pieces(svg, "annotated")]
     assert [(levels, d.count("M"), d.count("L")) for levels, d in drawn] == [
         ("2", 1, 2),
@@ -63,7 +61,7 @@ def test_an_annotated_path_is_in_pieces_by_storey(tmp_path: Path) -> None:
 
 
 def test_what_is_elsewhere_is_faint(tmp_path: Path) -> None:
-    svg = page_map(map_of(home_scores(tmp_path), "1_3_0"))
+    svg = interactive_map_svg(map_of(home_scores(tmp_path), "1_3_0"))
     faint = {
         g.get("data-viewpoint")
         for g in pieces(svg, "viewpoint")
@@ -73,7 +71,7 @@ def test_what_is_elsewhere_is_faint(tmp_path: Path) -> None:
 
 
 def test_legs_are_apart_and_join(scores: rv.Scores) -> None:
-    svg = page_map(map_of(scores, "1_3_0"))
+    svg = interactive_map_svg(map_of(scores, "1_3_0"))
     first, second = pieces(svg, "route")
     assert [(g.get("data-route"), g.get("data-leg")) for g in (first, second)] == [
         ("1", "1"),
@@ -84,7 +82,9 @@ def test_legs_are_apart_and_join(scores: rv.Scores) -> None:
 
 def test_a_jump_begins_where_it_begins(tmp_path: Path) -> None:
     walk = ["hall", "room", "stairs", "hall"]
-    svg = page_map(map_of(home_scores(tmp_path, {**WALKS, "1_3_0": (walk, LAMP)}), "1_3_0"))
+    svg = interactive_map_svg(
+        map_of(home_scores(tmp_path, {**WALKS, "1_3_0": (walk, LAMP)}), "1_3_0")
+    )
     legs = pieces(svg, "route")
     assert [leg[0].get("class") for leg in legs] == [
         "route route-1",
@@ -92,13 +92,13 @@ def test_a_jump_begins_where_it_begins(tmp_path: Path) -> None:
         "route route-1",
     ]
     assert [leg[0].get("d", "").count("L") for leg in legs] == [1, 1, 1]
-    assert [len(leg) for leg in legs] == [2, 1, 2]  # a jump has no arrow
+    assert [len(leg) for leg in legs] == [2, 2, 2]  # each with its arrow
 
 
 def test_what_was_annotated_alone(scores: rv.Scores) -> None:
     """An agent that stays where it starts adds no place to what the episode is about."""
     alone = map_of(scores, "2_4_0").without_routes()
-    svg = page_map(alone)
+    svg = interactive_map_svg(alone)
     assert not pieces(svg, "route")
     assert not pieces(svg, "stop")
     assert "The agent" not in alone.description
@@ -108,8 +108,8 @@ def test_what_was_annotated_alone(scores: rv.Scores) -> None:
 
 def test_it_shows_what_the_plain_map_shows(scores: rv.Scores) -> None:
     episode_map = map_of(scores, "1_3_0")
-    plain, walkable = (ET.fromstring(draw(episode_map)) for draw in (map_element, page_map))
-    for kind in ("start", "goal", "success", "stop", "scale"):
+    plain, walkable = (ET.fromstring(draw(episode_map)) for draw in (map_svg, interactive_map_svg))
+    for kind in ("start", "end", "goal", "stop", "scale"):
         one, other = (
             [
                 (each.tag, each.get("d"), each.get("cx"), each.get("x"), each.findtext("title"))
@@ -122,13 +122,14 @@ def test_it_shows_what_the_plain_map_shows(scores: rv.Scores) -> None:
     assert plain.findtext("desc") == walkable.findtext("desc")
 
 
-def test_a_walk_beyond_all_measure_is_cut(scores: rv.Scores) -> None:
+def test_a_very_long_walk_is_cut_but_counted_whole(scores: rv.Scores) -> None:
     episode_map = map_of(scores, "1_3_0")
     (route,) = episode_map.routes
     hall, stairs, shelf = route.viewpoint.tolist()
     endless = replace(route, viewpoint=np.array([hall, stairs] * MOST_POSES + [shelf]))
-    svg = page_map(replace(episode_map, routes=[endless]))
+    svg = interactive_map_svg(replace(episode_map, routes=[endless]))
     assert len(pieces(svg, "route")) == MOST_POSES - 1
+    assert "makes 2,000 moves" in svg
     assert [g.get("data-viewpoint") for g in pieces(svg, "stop")] == ["shelf"]
 
 
@@ -142,54 +143,10 @@ def test_every_name_is_escaped_and_nothing_is_styled(scores: rv.Scores) -> None:
         viewpoint_ids=[MARKUP] * len(episode_map.viewpoint_ids),
         routes=[replace(route, name=MARKUP, outcome=MARKUP)],
     )
-    svg = page_map(spoiled)
+    svg = interactive_map_svg(spoiled)
     root = ET.fromstring(svg)
     assert {each.tag for each in root.iter()} <= {
         *("svg", "title", "desc", "g", "rect", "path", "circle", "text")
     }
     assert not any("style" in each.attrib for each in root.iter())
     assert {g.get("data-viewpoint") for g in pieces(svg, "viewpoint")} == {MARKUP}
-
-
-# Step by step.
-
-
-def test_steps_of_a_walk(scores: rv.Scores) -> None:
-    """The stairs' foot is 2.5 m along and 1.5 m down: 2.5 m of way over 2.0 by 1.5."""
-    episode = scores.episode("1_3_0")
-    episode_map = map_of(scores, "1_3_0")
-    hall, stairs, shelf = steps_of(episode, episode_map, episode_map.routes[0])
-    assert (hall.viewpoint_id, hall.level, hall.walked) == ("hall", 2, 0.0)
-    assert hall.to_the_goal == pytest.approx(6.0)
-    assert (stairs.viewpoint_id, stairs.level) == ("stairs", 2)
-    assert stairs.walked == pytest.approx((4.0**2 + 1.4**2) ** 0.5)
-    assert (shelf.viewpoint_id, shelf.level, shelf.number) == ("shelf", 1, 2)
-    assert shelf.walked - stairs.walked == pytest.approx(2.5)
-    assert shelf.to_the_goal == pytest.approx(6.0 + shelf.walked)
-    assert not any(step.is_success or step.is_jump for step in (hall, stairs, shelf))
-
-
-def test_turns_on_the_spot_are_no_steps(tmp_path: Path) -> None:
-    walk = ["hall", "hall", "room", "room", "cellar"]
-    scores = home_scores(tmp_path, {**WALKS, "1_3_0": (walk, LAMP)})
-    episode_map = map_of(scores, "1_3_0")
-    steps = steps_of(scores.episode("1_3_0"), episode_map, episode_map.routes[0])
-    assert [(step.viewpoint_id, step.is_success, step.is_jump) for step in steps] == [
-        ("hall", False, False),
-        ("room", True, False),
-        ("cellar", False, True),
-    ]
-
-
-@pytest.mark.parametrize(
-    ("number", "is_success", "is_jump", "expected"),
-    [
-        pytest.param(0, False, False, "start", id="start"),
-        pytest.param(1, False, False, "", id="on the way"),
-        pytest.param(1, True, True, "a jump where no edge is, a stop here is a success", id="jump"),
-        pytest.param(2, True, False, "stop, a stop here is a success", id="stop"),
-    ],
-)
-def test_remarks(number: int, *, is_success: bool, is_jump: bool, expected: str) -> None:
-    step = Step(number, "hall", 1, 0.0, 0.0, is_success=is_success, is_jump=is_jump)
-    assert remark_on(step, 2) == expected

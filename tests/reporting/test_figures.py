@@ -14,12 +14,14 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 import reverie_eval as rv
-from reverie_eval.reporting._distributions import histogram_of
+from reverie_eval.reporting._charts import Histogram
 from reverie_eval.reporting._map_svg import map_key
 from tests.conftest import SAMPLES
 from tests.support.home import home_scores, perfect
 
 mpl.use("agg")
+
+GOAL = "goal viewpoint (success)"
 
 
 @pytest.fixture(autouse=True)
@@ -59,9 +61,9 @@ def test_the_funnel(scores: rv.Scores) -> None:
     assert axes.get_xlabel() == "episodes  (percent of all episodes)"
 
 
-def test_slices(scores: rv.Scores) -> None:
+def test_a_breakdown(scores: rv.Scores) -> None:
     """Of three episodes with 6 m to go two stop at the goal, and two answer right."""
-    axes = scores.plot.slices("length")
+    axes = scores.plot.breakdown("length")
     names = [label.get_text() for label in axes.get_yticklabels()]
     assert names == ["6 to 8 m  (n = 3)", "10 to 12 m  (n = 2)"]
     success, rgspl = np.split(np.array(widths(axes)), 2)
@@ -71,9 +73,9 @@ def test_slices(scores: rv.Scores) -> None:
     assert not axes.collections  # a part of one target has no interval
 
 
-def test_intervals_of_slices_are_those_of_the_breakdown() -> None:
+def test_intervals_of_a_breakdown_are_those_of_the_breakdown() -> None:
     scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
-    axes = scores.plot.slices("level")
+    axes = scores.plot.breakdown("level")
     table = scores.breakdown("level", intervals=True)
     (drawn,) = axes.collections
     ends = np.array(drawn.get_segments())
@@ -90,9 +92,9 @@ def test_intervals_of_slices_are_those_of_the_breakdown() -> None:
         pytest.param({"protocol": "r2r-style"}, ["SR", "SPL"], id="navigation"),
     ],
 )
-def test_slices_of_what_is_scored(how: dict[str, str], drawn: list[str]) -> None:
+def test_breakdowns_of_what_is_scored(how: dict[str, str], drawn: list[str]) -> None:
     scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen", **how)  # type: ignore[arg-type]
-    legend = scores.plot.slices("scan").get_legend()
+    legend = scores.plot.breakdown("scan").get_legend()
     assert legend is not None
     assert [each.get_text() for each in legend.get_texts() if "%" not in each.get_text()] == drawn
 
@@ -134,8 +136,8 @@ def test_walked_over_shortest(scores: rv.Scores) -> None:
 def test_the_distribution_of_boxes_leaves_out_other_answers() -> None:
     scores = rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")
     assert scores.boxes is not None
-    histogram = histogram_of({"": scores}, "iou")
-    assert histogram.count == len(scores.boxes) == 81
+    histogram = Histogram.of({"": scores}, "iou")
+    assert len(histogram.values[""]) == len(scores.boxes) == 81
     assert histogram.values[""].mean() == pytest.approx(scores.boxes.mean_iou)
     assert histogram.share[""].sum() == pytest.approx(100)
     axes = scores.plot.distribution("iou")
@@ -145,7 +147,7 @@ def test_the_distribution_of_boxes_leaves_out_other_answers() -> None:
 
 def test_submissions_share_their_bars(scores: rv.Scores) -> None:
     other = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
-    histogram = histogram_of({"a": scores, "b": other}, "navigation_error")
+    histogram = Histogram.of({"a": scores, "b": other}, "navigation_error")
     for name, each in (("a", scores), ("b", other)):
         values = each.episodes["navigation_error"]
         counts = [
@@ -161,12 +163,12 @@ def test_an_episode(scores: rv.Scores) -> None:
     legend = axes.get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == [
-        "the agent, stop",
+        "route and stop",
         "start",
-        "a jump where no edge is",
+        "jump between unconnected viewpoints",
         "annotated path",
         "end of the annotated path",
-        "a stop here is a success",
+        GOAL,
         "on another level",
     ]
     rings = [each for each in axes.lines if each.get_marker() == "o"]
@@ -188,7 +190,7 @@ def test_a_key_looks_like_what_it_explains(scores: rv.Scores) -> None:
     assert legend is not None
     on_the_map = [look(line) for line in axes.lines]
     in_key = {line.get_label(): look(line) for line in legend.get_lines()}
-    for meaning in ("annotated path", "a stop here is a success", "on another level", "start"):
+    for meaning in ("annotated path", GOAL, "on another level", "start"):
         assert in_key[meaning] in on_the_map
     assert len(set(in_key.values())) == len(in_key)
 
@@ -201,12 +203,12 @@ def look(line: Line2D) -> tuple[object, ...]:
     return marker, line.get_markerfacecolor(), line.get_markeredgecolor(), line.get_alpha()
 
 
-@pytest.mark.parametrize("draw", ["funnel", "slices", "distribution", "episode"])
+@pytest.mark.parametrize("draw", ["funnel", "breakdown", "distribution", "episode"])
 def test_axes_that_are_given_are_drawn_on(draw: str, scores: rv.Scores) -> None:
     figure, given = plt.subplots()
     drawn = {
         "funnel": lambda: scores.plot.funnel(ax=given),
-        "slices": lambda: scores.plot.slices("scan", ax=given),
+        "breakdown": lambda: scores.plot.breakdown("scan", ax=given),
         "distribution": lambda: scores.plot.distribution("success", ax=given),
         "episode": lambda: scores.episode("1_3_0").plot(ax=given),
     }[draw]()
@@ -220,9 +222,9 @@ def test_a_metric_that_is_not_scored(scores: rv.Scores) -> None:
         scores.plot.distribution("iou")
 
 
-def test_a_way_to_cut_that_there_is_not(scores: rv.Scores) -> None:
+def test_an_unknown_grouping(scores: rv.Scores) -> None:
     with pytest.raises(rv.ProtocolError, match="unknown grouping 'room'"):
-        scores.plot.slices("room")
+        scores.plot.breakdown("room")
 
 
 WITHOUT_MATPLOTLIB = """
@@ -242,7 +244,7 @@ except rv.ReverieEvalError as error:
     "call",
     [
         "scores.plot.funnel()",
-        "scores.plot.slices('scan')",
+        "scores.plot.breakdown('scan')",
         "scores.plot.distribution('success')",
         "scores.episode(scores.instr_ids[0]).plot()",
     ],

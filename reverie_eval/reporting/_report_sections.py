@@ -1,0 +1,302 @@
+"""The sections of a report as words, numbers and charts; a template lays them out."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import starmap
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from reverie_eval.analysis import GROUPINGS, Grouping
+from reverie_eval.errors import GroundTruthError
+from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.reporting._charts import Histogram, Walks
+from reverie_eval.reporting._charts_svg import histogram_svg, walks_svg
+from reverie_eval.reporting.resources import as_markup
+from reverie_eval.scoring import OUTCOMES, Scores
+from reverie_eval.text import count_text
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+BEST_OUTCOME_FIRST: Mapping[str, str] = MappingProxyType(dict(reversed(list(OUTCOMES.items()))))
+"""The outcomes with their meanings, in the order of a report."""
+FEW_EPISODES = 10
+"""Scans with fewer are listed last: a low score may be chance."""
+
+Submissions = Mapping[str, Scores]
+"""The submissions of a report by name; the report is about the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreCell:
+    """A metric's mean, with its interval if there is one."""
+
+    metric: Metric
+    value: str
+    interval: str
+    is_primary: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A value in percent, with the ends of its interval; NaN where there is none."""
+
+    percent: float
+    low: float = math.nan
+    high: float = math.nan
+
+    @property
+    def interval(self) -> str:
+        """The interval in words; empty if there is none."""
+        return "" if math.isnan(self.low) else f"{self.low:.1f} to {self.high:.1f}"
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A number of episodes."""
+
+    count: int
+    percent: float
+    """Of all episodes."""
+    of_previous: str = ""
+    """Percent of the funnel's previous stage, in words."""
+
+    @property
+    def bar(self) -> Bar:
+        """The share as a bar."""
+        return Bar(self.percent)
+
+
+@dataclass(frozen=True, slots=True)
+class CountRow:
+    """The episodes of a stage or an outcome."""
+
+    name: str
+    meaning: str
+    shares: Sequence[Share]
+    """By submission."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupRow:
+    """A group of episodes: its size, the first submission's success, each one's primary metric."""
+
+    name: str
+    episodes: int
+    success: str
+    bars: Sequence[Bar | None]
+    """By submission; None where it has no episode in the group."""
+
+
+@dataclass(frozen=True, slots=True)
+class Breakdown:
+    """The scores of all groups of a grouping."""
+
+    grouping: Grouping
+    rows: Sequence[GroupRow]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A distribution with its caption."""
+
+    picture: "Markup"
+    title: str
+    caption: str
+
+
+def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
+    """Return the headline metrics of every submission."""
+    rows: dict[str, list[ScoreCell]] = {name: [] for name in scores}
+    for name, each in scores.items():
+        for metric in each.headline:
+            interval = each.intervals and each.intervals.get(metric.key)
+            ends = [interval.low, interval.high] if interval else []
+            value, between = (
+                metric.display(each[metric.key]),
+                " to ".join(map(metric.display, ends)),
+            )
+            rows[name].append(ScoreCell(metric, value, between, metric.key == PRIMARY_METRIC))
+    return rows
+
+
+def main_finding(scores: Scores) -> str:
+    """Say in a sentence or two how often the agent succeeds, and how it mostly fails."""
+    counts, total = scores.failure_modes.counts, len(scores.instr_ids)
+    correct, wrong = counts["correct"], total - counts["correct"]
+    share = f"{correct:,} of {total:,} episodes ({_percent(correct, total)} %)"
+    success = f"{share} {OUTCOMES['correct']}."
+    if not wrong:
+        return success
+    failures = {outcome: count for outcome, count in counts.items() if outcome != "correct"}
+    worst = max(failures, key=lambda outcome: failures[outcome])
+    most = f"{failures[worst]:,} of the other {wrong:,} ({_percent(failures[worst], wrong)} %)"
+    return f"{success} Most common failure: {most} {OUTCOMES[worst]}."
+
+
+def funnel_rows(scores: Submissions) -> Sequence[CountRow]:
+    """Count the episodes of every stage of the progress funnel."""
+    funnels = [each.failure_modes.funnel for each in scores.values()]
+    stages = list(funnels[0])
+    first, rows = stages[0], []
+    for stage, previous in zip(stages, [first, *stages], strict=False):
+        shares = []
+        for funnel in funnels:
+            count, before = funnel[stage], funnel[previous]
+            of_previous = f"{_percent(count, before)} %" if before else "-"
+            shares.append(Share(count, 100 * count / funnel[first], of_previous))
+        rows.append(CountRow(stage, "", shares))
+    return rows
+
+
+def outcome_rows(scores: Submissions) -> Sequence[CountRow]:
+    """Count the episodes of every outcome, the best outcome first."""
+    rows = []
+    for outcome, meaning in BEST_OUTCOME_FIRST.items():
+        counts = [each.failure_modes.counts[outcome] for each in scores.values()]
+        totals = [len(each.instr_ids) for each in scores.values()]
+        pairs = zip(counts, totals, strict=True)
+        shares = [Share(count, 100 * count / total) for count, total in pairs]
+        rows.append(CountRow(outcome, meaning, shares))
+    return rows
+
+
+def outcome_changes(first: Scores, other: Scores) -> Sequence[Sequence[int]]:
+    """Count the episodes by their outcomes for the first (rows) and the other (columns)."""
+    index = {outcome: row for row, outcome in enumerate(BEST_OUTCOME_FIRST)}
+    table = np.zeros((len(index), len(index)), dtype=np.int64)
+    rows = [index[outcome] for outcome in first.outcomes]
+    np.add.at(table, (rows, [index[outcome] for outcome in other.outcomes]), 1)
+    counts: list[list[int]] = table.tolist()
+    return counts
+
+
+def goal_reached_notes(scores: Submissions) -> Sequence[str]:
+    """Say how many wrong stops came after the goal had been reached, which OSR counts."""
+    notes = []
+    for name, each in scores.items():
+        wrong_stops = each.failure_modes.counts["correct object at the wrong stop"]
+        reached = each.failure_modes.wrong_stops_after_reaching
+        if reached:
+            notes.append(
+                f"{reached:,} of the {wrong_stops:,} episodes{_of(name, scores)} with the correct "
+                "object at the wrong stop had reached the goal before."
+            )
+    return notes
+
+
+def breakdowns(scores: Submissions) -> tuple[Sequence[Breakdown], Sequence[str]]:
+    """Score groups of episodes by every grouping but the scan.
+
+    Returns
+    -------
+    breakdowns, notes
+        Groupings with a single group are left out; a note says why one is missing otherwise.
+    """
+    tables, notes = [], []
+    for grouping in GROUPINGS.values():
+        if grouping.key == "scan":  # has a section of its own
+            continue
+        try:
+            table = breakdown_by(scores, grouping)
+        except GroundTruthError as error:
+            notes.append(f"No breakdown by {grouping.key}: {error}.")
+        else:
+            tables += [table] if len(table.rows) > 1 else []
+    return tables, notes
+
+
+def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
+    """Score the groups of a grouping, with intervals where the scores have them."""
+    frames = [
+        each.breakdown(grouping.key, intervals=each.intervals is not None)
+        for each in scores.values()
+    ]
+    columns = [PRIMARY_METRIC, f"{PRIMARY_METRIC}_low", f"{PRIMARY_METRIC}_high"]
+    bars: list[Mapping[str, Bar]] = []
+    for frame in frames:
+        values = (100 * frame.reindex(columns=columns)).to_numpy().tolist()
+        bars.append(dict(zip(map(str, frame.index), starmap(Bar, values), strict=True)))
+    first = frames[0]
+    rows = [
+        GroupRow(
+            name=name,
+            episodes=int(episodes),
+            success=CATALOGUE["success"].display(success),
+            bars=[by_group.get(name) for by_group in bars],
+        )
+        for name, episodes, success in zip(
+            bars[0], first["episodes"], first["success"], strict=True
+        )
+    ]
+    return Breakdown(grouping, rows)
+
+
+def scans_worst_first(scores: Submissions) -> Breakdown:
+    """Score the scans, the lowest primary metric first; those with few episodes come last."""
+
+    def order(row: GroupRow) -> tuple[bool, float, str]:
+        bar = row.bars[0]
+        return row.episodes < FEW_EPISODES, bar.percent if bar else 0.0, row.name
+
+    scans = breakdown_by(scores, GROUPINGS["scan"])
+    return Breakdown(scans.grouping, sorted(scans.rows, key=order))
+
+
+def charts(scores: Submissions) -> Iterator[Chart]:
+    """Draw lengths and distances, and overlaps of boxes if any were predicted."""
+    (name, first), *_ = scores.items()
+    walks = Walks.of(first)
+    hidden = int((~walks.is_shown).sum())
+    longer = f" Not shown: {count_text(hidden, 'longer walk')}." if hidden else ""
+    yield Chart(
+        as_markup(walks_svg(walks)),
+        f"Walked and shortest length{_of(name, scores)}",
+        "A dot for each episode, blue where the agent stopped at the goal. On the dashed line it "
+        f"walked the shortest length; {_percent(walks.is_detour.sum(), len(walks.walked))} % are "
+        f"above it.{longer}",
+    )
+    stops = Histogram.of(scores, "navigation_error")
+    at_end = (first.episodes["navigation_error"] == 0).sum()
+    yield Chart(
+        as_markup(histogram_svg(stops, list(scores))),
+        "Distance at stop",
+        f"Metres from the stop to the end of the annotated path: {_medians(stops, scores)}. "
+        f"{_percent(at_end, len(first.instr_ids))} % of episodes{_of(name, scores)} stop exactly "
+        "there.",
+    )
+    boxes = {name: each.boxes for name, each in scores.items() if each.boxes is not None}
+    if boxes:
+        overlaps = Histogram.of({name: scores[name] for name in boxes}, "iou")
+        correct = [
+            f"{_percent(each.is_correct.sum(), len(each))} % of {len(each):,} boxes"
+            f"{_of(name, scores)}"
+            for name, each in boxes.items()
+        ]
+        yield Chart(
+            as_markup(histogram_svg(overlaps, list(scores))),
+            "Overlap of boxes",
+            f"IoU of predicted boxes with the target's box: {_medians(overlaps, scores)}. "
+            f"{' and '.join(correct)} reach 50 % and are correct.",
+        )
+
+
+def _medians(histogram: Histogram, scores: Submissions) -> str:
+    metric = histogram.metric
+    unit = metric.heading.removeprefix(metric.label)
+    return ", ".join(
+        f"median{_of(name, scores)} {metric.display(float(np.median(values)))}{unit}"
+        for name, values in histogram.values.items()
+    )
+
+
+def _of(name: str, scores: Submissions) -> str:
+    """Name the submission if there are two."""
+    return f" of {name}" if len(scores) > 1 else ""
+
+
+def _percent(count: int, of: int) -> str:
+    return f"{100 * count / of:.1f}"

@@ -1,9 +1,9 @@
-"""Stop, Shortest and Random.
+"""The reference agents: Stop, Shortest and Random.
 
 References
 ----------
 .. [1] Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor
-   Environments", CVPR 2020, section 5: the baselines without learning.
+   Environments", CVPR 2020, section 5: the baselines that need no training.
 """
 
 import math
@@ -28,18 +28,18 @@ class Surroundings:
         self._neighbours: dict[int, list[int]] = {}
 
     def neighbours(self, viewpoint: int) -> list[int]:
-        """Return the viewpoints that an edge leads to, or the viewpoint itself if none does."""
+        """Return the connected viewpoints, or the viewpoint itself if there are none."""
         if viewpoint not in self._neighbours:
             scan = np.flatnonzero(
                 self._graph.viewpoint_scan == self._graph.viewpoint_scan[viewpoint]
             )
             here = np.full_like(scan, viewpoint)
-            found = scan[self._graph.has_edge(here, scan)].tolist()
-            self._neighbours[viewpoint] = found or [viewpoint]
+            connected = scan[self._graph.has_edge(here, scan)].tolist()
+            self._neighbours[viewpoint] = connected or [viewpoint]
         return self._neighbours[viewpoint]
 
     def shortest_route(self, start: int, goal: int) -> list[int]:
-        """Return the viewpoints of a shortest route, both ends included."""
+        """Return the viewpoints of a shortest route, including both ends."""
         route = [start]
         while route[-1] != goal:
             choices = np.array(self.neighbours(route[-1]))
@@ -50,13 +50,13 @@ class Surroundings:
         return route
 
     def visible_objects(self, viewpoint: int) -> list[int]:
-        """Return the ids of the objects that are visible from a viewpoint."""
+        """Return the ids of the objects visible from a viewpoint."""
         begin, end = np.searchsorted(self._answers.candidate_viewpoint, [viewpoint, viewpoint + 1])
         objects: list[int] = self._answers.candidate_object[begin:end].tolist()
         return objects
 
     def poses(self, viewpoints: Sequence[int]) -> list[list[str | float]]:
-        """Return poses that look where the agent came to, the first one north and level."""
+        """Return poses that face the direction of travel; the first faces north and level."""
         poses: list[list[str | float]] = []
         previous = viewpoints[0]
         for viewpoint in viewpoints:
@@ -75,7 +75,7 @@ Record: TypeAlias = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class AgentTask:
-    """What an agent is told of an episode; the goal and the target are for those who cheat."""
+    """An episode as an agent sees it; only the Shortest agent uses the goal and the target."""
 
     start: int
     goal: int
@@ -84,7 +84,7 @@ class AgentTask:
 
 @dataclass(frozen=True, slots=True)
 class Behaviour:
-    """Where an agent walked, and the object that it names at the end."""
+    """The viewpoints an agent visited and the object it predicts."""
 
     viewpoints: Sequence[int]
     object_id: int
@@ -93,33 +93,33 @@ class Behaviour:
 Agent: TypeAlias = Callable[[AgentTask, Surroundings, random.Random], Behaviour]
 
 
-def stop(task: AgentTask, surroundings: Surroundings, chance: random.Random) -> Behaviour:  # noqa: ARG001
-    """Stay at the start and name no object."""
+def stop(task: AgentTask, surroundings: Surroundings, rng: random.Random) -> Behaviour:  # noqa: ARG001
+    """Stay at the start and predict no object."""
     return Behaviour([task.start], ABSTAINED)
 
 
-def shortest(task: AgentTask, surroundings: Surroundings, chance: random.Random) -> Behaviour:  # noqa: ARG001
-    """Follow the shortest route to the goal and name the target."""
+def shortest(task: AgentTask, surroundings: Surroundings, rng: random.Random) -> Behaviour:  # noqa: ARG001
+    """Follow the shortest route to the goal and predict the target object."""
     return Behaviour(surroundings.shortest_route(task.start, task.goal), task.target_object)
 
 
-def wander(task: AgentTask, surroundings: Surroundings, chance: random.Random) -> Behaviour:
-    """Walk up to ten random steps and name a random object that is visible at the end."""
+def random_walk(task: AgentTask, surroundings: Surroundings, rng: random.Random) -> Behaviour:
+    """Walk up to ten random steps and predict a random object visible at the end."""
     viewpoints = [task.start]
-    for _ in range(chance.randint(0, MAX_RANDOM_STEPS)):
-        viewpoints.append(chance.choice(surroundings.neighbours(viewpoints[-1])))
+    for _ in range(rng.randint(0, MAX_RANDOM_STEPS)):
+        viewpoints.append(rng.choice(surroundings.neighbours(viewpoints[-1])))
     visible = surroundings.visible_objects(viewpoints[-1])
-    return Behaviour(viewpoints, chance.choice(visible) if visible else ABSTAINED)
+    return Behaviour(viewpoints, rng.choice(visible) if visible else ABSTAINED)
 
 
 AGENTS: Mapping[str, Agent] = MappingProxyType(
-    {"shortest": shortest, "random": wander, "stop": stop}
+    {"shortest": shortest, "random": random_walk, "stop": stop}
 )
-"""Every reference agent by its name."""
+"""The reference agents by name."""
 
 
 def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Record]:
-    """Let an agent walk every episode of a split and return its submission.
+    """Run an agent on every episode of a split and return its submission.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     ground_truth : GroundTruth
         A bundle with answers.
     seed : int
-        Of the agent's choices; the same seed gives the same submission.
+        Seed for the agent's random choices; the same seed gives the same submission.
 
     Raises
     ------
@@ -136,9 +136,9 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
         If the bundle is public.
     """
     answers, episodes = ground_truth.require_answers(), ground_truth.episodes
-    surroundings, chance = Surroundings(ground_truth), random.Random(seed)  # noqa: S311
+    surroundings, rng = Surroundings(ground_truth), random.Random(seed)  # noqa: S311
     columns = np.stack([episodes.start, answers.goal, answers.target_object], axis=1)
-    behaviours = [AGENTS[name](AgentTask(*task), surroundings, chance) for task in columns.tolist()]
+    behaviours = [AGENTS[name](AgentTask(*task), surroundings, rng) for task in columns.tolist()]
     return [
         {
             "instr_id": instr_id,

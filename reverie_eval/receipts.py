@@ -1,6 +1,7 @@
-"""Checking receipts: whether a result is what a server signed, for anybody with its public key.
+"""Verifying receipts: anyone with a server's public key can check what the server signed.
 
-Ed25519 [1]_ over the canonical JSON of every field but the proof: keys sorted, no spaces, UTF-8.
+The proof is an Ed25519 signature [1]_ of the canonical JSON of all other fields:
+keys sorted, no spaces, UTF-8.
 
 References
 ----------
@@ -28,65 +29,65 @@ _KEY_ID_LENGTH = 16
 
 
 class ReceiptError(ReverieEvalError):
-    """A receipt is not what the server signed, or the key is none."""
+    """A receipt is not genuine, or the key is invalid."""
 
 
 class NotGenuineError(ReceiptError):
-    """A receipt is not what the holder of the key has signed."""
+    """A receipt was not signed with this key, or was changed afterwards."""
 
 
 def verify(receipt: Receipt, public_pem: str) -> None:
-    """Check that a receipt is what the holder of a key has signed.
+    """Check that a receipt was signed with a key and has not been changed.
 
     Parameters
     ----------
     receipt : Receipt
-        As the server gave it; the layout of its JSON file does not matter.
+        As issued by the server; the layout of its JSON file does not matter.
     public_pem : str
-        The server's public key in PEM form, as :meth:`reverie_eval.client.Client.key` gets it.
+        The server's public key in PEM form, as :meth:`reverie_eval.client.Client.key` returns it.
 
     Raises
     ------
     NotGenuineError
-        If it is not, or the key is another.
+        If it was changed, or signed with another key.
     ReceiptError
-        If the key is none.
+        If the key is invalid.
     """
-    key = _key(public_pem)
+    key = _load_key(public_pem)
     key_id = key_id_of(public_pem_of(key))
     if receipt.key_id != key_id:
-        named = printable(receipt.key_id)
         raise NotGenuineError(
-            f"it names key {named}, this is key {key_id}: it is another server's, or was changed"
+            f"it names key {printable(receipt.key_id)}, but this is key {key_id}: the receipt is "
+            "from another server, or was changed"
         )
     try:
         key.verify(base64.b64decode(receipt.proof, validate=True), canonical(receipt))
     except (InvalidSignature, ValueError):
-        raise NotGenuineError("it is not what the server signed: it was changed") from None
+        raise NotGenuineError("the signature does not match: the receipt was changed") from None
 
 
 def canonical(receipt: Receipt) -> bytes:
-    """Return what is signed: the receipt without its proof, always in the same bytes."""
+    """Return the bytes that are signed: the receipt without its proof, in canonical JSON."""
     fields: dict[str, Any] = receipt.model_dump(mode="json", exclude={"proof"})
     text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return text.encode()
 
 
 def public_pem_of(key: Ed25519PublicKey) -> str:
-    """Return a public key in the PEM form that servers publish."""
+    """Return a public key in PEM form, as servers publish it."""
     return key.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo).decode()
 
 
 def key_id_of(public_pem: str) -> str:
-    """Return the first letters of the key's SHA-256."""
+    """Return the first hexadecimal digits of the key's SHA-256."""
     return hashlib.sha256(public_pem.strip().encode()).hexdigest()[:_KEY_ID_LENGTH]
 
 
-def _key(public_pem: str) -> Ed25519PublicKey:
+def _load_key(public_pem: str) -> Ed25519PublicKey:
     try:
         key = load_pem_public_key(public_pem.encode())
     except (ValueError, UnsupportedAlgorithm):
-        raise ReceiptError("this is no public key in PEM form") from None
+        raise ReceiptError("this is not a public key in PEM form") from None
     if not isinstance(key, Ed25519PublicKey):
-        raise ReceiptError("this is no Ed25519 key")
+        raise ReceiptError("this is not an Ed25519 key")
     return key

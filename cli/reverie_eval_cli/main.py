@@ -73,6 +73,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status."""
     _show_any_file_name()
+    status = 0
     try:
         status = _status(sys.argv[1:] if argv is None else list(argv))
         if sys.stdout is not None:  # closed by the shell: `>&-`
@@ -81,7 +82,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader (`| head`) has seen enough. What is still buffered goes nowhere, so that
         # Python does not complain at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     return status
 
 

@@ -35,8 +35,8 @@ class ServerOptions:
         ReverieEvalError
             If no server is named anywhere.
         """
+        from reverie_eval.client._address import server_url
         from reverie_eval.client._logins import Logins
-        from reverie_eval.client._sending import server_url
 
         named = self.named or os.environ.get(SERVER_VARIABLE) or Logins.load().latest
         if not named:

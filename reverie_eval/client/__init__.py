@@ -1,4 +1,4 @@
-"""Talk to an evaluation server: ``Client(url, token).submit(...)``."""
+"""The client of an evaluation server: ``Client(url, token).submit(...)``."""
 
 from reverie_eval.client._client import Client
 from reverie_eval.client._errors import (

@@ -1,4 +1,4 @@
-"""A client of an evaluation server: what a participant does, as methods."""
+"""The client of an evaluation server: a method for each thing a participant can do."""
 
 import gzip
 import secrets
@@ -7,18 +7,11 @@ from typing import Self, TypeVar
 from urllib.parse import quote
 
 import httpx
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
+from reverie_eval.client._address import check_private, server_url
 from reverie_eval.client._errors import NotAServerError, ServiceError, UnreachableError
-from reverie_eval.client._sending import (
-    Call,
-    Notice,
-    Progress,
-    Sender,
-    another_version,
-    check_private,
-    server_url,
-)
+from reverie_eval.client._sending import Call, Notice, Progress, Sender, incompatible_version
 from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.schemas.service import (
     Accepted,
@@ -36,9 +29,7 @@ from reverie_eval.schemas.service import (
 from reverie_eval.submissions import Source, read_bytes
 
 T = TypeVar("T")
-M = TypeVar("M", bound=BaseModel)
 
-_SPLITS = TypeAdapter(list[SplitReport])
 _JSON = {"Content-Type": "application/json"}
 _GZIP = {"Content-Type": "application/gzip"}
 
@@ -46,29 +37,29 @@ _GZIP = {"Content-Type": "application/gzip"}
 class Client:
     """Talks to one evaluation server.
 
-    What is sent is sent again if the connection drops or the server is busy: up to five times, as
-    soon as the server asks for it or within some 15 seconds, and to the same effect as once. A
-    server that says nothing is given up after three minutes. Every method raises
-    :class:`ServiceError` if there is no reply to go on with: :class:`UnreachableError`,
-    :class:`NotAServerError`, :class:`RefusedError` (:class:`QuotaSpentError`).
+    A request is sent again if the connection drops or the server is busy: up to five times, when
+    the server asks for it or else within about 15 seconds, with the same effect as sending it once.
+    After three minutes the client gives up. Every method raises a :class:`ServiceError` if the
+    request fails: :class:`UnreachableError`, :class:`NotAServerError` or :class:`RefusedError`
+    (:class:`QuotaSpentError`).
 
     Parameters
     ----------
     url : str
-        Where the server is: ``https://reverie.example.org``.
+        The address of the server: ``https://reverie.example.org``.
     token : str, optional
-        Who is calling; splits, leaderboards and the key are for everybody.
+        Identifies the caller; not needed for splits, leaderboards and the public key.
     notice : function, optional
-        Called with a line of text when something is tried again.
+        Called with a line of text before a request is sent again.
     plain_http : bool
-        Whether ``http://`` may lead to another machine, where others on the way can read the token
-        and change what is said.
+        Allow ``http://`` to another machine, although others on the network can then read the
+        token and change the data.
 
     Raises
     ------
     ServiceError
-        If the URL or the token is none, the connection would not be private, or the environment
-        names a proxy or certificates that cannot be used.
+        If the URL or the token is invalid, the connection would not be encrypted, or the
+        environment sets a proxy or certificates that cannot be used.
 
     Examples
     --------
@@ -90,7 +81,7 @@ class Client:
         self.url = server_url(url)
         if not plain_http:
             check_private(self.url)
-        self._sender = Sender(self.url, _checked(token), notice)
+        self._sender = Sender(self.url, _check_token(token), notice)
 
     def __enter__(self) -> Self:
         return self
@@ -99,162 +90,159 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Let go of the connection."""
+        """Close the connection."""
         self._sender.close()
 
     def server(self) -> ServerReport:
-        """Return what the server is, and what its organiser has to say to everybody."""
-        return self._model(ServerReport, Call("GET", "/server"))
+        """Return the description of the server, with the organiser's announcement."""
+        return self._send(ServerReport, Call("GET", "/server"))
 
     def splits(self) -> Sequence[SplitReport]:
-        """Return the splits that submissions are taken for, with one's quota if signed in."""
-        return self._read(_SPLITS, Call("GET", "/splits"))
+        """Return the splits that accept submissions, with the quota of a caller with a token."""
+        return self._send(list[SplitReport], Call("GET", "/splits"))
 
     def me(self) -> Me:
-        """Return whose token this is."""
-        return self._model(Me, Call("GET", "/me"))
+        """Return the person whom the token belongs to."""
+        return self._send(Me, Call("GET", "/me"))
 
     def key(self) -> str:
-        """Return the Ed25519 public key that receipts are checked with, in PEM form."""
+        """Return the Ed25519 public key that verifies receipts, in PEM form."""
         key = self._sender.send(Call("GET", "/key")).text
         if not key.startswith("-----BEGIN PUBLIC KEY-----"):
-            raise NotAServerError(f"{self.url} is no evaluation server: it publishes no key")
+            raise NotAServerError(f"{self.url} is not an evaluation server: it publishes no key")
         return key
 
     def leaderboard(self, split: str, metric: str = PRIMARY_METRIC) -> Leaderboard:
-        """Return what was published for a split, ranked by a metric.
+        """Return the published submissions of a split, ranked by a metric.
 
         Parameters
         ----------
         split : str
             ``test``.
         metric : str
-            A key of ``CATALOGUE``, one of which more or less is better.
+            A key of ``CATALOGUE`` whose metric has a direction.
         """
-        path = f"/splits/{_quoted(split)}/leaderboard"
-        return self._model(Leaderboard, Call("GET", path, query={"metric": metric}))
+        path = f"/splits/{_quote(split)}/leaderboard"
+        return self._send(Leaderboard, Call("GET", path, query={"metric": metric}))
 
     def leaderboard_csv(self, split: str, metric: str = PRIMARY_METRIC) -> str:
-        """Return the same as CSV: a row per result, a column per metric."""
-        path = f"/splits/{_quoted(split)}/leaderboard.csv"
+        """Return the leaderboard as CSV: a row per submission, a column per metric."""
+        path = f"/splits/{_quote(split)}/leaderboard.csv"
         response = self._sender.send(Call("GET", path, query={"metric": metric}))
         if "csv" not in _media_type(response):
-            raise NotAServerError(f"{self.url} is no evaluation server")
+            raise NotAServerError(f"{self.url} is not an evaluation server")
         return response.text
 
     def validate(self, split: str, submission: Source) -> Checked:
-        """Let the server check a submission; nothing is spent or kept.
+        """Let the server check a submission without using up quota or storing anything.
 
         Parameters
         ----------
         split : str
-            What it is for.
+            The split that the submission is for.
         submission : path, bytes or open file
             The result file, plain, gzipped or alone in a zip archive.
 
         Raises
         ------
         SubmissionError
-            Listing everything that is wrong with it.
+            With every problem found in it.
         """
-        path, body = f"/splits/{_quoted(split)}/validate", _packed(read_bytes(submission))
-        return self._model(Checked, Call("POST", path, body=body, headers=_GZIP))
+        path, body = f"/splits/{_quote(split)}/validate", _compress(read_bytes(submission))
+        return self._send(Checked, Call("POST", path, body=body, headers=_GZIP))
 
     def submit(
         self, split: str, submission: Source, method: Method, progress: Progress | None = None
     ) -> Accepted:
-        """Have a submission scored.
+        """Send a submission and return its scores.
 
-        It is counted once, however often the connection drops on the way and back, and however
-        often the same file is submitted.
+        It counts once, however often the connection drops and however often the same file is
+        submitted.
 
         Parameters
         ----------
         split : str
-            What it is for.
+            The split that the submission is for.
         submission : path, bytes or open file
             The result file, plain, gzipped or alone in a zip archive.
         method : Method
-            What is said of the method.
+            The description of the method.
         progress : function, optional
-            Called with the number of bytes sent and of all.
+            Called with the number of bytes sent so far and in total.
 
         Returns
         -------
         Accepted
-            The submission with its scores (percent, metres) and its receipt, and the quota.
+            The submission with its scores (percent, metres) and receipt, and the quota left.
 
         Raises
         ------
         SubmissionError
-            Listing everything that is wrong with it; nothing was spent.
+            With every problem found in it; no quota was used.
         QuotaSpentError
-            If nothing is left of the quota; ``document.quota`` tells when something is.
+            If the quota is used up; ``document.quota`` says when it resets.
         """
-        path = f"/splits/{_quoted(split)}/submissions"
-        form = _form(read_bytes(submission), method)
+        path = f"/splits/{_quote(split)}/submissions"
+        form = _multipart_form(read_bytes(submission), method)
         key = {"Idempotency-Key": secrets.token_hex(16)}
         headers = {"Content-Type": form.headers["Content-Type"], **key}
         call = Call("POST", path, body=form.read(), headers=headers, progress=progress)
         try:
-            return self._model(Accepted, call)
+            return self._send(Accepted, call)
         except UnreachableError as error:
-            again = "send it again: it is counted once, whatever became of it"
-            raise UnreachableError(f"{error}; {again}") from error
+            remedy = "send it again: it counts once, even if it arrived this time"
+            raise UnreachableError(f"{error}; {remedy}") from error
 
     def change(self, submission_id: str, change: SubmissionChange) -> SubmissionReport:
-        """Publish or withdraw a submission, or change what is said of its method.
+        """Publish or withdraw a submission, or change the description of its method.
 
-        What the change does not name stays: ``SubmissionChange(published=True)``.
+        Fields that are not set stay as they are: ``SubmissionChange(published=True)``.
         """
         body = change.model_dump_json(exclude_unset=True).encode()
-        path = f"/submissions/{_quoted(submission_id)}"
-        return self._model(SubmissionReport, Call("PATCH", path, body=body, headers=_JSON))
+        path = f"/submissions/{_quote(submission_id)}"
+        return self._send(SubmissionReport, Call("PATCH", path, body=body, headers=_JSON))
 
     def accept(self, invitation: str) -> Welcome:
-        """Turn an invitation into a token, which is shown this once.
+        """Exchange an invitation for a token, which is shown only once.
 
-        An invitation is used up by this: it is not sent again if the reply is lost.
+        This uses up the invitation, so it is not sent again if the reply is lost.
         """
         body = Invitation(invitation=invitation).model_dump_json().encode()
         call = Call("POST", "/tokens", body=body, headers=_JSON, is_repeatable=False)
         try:
-            return self._model(Welcome, call)
+            return self._send(Welcome, call)
         except UnreachableError as error:
-            again = "try again; if the invitation is refused then, ask the organiser for another"
-            raise UnreachableError(f"{error}; {again}") from error
+            remedy = "try again; if the invitation is then refused, ask the organiser for another"
+            raise UnreachableError(f"{error}; {remedy}") from error
 
-    def _model(self, model: type[M], call: Call) -> M:
-        return self._read(TypeAdapter(model), call)
-
-    def _read(self, adapter: TypeAdapter[T], call: Call) -> T:
+    def _send(self, model: type[T], call: Call) -> T:
         response = self._sender.send(call)
         try:
-            # A server that is newer than this may tell more.
-            return adapter.validate_json(response.content, extra="ignore")
+            # A newer server may send more fields.
+            return TypeAdapter(model).validate_json(response.content, extra="ignore")
         except ValidationError:
             if "json" not in _media_type(response):
-                raise NotAServerError(f"{self.url} is no evaluation server") from None
-            raise another_version(self.url) from None
+                raise NotAServerError(f"{self.url} is not an evaluation server") from None
+            raise incompatible_version(self.url) from None
 
 
-def _checked(token: str | None) -> str | None:
-    """Refuse what no header can carry, without showing it."""
+def _check_token(token: str | None) -> str | None:
+    """Refuse a token that no header can carry, without showing it."""
     if token is not None and not (token.isascii() and token.isprintable() and token.strip()):
-        raise ServiceError("the token is none: a token is one line of letters and digits")
+        raise ServiceError("invalid token: a token is one line of letters and digits")
     return token
 
 
-def _packed(content: bytes) -> bytes:
+def _compress(content: bytes) -> bytes:
     return gzip.compress(content, compresslevel=6, mtime=0)
 
 
-def _form(content: bytes, method: Method) -> httpx.Request:
-    """Lay out a form; a URL would be too short for some descriptions."""
+def _multipart_form(content: bytes, method: Method) -> httpx.Request:
+    """Encode a submission and its description; some descriptions are too long for a URL."""
     fields = method.model_dump(mode="json", exclude_none=True, exclude_unset=True)
-    said = {name: value if isinstance(value, str) else str(value) for name, value in fields.items()}
-    files = {"file": ("submission.json.gz", _packed(content), "application/gzip")}
-    return httpx.Request("POST", "http://form", data=said, files=files)
+    data = {name: str(value) for name, value in fields.items()}
+    files = {"file": ("submission.json.gz", _compress(content), "application/gzip")}
+    return httpx.Request("POST", "http://form", data=data, files=files)
 
 
 def _media_type(response: httpx.Response) -> str:
@@ -262,5 +250,5 @@ def _media_type(response: httpx.Response) -> str:
     return declared.partition(";")[0]
 
 
-def _quoted(name: str) -> str:
+def _quote(name: str) -> str:
     return quote(name, safe="")

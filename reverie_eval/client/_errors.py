@@ -1,12 +1,12 @@
-"""What keeps a participant from a reply.
+"""The ways a request to a server can fail.
 
 ServiceError
-    UnreachableError      nothing answers there, or the connection was dropped again and again
-    NotAServerError       what answers is no evaluation server that this version can talk to
-    RefusedError          the server said no, and why
-        QuotaSpentError   no submission is left; says when one is
+    UnreachableError      no server replies, or the connection was dropped on every attempt
+    NotAServerError       not an evaluation server, or one of an incompatible version
+    RefusedError          the server refused the request and says why
+        QuotaSpentError   no submission is left; says when the quota resets
 
-A submission that the server rejects is a SubmissionError, as at home.
+A submission that the server rejects is a SubmissionError, as it is without a server.
 """
 
 from reverie_eval.errors import ReverieEvalError
@@ -15,25 +15,25 @@ from reverie_eval.text import earliest_time_text, printable
 
 
 class ServiceError(ReverieEvalError):
-    """There is no reply to go on with."""
+    """The request to a server failed."""
 
 
 class UnreachableError(ServiceError):
-    """Nothing answers there, or the connection was dropped again and again."""
+    """No server replies, or the connection was dropped on every attempt."""
 
 
 class NotAServerError(ServiceError):
-    """What answers is no evaluation server that this version can talk to."""
+    """Not an evaluation server, or one of an incompatible version."""
 
 
 class RefusedError(ServiceError):
-    """The server said no; ``document`` is what it said."""
+    """The server refused the request; ``document`` is its reply."""
 
-    def __init__(self, document: ProblemDocument, said: str | None = None) -> None:
+    def __init__(self, document: ProblemDocument, detail: str | None = None) -> None:
         self.document = document
         places = [f"{problem.where}: {problem.message}" for problem in document.problems]
         request = [f"request {document.request_id}"] if document.request_id else []
-        super().__init__(printable("; ".join([said or document.detail, *places, *request])))
+        super().__init__(printable("; ".join([detail or document.detail, *places, *request])))
 
 
 class QuotaSpentError(RefusedError):

@@ -1,4 +1,4 @@
-"""The login file: which servers one is signed in to, readable by oneself alone."""
+"""The login file: a token for each server the user is signed in to, readable by no one else."""
 
 import os
 import tempfile
@@ -11,11 +11,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from reverie_eval.errors import ReverieEvalError
 
 SERVER_VARIABLE = "REVERIE_EVAL_SERVER"
-"""The environment variable that names the evaluation server to talk to."""
+"""The environment variable with the URL of the evaluation server."""
 TOKEN_VARIABLE = "REVERIE_EVAL_TOKEN"  # noqa: S105  # the name of a variable, not a token
-"""The environment variable that holds the token to show it."""
+"""The environment variable with the token for it."""
 
-_OTHERS = 0o077
+_GROUP_AND_OTHERS = 0o077
 
 
 class LoginError(ReverieEvalError):
@@ -28,42 +28,42 @@ class Logins(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     latest: str | None = None
-    """The server that is meant where none is named."""
+    """The server that the user signed in to last, used if none is given."""
     tokens: dict[str, str] = {}
-    """By the server's URL."""
+    """Token by server URL."""
 
     @classmethod
     def load(cls) -> Self:
-        """Read the file; where there is none, nobody is signed in.
+        """Read the file; without one, the user is signed in nowhere.
 
         Raises
         ------
         LoginError
-            If others can read it, or it is damaged.
+            If other users can read it, or it is damaged.
         """
         path = login_path()
         try:
             content = path.read_bytes()
         except FileNotFoundError:
             return cls()
-        if os.name == "posix" and path.stat().st_mode & _OTHERS:
-            raise LoginError(f"others can read your tokens; run `chmod 600 {path}`")
+        if os.name == "posix" and path.stat().st_mode & _GROUP_AND_OTHERS:
+            raise LoginError(f"other users can read your tokens; run `chmod 600 {path}`")
         try:
             return cls.model_validate_json(content)
         except ValidationError:
             remedy = "remove it and run `reverie-eval login` again"
             raise LoginError(f"{path} is damaged; {remedy}") from None
 
-    def signed_in(self, server: str, token: str) -> Self:
-        """Return the same with one more server, or another token for it."""
+    def with_token(self, server: str, token: str) -> Self:
+        """Return a copy with a token added or replaced."""
         tokens = {**self.tokens, server: token}
         return self.model_copy(update={"latest": server, "tokens": tokens})
 
     def save(self) -> Path:
-        """Write the file, in one step: it is the old one or the new one."""
+        """Write the file atomically."""
         path = login_path()
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        number, draft = tempfile.mkstemp(dir=path.parent)  # readable by oneself alone
+        number, draft = tempfile.mkstemp(dir=path.parent)  # readable by no one else
         try:
             with os.fdopen(number, "w", encoding="utf-8") as file:
                 file.write(self.model_dump_json(indent=2) + "\n")
@@ -75,5 +75,5 @@ class Logins(BaseModel):
 
 
 def login_path() -> Path:
-    """Return where the file is: ``~/.config/reverie-eval/logins.json`` on Linux."""
+    """Return the path of the file: ``~/.config/reverie-eval/logins.json`` on Linux."""
     return user_config_path("reverie-eval", appauthor=False) / "logins.json"

@@ -91,7 +91,7 @@ def test_login_with_nothing(
 @pytest.mark.parametrize(
     ("content", "mode", "said"),
     [
-        pytest.param("{}", 0o640, "others can read your tokens; run `chmod 600 ", id="open"),
+        pytest.param("{}", 0o640, "other users can read your tokens; run `chmod 600 ", id="open"),
         pytest.param("{", 0o600, "is damaged; remove it and run `reverie-eval login`", id="cut"),
         pytest.param('{"tokens": 7}', 0o600, "is damaged; remove it", id="another"),
     ],
@@ -331,7 +331,7 @@ def test_a_key_in_a_file_does_without_the_server(
     assert run("verify", str(receipt), "--key", "key.pem").status == 0
     Path("key.pem").write_text("no key")
     outcome = run("verify", str(receipt), "--key", "key.pem")
-    assert outcome == (2, "", "reverie-eval: this is no public key in PEM form\n")
+    assert outcome == (2, "", "reverie-eval: this is not a public key in PEM form\n")
 
 
 def altered(text: str) -> str:
@@ -349,7 +349,7 @@ def test_a_changed_field_is_not_genuine(field: str, receipt: Path, run: Run) -> 
     receipt.write_text(json.dumps(content | {field: altered(content[field])}))
     outcome = run("verify", str(receipt))
     assert (outcome.status, outcome.out) == (1, "")
-    assert outcome.err.endswith(": it is not what the server signed: it was changed\n")
+    assert outcome.err.endswith(": the signature does not match: the receipt was changed\n")
 
 
 def test_a_changed_digit_is_not_genuine(receipt: Path, run: Run) -> None:
@@ -372,7 +372,7 @@ def test_another_file_or_another_key(receipt: Path, run: Run) -> None:
     receipt.write_text(json.dumps(json.loads(receipt.read_text()) | {"key_id": "0" * 16}))
     outcome = run("verify", str(receipt))
     assert outcome.status == 1
-    assert ": it names key 0000000000000000, this is key " in outcome.err
+    assert ": it names key 0000000000000000, but this is key " in outcome.err
 
 
 def test_what_is_no_receipt(receipt: Path, run: Run) -> None:

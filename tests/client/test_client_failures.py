@@ -64,34 +64,34 @@ def is_one_line(outcome: Outcome) -> bool:
         ),
         pytest.param(
             problem("404 No", "not-found", "no such page"),
-            "SERVER does not speak as reverie-eval VERSION does (API v1); install the version that "
-            "its organiser names",
+            "SERVER is not compatible with reverie-eval VERSION (API v1); install the version "
+            "that its organiser recommends",
             id="another version",
         ),
         pytest.param(
             answer("200 OK", b'{"splits": []}', "application/json"),
-            "SERVER does not speak as reverie-eval VERSION does (API v1); install the version that "
-            "its organiser names",
+            "SERVER is not compatible with reverie-eval VERSION (API v1); install the version "
+            "that its organiser recommends",
             id="another form",
         ),
         pytest.param(
             answer("404 Not Found", PAGE),
-            "SERVER is no evaluation server, it answers 404 Not Found",
+            "SERVER is not an evaluation server (it answered 404 Not Found)",
             id="wrong URL",
         ),
         pytest.param(
             answer("200 OK", PAGE),
-            "SERVER is no evaluation server",
+            "SERVER is not an evaluation server",
             id="page that wants a password",
         ),
         pytest.param(
             answer("307 Go", b"", "text/html", "Location: https://x.org/there/api/v1/splits"),
-            "SERVER leads to https://x.org/there; if that is right, give that URL",
+            "SERVER redirects to https://x.org/there; if that is right, use that URL",
             id="redirect",
         ),
         pytest.param(
             answer("302 Go", b"", "text/html", "Location: /login?next=x"),
-            "SERVER leads to SERVER/login?next=x; if that is right, give that URL",
+            "SERVER redirects to SERVER/login?next=x; if that is right, use that URL",
             id="redirect to a page",
         ),
         pytest.param(
@@ -101,7 +101,7 @@ def is_one_line(outcome: Outcome) -> bool:
         ),
         pytest.param(
             answer("418 I\x1b[2J"),
-            r"SERVER is no evaluation server, it answers 418",
+            r"SERVER is not an evaluation server (it answered 418",
             id="and there",
         ),
     ],
@@ -119,7 +119,7 @@ def test_replies_that_are_no_success(reply: bytes, said: str, run: Run) -> None:
 @pytest.mark.parametrize(
     ("reply", "said"),
     [
-        pytest.param(answer("502 Bad Gateway"), "is not available, it answers 502 Bad G", id="502"),
+        pytest.param(answer("502 Bad Gateway"), "is unavailable (it answered 502 Bad G", id="502"),
         pytest.param(problem("503 No", "stopping", "it is stopping"), "it is stopping", id="503"),
         pytest.param(b"", "the connection was dropped", id="hung up"),
         pytest.param(b"SSH-2.0-OpenSSH_9.2\r\n", "the connection was dropped", id="no HTTP"),
@@ -135,7 +135,7 @@ def test_what_is_tried_again_is_told(reply: bytes, said: str, run: Run) -> None:
         outcome = run(*SUBMIT, "--server", server.url)
     *notices, last = outcome.err.splitlines()
     assert (outcome.status, outcome.out, len(notices), len(server.requests)) == (2, "", 5, 6)
-    assert notices[0].endswith("; trying again in 0.5 s")
+    assert notices[0].endswith("; retrying in 0.5 s")
     assert all(said in line for line in (*notices, last))
     assert last.startswith("reverie-eval: ")
 
@@ -151,15 +151,15 @@ def closed_port() -> int:
     [
         pytest.param([], "which server? Name it with --server URL or REVERIE_EVAL_SERVER", id="no"),
         pytest.param(
-            ["--server", f"http://127.0.0.1:{closed_port()}"], "nothing listens there", id="closed"
+            ["--server", f"http://127.0.0.1:{closed_port()}"],
+            "connection refused; no server",
+            id="closed",
         ),
+        pytest.param(["--server", "https://nowhere.invalid"], "host name not found", id="host"),
         pytest.param(
-            ["--server", "https://nowhere.invalid"], "there is no host of that name", id="host"
+            ["--server", "http://10.0.0.1"], "is not encrypted: others on the network", id="http"
         ),
-        pytest.param(
-            ["--server", "http://10.0.0.1"], "is not encrypted: others on the way", id="http"
-        ),
-        pytest.param(["--server", "x.org"], "'x.org' is no URL of a server", id="no URL"),
+        pytest.param(["--server", "x.org"], "'x.org' is not a server URL", id="no URL"),
     ],
 )
 def test_ways_not_to_reach_a_server(options: list[str], said: str, run: Run) -> None:
@@ -261,7 +261,7 @@ def test_a_certificate_that_nobody_vouches_for(tls_server: TlsScript, run: Run) 
 def test_tls_where_there_is_none(real_server: RealServer, run: Run) -> None:
     outcome = run(*SUBMIT, "--server", real_server.url.replace("http:", "https:"))
     assert is_one_line(outcome)
-    assert "it does not speak TLS as it should" in outcome.err
+    assert "the TLS handshake failed" in outcome.err
 
 
 class Mute(Proxy):

@@ -84,7 +84,7 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
         outcome = installed(*command, "--server", proxy.url, variables=token)
         assert len(proxy.uploads) == 2
     assert "the connection was dropped" in outcome.err
-    assert "trying again in 0.5 s" in outcome.err
+    assert "retrying in 0.5 s" in outcome.err
     shown = "\n".join(result_of(outcome)).replace(proxy.url, real_server.url)
     assert shown == "\n".join(result_of(installed(*command)))
     assert "submissions left on test: 0; next possible at " in shown
@@ -120,7 +120,7 @@ def test_a_number_in_a_paper_can_be_proven(
     Path("forged.json").write_text(json.dumps(receipt))
     forged = installed("verify", "forged.json")
     assert (forged.status, forged.out) == (1, "")
-    assert "it is not what the server signed: it was changed" in forged.err
+    assert "the signature does not match: the receipt was changed" in forged.err
 
     # Nobody sees the result before it is published.
     assert f"Team of {name} " not in installed("leaderboard").out

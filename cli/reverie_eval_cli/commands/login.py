@@ -35,7 +35,7 @@ def login(*, server: ServerOptions) -> None:
     logins.save()  # an invitation works once: see first that its token can be kept
     server.connect().close()  # and that it can be sent safely
     token = _exchange(server, _ask())
-    place = logins.signed_in(server.url, token).save()
+    place = logins.with_token(server.url, token).save()
     with server.connect(token) as client:
         print_banner(client)
         me = client.me()

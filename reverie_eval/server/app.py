@@ -3,7 +3,7 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from reverie_eval.server.edge.bodies import BodyLimits
@@ -50,10 +50,8 @@ def create_app(server: ServerState) -> FastAPI:
     )
     app.state.server = server
     app.state.operations = Operations.of(server)
-    api = APIRouter(prefix=API)
     for part in (access, sessions, splits, submissions, organising, judging):
-        api.include_router(part.router)
-    app.include_router(api)
+        app.include_router(part.router, prefix=API)
     app.include_router(operations.router)
     add_pages(app)
     add_error_handlers(app)

@@ -9,6 +9,7 @@ import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from shlex import quote
 
 import click
 import pytest
@@ -20,6 +21,7 @@ from tests.support.flat import NOTE, SCORE, TABLE, Run, signature, words
 from tests.support.worlds import SPLIT
 
 BROKEN = SAMPLES / "broken.json"
+BROKEN_WORD = quote(str(BROKEN))
 
 # Exit statuses.
 
@@ -29,10 +31,13 @@ BROKEN = SAMPLES / "broken.json"
     ("line", "status", "reason"),
     [
         pytest.param(
-            f"{BROKEN} {{split}}", 1, "broken.json: submission rejected", id="broken file"
+            f"{BROKEN_WORD} {{split}}",
+            1,
+            "broken.json: submission rejected",
+            id="broken file",
         ),
         pytest.param(
-            f"validate {BROKEN} {{split}}",
+            f"validate {BROKEN_WORD} {{split}}",
             1,
             "broken.json: submission rejected",
             id="validating a broken file",
@@ -102,13 +107,16 @@ BROKEN = SAMPLES / "broken.json"
             id="diagnosis without trajectories",
         ),
         pytest.param(
-            f"{BROKEN} {{split}} --diagnose",
+            f"{BROKEN_WORD} {{split}} --diagnose",
             1,
             "broken.json: submission rejected",
             id="diagnosing a broken file",
         ),
         pytest.param(
-            f"convert {BROKEN}", 1, "broken.json: submission rejected", id="converting it"
+            f"convert {BROKEN_WORD}",
+            1,
+            "broken.json: submission rejected",
+            id="converting it",
         ),
         pytest.param(
             "convert submit.json -o none/new.json",
@@ -300,6 +308,7 @@ def test_ways_to_say_it(line: str, here: Path, run: Run) -> None:
     assert run(*words(line)) == (0, TABLE.replace("SIGNATURE", signature()), "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["compare", "report"])
 def test_files_may_stand_around_options(command: str, run: Run) -> None:
     first, other = (str(SAMPLES / f"{name}.json") for name in ("good", "mediocre"))

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from random import Random
 from statistics import fmean
 from typing import NamedTuple
@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reverie_eval import CATALOGUE, GroundTruth, evaluate, evaluate_protocols
-from reverie_eval.scoring import BOX_OUTCOMES
+from reverie_eval import PROTOCOLS as RULES
+from reverie_eval.scoring import BOX_OUTCOMES, Protocol
 from reverie_eval.submissions import Submission
 from tests.support.oracle import PROTOCOLS, Scan, World, score
 from tests.support.worlds import (
@@ -68,7 +69,7 @@ ROUNDING = 1e-12
 TOLERANCE = {"fidelity": ROUNDING, "overlap": 1e-9}
 """What goes through exponentials, and through two cameras; all else agrees to the last digit."""
 BOX_COLUMNS = ["iou", "iou_25", "iou_50", "iou_75"]
-RANDOM_WORLDS = 2500
+RANDOM_WORLDS, WORLDS_OF_A_TEST = 2500, 100
 NEVER_ABOVE = [
     pytest.param("spl", "success", id="SPL never above success"),
     pytest.param("success", "oracle_success", id="success never above oracle success"),
@@ -95,9 +96,38 @@ def test_unit_is_that_of_the_kind(key: str) -> None:
     assert CATALOGUE[key].unit == UNITS[KINDS[key]]
 
 
-def test_every_protocol_agrees_with_the_oracle() -> None:
+@every_metric
+def test_what_a_metric_depends_on_is_a_rule_of_protocols(key: str) -> None:
+    rules = {each.name for each in fields(Protocol)} - {"name", "summary", "source"}
+    assert CATALOGUE[key].asks <= rules
+
+
+@few_examples
+@given(case=cases)
+def test_protocols_with_the_same_rules_for_a_metric_score_it_the_same(case: Case) -> None:
+    """Rules that the metric does not depend on may differ."""
+    truth = ground_truth_by_hand(case.world)
+    scored = evaluate_protocols(records_of(case.predictions), split=SPLIT, ground_truth=truth)
+    for key, metric in CATALOGUE.items():
+        columns: dict[tuple[object, ...], list[float]] = {}
+        for protocol, scores in scored.items():
+            if key not in scores.episodes:
+                continue
+            rules = tuple(getattr(RULES[protocol], rule) for rule in sorted(metric.asks))
+            column = scores.episodes[key].tolist()
+            assert columns.setdefault(rules, column) == column, (key, protocol)
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        pytest.param(first, marks=[pytest.mark.slow] if first else [])
+        for first in range(0, RANDOM_WORLDS, WORLDS_OF_A_TEST)
+    ],
+)
+def test_every_protocol_agrees_with_the_oracle(first: int) -> None:
     """To the last digit, but for what has a tolerance."""
-    for seed in range(RANDOM_WORLDS):
+    for seed in range(first, first + WORLDS_OF_A_TEST):
         case = random_case(Random(seed))
         submission, truth = records_of(case.predictions), ground_truth_by_hand(case.world)
         assert _differences(case, submission, truth) == [], f"seed {seed}"

@@ -44,6 +44,7 @@ def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     plt.close("all")
 
 
+@pytest.mark.slow
 def test_every_block_runs_and_prints_what_the_page_shows(readers_folder: Path) -> None:
     if not (find_spec("matplotlib") and find_spec("tensorboardX")):
         unavailable("matplotlib and tensorboardX are not installed")

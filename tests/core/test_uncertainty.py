@@ -117,6 +117,7 @@ def test_holm_multiplies_by_how_many_are_left_and_never_falls() -> None:
     assert holm(column(0.03)).tolist() == [[0.03]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clusters", [100, 10], ids=["as targets", "as scans"])
 def test_intervals_hold_the_truth_as_often_as_they_say(clusters: int) -> None:
     """Of 1,000 worlds; intervals for independent episodes are too narrow."""
@@ -125,6 +126,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(clusters: int) -> None:
     assert coverage.naive < 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clusters", range(2, FEW_CLUSTERS))
 def test_intervals_of_few_clusters_hold_it_less_often(clusters: int) -> None:
     """Which is why they come with a caution, and those of one cluster more do not."""
@@ -132,6 +134,7 @@ def test_intervals_of_few_clusters_hold_it_less_often(clusters: int) -> None:
     assert simulated_coverage(1000, FEW_CLUSTERS).clustered >= 0.93
 
 
+@pytest.mark.slow
 def test_false_alarms_are_as_rare_as_they_should_be() -> None:
     """Of 4,000 pairs of equally good methods; McNemar's test takes episodes for independent."""
     alarms = simulated_false_alarms(4000, 100)

@@ -160,6 +160,7 @@ def test_the_limit_is_of_what_comes_out(pack: type[bytes], size: int, *, fits: b
         unpack(packed, 1000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "pack",
     [

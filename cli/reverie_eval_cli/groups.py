@@ -21,7 +21,7 @@ class Group(click.Group):
         if not args:
             args = ["--help"]
         elif args[0] == "help":
-            args = [*args[1:], "--help"]
+            args = [*(word for word in args if word != "help"), "--help"]
         return super().parse_args(ctx, args)
 
 
@@ -91,8 +91,9 @@ class Program(LazyGroup):
         """Complete a first word: to a command, a file to score, or an option of ``score``."""
         score = self.get_command(ctx, "score")
         options = score.shell_complete(ctx, incomplete) if score else []
+        helps = [CompletionItem("help")] if "help".startswith(incomplete) else []
         files = [CompletionItem(str(path)) for path in Path().glob(f"{incomplete}*")]
-        return [*super().shell_complete(ctx, incomplete), *options, *files]
+        return [*super().shell_complete(ctx, incomplete), *helps, *options, *files]
 
     def _check_is_file(self, ctx: click.Context, word: str) -> None:
         """Refuse a word that looks like a mistyped command rather than like a file."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from reverie_eval.schemas.service import Method
 
 _TEXTS = {
-    "name": ("--method", "NAME", "Its name.  [default: the file's]"),
+    "name": ("--method", "NAME", "Name of the method.  [default: the file's name]"),
     "description": ("--description", "TEXT", "A description in a few sentences."),
     "paper": ("--paper", "URL", "Where the paper is."),
     "code": ("--code", "URL", "Where the code is."),

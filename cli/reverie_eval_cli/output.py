@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 T = TypeVar("T")
+STANDARD_OUTPUT = "-"
 
 
 class RejectedSubmission(click.ClickException):
@@ -55,17 +56,22 @@ def check_outputs(
     """
     taken = {Path(path).resolve() for path in inputs if path and Path(path).is_file()}
     for output in outputs:
-        if not output:
+        if not output or output == STANDARD_OUTPUT:
             continue
         place = Path(output).resolve()
         if place in taken:
-            raise ReverieEvalError(f"{output} is already in use; choose another file to write to")
+            raise ReverieEvalError(
+                f"{output} is an input, or named twice; choose another file to write to"
+            )
         taken.add(place)
 
 
 @contextmanager
 def open_output(path: str) -> Iterator[TextIO]:
-    """Open a text file that appears complete or not at all."""
+    """Open a text file that appears complete or not at all, or standard output."""
+    if path == STANDARD_OUTPUT:
+        yield sys.stdout
+        return
     with (
         staged_file(Path(path)) as file,
         io.TextIOWrapper(file, "utf-8", errors="backslashreplace", newline="") as text,
@@ -75,10 +81,7 @@ def open_output(path: str) -> Iterator[TextIO]:
 
 def write_text(text: str, output: str | None) -> None:
     """Write a text to a file, or to standard output."""
-    if output is None:
-        sys.stdout.write(text)
-        return
-    with open_output(output) as file:
+    with open_output(output or STANDARD_OUTPUT) as file:
         file.write(text)
 
 

@@ -137,7 +137,7 @@ class GroundTruth:
         if self.answers is None:
             raise GroundTruthError(
                 f"{self.origin} is a public bundle: it can check a {self.split} submission "
-                "(`reverie-eval validate`), but has no answers, which scoring needs"
+                "(`reverie-eval validate`), but has no answers, which scores and agents need"
             )
         return self.answers
 

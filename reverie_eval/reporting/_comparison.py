@@ -99,8 +99,9 @@ def comparison_html(comparison: Comparison) -> str:
 
 
 def comparison_markdown(comparison: Comparison) -> str:
-    """Return the scores as a results table, and below it a sentence for each difference."""
-    return "\n\n".join([results_table(comparison.scores).to_markdown(), *sentences(comparison)])
+    """Return the scores as a results table, and below it the differences and the notes."""
+    table = results_table(comparison.scores).to_markdown()
+    return "\n\n".join([table, *sentences(comparison), *notes(comparison)])
 
 
 def comparison_latex(comparison: Comparison) -> str:

@@ -249,6 +249,7 @@ def test_help(line: str, expected: str, run: Run) -> None:
     [
         pytest.param("", "--help", id="nothing at all"),
         pytest.param("help", "--help", id="help"),
+        pytest.param("help help", "--help", id="help of help"),
         pytest.param("-h", "--help", id="-h"),
         pytest.param("help validate", "validate --help", id="help of a command"),
         pytest.param("server", "server --help", id="group alone"),

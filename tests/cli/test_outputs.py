@@ -8,7 +8,7 @@ from tests.support.flat import Run, words
 
 pytestmark = pytest.mark.usefixtures("here")
 
-IN_USE = "is already in use; choose another file to write to"
+IN_USE = "is an input, or named twice; choose another file to write to"
 COMPILE = "compile dataset --split val_unseen"
 
 
@@ -58,3 +58,9 @@ def test_a_path_is_not_a_split_s_name(run: Run) -> None:
     status, _, err = run("compile", "dataset", "--split", "../evil", "-o", "folder")
     assert status == 2
     assert "'../evil' is not a split's name" in err
+
+
+def test_a_dash_is_standard_output(run: Run) -> None:
+    printed = run(*words("submit.json {split} {full}"))
+    assert run(*words("submit.json {split} {full} -o -")) == printed
+    assert not Path("-").exists()

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     "--output",
     required=True,
     metavar="FILE",
-    help="The bundle to write; or a folder, existing or ending in /, for SPLIT.npz.",
+    help="The bundle to write; or a folder, existing or ending in /, for SPLIT.npz or "
+    "SPLIT.public.npz.",
 )
 @click.option("--public", is_flag=True, help="Leave out the answers: a bundle to validate with.")
 def compile_bundle(*, split: str, output: str, public: bool, **paths: Path | None) -> None:

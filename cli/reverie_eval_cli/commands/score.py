@@ -30,7 +30,8 @@ _ALL = "all"
     default=DEFAULT_PROTOCOL,
     show_default=True,
     metavar="NAME",
-    help=f"The rules to score by: {', '.join([*PROTOCOLS, *ALIASES])}, or {_ALL} side by side.",
+    help=f"The rules to score by: {', '.join(PROTOCOLS)}; "
+    f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; or {_ALL} of them.",
 )
 @click.option(
     "--track",
@@ -43,7 +44,7 @@ _ALL = "all"
     "--diagnose",
     "diagnosed",
     is_flag=True,
-    help="Also show what evaluators that read only the first viewpoint of each hop would give.",
+    help="Also show the scores if only the first viewpoint of each hop were read.",
 )
 @click.option("--ci", is_flag=True, help="Also show 95 % confidence intervals.")
 @click.option(
@@ -57,7 +58,7 @@ _ALL = "all"
     "--episodes",
     metavar="FILE",
     type=click.Path(),
-    help="Also write the values of every episode to FILE, as CSV; of several rows, the first's.",
+    help="Also write every episode's values to FILE, as CSV; with several protocols, the first's.",
 )
 def score(
     *,

@@ -49,13 +49,13 @@ def _schema(name: str) -> dict[str, Any]:
 @click.command()
 @click.argument("shell", type=options.Choice(["bash", "zsh", "fish", "powershell"]))
 def completion(*, shell: str) -> int:
-    r"""Print a script for completion in a shell.
+    """Print a script for completion in a shell.
 
     \b
       bash:  eval "$(reverie-eval completion bash)"
       zsh:   eval "$(reverie-eval completion zsh)"
       fish:  reverie-eval completion fish | source
-    """
+    """  # noqa: D301  # click keeps the lines of a paragraph that begins with it
     from click.shell_completion import shell_complete
 
     from reverie_eval_cli.main import COMPLETION_VARIABLE, PROGRAM, program

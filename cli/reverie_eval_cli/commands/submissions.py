@@ -22,7 +22,7 @@ from reverie_eval_cli.output import (
 @options.submission
 @options.split
 @options.ground_truth
-@options.layout("text", "json", explained=" json lists all problems, text the first 20.")
+@options.layout("text", "json", explained=" json lists all problems, text the first 40.")
 @options.output("the outcome")
 def validate_submission(
     *, submission: str, split: str, ground_truth: str | None, layout: str, output: str | None

@@ -64,7 +64,7 @@ def _state(each: "Token") -> str:
 def revoke_token(*, folder: Path, begins: str) -> None:
     """Revoke a token.
 
-    BEGINS is its first characters, as `server token list` shows them.
+    BEGINS is its first 11 characters, which `server token list` shows.
     """
     from reverie_eval.server.service.people import revoke
 

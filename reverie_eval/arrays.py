@@ -1,7 +1,7 @@
-"""Array types, and trajectories of different lengths laid end to end.
+"""Array types, and helpers for rows of different lengths stored end to end.
 
-Trajectories are stored flat: ``values`` holds one element per pose and ``offsets``, of length
-``n_episodes + 1``, says that episode ``i`` owns ``values[offsets[i]:offsets[i + 1]]``.
+Trajectories are stored flat: ``values`` has one element per pose, and with ``offsets``, of length
+``n_episodes + 1``, those of episode ``i`` are ``values[offsets[i]:offsets[i + 1]]``.
 """
 
 from typing import Any, TypeAlias
@@ -25,7 +25,7 @@ def offsets_of(lengths: IntArray) -> IntArray:
 
 
 def row_of(offsets: IntArray) -> IntArray:
-    """Return for every flat element the row that owns it.
+    """Return the row of each flat element.
 
     >>> row_of(np.array([0, 2, 2, 5]))
     array([0, 0, 2, 2, 2])
@@ -43,29 +43,33 @@ def last_of(offsets: IntArray) -> IntArray:
 
 
 def take_rows(rows: IntArray, offsets: IntArray) -> IntArray:
-    """Return the flat indices that lay the given rows end to end, in the given order.
+    """Return the flat indices of the elements of the given rows, in the given order.
 
     >>> take_rows(np.array([2, 0]), np.array([0, 2, 2, 5]))
     array([2, 3, 4, 0, 1])
     """
     lengths = np.diff(offsets)[rows]
+    # How far each row moves from its place in the output to its place in the input.
     shift = offsets[rows] - offsets_of(lengths)[:-1]
     return np.arange(lengths.sum()) + np.repeat(shift, lengths)
 
 
 def find_sorted(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
-    """Return where each wanted key is among ascending ones, and whether it is there at all.
+    """Return the index of each wanted key in ascending keys, and whether it is among them.
 
-    Where it is not, the place is some other key's.
+    The index of a key that is not among them is that of another key, so it is safe to use.
 
     >>> find_sorted(np.array([2, 5]), np.array([5, 3]))
     (array([1, 1]), array([ True, False]))
     """
-    place = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
-    return place, np.equal(keys[place], wanted).astype(np.bool_)
+    index = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
+    return index, np.equal(keys[index], wanted).astype(np.bool_)
 
 
 def frozen(array: Array) -> Array:
-    """Make an array read-only and return it."""
+    """Make an array read-only and return it.
+
+    Arrays are shared between scores, evaluators and threads, so nobody may change one in place.
+    """
     array.setflags(write=False)
     return array

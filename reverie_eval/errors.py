@@ -1,11 +1,11 @@
 """Errors a caller can act on.
 
 ReverieEvalError
-    RejectedError           what was given is wrong; every problem found is listed
+    RejectedError           the input is invalid; lists every problem
         SubmissionError     a submission
         DatasetError        the published files of the dataset
-    GroundTruthError        the bundle is missing, damaged, or cannot score what was asked
-    ProtocolError           there is no protocol of that name
+    GroundTruthError        the bundle is missing, damaged, or lacks what is needed
+    ProtocolError           the protocol, or another option of scoring, is invalid
 """
 
 from collections import Counter
@@ -14,20 +14,21 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 SHOWN_PROBLEMS = 40
+"""The most problems that an error's text lists."""
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that is wrong: a stable code, its place in the caller's file, and the remedy."""
+    """One problem in a file: a stable code, its location, and how to fix it."""
 
     code: str
-    """What kind of problem it is, for programs: ``unknown-viewpoint``."""
+    """The kind of problem, for programs: ``unknown-viewpoint``."""
     where: str
-    """Where it is in the caller's file: ``[3].trajectory[0]``, or a file's path."""
+    """Its location in the file: ``[3].trajectory[0]``, or a file's path."""
     message: str
     """What was found, what was expected, and what to do."""
     position: tuple[int, ...] = field(default=(), repr=False, compare=False)
-    """The numbers of the place, so that problems can be listed in the file's own order."""
+    """The numbers in ``where``: they sort problems in the file's order, as text would not."""
 
     def __str__(self) -> str:
         return f"{self.where}: {self.message}"
@@ -38,20 +39,21 @@ class ReverieEvalError(Exception):
 
 
 class GroundTruthError(ReverieEvalError):
-    """The bundle is missing, damaged, or cannot score what was asked."""
+    """The bundle is missing, damaged, or lacks what is needed."""
 
 
 class ProtocolError(ReverieEvalError):
-    """There is no protocol of that name."""
+    """The protocol, or another option of scoring, is invalid."""
 
 
 class RejectedError(ReverieEvalError):
-    """What was given is wrong; ``problems`` lists everything that was found, in its order."""
+    """The input is invalid; ``problems`` lists every problem, in the file's order."""
 
     subject: ClassVar[str]
 
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = tuple(sorted(problems, key=lambda problem: problem.position))
+        # The problems instead of a text, so that the error can be pickled to another process.
         super().__init__(self.problems)
 
     def __str__(self) -> str:
@@ -61,19 +63,20 @@ class RejectedError(ReverieEvalError):
 
 
 class SubmissionError(RejectedError):
-    """The submission is wrong."""
+    """The submission is invalid."""
 
     subject = "submission"
 
 
 class DatasetError(RejectedError):
-    """The published files of the dataset are wrong."""
+    """The published files of the dataset are invalid."""
 
     subject = "dataset"
 
 
 def _listing(problems: Sequence[Problem]) -> Iterator[str]:
-    """List the problems in order; where there are too many, each kind gets its fair share."""
+    """List the problems in order; if there are too many, equally many of each kind."""
+    # A mistake repeated in every episode would otherwise hide all other kinds of problems.
     totals = Counter(problem.code for problem in problems)
     share = len(problems) if len(problems) <= SHOWN_PROBLEMS else SHOWN_PROBLEMS // len(totals)
     shown: Counter[str] = Counter()

@@ -12,7 +12,7 @@ from typing import BinaryIO
 def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
     """Open a file for writing that replaces ``path`` once it is complete.
 
-    A file that is replaced keeps its permissions. A device or a pipe is written to directly.
+    The new file keeps the permissions of the old one. Devices and pipes are written to directly.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
         try:
             descriptor = os.open(draft, os.O_CREAT | os.O_WRONLY | os.O_TRUNC, mode)
         except OSError as error:
-            error.filename = str(path)  # the file that was asked for
+            error.filename = str(path)  # messages should name the caller's file, not the draft
             raise
         with os.fdopen(descriptor, "wb") as file:
             if path.exists():
@@ -43,10 +43,10 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
 
 @contextmanager
 def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterator[Path]:
-    """Yield a hidden folder to fill; its contents move to ``folder`` once that is done.
+    """Yield a hidden folder to fill; its contents move to ``folder`` at the end.
 
-    A new folder appears in one step. An existing one may be a mounted disk, or a shell's working
-    directory, and is kept: its contents are moved in one by one.
+    A new folder appears in one step. An existing folder may be a mounted disk or a shell's working
+    directory, so it is not replaced: the contents are moved into it one by one.
 
     Parameters
     ----------
@@ -55,19 +55,20 @@ def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterato
     mode : int
         Permissions of a new folder, before the process's umask.
     last : str
-        The entry that is moved last, which marks the folder as complete.
+        The entry to move last; its presence then means that the folder is complete.
     """
-    place = folder.absolute()
-    is_new = not place.exists()
-    beside = place.parent if is_new else place
-    beside.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=f".{place.name}-", dir=beside) as hidden:
+    target = folder.absolute()
+    is_new = not target.exists()
+    # Renaming is atomic only within one file system, so the hidden folder is on the target's.
+    parent = target.parent if is_new else target
+    parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{target.name}-", dir=parent) as hidden:
         # One level deeper, because the temporary folder is private to its owner.
-        staging = Path(hidden, place.name)
+        staging = Path(hidden, target.name)
         staging.mkdir(mode)
         yield staging
         if is_new:
-            staging.rename(place)
+            staging.rename(target)
             return
         for entry in sorted(staging.iterdir(), key=lambda entry: entry.name == last):
-            entry.rename(place / entry.name)
+            entry.rename(target / entry.name)

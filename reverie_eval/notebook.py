@@ -1,7 +1,7 @@
-"""What scores, comparisons and episodes offer beyond their data: figures, maps, tables, reports.
+"""Methods of scores, comparisons and episodes beyond their data: figures, maps, tables, reports.
 
-Their rooms lie below analysis and reporting and cannot import them, so the methods are attached
-here, in one place, when ``reverie_eval`` is imported. What is heavy is imported when it is used.
+Their packages are below analysis and reporting and cannot import them, so the methods are attached
+here when ``reverie_eval`` is imported. Heavy packages are imported when a method is called.
 """
 
 from typing import TYPE_CHECKING
@@ -70,7 +70,7 @@ def _episode_html(shown: Episode) -> str:
 
 
 def attach_methods() -> None:
-    """Attach everything above to its class."""
+    """Attach the methods to their classes."""
     Scores.breakdown = breakdown
     Scores.episode = episode
     Scores.plot = property(_plots)

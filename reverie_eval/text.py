@@ -8,7 +8,7 @@ _WORD = re.compile(r"\w+")
 
 
 def count_text(number: int, noun: str, plural: str = "") -> str:
-    """Return a number with its noun, whose plural ends in s if no other is given.
+    """Return a number with its noun; the plural ends in s unless another one is given.
 
     >>> count_text(1, "jump"), count_text(1200, "jump"), count_text(2, "box", "boxes")
     ('1 jump', '1,200 jumps', '2 boxes')
@@ -28,12 +28,12 @@ def first_few(names: Iterable[object], limit: int = 3) -> str:
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
-    """Return how a message about an unknown name goes on: the closest known one, then all.
+    """Return the end of a message about an unknown name: the closest known name, then all.
 
     >>> did_you_mean("offical-v1", ["official-v1", "paper"])
     '; did you mean official-v1? Choose one of: official-v1, paper'
     """
-    from difflib import get_close_matches  # only needed in errors, and slow to import
+    from difflib import get_close_matches  # slow to import, and only needed in errors
 
     listed = list(known)
     close = get_close_matches(str(name), listed, n=1)
@@ -42,7 +42,7 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
 
 
 def category_text(name: str) -> str:
-    """Return a category for people: in the dataset's names ``#`` stands for a space [1]_.
+    """Return a category for people: the dataset's names have ``#`` for a space [1]_.
 
     References
     ----------
@@ -57,7 +57,7 @@ def category_text(name: str) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Escape characters that would move a terminal's cursor or stay invisible.
+    r"""Escape characters that are invisible or would control a terminal.
 
     >>> printable("Team \x1b[2J"), printable("Équipe 蓝")
     ('Team \\x1b[2J', 'Équipe 蓝')
@@ -69,7 +69,7 @@ def printable(text: str) -> str:
 
 
 def time_text(instant: datetime) -> str:
-    """Format an instant to the second: in local time, and in UTC if that is different.
+    """Format a time to the second: in local time, and in UTC if that is different.
 
     >>> time_text(datetime(2027, 6, 1, 21, 59, 59, 999_999, tzinfo=UTC)).count("21:59:59 UTC")
     1
@@ -80,7 +80,7 @@ def time_text(instant: datetime) -> str:
 
 
 def earliest_time_text(instant: datetime) -> str:
-    """Format the time from which something is possible: as :func:`time_text`, rounded up.
+    """Format the earliest time at which something is possible: as :func:`time_text`, rounded up.
 
     >>> instant = datetime(2027, 6, 1, 21, 59, 59, 1, tzinfo=UTC)
     >>> earliest_time_text(instant).count("2027-06-01 22:00:00 UTC")
@@ -90,7 +90,7 @@ def earliest_time_text(instant: datetime) -> str:
 
 
 def tokenize(instruction: str) -> Sequence[str]:
-    """Return the words of an instruction in order and in lower case.
+    """Return the words of an instruction, in order and in lower case.
 
     A word is a run of letters, digits and underscores. Everything else, including apostrophes and
     hyphens, separates words.

@@ -1,3 +1,3 @@
-"""The version, stated once: the package, the distribution and every signature read it here."""
+"""The version: the package, the distribution and every signature read it from here."""
 
 __version__ = "0.1.0"

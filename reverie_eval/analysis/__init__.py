@@ -1,4 +1,4 @@
-"""Analysis of scores: comparisons, breakdowns, near misses and single episodes."""
+"""The analysis of scores: comparisons, breakdowns, near misses and single episodes."""
 
 from reverie_eval.analysis._breakdown import GROUPINGS, Grouping, breakdown, find_grouping
 from reverie_eval.analysis._comparison import (

@@ -1,8 +1,8 @@
 """Breakdowns: the same scores over groups of episodes, to see where a method is strong or weak.
 
-Episodes are grouped by something known beforehand (building, target, instruction), or by a
-property of the trajectory (jumps). Numbers are divided into ranges that are the same for every
-submission.
+Episodes are grouped by something known in advance (building, target, instruction), or by a
+property of the trajectory (jumps). The ranges of numbers are fixed, so that breakdowns of several
+submissions have the same rows.
 """
 
 import re
@@ -25,12 +25,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NO_CATEGORY = "unnamed"
-"""The group of episodes whose target has no name in the annotation."""
+"""The group of episodes whose target has no category in the annotation."""
 NO_LEVEL = "no level"
-"""The group of episodes whose instruction gives no level by its number."""
+"""The group of episodes whose instruction does not give the number of a level."""
 
 _ORDINALS = {"first": 1, "second": 2, "third": 3, "fourth": 4, "fifth": 5}
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5}
+# Only numbers: which level "the top floor" is, depends on the building.
 _LEVEL = re.compile(
     rf"\b(?:level|floor)\s+(\d|{'|'.join(_NUMBERS)})\b"
     rf"|\b(?:(\d)(?:st|nd|rd|th)|({'|'.join(_ORDINALS)}))\s+(?:level|floor)\b"
@@ -43,16 +44,16 @@ class Grouping:
 
     key: str
     meaning: str
-    """What the groups are."""
+    """What episodes are grouped by."""
     groups: Callable[[Scores], Sequence[str]]
-    """Return the group of each episode."""
+    """Returns the group of each episode."""
     order: Sequence[str] = ()
-    """Of the groups; if not given, the largest comes first."""
+    """The groups in order; if empty, they are sorted by size, the largest first."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Ranges:
-    """Ranges of numbers with labels; each begins at one of ``starts``, the lowest below them."""
+    """Labelled ranges of numbers: one from each of ``starts``, and one below them all."""
 
     starts: Sequence[int]
     unit: str
@@ -72,14 +73,14 @@ class _Ranges:
         return f"{start}" if last == start else f"{start} to {last}"
 
     def of(self, values: Array) -> Sequence[str]:
-        """Return the label of each value; a value on a border is in the upper range."""
+        """Return the label of each value; a value on a boundary is in the upper range."""
         labels = self.labels
         return [labels[index] for index in np.digitize(values, self.starts)]
 
 
 _LENGTHS = _Ranges((6, 8, 10, 12, 15), "m")
 _WORDS = _Ranges((12, 16, 20, 25), "words", are_counts=True)
-_SIGHTS = _Ranges((2, 3, 4, 6), "", are_counts=True)
+_VIEWPOINTS = _Ranges((2, 3, 4, 6), "", are_counts=True)
 _LEVELS = (*(f"level {number}" for number in range(10)), NO_LEVEL)
 _JUMPS = ("no jump", "jumps")
 
@@ -114,9 +115,9 @@ def _by_level(scores: Scores) -> Sequence[str]:
 
 
 def level_in(instruction: str) -> str:
-    """Return the level of the building that an instruction gives by its number.
+    """Return the level of the building whose number an instruction gives.
 
-    The dataset has no levels of its own; annotators were shown one, and many wrote it down.
+    The dataset does not annotate levels, but annotators were shown them, and many wrote them down.
 
     >>> level_in("Go to the bathroom on level 2"), level_in("the first floor kitchen")
     ('level 2', 'level 1')
@@ -135,11 +136,11 @@ def _by_visibility(scores: Scores) -> Sequence[str]:
     truth = scores.ground_truth
     answers = truth.require_answers()
     scan = truth.graph.viewpoint_scan.astype(np.int64)
-    # One number for scan and object: object ids are unique within a scan only, and fit 32 bits.
+    # Object ids are unique only within a scan, and fit into 32 bits: scan and id in one number.
     seen = (scan[answers.candidate_viewpoint] << 32) | answers.candidate_object
     objects, counts = np.unique(seen, return_counts=True)
     targets = (scan[truth.episodes.start] << 32) | answers.target_object
-    return _SIGHTS.of(counts[np.searchsorted(objects, targets)])
+    return _VIEWPOINTS.of(counts[np.searchsorted(objects, targets)])
 
 
 def _by_jumps(scores: Scores) -> Sequence[str]:
@@ -155,13 +156,13 @@ GROUPINGS: Mapping[str, Grouping] = MappingProxyType(
             Grouping("scan", "the building", _by_scan),
             Grouping("length", "the shortest length to the goal", _by_length, _LENGTHS.labels),
             Grouping("words", "the number of words in the instruction", _by_words, _WORDS.labels),
-            Grouping("category", "the annotated name of the target", _by_category),
+            Grouping("category", "the annotated category of the target", _by_category),
             Grouping("level", "the level given in the instruction", _by_level, _LEVELS),
             Grouping(
                 "visibility",
-                "the number of viewpoints that see the target",
+                "the number of viewpoints from which the target is visible",
                 _by_visibility,
-                _SIGHTS.labels,
+                _VIEWPOINTS.labels,
             ),
             Grouping("jumps", "moves between unconnected viewpoints", _by_jumps, _JUMPS),
         )
@@ -193,22 +194,21 @@ def breakdown(scores: Scores, by: str, *, intervals: bool = False) -> "pd.DataFr
     by : str
         A key of ``GROUPINGS``.
     intervals : bool
-        Whether to add the ends of a 95 % interval for every metric, ``spl_low`` and ``spl_high``:
-        as ``scores.with_intervals()`` computes it, over the targets of the group. Missing if these
-        are fewer than 5.
+        Whether to add the ends of 95 % intervals over the targets of each group, in ``spl_low``,
+        ``spl_high`` and so on. They are missing if a group has fewer than 5 targets.
 
     Returns
     -------
     DataFrame
-        A row per group that has episodes, with their number and the mean of every headline metric,
-        in the metrics' own units, which ``attrs["units"]`` names by column.
+        A row per group that is not empty, with the number of its episodes and the mean of every
+        headline metric, in the metrics' own units, which ``attrs["units"]`` lists by column.
 
     Raises
     ------
     ProtocolError
-        If there is no such grouping, or the track does not score what it needs.
+        If there is no such grouping, or it needs something that the track does not score.
     GroundTruthError
-        If the ground truth was compiled without what it needs.
+        If the ground truth was compiled without instructions or categories that it needs.
     """
     import pandas as pd
 
@@ -234,22 +234,19 @@ def breakdown(scores: Scores, by: str, *, intervals: bool = False) -> "pd.DataFr
 def _interval_columns(
     values: "pd.DataFrame", groups: Sequence[IntArray], truth: GroundTruth
 ) -> dict[str, FloatArray]:
-    """Compute the intervals of groups, given by the rows of their episodes."""
-    cluster = clusters_of(truth, "target")
-    table = values.to_numpy()
-    bounds = np.stack([_bounds(table[rows], cluster[rows]) for rows in groups])
-    return {
-        f"{key}_{end}": bounds[:, row, column]
-        for column, key in enumerate(values)
-        for row, end in enumerate(("low", "high"))
-    }
-
-
-def _bounds(values: FloatArray, cluster: IntArray) -> FloatArray:
-    """Return the ends of the intervals of a group, shape (2, n_metrics)."""
+    """Compute the intervals of groups, each given by the rows of its episodes."""
+    # scipy is needed for intervals only.
     from reverie_eval.metrics.uncertainty import bootstrap_means, interval
 
-    n_clusters = len(np.unique(cluster))
-    if n_clusters < FEW_CLUSTERS:
-        return np.full((2, values.shape[1]), np.nan)
-    return interval(bootstrap_means(values, cluster), n_clusters)
+    cluster = clusters_of(truth, "target")
+    table = values.to_numpy()
+    ends = np.full((len(groups), 2, table.shape[1]), np.nan)
+    for group, rows in enumerate(groups):
+        n_clusters = len(np.unique(cluster[rows]))
+        if n_clusters >= FEW_CLUSTERS:
+            ends[group] = interval(bootstrap_means(table[rows], cluster[rows]), n_clusters)
+    return {
+        f"{key}_{name}": ends[:, end, column]
+        for column, key in enumerate(values)
+        for end, name in enumerate(("low", "high"))
+    }

@@ -1,8 +1,7 @@
-"""Compare submissions: whether one is better than another, by how much, and in which episodes.
+"""Comparisons: whether one submission is better than another, by how much, in which episodes.
 
-Submissions are compared on the same episodes, each with the first. Two that fail in the same
-episodes differ more clearly than their separate intervals suggest, so differences have intervals
-of their own.
+Every submission is compared with the first, on the same episodes. Results on the same episodes are
+correlated, so differences have intervals of their own, narrower than separate ones suggest.
 """
 
 import os
@@ -30,7 +29,7 @@ from reverie_eval.submissions import Submission, check_names, submission_names
 if TYPE_CHECKING:
     import pandas as pd
 
-_LEAST = 2
+_MIN_SUBMISSIONS = 2
 _SMALLEST_P = 0.001
 
 
@@ -39,21 +38,22 @@ class Difference:
     """How a submission differs from the first in one metric, in the metric's own unit."""
 
     mean: float
-    """Of the submission's values minus the first's."""
+    """Mean of the submission's values minus the first's."""
     interval: Interval
     p_value: float
-    """Of the paired randomisation test over clusters, two-sided; corrected by Holm's method for
-    the number of submissions compared with the first."""
+    """Two-sided p-value of the paired randomisation test over clusters, corrected by Holm's method
+    for the number of submissions compared with the first."""
     higher: int
     """Episodes in which the submission's value is higher."""
     lower: int
     """Episodes in which it is lower."""
     mcnemar_p: float | None
-    """Of McNemar's exact test, corrected likewise; null for metrics that are not binary."""
+    """P-value of McNemar's exact test, with the same correction; null if the metric is not
+    binary."""
 
     @property
     def reversed(self) -> Self:
-        """How the first differs from the submission."""
+        """How the first submission differs from this one."""
         return replace(
             self,
             mean=-self.mean,
@@ -67,17 +67,17 @@ class Difference:
 class Comparison(Mapping[str, Mapping[str, Difference]]):
     """How submissions differ from the first of them: ``comparison["b"]["rgspl"].mean``.
 
-    Keys are the names of all but the first; below each are the keys of the CATALOGUE.
+    Keys are the names of all but the first; the values are mappings by the keys of the CATALOGUE.
     """
 
     scores: Mapping[str, Scores]
     """The scores of all submissions by name."""
     intervals: Mapping[str, Intervals]
-    """Of the differences, by the names of all but the first."""
+    """Intervals of the differences, by the names of all but the first."""
     differences: Mapping[str, Mapping[str, Difference]] = field(repr=False)
-    """By the names of all but the first, and by metric."""
+    """The differences, by the names of all but the first, and by metric."""
 
-    # Set by reverie_eval.notebook, because they need a room above this one.
+    # Set by reverie_eval.notebook, because they need a package above this one.
     to_report: ClassVar[Any]
     _repr_html_: ClassVar[Any]
 
@@ -90,9 +90,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         scores : mapping of Scores
             Two or more, by name, of the same episodes under the same protocol.
         by : "target" or "scan"
-            What dependent episodes share.
+            What dependent episodes have in common.
         seed : int
-            Of the resamples and swaps.
+            Seed of the resamples and swaps.
 
         Raises
         ------
@@ -128,16 +128,17 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
     @property
     def primary(self) -> Metric:
-        """The metric that decides which is better: RGSPL, else RGS, else SPL."""
+        """The metric of the verdict: RGSPL, else RGS, else SPL."""
         return primary_metric(self._scored)
 
     @property
     def correctness(self) -> Metric:
-        """The metric that tells whether an episode is correct: RGS, else success."""
+        """The metric that defines a correct episode: RGS, else success."""
         return CATALOGUE["rgs" if "rgs" in self._scored else "success"]
 
     @property
     def _scored(self) -> Mapping[str, Difference]:
+        # Any submission will do, because metrics that one of them lacks are left out of all.
         return next(iter(self.values()))
 
     def is_identical(self, name: str) -> bool:
@@ -146,35 +147,35 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
     def is_significant(self, name: str) -> bool:
         """Whether interval and test agree that a submission differs in the primary metric."""
+        # The two can disagree when clusters are few; then nothing is claimed.
         difference = self[name][self.primary.key]
         interval, confidence = difference.interval, self.intervals[name].confidence
         excludes_zero = interval.low > 0 or interval.high < 0
         return excludes_zero and difference.p_value + confidence < 1
 
     def sentence(self, name: str) -> str:
-        """Return in a sentence whether a submission is better than the first."""
-        metric, difference = self.primary, self[name][self.primary.key]
+        """Return a sentence that says whether a submission is better than the first."""
         if self.is_identical(name):
             return f"{name} and {self.first} score the same in every episode"
-        if not self.is_significant(name):
-            size = f"difference {metric.display(difference.mean)}"
-            between = f"No significant difference between {name} and {self.first}"
-            return f"{between} in {metric.label}: {size}, {self._evidence(name, difference)}"
-        is_better = difference.mean > 0
-        verdict = f"{name} is {'better' if is_better else 'worse'} than {self.first}"
-        shown = difference if is_better else difference.reversed
-        size = f"{metric.display(shown.mean)} {metric.label}"
-        return f"{verdict} by {size}, {self._evidence(name, shown)}"
-
-    def _evidence(self, name: str, difference: Difference) -> str:
-        low, high = map(self.primary.display, (difference.interval.low, difference.interval.high))
-        label, p_value = self.intervals[name].label, p_text(difference.p_value)
-        return f"{label} interval {low} to {high}, {p_value}"
+        metric, difference = self.primary, self[name][self.primary.key]
+        is_significant = self.is_significant(name)
+        is_worse = is_significant and difference.mean < 0
+        # "worse by 2" needs a positive difference, with an interval to match.
+        shown = difference.reversed if is_worse else difference
+        mean, low, high = map(metric.display, (shown.mean, shown.interval.low, shown.interval.high))
+        evidence = f"{self.intervals[name].label} interval {low} to {high}, {p_text(shown.p_value)}"
+        if not is_significant:
+            return (
+                f"No significant difference between {name} and {self.first} in {metric.label}: "
+                f"difference {mean}, {evidence}"
+            )
+        verdict = f"{name} is {'worse' if is_worse else 'better'} than {self.first}"
+        return f"{verdict} by {mean} {metric.label}, {evidence}"
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a row per submission and metric, indexed by both.
 
-        Values are in the metrics' own units, which ``attrs["units"]`` names by metric.
+        Values are in the metrics' own units, which ``attrs["units"]`` lists by metric.
         """
         import pandas as pd
 
@@ -198,14 +199,14 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         return frame.rename_axis(index=["submission", "metric"])
 
     def episodes(self, metric: str | None = None) -> "pd.DataFrame":
-        """Return the episodes with different values: a row per instr_id, a column per name.
+        """Return the episodes with different values: a row per instr_id, a column per submission.
 
-        ``attrs["units"]`` names the metric's unit, by column.
+        ``attrs["units"]`` has the metric's unit, by column.
 
         Parameters
         ----------
         metric : str, optional
-            The metric whose values are compared; :attr:`correctness` if not given.
+            The metric to compare; :attr:`correctness` if not given.
         """
         import pandas as pd
 
@@ -221,7 +222,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
 
 class ComparedSubmissionsError(SubmissionError):
-    """Some of the submissions to compare are invalid; ``errors`` has the error of each by name."""
+    """Some of the compared submissions are invalid; ``errors`` has their errors by name."""
 
     def __init__(self, errors: Mapping[str, SubmissionError]) -> None:
         self.errors = errors
@@ -244,12 +245,12 @@ def compare(
 
     Parameters
     ----------
-    submissions : two or more, as for :func:`reverie_eval.evaluate`
-        Or existing scores.
+    submissions : two or more
+        As for :func:`reverie_eval.evaluate`, or existing scores.
     split, ground_truth, protocol
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
-        Names of the submissions; if not given, those of their files.
+        Names of the submissions; by default those of their files.
     by, seed
         As for :meth:`Comparison.of`.
 
@@ -283,19 +284,19 @@ def score_all(
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
 ) -> Mapping[str, Scores]:
-    """Score several submissions by name; scores stay what they are.
+    """Score several submissions by name, and leave existing scores as they are.
 
     Parameters are those of :func:`compare`.
 
     Raises
     ------
     ComparedSubmissionsError
-        If some are invalid; all of them are reported.
+        If some are invalid; reports all of them.
     ProtocolError, GroundTruthError, OSError
         As :func:`reverie_eval.evaluate` does.
     """
     if split is None and not all(isinstance(each, Scores) for each in submissions.values()):
-        raise ProtocolError("name the split that the submissions are for: split=...")
+        raise ProtocolError("give the split of the submissions: split=...")
     truth = find_ground_truth(ground_truth, split) if split else None
     scores: dict[str, Scores] = {}
     errors: dict[str, SubmissionError] = {}
@@ -306,6 +307,7 @@ def score_all(
         try:
             scores[name] = evaluate(each, split=str(split), ground_truth=truth, protocol=protocol)
         except SubmissionError as error:
+            # Go on, so that all invalid files are reported at once.
             errors[name] = error
     if errors:
         raise ComparedSubmissionsError(errors)
@@ -322,14 +324,14 @@ def p_text(p_value: float) -> str:
 
 
 def check_comparable(scores: Mapping[str, Scores]) -> None:
-    """Refuse scores that cannot be compared.
+    """Check that scores can be compared.
 
     Raises
     ------
     ProtocolError
         If there are fewer than two, a name is not text, or signatures differ.
     """
-    if len(scores) < _LEAST:
+    if len(scores) < _MIN_SUBMISSIONS:
         raise ProtocolError("a comparison needs two or more submissions with different names")
     check_names(scores)
     signatures = {each.signature for each in scores.values()}
@@ -343,8 +345,9 @@ def _differences(
     cluster: IntArray,
     seed: int,
 ) -> Mapping[str, Mapping[str, Difference]]:
-    """Test every change, arrays of shape (n_episodes,) by submission and metric, all together."""
-    # scipy is needed for comparisons only.
+    """Test the changes, arrays of shape (n_episodes,) by submission and metric."""
+    # All in one call, because Holm's correction is over the submissions; scipy is imported late
+    # because only comparisons and intervals need it.
     from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 
     tables = [np.column_stack(list(change.values())) for change in changes.values()]

@@ -1,6 +1,6 @@
-"""One episode: its instruction, where the agent went, its answer, and the outcome."""
+"""One episode: its instruction, the agent's trajectory and answer, and the outcome."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,7 +18,7 @@ from reverie_eval.text import category_text, count_text, first_few
 class Episode:
     """A single episode of a submission, as ``scores.episode(instr_id)`` returns it.
 
-    Viewpoints are given by their ids; :meth:`positions` returns where they are.
+    Viewpoints are given by their ids; :meth:`positions` returns their positions.
     """
 
     instr_id: str
@@ -26,7 +26,7 @@ class Episode:
     instruction: str
     """Empty if the ground truth was compiled without instructions."""
     outcome: str
-    """One of ``OUTCOMES``; empty if the protocol or track does not score them."""
+    """One of ``OUTCOMES``; empty if the protocol or track does not define them."""
     values: Mapping[str, float]
     """By metric; fractions in [0, 1], lengths in metres."""
     start: str
@@ -35,19 +35,19 @@ class Episode:
     """The viewpoint of every pose."""
     annotated_path: Sequence[str]
     goal_viewpoints: Sequence[str]
-    """Where a stop counts as success under the protocol."""
+    """The viewpoints where a stop is a success under the protocol."""
     target_object: int
     """Object id within the scan."""
     target_category: str
-    """The annotated name of the target; empty if there is none."""
+    """The annotated category of the target; empty if there is none."""
     predicted_object: int | None
     """None if the agent predicted no object, or a box."""
     box_outcome: str
     """The outcome of the predicted box, one of ``BOX_OUTCOMES``; empty without a box."""
     graph: NavigationGraph
-    """Of all scans of the split."""
+    """The navigation graphs of all scans of the split."""
 
-    # Set by reverie_eval.notebook, because they need a room above this one.
+    # Set by reverie_eval.notebook, because they need a package above this one.
     plot: ClassVar[Any]
     _repr_html_: ClassVar[Any]
 
@@ -62,7 +62,7 @@ class Episode:
         return self.annotated_path[-1]
 
     def positions(self, viewpoint_ids: Sequence[str]) -> FloatArray:
-        """Return where viewpoints are.
+        """Return the positions of viewpoints.
 
         Returns
         -------
@@ -74,7 +74,7 @@ class Episode:
 
     @property
     def caption(self) -> str:
-        """Target, answer and walk in one line."""
+        """Target, answer and trajectory in one line."""
         return "; ".join([self._answer_text, *self._walk_texts])
 
     @property
@@ -104,7 +104,7 @@ class Episode:
 
 
 def episode(scores: Scores, instr_id: str) -> Episode:
-    """Gather what is known about one episode.
+    """Return one episode of the submission that was scored.
 
     Raises
     ------
@@ -114,7 +114,9 @@ def episode(scores: Scores, instr_id: str) -> Episode:
     truth, submission = scores.ground_truth, scores.submission
     if submission is None:
         raise ReverieEvalError("these scores have no trajectories; evaluate the file")
-    row = _row(instr_id, truth)
+    row = truth.episodes.index.get(instr_id)
+    if row is None:
+        raise ReverieEvalError(_unknown_episode(instr_id, truth))
     graph, answers = truth.graph, truth.require_answers()
     task = int(truth.episodes.task[row])
     start = int(truth.episodes.start[row])
@@ -124,62 +126,45 @@ def episode(scores: Scores, instr_id: str) -> Episode:
     return Episode(
         instr_id=instr_id,
         scan=graph.scan_of(start),
-        instruction=_instruction(truth, row),
-        outcome=_outcome(scores, row),
+        instruction=_text_or_empty(lambda: truth.episodes.instructions[row]),
+        outcome=_text_or_empty(lambda: scores.outcomes[row]),
         values={key: float(column[row]) for key, column in scores.episodes.items()},
         start=graph.viewpoint_ids[start],
         trajectory=_ids(graph, poses),
         annotated_path=_ids(graph, path),
         goal_viewpoints=_ids(graph, _goal_viewpoints(scores.protocol, truth, row)),
         target_object=int(answers.target_object[row]),
-        target_category=_category(truth, task),
+        target_category=_text_or_empty(lambda: answers.target_categories[task]),
         predicted_object=None if predicted == ABSTAINED else predicted,
         box_outcome=scores.box_outcomes[row],
         graph=graph,
     )
 
 
-def _row(instr_id: str, truth: GroundTruth) -> int:
-    row = truth.episodes.index.get(instr_id)
-    if row is None:
-        from difflib import get_close_matches  # slow to import, and seldom needed
+def _unknown_episode(instr_id: str, truth: GroundTruth) -> str:
+    from difflib import get_close_matches  # slow to import, and only needed in errors
 
-        known = truth.episodes.instr_ids
-        close = get_close_matches(str(instr_id), known)
-        examples = f"did you mean {first_few(close)}?" if close else f"such as {first_few(known)}"
-        number = count_text(len(known), "episode")
-        raise ReverieEvalError(
-            f"no episode {instr_id!r} among the {number} of {truth.split}; {examples}"
-        )
-    return row
+    known = truth.episodes.instr_ids
+    close = get_close_matches(str(instr_id), known)
+    examples = f"did you mean {first_few(close)}?" if close else f"such as {first_few(known)}"
+    number = count_text(len(known), "episode")
+    return f"no episode {instr_id!r} among the {number} of {truth.split}; {examples}"
+
+
+def _text_or_empty(read: Callable[[], str]) -> str:
+    """Return a text, empty if the ground truth lacks it or the protocol does not define it."""
+    try:
+        return read()
+    except (GroundTruthError, ProtocolError):
+        return ""
 
 
 def _ids(graph: NavigationGraph, viewpoints: IntArray) -> Sequence[str]:
     return tuple(graph.viewpoint_ids[viewpoint] for viewpoint in viewpoints.tolist())
 
 
-def _instruction(truth: GroundTruth, row: int) -> str:
-    try:
-        return truth.episodes.instructions[row]
-    except GroundTruthError:
-        return ""
-
-
-def _category(truth: GroundTruth, task: int) -> str:
-    try:
-        return truth.require_answers().target_categories[task]
-    except GroundTruthError:
-        return ""
-
-
-def _outcome(scores: Scores, row: int) -> str:
-    try:
-        return scores.outcomes[row]
-    except ProtocolError:
-        return ""
-
-
 def _goal_viewpoints(protocol: Protocol, truth: GroundTruth, row: int) -> IntArray:
+    """Return the goal viewpoints of one episode, out of all viewpoints of its scan."""
     scan = truth.graph.viewpoint_scan
     viewpoints = np.flatnonzero(scan == scan[truth.episodes.start[row]])
     episodes = np.full_like(viewpoints, row)

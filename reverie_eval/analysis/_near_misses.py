@@ -8,23 +8,23 @@ from reverie_eval.arrays import Array
 from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.scoring import OUTCOMES, Scores
 
-_SHOWN = 3
-"""Episodes of each kind, with different routes."""
+_N_EXAMPLES = 3
+"""Episodes of each kind; readers learn more from different routes than from more of them."""
 
 _FAILURES = tuple(outcome for outcome in OUTCOMES if outcome != "correct")
 
 
 def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
-    """Choose episodes of every failure mode, the nearest to being correct first.
+    """Choose a few episodes of every failure mode, the closest to being correct first.
 
-    Nearest are: of those that never reached the goal, the ones that came closest to the path's
-    end; of those that overshot, or had the correct object at the wrong stop, the ones that stopped
-    closest to it; of wrong objects, the ones whose box overlaps most, and then the highest SPL.
+    Episodes that never reached the goal are ordered by how close they came to the path's end;
+    those that overshot, or predicted the correct object at the wrong stop, by how close to it they
+    stopped; those with a wrong object by their box's IoU, then by SPL.
 
     Returns
     -------
     mapping of lists of str
-        By outcome; the same scores give the same episodes.
+        Instr_ids by outcome; the same scores give the same episodes.
     """
     outcome = np.array(scores.outcomes)
     chosen = {}
@@ -37,7 +37,7 @@ def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
 
 
 def episodes_won(first: Scores, other: Scores) -> Sequence[str]:
-    """List the episodes that only the other got right, the largest difference first."""
+    """List the episodes that only the other submission got right, the largest difference first."""
     better = other.episodes["rgs"] > first.episodes["rgs"]
     change = other.episodes[PRIMARY_METRIC] - first.episodes[PRIMARY_METRIC]
     rows = np.flatnonzero(better)
@@ -67,5 +67,6 @@ def _with_different_routes(scores: Scores, rows: Array) -> Sequence[str]:
     truth = scores.ground_truth
     routes = np.column_stack([truth.episodes.start[rows], truth.require_answers().goal[rows]])
     _, first_of_route = np.unique(routes, axis=0, return_index=True)
-    shown = rows[np.sort(first_of_route)][:_SHOWN]
-    return [truth.episodes.instr_ids[row] for row in shown.tolist()]
+    # np.unique sorts routes by viewpoint; sorting the indices restores the order of episodes.
+    chosen = rows[np.sort(first_of_route)][:_N_EXAMPLES]
+    return [truth.episodes.instr_ids[row] for row in chosen.tolist()]

@@ -1,6 +1,5 @@
 """The geometry of panoramas: views, projection, and boxes seen from another camera."""
 
-from reverie_eval.geometry._projection import into_camera, pixels_of, rays_of
 from reverie_eval.geometry._views import (
     FAR_OFF,
     FIELD_OF_VIEW,
@@ -13,8 +12,11 @@ from reverie_eval.geometry._views import (
     axes,
     degrees_off,
     is_on_grid,
+    pixels_of,
+    rays_of,
     snap,
     view_angles,
+    world_to_camera,
 )
 
 __all__ = [
@@ -28,10 +30,10 @@ __all__ = [
     "WIDTH",
     "axes",
     "degrees_off",
-    "into_camera",
     "is_on_grid",
     "pixels_of",
     "rays_of",
     "snap",
     "view_angles",
+    "world_to_camera",
 ]

@@ -1,13 +1,13 @@
-"""The rectangle that a box in the world takes in the picture of each view.
+"""The bounding rectangle of an oriented box in each of the 36 views.
 
-A view shows what lies in its frustum: the pyramid of what projects into the picture, from ``NEAR``
-on. What it shows of a box is again a body with flat faces, the frustum cut with the box, and its
-picture is bounded by the pictures of its corners. Each of these lies at an end of an edge of the
-box cut to the frustum, or of an edge of the frustum cut to the box.
+A view shows what lies in its frustum: the pyramid that projects into the picture, beyond ``NEAR``.
+The visible part of a box is the intersection of box and frustum, a convex polyhedron, so the
+projections of its corners bound the rectangle. Each corner is an end of an edge of the box clipped
+to the frustum, or of an edge of the frustum clipped to the box.
 
-So nothing behind the camera is mirrored into the picture, and boxes are cut to the picture before
-they are bounded, not after, as those of the published files are. A camera within a box sees it
-wherever it looks: the whole picture in every view.
+Clipping comes before projection. So nothing behind the camera is mirrored into the picture, and
+the rectangle surrounds the visible part only, unlike the published boxes, which were cut to the
+picture after projection. A camera inside a box sees the box everywhere, in every view.
 """
 
 from typing import NamedTuple
@@ -16,36 +16,35 @@ import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray
 from reverie_eval.geometry._oriented_boxes import EDGES, OrientedBoxes
-from reverie_eval.geometry._projection import pixels_of
-from reverie_eval.geometry._views import FOCAL_LENGTH, HEIGHT, NEAR, VIEW_AXES, WIDTH
+from reverie_eval.geometry._views import FOCAL_LENGTH, HEIGHT, NEAR, VIEW_AXES, WIDTH, pixels_of
 
-_ACROSS, _UP = WIDTH / 2 / FOCAL_LENGTH, HEIGHT / 2 / FOCAL_LENGTH
-"""Metres from the optical axis to the picture's sides, one metre before the camera."""
+_RIGHT, _UP = WIDTH / 2 / FOCAL_LENGTH, HEIGHT / 2 / FOCAL_LENGTH
+"""Metres from the optical axis to the picture's edges, one metre in front of the camera."""
 
-_SIDES = np.array([(-1, 0, _ACROSS), (1, 0, _ACROSS), (0, -1, _UP), (0, 1, _UP)])
-"""Inward normals of the frustum's sides, which meet in the camera."""
+_SIDES = np.array([(-1, 0, _RIGHT), (1, 0, _RIGHT), (0, -1, _UP), (0, 1, _UP)])
+"""Inward normals of the frustum's sides, which meet at the camera."""
 _SIDES /= np.linalg.norm(_SIDES, axis=1, keepdims=True)
 
 _NEAR_CORNERS = NEAR * np.array(
-    [(-_ACROSS, -_UP, 1), (_ACROSS, -_UP, 1), (_ACROSS, _UP, 1), (-_ACROSS, _UP, 1)]
+    [(-_RIGHT, -_UP, 1), (_RIGHT, -_UP, 1), (_RIGHT, _UP, 1), (-_RIGHT, _UP, 1)]
 )
 _FRUSTUM_STARTS = np.concatenate([_NEAR_CORNERS, _NEAR_CORNERS])
 _FRUSTUM_STEPS = np.concatenate([np.roll(_NEAR_CORNERS, -1, axis=0) - _NEAR_CORNERS, _NEAR_CORNERS])
 _FRUSTUM_ENDS = np.repeat([1.0, np.inf], 4)
-"""Edges of the frustum: four around its near face, and four from there on without end."""
+"""Edges of the frustum: four around its near face, and four that leave it and never end."""
 
 _SLACK = 1e-9
-"""Metres from a plane up to which a point lies in it.
+"""Metres from a plane within which a point counts as lying in it.
 
-The horizon is where the upper and the lower row end, so a board at eye height lies in that plane.
-Rounding, which moves the points of a building by some 1e-15 metres, must not decide there.
+The upper and lower rows of views end at the horizon, so the top of a table at eye height lies in
+that plane. Rounding errors, some 1e-15 metres in a building, must not decide whether it is shown.
 """
 _DECIMALS = 6
-"""Pixels are rounded to these before they become whole, so that all machines agree."""
+"""Decimals to which pixels are rounded before they become whole, so that all machines agree."""
 
 
 class BoundsInViews(NamedTuple):
-    """Which boxes are in which views, sorted by box and view, and where."""
+    """The boxes that each view shows, sorted by box and view, and their bounds."""
 
     box: IntArray
     """Shape (k,): rows of the oriented boxes."""
@@ -56,7 +55,7 @@ class BoundsInViews(NamedTuple):
 
 
 class BoxesInViews(NamedTuple):
-    """Which boxes are in which views, sorted by box and view, and in which pixels."""
+    """The boxes that each view shows, sorted by box and view, and their pixels."""
 
     box: IntArray
     """Shape (k,): rows of the oriented boxes."""
@@ -67,14 +66,14 @@ class BoxesInViews(NamedTuple):
 
 
 def boxes_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoxesInViews:
-    """Return the box of whole pixels that each oriented box takes in each of the 36 views.
+    """Return the rectangle of whole pixels around each oriented box in each of the 36 views.
 
-    A pixel belongs to it if its centre does. What covers no pixel's centre is left out.
+    A pixel is covered if its centre is. Boxes that cover no pixel of a view are left out.
 
     Parameters
     ----------
     position : float array of shape (3,)
-        Where the camera stands in the world.
+        The camera's position in the world.
     boxes : OrientedBoxes
         In the world.
 
@@ -86,8 +85,8 @@ def boxes_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoxesInViews:
     References
     ----------
     .. [1] Qi et al., "REVERIE", CVPR 2020, section 3: corners of a three-dimensional box
-       projected into the views. That extents are exclusive and boxes cut to the picture is
-       measured on the published files.
+       projected into the views. The published files show that extents are exclusive and that
+       boxes are cut to the picture.
 
     Examples
     --------
@@ -108,24 +107,27 @@ def boxes_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoxesInViews:
 
 
 def bounds_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoundsInViews:
-    """Return the exact bounds of each oriented box in each of the 36 views.
+    """Return the unrounded bounds of each oriented box in each of the 36 views.
 
     Parameters are those of :func:`boxes_in_views`.
     """
-    box, view = _perhaps_in_view(position, boxes)
+    box, view = _near_frustum(position, boxes)
     seen = boxes[box].seen_by(position, VIEW_AXES[view])
     pixels, within = _shown_corners(seen)
     low = np.where(within, pixels, np.inf).min(axis=1, initial=np.inf)
     high = np.where(within, pixels, -np.inf).max(axis=1, initial=-np.inf)
     shown = within.any(axis=(1, 2))
     bounds = np.concatenate([low, high], axis=1)[shown]
-    # The corners of the frustum are the picture's but for the last bit.
+    # Projected corners of the frustum are those of the picture up to the last bit.
     bounds = np.clip(bounds, 0, [WIDTH, HEIGHT, WIDTH, HEIGHT])
     return BoundsInViews(box[shown], view[shown], bounds)
 
 
-def _perhaps_in_view(position: FloatArray, boxes: OrientedBoxes) -> tuple[IntArray, IntArray]:
-    """Return the pairs of box and view where the ball around the box reaches into the frustum."""
+def _near_frustum(position: FloatArray, boxes: OrientedBoxes) -> tuple[IntArray, IntArray]:
+    """Return the pairs of box and view in which the box's bounding sphere may reach the frustum.
+
+    A cheap test that leaves few pairs for the clipping.
+    """
     centre = np.einsum("nj,vij->nvi", boxes.centre - position, VIEW_AXES)
     radius = np.sqrt((boxes.radii * boxes.radii).sum(axis=1))[:, None] + _SLACK
     reaches = centre[..., 2] - NEAR >= -radius
@@ -136,51 +138,53 @@ def _perhaps_in_view(position: FloatArray, boxes: OrientedBoxes) -> tuple[IntArr
 
 
 def _shown_corners(seen: OrientedBoxes) -> tuple[FloatArray, BoolArray]:
-    """Pixels, shape (n, 40, 2), of what may be corners of the shown bodies, and which are."""
+    """Return pixels, shape (n, 40, 2), of possible corners of the visible parts, and which exist.
+
+    Each of the 12 edges of a box and the 8 of the frustum has two ends.
+    """
     start, step, enter, leave = (
         np.concatenate(both, axis=1)
         for both in zip(_edges_of_boxes(seen), _edges_of_frustum(seen), strict=True)
     )
     within = enter <= leave
-    way = np.where(within, [enter, leave], 0.0)[..., None]
-    corners = np.where(within[..., None], start + way * step, (0.0, 0.0, NEAR))
+    steps = np.where(within, [enter, leave], 0.0)[..., None]
+    # Edges that are clipped away get a harmless point: their own may be infinite.
+    corners = np.where(within[..., None], start + steps * step, (0.0, 0.0, NEAR))
     pixels = np.concatenate(list(pixels_of(corners)), axis=1)
     return pixels, np.tile(within, 2)[..., None]
 
 
-class _CutSegments(NamedTuple):
-    """Segments, and the part of each, in steps from its start, that is within a body."""
+class _ClippedEdges(NamedTuple):
+    """Edges, and where each enters and leaves a convex body, in steps from its start."""
 
     start: FloatArray
     step: FloatArray
     enter: FloatArray
     leave: FloatArray
-    """Before ``enter`` if nothing is within."""
+    """Less than ``enter`` if the edge is outside."""
 
 
-def _edges_of_boxes(seen: OrientedBoxes) -> _CutSegments:
-    """Cut the edges of boxes in cameras' frames to the frustum."""
+def _edges_of_boxes(seen: OrientedBoxes) -> _ClippedEdges:
+    """Clip the edges of boxes in cameras' frames to the frustum."""
     corners = seen.corners()
-    inside = np.concatenate([_depths_within_sides(corners), corners[..., 2:] - NEAR], axis=-1)
+    from_sides = np.einsum("...i,si->...s", corners, _SIDES)
+    inside = np.concatenate([from_sides, corners[..., 2:] - NEAR], axis=-1)
     first, second = EDGES.T
     start, step = corners[:, first], corners[:, second] - corners[:, first]
-    enter, leave = _within(inside[:, first], inside[:, second] - inside[:, first], 1.0)
-    return _CutSegments(start, step, enter, leave)
+    enter, leave = _clip(inside[:, first], inside[:, second] - inside[:, first], 1.0)
+    return _ClippedEdges(start, step, enter, leave)
 
 
-def _depths_within_sides(points: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("...i,si->...s", points, _SIDES))
-
-
-def _edges_of_frustum(seen: OrientedBoxes) -> _CutSegments:
-    """Cut the frustum's edges to boxes in cameras' frames."""
+def _edges_of_frustum(seen: OrientedBoxes) -> _ClippedEdges:
+    """Clip the frustum's edges to boxes in cameras' frames."""
+    # In a box's own frame its faces are at plus and minus its radii.
     start = np.einsum("nei,nai->nea", _FRUSTUM_STARTS - seen.centre[:, None], seen.axes)
     step = np.einsum("ei,nai->nea", _FRUSTUM_STEPS, seen.axes)
     radii = seen.radii[:, None]
     inside = np.concatenate([radii - start, radii + start], axis=-1)
-    enter, leave = _within(inside, np.concatenate([-step, step], axis=-1), _FRUSTUM_ENDS)
+    enter, leave = _clip(inside, np.concatenate([-step, step], axis=-1), _FRUSTUM_ENDS)
     shape = len(seen), *_FRUSTUM_STARTS.shape
-    return _CutSegments(
+    return _ClippedEdges(
         np.broadcast_to(_FRUSTUM_STARTS, shape),
         np.broadcast_to(_FRUSTUM_STEPS, shape),
         enter,
@@ -188,34 +192,30 @@ def _edges_of_frustum(seen: OrientedBoxes) -> _CutSegments:
     )
 
 
-def _within(
+def _clip(
     inside: FloatArray, gain: FloatArray, end: float | FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where segments enter and leave a body that is bounded by planes, which belong to it.
+    """Return where edges enter and leave a body bounded by planes, in steps from their starts.
 
     Parameters
     ----------
     inside : float array of shape (..., n_planes)
-        Metres from each plane inwards to where a segment starts.
+        Metres from each plane inwards to the start of an edge.
     gain : float array of shape (..., n_planes)
-        Metres that a step of it leads farther inwards.
+        Metres that each step leads farther inwards.
     end : float or float array of shape (...)
-        How many steps it is long.
+        Length of the edge in steps.
 
     References
     ----------
     .. [1] Liang and Barsky, "A New Concept and Method for Line Clipping", ACM Transactions on
        Graphics 3(1), 1984.
     """
-    inside, gain = _without_rounding(inside), _without_rounding(gain)
+    inside, gain = (np.where(np.abs(metres) > _SLACK, metres, 0.0) for metres in (inside, gain))
+    # An edge parallel to a plane never crosses it; `where` drops what the division gives there.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         crossing = -inside / gain
     enter = np.where(gain > 0, crossing, 0.0).max(axis=-1, initial=0.0)
     leave = np.minimum(np.where(gain < 0, crossing, np.inf).min(axis=-1, initial=np.inf), end)
-    passes_by = ((gain == 0) & (inside < 0)).any(axis=-1)
-    return enter, np.where(passes_by, -1.0, leave)
-
-
-def _without_rounding(distance: FloatArray) -> FloatArray:
-    """Take what is within ``_SLACK`` of a plane for a part of it."""
-    return np.where(np.abs(distance) > _SLACK, distance, 0.0)
+    is_outside = ((gain == 0) & (inside < 0)).any(axis=-1)
+    return enter, np.where(is_outside, -1.0, leave)

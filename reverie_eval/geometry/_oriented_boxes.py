@@ -9,7 +9,7 @@ import numpy as np
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, frozen
 
 CORNER_SIDES: FloatArray = frozen(np.array(list(product((-1.0, 1.0), repeat=3))))
-"""Shape (8, 3): on which side of the centre each corner lies, along each axis."""
+"""Shape (8, 3): the side of the centre on which each corner lies, along each axis."""
 
 EDGES: IntArray = frozen(
     np.array(
@@ -31,7 +31,7 @@ class OrientedBoxes:
     centre: FloatArray
     """Shape (n, 3)."""
     axes: FloatArray
-    """Shape (n, 3, 3): rows of unit vectors, at right angles to each other."""
+    """Shape (n, 3, 3): rows of orthogonal unit vectors."""
     radii: FloatArray
     """Shape (n, 3): metres from the centre to the faces, along each axis; not negative."""
 
@@ -43,13 +43,13 @@ class OrientedBoxes:
         second_axis: FloatArray,
         radii: FloatArray,
     ) -> Self:
-        """Return boxes along two of their axes; the third is the cross product.
+        """Build boxes from two of their axes; the third is the cross product.
 
         Parameters
         ----------
         centre, first_axis, second_axis : float arrays of shape (n, 3)
-            The axes may be of any length and need not be quite at right angles, as numbers
-            that were written with a few digits are not: the second is turned to be so.
+            The axes may have any length. If they are not quite orthogonal, as when they were
+            written with a few digits, the second is made so.
         radii : float array of shape (n, 3)
             Half extents in metres.
 
@@ -71,12 +71,12 @@ class OrientedBoxes:
         return type(self)(self.centre[which], self.axes[which], self.radii[which])
 
     def seen_by(self, position: FloatArray, camera_axes: FloatArray) -> Self:
-        """Return the boxes in the frames of cameras, one for each box.
+        """Return the boxes in the frames of cameras, one camera per box.
 
         Parameters
         ----------
         position : float array of shape (3,)
-            Where the cameras stand.
+            The position of all cameras.
         camera_axes : float array of shape (n, 3, 3)
             Right, up and forward of each camera, in rows.
         """
@@ -95,9 +95,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 
 def _scaled(vectors: FloatArray) -> FloatArray:
-    """Bring vectors near length 1, lest their squares overflow or vanish.
-
-    A power of two, by which they are divided, changes no digit.
-    """
+    """Scale vectors to a length near 1, so that their squares neither overflow nor underflow."""
+    # Dividing by a power of two changes no digit.
     _, exponent = np.frexp(np.abs(vectors).max(axis=-1, keepdims=True))
     return np.asarray(np.ldexp(vectors, -exponent))

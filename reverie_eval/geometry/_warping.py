@@ -1,7 +1,7 @@
-"""Boxes that were drawn in one camera, carried over to a view of the same panorama.
+"""Boxes predicted in the picture of any camera, warped to a view of the same panorama.
 
-Both cameras stand at the same place, so a pixel of one is a pixel of the other whatever its
-distance, and a box becomes a quadrilateral.
+Both cameras are at the same position, so a pixel of one corresponds to a pixel of the other at any
+depth, and a box becomes a quadrilateral.
 """
 
 from typing import TYPE_CHECKING
@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray, IntArray
-from reverie_eval.geometry._projection import clip_at_depth, pixels_of, rays_of
-from reverie_eval.geometry._views import HEIGHT, VIEW_AXES, WIDTH, axes
+from reverie_eval.geometry._views import HEIGHT, VIEW_AXES, WIDTH, axes, pixels_of, rays_of
 
 if TYPE_CHECKING:
     from shapely import Polygon
 
 
-_ALMOST_SIDEWAYS = 1e-3
-"""Depth of a ray, in units of its source's depth, below which it leaves any picture."""
+_MIN_DEPTH = 1e-3
+"""Depth of a ray in a view, as a share of its depth in the camera, below which no picture shows it.
+Cutting there, and not at 0, keeps the division of the projection finite."""
 
 
 def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
-    """Carry boxes over from the cameras they were drawn in to views.
+    """Warp boxes from the cameras in which they were predicted to views.
 
     Parameters
     ----------
@@ -31,35 +31,39 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
     camera : float array of shape (n, 2)
         Heading and elevation, radians.
     view : int array of shape (n,)
-        The views to carry them over to.
+        The views to warp them to.
 
     Returns
     -------
     array of shape (n,) of shapely polygons
-        In pixels of the views, cut to the picture; empty where nothing of the box is in it.
+        In pixels of the views, cut to the picture; empty if the picture shows nothing of the box.
 
     References
     ----------
     .. [1] Hartley and Zisserman, "Multiple View Geometry in Computer Vision", 2nd edition, 2004,
-       section 8.4: pictures from one place differ by the homography ``K R K^-1``, whatever the
-       depth. Here it is applied to corners one by one, for those behind the view to be cut away.
+       section 8.4: pictures from one position differ by the homography ``K R K^-1`` at any depth.
     """
     import shapely
 
-    rays = _corner_rays(box_xywh) @ axes(camera) @ VIEW_AXES[view].transpose(0, 2, 1)
-    outlines = [_outline(corners) for corners in rays]
+    left, top, width, height = box_xywh.T.astype(np.float64)
+    right, bottom = left + width, top + height
+    corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
+    rays = rays_of(corners.transpose(2, 0, 1)) @ axes(camera) @ VIEW_AXES[view].transpose(0, 2, 1)
+    # The homography is applied to corner rays, not pixels, so that those behind the view can be
+    # cut away instead of being mirrored into its picture.
+    outlines = [_outline(box_rays) for box_rays in rays]
     return np.asarray(shapely.intersection(outlines, shapely.box(0, 0, WIDTH, HEIGHT)))
 
 
 def polygon_overlap(polygons: Array, target_box_xywh: Array) -> tuple[FloatArray, FloatArray]:
-    """Areas that polygons share with boxes of the same view, and both areas added.
+    """Return the areas of the intersections of polygons and boxes, and the sums of both areas.
 
     Parameters
     ----------
     polygons : array of shape (n,) of shapely polygons
-        As :func:`warp` gives them.
+        As :func:`warp` returns them.
     target_box_xywh : float or int array of shape (n, 4)
-        Left, top, width and height in pixels.
+        Left, top, width and height in pixels of the same view.
 
     Returns
     -------
@@ -74,16 +78,46 @@ def polygon_overlap(polygons: Array, target_box_xywh: Array) -> tuple[FloatArray
     return shared, shapely.area(polygons) + width * height
 
 
-def _corner_rays(box_xywh: Array) -> FloatArray:
-    """Shape (n, 4, 3): where each box's corners look, around the box."""
-    left, top, width, height = box_xywh.T.astype(np.float64)
-    right, bottom = left + width, top + height
-    corners = [(left, top), (right, top), (right, bottom), (left, bottom)]
-    return rays_of(np.array(corners).transpose(2, 0, 1))
-
-
 def _outline(rays: FloatArray) -> "Polygon":
+    """Return the polygon of a box's corner rays in the picture, empty if all are behind it."""
     from shapely import Polygon
 
-    before_camera = clip_at_depth(rays, _ALMOST_SIDEWAYS)
-    return Polygon(pixels_of(before_camera) if len(before_camera) else None)
+    in_front = clip_at_depth(rays, _MIN_DEPTH)
+    return Polygon(pixels_of(in_front) if len(in_front) else None)
+
+
+def clip_at_depth(polygon: FloatArray, depth: float) -> FloatArray:
+    """Clip a flat polygon at a plane in front of the camera.
+
+    Parameters
+    ----------
+    polygon : float array of shape (n, 3)
+        Corners in the camera's frame, in order around a convex polygon: right, up, forward.
+    depth : float
+        Where the plane is; anything closer, or behind the camera, is cut away.
+
+    Returns
+    -------
+    float array of shape (m, 3)
+        Corners of what remains, in order; empty if nothing does.
+
+    References
+    ----------
+    .. [1] Sutherland and Hodgman, "Reentrant Polygon Clipping", CACM 17(1), 1974.
+
+    Examples
+    --------
+    >>> triangle = np.array([[0.0, 0.0, -1.0], [2.0, 0.0, 1.0], [-2.0, 0.0, 1.0]])
+    >>> clip_at_depth(triangle, 0.0)
+    array([[ 1.,  0.,  0.],
+           [ 2.,  0.,  1.],
+           [-2.,  0.,  1.],
+           [-1.,  0.,  0.]])
+    """
+    corners = []
+    for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        if start[2] >= depth:
+            corners.append(start)
+        if (start[2] >= depth) != (end[2] >= depth):
+            corners.append(start + (end - start) * (depth - start[2]) / (end[2] - start[2]))
+    return np.array(corners).reshape(-1, 3)

@@ -1,7 +1,4 @@
-"""The ground truth of a split: compiled once from the published files, loaded in milliseconds.
-
-:mod:`reverie_eval.dataset` compiles it.
-"""
+"""The ground truth of a split: compiled once by :mod:`reverie_eval.dataset`, then loaded fast."""
 
 from reverie_eval.ground_truth._answers import Answers, CandidateBoxes
 from reverie_eval.ground_truth._bundle import (

@@ -22,12 +22,12 @@ from reverie_eval.metrics import SUCCESS_DISTANCE
 
 @dataclass(frozen=True, eq=False)
 class CandidateBoxes:
-    """Every annotated box: a candidate in a view of its viewpoint."""
+    """The annotated boxes: one for each view of its viewpoint that shows a candidate."""
 
     candidate: IntArray
     """Shape (n_boxes,): row of the candidate, ascending."""
     candidate_viewpoint: IntArray
-    """Shape (n_candidates,): the viewpoint that each candidate is seen from."""
+    """Shape (n_candidates,): the viewpoint from which each candidate is visible."""
     view: IntArray
     """Shape (n_boxes,): view index, 0 to 35."""
     xywh: IntArray
@@ -36,10 +36,10 @@ class CandidateBoxes:
     def find(self, candidate: IntArray, view: IntArray) -> tuple[IntArray, BoolArray]:
         """Return the row of each candidate's box in each view, and whether there is one."""
         order, keys = self._by_candidate
-        place, found = find_sorted(keys, self._key(candidate, view))
-        return order[place], found
+        index, has_box = find_sorted(keys, _view_key(candidate, view))
+        return order[index], has_box
 
-    def beside(self, box: IntArray) -> tuple[IntArray, IntArray]:
+    def pair_with_others(self, box: IntArray) -> tuple[IntArray, IntArray]:
         """Pair boxes with the boxes of all other objects in the same view.
 
         Returns
@@ -50,60 +50,61 @@ class CandidateBoxes:
         order, images = self._by_image
         begin = np.searchsorted(images, self._image[box], side="left")
         end = np.searchsorted(images, self._image[box], side="right")
-        position = row_of(offsets_of(end - begin))
-        within = np.arange(len(position)) - offsets_of(end - begin)[:-1][position]
-        other = order[begin[position] + within]
-        is_other = self.candidate[other] != self.candidate[box[position]]
-        return position[is_other], other[is_other]
+        pair_offsets = offsets_of(end - begin)
+        index = row_of(pair_offsets)
+        rank = np.arange(len(index)) - pair_offsets[:-1][index]
+        other = order[begin[index] + rank]
+        # An image lists the box itself as well.
+        is_other = self.candidate[other] != self.candidate[box[index]]
+        return index[is_other], other[is_other]
+
+    # Sorted indexes are cached, so that an evaluator sorts the boxes of a split only once.
 
     @cached_property
     def _by_candidate(self) -> tuple[IntArray, IntArray]:
-        """Boxes in the order of candidate and view, and their keys."""
-        keys = self._key(self.candidate, self.view)
+        """Rows of the boxes in the order of candidate and view, and their keys."""
+        keys = _view_key(self.candidate, self.view)
         order = np.argsort(keys, kind="stable")
         return order, keys[order]
 
     @cached_property
-    def _image(self) -> IntArray:
-        """Shape (n_boxes,): one number for viewpoint and view."""
-        return self._key(self.candidate_viewpoint[self.candidate], self.view)
-
-    @cached_property
     def _by_image(self) -> tuple[IntArray, IntArray]:
+        """Rows of the boxes in the order of viewpoint and view, and their keys."""
         order = np.argsort(self._image, kind="stable")
         return order, self._image[order]
 
-    @staticmethod
-    def _key(owner: IntArray, view: IntArray) -> IntArray:
-        return owner.astype(np.int64) * N_VIEWS + view
+    @cached_property
+    def _image(self) -> IntArray:
+        """Shape (n_boxes,): one number for the viewpoint and view of each box."""
+        return _view_key(self.candidate_viewpoint[self.candidate], self.view)
 
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What a public bundle leaves out."""
+    """Everything that a public bundle leaves out."""
 
     target_object: IntArray
     """Shape (n_episodes,): object id within the episode's scan."""
     goal: IntArray
     """Shape (n_episodes,): last viewpoint of the annotated path."""
     candidate_viewpoint: IntArray
-    """Shape (n_candidates,): every visible object of every viewpoint, by viewpoint and id."""
+    """Shape (n_candidates,): the viewpoints of all visible objects, by viewpoint and object id."""
     candidate_object: IntArray
     """Shape (n_candidates,): object id within the viewpoint's scan."""
     candidate_distance: FloatArray | None
     """Shape (n_candidates,): metres from camera to object centre, inf if the centre is unknown;
     None if the bundle was compiled without object positions."""
     boxes: CandidateBoxes
-    """The boxes of the candidates in the views."""
     path: IntArray
     """Annotated paths of the tasks, end to end."""
     path_offsets: IntArray
     """Shape (n_tasks + 1,): where each task's path begins in ``path``."""
+    # Unpacked when needed: scoring does not read them.
     packed_categories: Array | None = None
 
     @classmethod
     def from_bundle(cls, bundle: Bundle) -> "Answers | None":
-        """Take the answers out of a bundle; None if it is public."""
+        """Return the answers in a bundle; None if it is public."""
         if bundle.is_public:
             return None
         arrays = bundle.arrays
@@ -128,12 +129,12 @@ class Answers:
 
     @cached_property
     def target_categories(self) -> tuple[str, ...]:
-        """The annotated name of each task's target; empty if it has none.
+        """The annotated category of each task's target; empty if it has none.
 
         Raises
         ------
         GroundTruthError
-            If the bundle has no names.
+            If the bundle has no categories.
         """
         return unpack_texts(self.packed_categories, "categories", len(self.path_offsets) - 1)
 
@@ -142,27 +143,35 @@ class Answers:
         return self.find(target_object, viewpoint)[1]
 
     def is_visible_near(self, target_object: IntArray, viewpoint: IntArray) -> BoolArray:
-        """Whether it is visible and its centre at most 3 m from the camera, in a straight line.
+        """Whether each object is visible and at most 3 m from the camera, in a straight line.
 
-        Only for bundles with object positions.
+        Only for bundles with object positions. Distances are to the object's centre.
 
         References
         ----------
         .. [1] ``r2r_src/eval.py`` lines 182-185 of YanyuanQiao/HOP-REVERIE-Challenge.
         """
-        slot, found = self.find(target_object, viewpoint)
+        candidate, is_visible = self.find(target_object, viewpoint)
         distance = np.asarray(self.candidate_distance)
-        return np.logical_and(found, distance[slot] <= SUCCESS_DISTANCE)
+        return np.logical_and(is_visible, distance[candidate] <= SUCCESS_DISTANCE)
 
     def find(self, target_object: IntArray, viewpoint: IntArray) -> tuple[IntArray, BoolArray]:
-        """Return the row of each object at each viewpoint, and whether it is a candidate there."""
-        return find_sorted(self._candidates, _candidate_key(viewpoint, target_object))
+        """Return the candidate's row for each object and viewpoint, and whether there is one."""
+        return find_sorted(self._candidate_keys, _candidate_key(viewpoint, target_object))
 
     @cached_property
-    def _candidates(self) -> IntArray:
+    def _candidate_keys(self) -> IntArray:
+        # Ascending without a sort, because the compiler orders candidates by viewpoint and object.
         return _candidate_key(self.candidate_viewpoint, self.candidate_object)
 
 
+# Two integers in one: numpy can then search pairs with a single searchsorted.
+
+
+def _view_key(candidate_or_viewpoint: IntArray, view: IntArray) -> IntArray:
+    return candidate_or_viewpoint.astype(np.int64) * N_VIEWS + view
+
+
 def _candidate_key(viewpoint: IntArray, object_id: IntArray) -> IntArray:
-    """One number for a viewpoint and an object, in the order of candidates."""
+    # Object ids fit into 32 bits: LARGEST_OBJECT_ID.
     return (viewpoint.astype(np.int64) << 32) | object_id

@@ -1,7 +1,7 @@
 """The bundle file: everything that scoring one split needs, as plain arrays.
 
-A bundle is an ``.npz`` file (without pickle) with a JSON header. The file is the privacy border: a
-*public* bundle of a split does not contain the answers at all.
+A bundle is an ``.npz`` file (without pickle) with a JSON header. One file per split makes privacy a
+matter of files: a *public* bundle does not contain the answers at all.
 """
 
 import errno
@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import BinaryIO, Self
+from typing import Self
 
 import msgspec
 import numpy as np
@@ -24,7 +24,6 @@ from reverie_eval.files import staged_file
 
 LARGEST_OBJECT_ID = 2**31 - 1
 """Bundles store object ids in 32 bits."""
-
 
 FORMAT_VERSION = 1
 
@@ -38,7 +37,7 @@ PUBLIC_ARRAYS: Mapping[str, str] = MappingProxyType(
         "viewpoint_scan": "i4",  # (n_viewpoints,)
         "viewpoint_position": "f8",  # (n_viewpoints, 3) metres
         "distance": "f8",  # all pairs of each scan's viewpoints, end to end
-        "edge": "b1",  # likewise
+        "edge": "b1",  # the same
     }
 )
 ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
@@ -48,7 +47,7 @@ ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
         "path_offsets": "i8",  # (n_tasks + 1,)
         "candidate_viewpoint": "i4",  # (n_candidates,) ordered by viewpoint, then object
         "candidate_object": "i4",  # (n_candidates,) object id, visible from the viewpoint
-        "box_candidate": "i4",  # (n_boxes,) row of the candidate that the box surrounds
+        "box_candidate": "i4",  # (n_boxes,) row of the candidate in the box
         "box_view": "u1",  # (n_boxes,) view index, 0 to 35
         "box_xywh": "i2",  # (n_boxes, 4) pixels of the 640 x 480 view
     }
@@ -61,43 +60,46 @@ OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
 PUBLIC_TEXTS = frozenset({"instruction"})
 """Texts that are public; ``target_category`` is an answer."""
 _HEADER = "header"
+# numpy parses the header of each array as Python source, hence the last two of the first line.
 _DAMAGE = (
-    *(ValueError, TypeError, AttributeError, KeyError, EOFError, SyntaxError),
-    *(NotImplementedError, RuntimeError, tokenize.TokenError, zipfile.BadZipFile),
+    *(ValueError, TypeError, AttributeError, KeyError, EOFError, tokenize.TokenError, SyntaxError),
+    *(NotImplementedError, RuntimeError, zipfile.BadZipFile),
 )
-"""What zipfile and numpy raise for damaged files."""
+"""Exceptions that zipfile and numpy raise for damaged files."""
 _OTHER_SPLIT = "other_split/"
 _TEXT = "text/"
 
 
 @dataclass(frozen=True, slots=True)
 class BundleHeader:
-    """What a bundle is and where it comes from."""
+    """The description of a bundle and its sources."""
 
     split: str
     dataset: str
     """The release: ``REVERIE v1``, ``demo``, ``custom``."""
     sources: Mapping[str, str]
-    """SHA-256 of the annotations, boxes and connectivity files that it was compiled from."""
+    """SHA-256 of the annotations, boxes and connectivity files it was compiled from."""
     fingerprint: str
-    """SHA-256 over name, type, shape and bytes of every array."""
+    """SHA-256 of the arrays, as :func:`fingerprint_of` computes it."""
     format_version: int = FORMAT_VERSION
 
 
 class _AnyHeader(msgspec.Struct):
+    """The part of a header that all format versions share, so that any of them can be named."""
+
     format_version: int
 
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """The content of a bundle file; its arrays are read-only."""
+    """The contents of a bundle file; its arrays are read-only."""
 
     header: BundleHeader
     arrays: Mapping[str, Array]
     other_splits: Mapping[str, Array] = field(default_factory=dict)
     """The instr_ids of the dataset's other splits: used in messages, not in scores."""
     texts: Mapping[str, Array] = field(default_factory=dict)
-    """Instructions and categories, as :func:`pack_texts` wrote them: not used in scores."""
+    """Instructions and categories, as :func:`pack_texts` returns them: not used in scores."""
 
     @classmethod
     def build(
@@ -110,7 +112,7 @@ class Bundle:
         *,
         texts: Mapping[str, Array] = MappingProxyType({}),
     ) -> Self:
-        """Make a bundle of arrays, each converted to the type that the format states."""
+        """Build a bundle from arrays, each converted to the type that the format defines."""
         formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **OPTIONAL_ANSWER_ARRAYS}
         typed = {name: frozen(array.astype(formats[name])) for name, array in arrays.items()}
         header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed))
@@ -139,8 +141,11 @@ class Bundle:
         members |= {_TEXT + name: text for name, text in self.texts.items()}
         if not path.parent.is_dir():
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-        with staged_file(path) as file:
-            _write_members(file, members)
+        # As np.savez, but without dates: the same contents give the same bytes.
+        with staged_file(path) as file, zipfile.ZipFile(file, "w") as archive:
+            for name, array in members.items():
+                with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, array, allow_pickle=False)
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -157,7 +162,7 @@ class Bundle:
         header = _read_header(path, members.pop(_HEADER, None))
         other_splits, texts = _take(members, _OTHER_SPLIT), _take(members, _TEXT)
         if not _is_complete(members) or fingerprint_of(members) != header.fingerprint:
-            raise GroundTruthError(f"{path} is damaged: its content does not match its header")
+            raise GroundTruthError(f"{path} is damaged: its contents do not match its header")
         arrays = {name: frozen(array) for name, array in members.items()}
         return cls(header, arrays, other_splits, texts)
 
@@ -168,7 +173,8 @@ def bundle_name(split: str, *, public: bool) -> str:
 
 
 def pack_texts(texts: Sequence[str]) -> Array:
-    """Return texts as a bundle stores them: JSON, in bytes."""
+    """Return texts as a bundle stores them: the bytes of a JSON list."""
+    # An array of str would give every text the space of the longest, four bytes per letter.
     return np.frombuffer(msgspec.json.encode(texts), np.uint8)
 
 
@@ -178,7 +184,7 @@ def unpack_texts(packed: Array | None, what: str, count: int) -> tuple[str, ...]
     Raises
     ------
     GroundTruthError
-        If there are none, or not ``count`` of them; ``what`` names them.
+        If there are no texts, or not ``count`` of them. The message calls them ``what``.
     """
     if packed is None:
         raise GroundTruthError(
@@ -200,31 +206,21 @@ def _take(members: dict[str, Array], prefix: str) -> dict[str, Array]:
 
 
 def _is_complete(arrays: Mapping[str, Array]) -> bool:
-    """Whether all public arrays are present, and either all answers or none."""
+    """Whether all public arrays are present, and all or none of the answers."""
     answers = ANSWER_ARRAYS.keys() & arrays.keys()
     return PUBLIC_ARRAYS.keys() <= arrays.keys() and len(answers) in (0, len(ANSWER_ARRAYS))
 
 
 def fingerprint_of(arrays: Mapping[str, Array]) -> str:
-    """SHA-256 over name, type, shape and bytes of the arrays, in order of their names.
-
-    Distances are taken in single precision: C libraries differ in the last bit of some, and the
-    same dataset must have the same fingerprint on every machine.
-    """
+    """Return the SHA-256 of the names, types, shapes and bytes of arrays, sorted by name."""
     digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):
+        # Distances are hashed in single precision: C libraries differ in the last bit of some,
+        # and the same dataset must have the same fingerprint on every machine.
         hashed = array.astype("f4") if name == "distance" else np.ascontiguousarray(array)
         digest.update(f"{name} {hashed.dtype.str} {hashed.shape}\n".encode())
         digest.update(hashed.data)
     return digest.hexdigest()
-
-
-def _write_members(file: BinaryIO, members: Mapping[str, Array]) -> None:
-    """Write an ``.npz`` as ``np.savez`` does, but undated: the same content has the same bytes."""
-    with zipfile.ZipFile(file, "w") as archive:
-        for name, array in members.items():
-            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, array, allow_pickle=False)
 
 
 def _read_members(path: Path) -> dict[str, Array]:
@@ -252,5 +248,5 @@ def _read_header(path: Path, header: Array | None) -> BundleHeader:
 
 def _not_a_bundle(path: Path) -> GroundTruthError:
     return GroundTruthError(
-        f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` makes one"
+        f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` creates one"
     )

@@ -1,4 +1,4 @@
-"""The navigation graphs of a split's scans: edges between viewpoints, and all distances."""
+"""The navigation graphs of a split's scans: edges between viewpoints, and shortest distances."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,23 +12,24 @@ from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray, offsets_
 
 @dataclass(frozen=True, eq=False)
 class NavigationGraph:
-    """Viewpoints of several scans, numbered scan by scan.
+    """The viewpoints of several scans, numbered scan by scan.
 
-    ``distance`` and ``edge`` hold one square block per scan, laid end to end: all pairs of a
-    scan's viewpoints, row by row. Viewpoints without a route between them are at distance inf.
+    ``distance`` and ``edge`` have one square block per scan, stored end to end: all pairs of a
+    scan's viewpoints, row by row. The distance is inf if there is no route.
     """
 
     scan_ids: tuple[str, ...]
     viewpoint_ids: tuple[str, ...]
-    """Every included viewpoint; an id is unique over all scans."""
+    """Every included viewpoint; ids are unique across scans."""
     viewpoint_scan: IntArray
     """Shape (n_viewpoints,): index into ``scan_ids``, ascending."""
     viewpoint_position: FloatArray
     """Shape (n_viewpoints, 3): the camera's position in the scan's own frame, metres, z up."""
+    # One block per scan, because a matrix of the whole split would be nearly all inf.
     distance: FloatArray
     """Metres along the graph from the row's viewpoint to the column's."""
     edge: BoolArray
-    """Whether an edge leads from the row's viewpoint to the column's."""
+    """Whether there is an edge from the row's viewpoint to the column's."""
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> Self:
@@ -67,7 +68,7 @@ class NavigationGraph:
         return self.distance[self._pair(start, end)]
 
     def has_edge(self, start: IntArray, end: IntArray) -> BoolArray:
-        """Whether an edge leads from each start to each end, which share a scan."""
+        """Whether there is an edge from each start to each end, which share a scan."""
         return self.edge[self._pair(start, end)]
 
     def _pair(self, start: IntArray, end: IntArray) -> IntArray:
@@ -75,7 +76,10 @@ class NavigationGraph:
 
     @cached_property
     def _row_begin(self) -> IntArray:
-        """Where the row of each viewpoint begins, if columns are numbered over all scans."""
+        """Where each viewpoint's row begins, minus the first viewpoint of its scan.
+
+        The sum with the global number of a column's viewpoint is then the index of the pair.
+        """
         size = np.bincount(self.viewpoint_scan, minlength=len(self.scan_ids))
         row_length = size[self.viewpoint_scan]
         first_of_scan = offsets_of(size)[self.viewpoint_scan]

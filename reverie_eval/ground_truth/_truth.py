@@ -1,4 +1,4 @@
-"""The ground truth of a split as scoring uses it, and where it is found."""
+"""The ground truth of a split as scoring uses it, and how it is found."""
 
 import os
 import shlex
@@ -27,13 +27,14 @@ DEMO_BUNDLES = Path(__file__).with_name("demo")
 
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """What is public about the episodes, one row each."""
+    """The public part of the episodes, one row each."""
 
     instr_ids: tuple[str, ...]
     task: IntArray
     """The task of each episode; episodes of one task share path and target."""
     start: IntArray
     """The viewpoint where each episode starts."""
+    # Unpacked when needed: scoring does not read them.
     packed_instructions: Array | None = None
 
     @cached_property
@@ -55,7 +56,7 @@ class Episodes:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GroundTruth:
-    """One split's ground truth; read with :meth:`load`, made by ``reverie-eval compile``."""
+    """The ground truth of a split; :meth:`load` reads what ``reverie-eval compile`` wrote."""
 
     header: BundleHeader
     graph: NavigationGraph
@@ -65,11 +66,11 @@ class GroundTruth:
     other_splits: Mapping[str, Array]
     """The instr_ids of the dataset's other splits, to recognise a submission for one of them."""
     origin: str
-    """Where this ground truth was read from, for the reader of a score table."""
+    """The file it was read from; shown with scores."""
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
-        """Read a bundle, check that it is complete, and freeze it.
+        """Read a bundle and check that it is complete; its arrays are read-only.
 
         Raises
         ------
@@ -82,7 +83,7 @@ class GroundTruth:
 
     @classmethod
     def from_bundle(cls, bundle: Bundle, origin: str = "memory") -> Self:
-        """Interpret a bundle's arrays."""
+        """Build the ground truth from a bundle's arrays."""
         arrays = bundle.arrays
         task = arrays["episode_task"]
         return cls(
@@ -106,7 +107,7 @@ class GroundTruth:
 
     @property
     def split(self) -> str:
-        """The split that this is the ground truth of."""
+        """The split, such as ``val_unseen``."""
         return self.header.split
 
     @property
@@ -121,7 +122,7 @@ class GroundTruth:
 
     @property
     def provenance(self) -> str:
-        """Which ground truth this is, for the reader of a number."""
+        """A description of this ground truth, shown with scores."""
         if self.is_demo:
             return "the synthetic demo world that ships with reverie-eval, not REVERIE"
         return f"{self.origin} ({self.header.dataset})"
@@ -145,14 +146,14 @@ class GroundTruth:
 def find_ground_truth(given: str | PathLike[str] | GroundTruth | None, split: str) -> GroundTruth:
     """Return the ground truth of a split.
 
-    It is, in this order: what is given; what the environment variable
-    ``REVERIE_EVAL_GROUND_TRUTH`` names; the demo world. A folder holds ``{split}.npz`` or
-    ``{split}.public.npz``.
+    The first of these that exists is used: ``given``; the path in the environment variable
+    ``REVERIE_EVAL_GROUND_TRUTH``; the demo world. A path is a bundle, or a folder with
+    ``{split}.npz`` or ``{split}.public.npz``.
 
     Raises
     ------
     GroundTruthError
-        If there is none for this split, or the file is not a valid bundle.
+        If there is no ground truth for this split, or the file is not a valid bundle.
     """
     if isinstance(given, GroundTruth):
         truth = given
@@ -166,32 +167,29 @@ def find_ground_truth(given: str | PathLike[str] | GroundTruth | None, split: st
     return truth
 
 
-def bundled_splits(place: Path | None = None) -> Sequence[str]:
-    """Return the splits whose bundles are in a folder, or in the demo world."""
-    return sorted({path.name.split(".")[0] for path in (place or DEMO_BUNDLES).glob("*.npz")})
+def bundled_splits(folder: Path | None = None) -> Sequence[str]:
+    """Return the splits with a bundle in a folder, or in the demo world."""
+    return sorted({path.name.split(".")[0] for path in (folder or DEMO_BUNDLES).glob("*.npz")})
 
 
-def _load(place: Path, split: str) -> GroundTruth:
-    if not place.exists():
+def _load(path: Path, split: str) -> GroundTruth:
+    """Load a bundle, or the split's bundle from a folder; the full one comes before the public."""
+    if not path.exists():
         raise GroundTruthError(
-            f"there is no ground truth at {place}; `reverie-eval compile` makes it"
+            f"there is no ground truth at {path}; `reverie-eval compile` creates it"
         )
-    if place.is_file():
-        return GroundTruth.load(place)
+    if path.is_file():
+        return GroundTruth.load(path)
     for public in (False, True):
-        bundle = place / bundle_name(split, public=public)
+        bundle = path / bundle_name(split, public=public)
         if bundle.is_file():
             return GroundTruth.load(bundle)
-    raise GroundTruthError(_missing_bundle(place, split))
-
-
-def _missing_bundle(place: Path, split: str) -> str:
-    splits = bundled_splits(place)
-    if not splits:
-        name, dataset = bundle_name(split, public=False), shlex.quote(str(place))
-        return (
-            f"there are no bundles in {place}; if it is the dataset itself, run `reverie-eval "
-            f"compile {dataset} --split {split} -o {name}` first"
-        )
-    where = "the demo world" if place == DEMO_BUNDLES else place
-    return f"{where} has no split {split!r}{did_you_mean(split, splits)}"
+    splits = bundled_splits(path)
+    if splits:
+        where = "the demo world" if path == DEMO_BUNDLES else path
+        raise GroundTruthError(f"{where} has no split {split!r}{did_you_mean(split, splits)}")
+    name, dataset = bundle_name(split, public=False), shlex.quote(str(path))
+    raise GroundTruthError(
+        f"there are no bundles in {path}; if it is the dataset itself, run `reverie-eval "
+        f"compile {dataset} --split {split} -o {name}` first"
+    )

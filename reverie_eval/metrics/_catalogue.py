@@ -1,9 +1,9 @@
 """The catalogue of metrics: one entry each, which the scorer, tables, pages and docs all read.
 
-To add a metric, write its arithmetic in this room and an entry here. ``inputs`` names what the
-function takes, in its order: a fact about the episodes (a property of
-:class:`reverie_eval.scoring.EpisodeTable` or of :class:`reverie_eval.scoring.Lookups`), another
-metric, or a property of the protocol.
+To add a metric, write its function in this package and an entry here. ``inputs`` names the
+function's arguments in order. Each is a property of :class:`reverie_eval.scoring.EpisodeTable`,
+:class:`reverie_eval.scoring.Lookups` or :class:`reverie_eval.scoring.Protocol`, or the key of
+another metric.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -44,7 +44,7 @@ _SUFFIXES: Mapping[Unit, str] = MappingProxyType({"fraction": "%", "metres": "m"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metric:
-    """What a metric is called, what it means, and how it is computed.
+    """A metric: its names, its meaning, and how it is computed.
 
     Values lie in ``[0, upper_bound]``.
     """
@@ -56,19 +56,18 @@ class Metric:
     unit: Unit
     better: Direction
     needs: frozenset[Need]
-    """What a submission must have for the metric to be scored."""
-    asks: frozenset[str] = frozenset()
-    """Properties of the protocol that the value depends on, directly or through another metric."""
+    """What a submission must contain for the metric to be scored."""
+    protocol_rules: frozenset[str] = frozenset()
+    """Fields of the protocol that the value depends on, directly or through another metric."""
     compute: Callable[..., Array]
     inputs: tuple[str, ...]
-    """What ``compute`` takes, in its order."""
+    """The arguments of ``compute``, in order."""
     is_binary: bool = False
     """Whether every value is 0 or 1."""
     headline: bool = False
-    """Whether every score table shows it; JSON, CSV and the notebook give all of them."""
+    """Whether every score table shows it; JSON, CSV and the notebook give all metrics."""
     ranks: int | None = None
-    """Place in the order of metrics that decide which submission is better; the first of them
-    that is scored does."""
+    """Priority in ranking submissions: they are ranked by the scored metric with the lowest."""
 
     @property
     def upper_bound(self) -> float:
@@ -89,7 +88,7 @@ class Metric:
         return round(value, 4 if self.unit == "fraction" else 2)
 
     def display(self, value: float) -> str:
-        """Format a value for people: fractions in percent, two decimals.
+        """Format a value for people: fractions as percentages, two decimals.
 
         >>> CATALOGUE["success"].display(0.54532677)
         '54.53'
@@ -100,6 +99,7 @@ class Metric:
 _TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
 _ANSWER: frozenset[Need] = frozenset({"answer"})
 _BOX: frozenset[Need] = frozenset({"answer", "box"})
+# The goal rule is among them because some protocols count an answer only with success.
 _ANSWER_RULES = frozenset({"grounding", "goal", "text_ids_count"})
 _BOX_INPUTS = ("box_overlap", "box_row", "n_episodes")
 
@@ -108,7 +108,7 @@ _METRICS = (
         key="path_length",
         label="TL",
         name="trajectory length",
-        definition="metres along the navigation graph from pose to pose",
+        definition="metres along the navigation graph, summed from pose to pose",
         unit="metres",
         better="neither",
         needs=_TRAJECTORY,
@@ -124,7 +124,7 @@ _METRICS = (
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,
-        asks=frozenset({"goal"}),
+        protocol_rules=frozenset({"goal"}),
         compute=success,
         inputs=("at_goal", "offsets"),
         is_binary=True,
@@ -138,7 +138,7 @@ _METRICS = (
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,
-        asks=frozenset({"goal"}),
+        protocol_rules=frozenset({"goal"}),
         compute=oracle_success,
         inputs=("at_goal", "offsets"),
         is_binary=True,
@@ -148,12 +148,12 @@ _METRICS = (
         key="spl",
         label="SPL",
         name="success weighted by path length",
-        definition="success, times the shortest length over the larger of walked and shortest "
-        "length",
+        definition="success, times the shortest length divided by the larger of walked and "
+        "shortest length",
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,
-        asks=frozenset({"goal", "spl_numerator", "spl_floor"}),
+        protocol_rules=frozenset({"goal", "spl_numerator", "spl_floor"}),
         compute=spl,
         inputs=("success", "path_length", "reference_length", "spl_floor"),
         headline=True,
@@ -167,7 +167,7 @@ _METRICS = (
         unit="fraction",
         better="higher",
         needs=_ANSWER,
-        asks=_ANSWER_RULES,
+        protocol_rules=_ANSWER_RULES,
         compute=remote_grounding_success,
         inputs=("is_answer_correct", "success", "needs_success"),
         is_binary=True,
@@ -182,35 +182,35 @@ _METRICS = (
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY | _ANSWER,
-        asks=_ANSWER_RULES | {"spl_numerator", "rgspl_floor"},
+        protocol_rules=_ANSWER_RULES | {"spl_numerator", "rgspl_floor"},
         compute=spl,
         inputs=("rgs", "path_length", "reference_length", "rgspl_floor"),
         headline=True,
-        # What the benchmark ranks by: the REVERIE challenge rules, 2020 to 2022.
+        # The REVERIE challenges of 2020 to 2022 ranked by it.
         ranks=1,
     ),
     Metric(
         key="iou",
         label="IoU",
         name="intersection over union",
-        definition="of the predicted box with the target's in the same view; 0 without a "
-        "predicted box",
+        definition="intersection over union of the predicted box and the target's in the same "
+        "view; 0 without a predicted box",
         unit="fraction",
         better="higher",
         needs=_BOX,
-        asks=frozenset({"grounding"}),
+        protocol_rules=frozenset({"grounding"}),
         compute=iou,
         inputs=_BOX_INPUTS,
     ),
     Metric(
         key="iou_25",
         label="IoU>=.25",
-        name="boxes with an IoU of at least one quarter",
-        definition="the answer is a box whose IoU is at least 0.25",
+        name="boxes with an IoU of at least 0.25",
+        definition="the answer is a box with an IoU of at least 0.25",
         unit="fraction",
         better="higher",
         needs=_BOX,
-        asks=frozenset({"grounding"}),
+        protocol_rules=frozenset({"grounding"}),
         compute=partial(iou_reaches, LOOSE_IOU_THRESHOLD),
         inputs=_BOX_INPUTS,
         is_binary=True,
@@ -218,12 +218,12 @@ _METRICS = (
     Metric(
         key="iou_50",
         label="IoU>=.5",
-        name="boxes with an IoU of at least one half",
-        definition="the answer is a box whose IoU is at least 0.5, the benchmark's threshold",
+        name="boxes with an IoU of at least 0.5",
+        definition="the answer is a box with an IoU of at least 0.5, the benchmark's threshold",
         unit="fraction",
         better="higher",
         needs=_BOX,
-        asks=frozenset({"grounding"}),
+        protocol_rules=frozenset({"grounding"}),
         compute=partial(iou_reaches, IOU_THRESHOLD),
         inputs=_BOX_INPUTS,
         is_binary=True,
@@ -231,12 +231,12 @@ _METRICS = (
     Metric(
         key="iou_75",
         label="IoU>=.75",
-        name="boxes with an IoU of at least three quarters",
-        definition="the answer is a box whose IoU is at least 0.75",
+        name="boxes with an IoU of at least 0.75",
+        definition="the answer is a box with an IoU of at least 0.75",
         unit="fraction",
         better="higher",
         needs=_BOX,
-        asks=frozenset({"grounding"}),
+        protocol_rules=frozenset({"grounding"}),
         compute=partial(iou_reaches, STRICT_IOU_THRESHOLD),
         inputs=_BOX_INPUTS,
         is_binary=True,
@@ -257,8 +257,8 @@ _METRICS = (
         key="oracle_error",
         label="ONE",
         name="oracle navigation error",
-        definition="metres from the trajectory's nearest viewpoint to the end of the annotated "
-        "path",
+        definition="metres along the navigation graph from the trajectory's closest viewpoint to "
+        "the end of the annotated path",
         unit="metres",
         better="lower",
         needs=_TRAJECTORY,
@@ -269,7 +269,8 @@ _METRICS = (
         key="dtw",
         label="DTW",
         name="dynamic time warping",
-        definition="least total distance of an alignment of trajectory and annotated path in order",
+        definition="smallest total distance of an in-order alignment of trajectory and annotated "
+        "path",
         unit="metres",
         better="lower",
         needs=_TRAJECTORY,
@@ -291,11 +292,11 @@ _METRICS = (
         key="sdtw",
         label="SDTW",
         name="success weighted by normalised dynamic time warping",
-        definition="nDTW of successful episodes, 0 of others",
+        definition="nDTW if the episode is a success, else 0",
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,
-        asks=frozenset({"goal"}),
+        protocol_rules=frozenset({"goal"}),
         compute=sdtw,
         inputs=("ndtw", "success"),
     ),
@@ -303,7 +304,7 @@ _METRICS = (
         key="cls",
         label="CLS",
         name="coverage weighted by length score",
-        definition="how near the trajectory comes to the annotated path, times how well the "
+        definition="how closely the trajectory covers the annotated path, times how well the "
         "lengths agree",
         unit="fraction",
         better="higher",
@@ -326,7 +327,7 @@ _METRICS = (
         key="steps",
         label="steps",
         name="steps",
-        definition="poses after the first one",
+        definition="poses after the first",
         unit="count",
         better="neither",
         needs=_TRAJECTORY,
@@ -351,13 +352,13 @@ CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metri
 
 
 def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
-    """Return what a score table shows: the headline, and the box metrics if they are scored."""
+    """Return the metrics of a score table: the headline ones, and those of boxes if scored."""
     shown = (metric for metric in CATALOGUE.values() if metric.key in scored)
     return [metric for metric in shown if metric.headline or "box" in metric.needs]
 
 
 def primary_metric(scored: Collection[str] = CATALOGUE) -> Metric:
-    """Return what decides which submission is better: RGSPL, else RGS, else SPL.
+    """Return the metric that submissions are ranked by: RGSPL, else RGS, else SPL.
 
     >>> primary_metric().key, primary_metric(["success", "spl"]).key
     ('rgspl', 'spl')
@@ -367,11 +368,11 @@ def primary_metric(scored: Collection[str] = CATALOGUE) -> Metric:
 
 
 PRIMARY_METRIC = primary_metric().key
-"""What the benchmark ranks by."""
+"""The metric that the benchmark ranks by."""
 
 
 def units_of(keys: Iterable[str]) -> dict[str, Unit]:
-    """Return the units of metrics, as data frames carry them.
+    """Return the unit of each metric, for the ``attrs`` of data frames.
 
     >>> units_of(["path_length", "success"])
     {'path_length': 'metres', 'success': 'fraction'}

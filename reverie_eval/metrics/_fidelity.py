@@ -1,8 +1,8 @@
 """How closely the trajectory follows the annotated path: one value per episode.
 
-All of them look at a table of distances per episode, with a row for every node of the annotated
-path and a column for every pose of the trajectory. The tables are stored flat, row by row, episode
-after episode.
+The functions take one table of distances per episode, with a row for each node of the annotated
+path and a column for each pose of the trajectory. Tables are stored flat, row by row, one episode
+after another.
 """
 
 import numpy as np
@@ -10,14 +10,13 @@ import numpy as np
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, row_of
 
 FIDELITY_DISTANCE = 3.0
-"""Metres at which path fidelity has fallen to 1/e. Source: arXiv:1907.05446, arXiv:1905.12255."""
+"""Metres at which path fidelity drops to 1/e. Source: arXiv:1907.05446, arXiv:1905.12255."""
 
 
 def dtw(distance: FloatArray, n_poses: IntArray, n_nodes: IntArray) -> FloatArray:
-    """Dynamic time warping: the least total distance of an alignment in order, per episode.
+    """Dynamic time warping: the smallest total distance of an in-order alignment, per episode.
 
-    All episodes share one dynamic programme, the longest first, so that those still under way
-    are a prefix. Cells beyond an episode's own table are computed and never read.
+    One dynamic programme runs for all episodes at once.
 
     Parameters
     ----------
@@ -41,29 +40,33 @@ def dtw(distance: FloatArray, n_poses: IntArray, n_nodes: IntArray) -> FloatArra
     >>> dtw(np.array([0.0, 2.0, 5.0, 2.0, 0.0, 3.0]), np.array([3]), np.array([2]))
     array([3.])
     """
+    # Longest trajectories first: the episodes that still have poses are then always a prefix.
     order = np.argsort(-n_poses, kind="stable")
     poses, nodes = n_poses[order], n_nodes[order]
     begin = offsets_of(n_poses * n_nodes)[:-1][order]
-    # First cell of each row; rows that an episode does not have repeat its last one.
+    # First cell of each row. A shorter table repeats its last row: those cells are computed, but
+    # never read, because a path's nodes only depend on the nodes before them.
     row = np.minimum(np.arange(nodes.max())[:, np.newaxis], nodes - 1) * poses + begin
     total = np.full((nodes.max() + 1, len(order)), np.inf)
     total[0] = 0.0
     result = np.empty(len(order))
     for column in range(poses.max()):
-        under_way = int(np.searchsorted(-poses, -column, side="left"))
-        total = _next_column(total[:, :under_way], distance[row[:, :under_way] + column])
-        ending = np.flatnonzero(poses[:under_way] == column + 1)
+        active = int(np.searchsorted(-poses, -column, side="left"))
+        total = _next_column(total[:, :active], distance[row[:, :active] + column])
+        ending = np.flatnonzero(poses[:active] == column + 1)
         result[order[ending]] = total[nodes[ending], ending]
     return result
 
 
 def _next_column(total: FloatArray, distance: FloatArray) -> FloatArray:
-    """Advance the programme by one pose; row 0 stands before the first node."""
+    """Advance the programme by one pose; row 0 is before the first node."""
     advanced = np.empty_like(total)
+    # An alignment starts with the first pose; no later pose may start it again.
     advanced[0] = np.inf
-    reached = np.minimum(total[1:], total[:-1])
+    # Steps from the previous pose need no loop; those along this column depend on each other.
+    from_previous = np.minimum(total[1:], total[:-1])
     for node, cost in enumerate(distance, start=1):
-        advanced[node] = cost + np.minimum(reached[node - 1], advanced[node - 1])
+        advanced[node] = cost + np.minimum(from_previous[node - 1], advanced[node - 1])
     return advanced
 
 
@@ -95,9 +98,9 @@ def ndtw(dtw: FloatArray, n_nodes: IntArray) -> FloatArray:
 
 
 def sdtw(ndtw: FloatArray, success: BoolArray) -> FloatArray:
-    """Normalised dynamic time warping of successful episodes, 0 of others.
+    """Normalised dynamic time warping of successful episodes, 0 for others.
 
-    What success is, the protocol says. Range and source are those of :func:`ndtw`.
+    The protocol defines success. Range and source are those of :func:`ndtw`.
     """
     return np.where(success, ndtw, 0.0)
 
@@ -111,8 +114,8 @@ def cls(
 ) -> FloatArray:
     """Coverage weighted by length score, per episode.
 
-    Coverage is how near the trajectory comes to each node of the annotated path; the length score
-    compares the trajectory's length with the one that this coverage would need.
+    Coverage is how close the trajectory comes to each node of the annotated path. The length score
+    compares the trajectory's length with the length expected for this coverage.
 
     Parameters
     ----------
@@ -124,7 +127,7 @@ def cls(
     Returns
     -------
     float array of shape (n_episodes,)
-        In [0, 1], higher is better. 1 where neither moves, as in google-research/valan.
+        In [0, 1], higher is better. 1 if neither has any length, as in google-research/valan.
 
     References
     ----------
@@ -139,6 +142,7 @@ def cls(
     episode = row_of(offsets_of(n_nodes))
     rows = offsets_of(n_poses[episode])[:-1]
     nearness = np.exp(-np.minimum.reduceat(distance, rows) / FIDELITY_DISTANCE)
+    # bincount adds up node by node, as the published loop does; see `path_length`.
     coverage = np.bincount(episode, weights=nearness) / n_nodes
     expected = coverage * annotated_length
     spread = expected + np.abs(expected - path_length)

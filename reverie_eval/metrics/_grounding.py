@@ -1,4 +1,4 @@
-"""Whether the agent pointed at the right object, by its id or by a box: one value per episode."""
+"""Whether the agent predicted the right object, by its id or by a box: one value per episode."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ import numpy as np
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
 
 ABSTAINED = -1
-"""Stands for an answer that predicts no object; a target's id is never negative."""
+"""The predicted object of an answer without one; a target's id is never negative."""
 
 IOU_THRESHOLD = 0.5
 """A predicted box is correct if its intersection over union with the target's is at least this.
@@ -17,7 +17,7 @@ Environments", CVPR 2020, section 3 on the evaluation of REVERIE success.
 """
 
 LOOSE_IOU_THRESHOLD, STRICT_IOU_THRESHOLD = 0.25, 0.75
-"""Shown beside the benchmark's own threshold, to tell near misses and exact boxes apart."""
+"""Reported along with the benchmark's own threshold, to separate near misses from exact boxes."""
 
 
 def candidate_match(predicted_object: IntArray, target_object: IntArray) -> BoolArray:
@@ -26,7 +26,7 @@ def candidate_match(predicted_object: IntArray, target_object: IntArray) -> Bool
     Parameters
     ----------
     predicted_object : int array of shape (n_episodes,)
-        Object id within the scan, or -1 for an agent that predicted none.
+        Object id within the scan, or -1 if the agent predicted no object.
     target_object : int array of shape (n_episodes,)
         Object id within the scan, at least 0.
 
@@ -38,7 +38,7 @@ def candidate_match(predicted_object: IntArray, target_object: IntArray) -> Bool
     References
     ----------
     .. [1] ``eval_release.py`` lines 77-81 of the dataset's repository: the two ids are compared
-       as text, and where the agent stopped plays no part.
+       as text, and where the agent stopped does not matter.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def remote_grounding_success(
     success : bool array of shape (n_episodes,)
         Whether the agent stopped on a goal viewpoint.
     needs_success : bool
-        Whether a correct answer counts only with success: the paper's text asks for it, the
+        Whether a correct answer counts only with success: the paper's text requires it, the
         dataset's own script does not [1]_.
 
     Returns
@@ -78,7 +78,7 @@ def remote_grounding_success(
 
 
 class Overlap(NamedTuple):
-    """Areas of pairs of shapes, which IoU is computed from."""
+    """Areas of pairs of shapes, from which the IoU is computed."""
 
     intersection: FloatArray
     """Shape (n,): area that both shapes cover."""
@@ -90,11 +90,9 @@ class Overlap(NamedTuple):
         return self.intersection / (self.total - self.intersection)
 
     def reaches(self, threshold: float) -> BoolArray:
-        """Whether the IoU is at least the threshold, a number in (0, 1].
-
-        Decided without division: ``I / (A + B - I) >= t`` is ``(1 + t) I >= t (A + B)``, which at
-        one half is ``3 I >= A + B`` and exact for whole pixels, also at the tie.
-        """
+        """Whether the IoU is at least the threshold, a number in (0, 1]."""
+        # I / (A + B - I) >= t without the division, which would round: for whole pixels and the
+        # thresholds 1/4, 1/2 and 3/4 both sides are exact, so a tie counts on every machine.
         return np.greater_equal((1 + threshold) * self.intersection, threshold * self.total)
 
 
@@ -106,13 +104,13 @@ def box_overlap(predicted_box_xywh: Array, target_box_xywh: Array) -> Overlap:
     predicted_box_xywh, target_box_xywh : float or int arrays of shape (n, 4)
         Left, top, width and height in pixels of the same view; width and height are positive
         and exclusive: the right edge is ``x + w``. A box without area overlaps nothing.
-        Integers of any size: areas are computed in float64, since 16 bits would overflow.
 
     Returns
     -------
     Overlap
         Areas in square pixels.
     """
+    # Bundles hold boxes in 16 bits, which the area of a picture would overflow.
     first_x, first_y, first_width, first_height = np.asarray(predicted_box_xywh, np.float64).T
     second_x, second_y, second_width, second_height = np.asarray(target_box_xywh, np.float64).T
     across = _shared_length(first_x, first_width, second_x, second_width)
@@ -182,9 +180,9 @@ def iou(overlap: Overlap, row: IntArray, n_episodes: int) -> FloatArray:
     Parameters
     ----------
     overlap : Overlap
-        Of each predicted box with the target's.
+        Of each predicted box and the target's.
     row : int array of shape (n_boxes,)
-        The episode that each box answers.
+        The episode of each box.
     n_episodes : int
         Number of episodes.
 
@@ -210,6 +208,7 @@ def iou_reaches(threshold: float, overlap: Overlap, row: IntArray, n_episodes: i
 
 
 def _per_episode(values: Array, row: IntArray, n_episodes: int) -> FloatArray:
+    # An episode has at most one box, so nothing is overwritten.
     column = np.zeros(n_episodes)
     column[row] = values
     return column

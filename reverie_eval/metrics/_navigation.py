@@ -1,4 +1,4 @@
-"""How well the agent navigated: one value per episode, computed from facts about its poses.
+"""How well the agent navigated: one value per episode, computed from per-pose arrays.
 
 Per-pose arrays are flat with ``offsets`` (see :mod:`reverie_eval.arrays`); every episode has at
 least one pose.
@@ -9,14 +9,15 @@ import numpy as np
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, last_of, row_of
 
 SUCCESS_DISTANCE = 3.0
-"""Metres that count as near, in protocols that measure. Source: Anderson et al.,
-"Vision-and-Language Navigation", CVPR 2018, section 4.2; each protocol's comparison is its own."""
+"""Metres that count as close to the goal, in protocols that measure a distance; whether exactly 3 m
+counts depends on the protocol. Source: Anderson et al., "Vision-and-Language Navigation", CVPR
+2018, section 4.2."""
 
 
 def path_length(leg_length: FloatArray, offsets: IntArray) -> FloatArray:
     """Length of the trajectory, per episode.
 
-    The sum runs leg by leg in walking order, so it is bit for bit what a loop would add up [1]_.
+    Legs are added in walking order, so the sum equals that of the published loop [1]_ to the bit.
 
     Parameters
     ----------
@@ -39,6 +40,8 @@ def path_length(leg_length: FloatArray, offsets: IntArray) -> FloatArray:
     >>> path_length(np.array([0.0, 2.0, 3.0, 0.0]), np.array([0, 3, 4]))
     array([5., 0.])
     """
+    # bincount adds one element after another, as a Python loop does. np.add.reduceat adds in pairs,
+    # which changes the last bits, and cannot sum an empty row.
     row, n_episodes = row_of(offsets), len(offsets) - 1
     return np.bincount(row, weights=leg_length, minlength=n_episodes).astype(np.float64)
 
@@ -46,7 +49,7 @@ def path_length(leg_length: FloatArray, offsets: IntArray) -> FloatArray:
 def success(visible: BoolArray, offsets: IntArray) -> BoolArray:
     """Whether the target is visible where the agent stops, per episode.
 
-    The annotation lists an object only from nearby viewpoints, so visible means near as well [1]_.
+    An object is annotated only at viewpoints close to it, so visible implies close [1]_.
 
     Parameters
     ----------
@@ -103,14 +106,15 @@ def spl(
         Metres walked along the navigation graph.
     shortest_length : float array of shape (n_episodes,)
         Metres of the shortest route from the start to the annotated goal, or of the annotated
-        path, as the protocol has it.
+        path, depending on the protocol.
     floor : float
-        Smallest denominator in metres, for the evaluators that have such a floor.
+        Smallest denominator in metres; some evaluators have one.
 
     Returns
     -------
     float array of shape (n_episodes,)
-        In [0, 1], higher is better. Starting on the goal and staying scores 1, with a floor 0.
+        In [0, 1], higher is better. An agent that starts on the goal and stays scores 1, or 0 if
+        there is a floor.
 
     References
     ----------
@@ -125,6 +129,7 @@ def spl(
     array([1. , 0.5, 0. ])
     """
     longest = np.maximum(np.maximum(path_length, shortest_length), floor)
+    # 0 / 0: the agent was asked to stay and did.
     efficiency = np.divide(shortest_length, longest, out=np.ones_like(longest), where=longest > 0)
     return np.where(success, efficiency, 0.0)
 
@@ -153,7 +158,7 @@ def navigation_error(goal_distance: FloatArray, offsets: IntArray) -> FloatArray
 
 
 def oracle_error(goal_distance: FloatArray, offsets: IntArray) -> FloatArray:
-    """Distance to the annotated goal from the trajectory's nearest pose, per episode.
+    """Distance to the annotated goal from the trajectory's closest pose, per episode.
 
     Parameters, range and source are those of :func:`navigation_error`.
 
@@ -166,7 +171,7 @@ def oracle_error(goal_distance: FloatArray, offsets: IntArray) -> FloatArray:
 
 
 def steps(offsets: IntArray) -> IntArray:
-    """Poses after the first, per episode; staying in place and turning count as steps.
+    """Poses after the first, per episode; turning on the spot counts as a step.
 
     Examples
     --------
@@ -179,8 +184,8 @@ def steps(offsets: IntArray) -> IntArray:
 def jumps(is_jump: BoolArray, offsets: IntArray) -> IntArray:
     """Legs between two different viewpoints without an edge, per episode.
 
-    A jump counts as the shortest distance between its ends, as in every published evaluator; how
-    many there are is reported.
+    Every published evaluator counts a jump at the shortest distance between its ends and does not
+    report it; we report the number.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Scoring: an aligned submission, judged by a protocol, becomes scores."""
+"""Scoring: from an aligned submission and a protocol to scores."""
 
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
 from reverie_eval.scoring._episode_table import EpisodeTable, Track

@@ -1,7 +1,7 @@
 """Predicted boxes, compared with the annotated ones: which are correct, and why others are not.
 
 A box is compared with the target's annotated box in the same view at the viewpoint where the agent
-stops. If that view does not show the target, or the target is not visible there, it is a miss.
+stops. It is wrong if that view does not show the target.
 """
 
 from collections.abc import Mapping
@@ -27,9 +27,9 @@ class BoxScores:
     row: IntArray
     """Shape (n_boxes,): the episode, ascending."""
     overlap: Overlap
-    """With the target's box; no intersection where the view does not show the target."""
+    """With the target's box; the intersection is 0 if the view does not show the target."""
     whole_image: Overlap
-    """The same for a box around the whole image in the same view."""
+    """The same for a box around the whole image of that view."""
     is_visible: BoolArray
     """Shape (n_boxes,): whether the target is visible where the agent stops."""
     is_in_view: BoolArray
@@ -57,17 +57,17 @@ class BoxScores:
 
     @property
     def mean_iou(self) -> float:
-        """Mean over the boxes; 0 where the view does not show the target."""
+        """Mean IoU over the boxes; that of a view without the target is 0."""
         return float(self.overlap.iou().mean())
 
     @property
     def whole_image_share(self) -> float:
-        """Share of boxes that would be correct if the whole image were the answer."""
+        """Share of boxes that would be correct if each were the whole image."""
         return float(self.whole_image.reaches(IOU_THRESHOLD).mean())
 
     @property
     def ambiguous_share(self) -> float:
-        """Share of ambiguous views among those that show the target; 0 if none shows it."""
+        """Share of ambiguous views among those that show the target; 0 if there are none."""
         return float(self.is_ambiguous.sum() / max(self.is_in_view.sum(), 1))
 
     def __len__(self) -> int:
@@ -82,9 +82,9 @@ def score_boxes(
     Parameters
     ----------
     boxes : BoxAnswers
-        Rows are episodes.
+        ``row`` indexes the episodes.
     stop, target_object : int arrays of shape (n_episodes,)
-        The viewpoint where the agent stops, and the target.
+        The viewpoint where the agent stops, and the target's object id.
     answers : Answers
         The split's candidates with their boxes.
 
@@ -96,14 +96,16 @@ def score_boxes(
     """
     view = snap(boxes.camera)
     candidate, is_visible = answers.find(target_object[boxes.row], stop[boxes.row])
+    # Where nothing is found, `candidate` and `target` are those of another object: `is_visible`
+    # and `is_in_view` mask whatever is computed from them.
     target, has_box = answers.boxes.find(candidate, view)
     is_in_view = is_visible & has_box
     target_xywh = answers.boxes.xywh[target]
     whole_image = np.broadcast_to([0.0, 0.0, WIDTH, HEIGHT], target_xywh.shape)
     return BoxScores(
         row=boxes.row,
-        overlap=_where(is_in_view, _overlap(boxes, view, target_xywh)),
-        whole_image=_where(is_in_view, box_overlap(whole_image, target_xywh)),
+        overlap=_masked(_overlap(boxes, view, target_xywh), is_in_view),
+        whole_image=_masked(box_overlap(whole_image, target_xywh), is_in_view),
         is_visible=is_visible,
         is_in_view=is_in_view,
         is_ambiguous=is_in_view & _has_rival(target, answers),
@@ -111,11 +113,11 @@ def score_boxes(
 
 
 def _overlap(boxes: BoxAnswers, view: IntArray, target_xywh: IntArray) -> Overlap:
-    """Overlap with the target's box; boxes from a camera off the grid are first warped."""
+    """Return the overlap with the target's box; boxes from cameras off the grid are warped."""
     overlap = box_overlap(boxes.xywh, target_xywh)
     off_grid = np.flatnonzero(~is_on_grid(boxes.camera))
     if off_grid.size:
-        # shapely takes a third of the start-up, and boxes from views do not need it.
+        # Importing shapely takes a third of the start-up time, and boxes in views do not need it.
         from reverie_eval.geometry._warping import polygon_overlap, warp
 
         polygons = warp(boxes.xywh[off_grid], boxes.camera[off_grid], view[off_grid])
@@ -125,13 +127,15 @@ def _overlap(boxes: BoxAnswers, view: IntArray, target_xywh: IntArray) -> Overla
     return overlap
 
 
-def _where(is_in_view: BoolArray, overlap: Overlap) -> Overlap:
+def _masked(overlap: Overlap, is_in_view: BoolArray) -> Overlap:
+    """Set the intersection to 0 where the view does not show the target."""
     return overlap._replace(intersection=np.where(is_in_view, overlap.intersection, 0.0))
 
 
 def _has_rival(target: IntArray, answers: Answers) -> BoolArray:
-    """Whether another object's box in the same view would count as each target's box."""
+    """Whether another object's box in the same view would be accepted as each target's box."""
     box_xywh = answers.boxes.xywh
-    position, other = answers.boxes.beside(target)
-    is_rival = box_match(box_xywh[other], box_xywh[target[position]])
-    return np.bincount(position, weights=is_rival, minlength=len(target)) > 0
+    index, other = answers.boxes.pair_with_others(target)
+    is_rival = box_match(box_xywh[other], box_xywh[target[index]])
+    # bincount has an entry for targets without any other object too; reduceat would not.
+    return np.bincount(index, weights=is_rival, minlength=len(target)) > 0

@@ -1,4 +1,4 @@
-"""The episode table: facts about the episodes, judged by a protocol."""
+"""The episode table: the value of every metric for every episode, under a protocol."""
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property
@@ -12,35 +12,38 @@ from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._protocol import Protocol
 
 Track = Literal["full", "grounding"]
-"""What the agent has to do: navigate and ground the object, or ground it from the goal."""
+"""The agent's task: to navigate and ground the object, or to ground it from the goal."""
 
 
 class EpisodeTable(Mapping[str, Array]):
-    """One value per episode for every metric that is scored, as read-only columns of floats.
+    """One value per episode for every scored metric, as read-only columns of floats.
 
-    Keys and their order are the CATALOGUE's. A metric is scored if the submission has what it
-    needs and the protocol scores that. Columns are computed when first asked for: an entry of the
-    CATALOGUE names its inputs, which are properties of this table, of the lookups or of the
-    protocol, or other metrics.
+    Keys and their order are those of the CATALOGUE. A metric is scored if the submission contains
+    what it needs and the protocol scores it. Columns are computed on first access. The inputs that
+    a CATALOGUE entry names are properties of this table, the lookups or the protocol, or other
+    metrics.
     """
 
     def __init__(self, lookups: Lookups, protocol: Protocol, track: Track = "full") -> None:
         self._lookups = lookups
         self._protocol = protocol
-        given = {
+        available = {
             "trajectory": track == "full",
             "answer": protocol.grounding != "not scored",
             "box": lookups.has_boxes,
         }
         self._keys = tuple(
-            key for key, metric in CATALOGUE.items() if all(given[need] for need in metric.needs)
+            key
+            for key, metric in CATALOGUE.items()
+            if all(available[need] for need in metric.needs)
         )
+        # Two caches: metrics that depend on others take booleans as they are, users get floats.
         self._values: dict[str, Array] = {}
         self._columns: dict[str, Array] = {}
 
     def __getitem__(self, key: str) -> Array:
         if key not in self._keys:
-            raise KeyError(f"{key} is not scored; scored are {', '.join(self._keys)}")
+            raise KeyError(f"{key} is not scored; the scored metrics are {', '.join(self._keys)}")
         if key not in self._columns:
             self._columns[key] = frozen(self._value(key).astype(np.float64))
         return self._columns[key]
@@ -53,12 +56,12 @@ class EpisodeTable(Mapping[str, Array]):
 
     @property
     def at_goal(self) -> BoolArray:
-        """Shape (n_poses,): whether each pose is at a goal viewpoint."""
+        """Shape (n_poses,): whether each pose is at a goal viewpoint of its episode."""
         return self._lookups.at_goal(self._protocol.goal)
 
     @cached_property
     def is_answer_correct(self) -> BoolArray:
-        """Shape (n_episodes,): whether the answer is the target, wherever the agent stopped."""
+        """Shape (n_episodes,): whether the answer is correct, wherever the agent stopped."""
         lookups = self._lookups
         correct = candidate_match(lookups.predicted_object, lookups.target_object)
         if not self._protocol.text_ids_count:
@@ -74,13 +77,13 @@ class EpisodeTable(Mapping[str, Array]):
 
     @property
     def reference_length(self) -> FloatArray:
-        """Shape (n_episodes,): metres that the walked length is compared with."""
+        """Shape (n_episodes,): metres with which SPL compares the walked length."""
         if self._protocol.spl_numerator == "annotated":
             return self._lookups.annotated_length
         return self._lookups.shortest_length
 
     def _value(self, key: str) -> Array:
-        """Compute a metric; booleans stay booleans, for other metrics that take them."""
+        """Compute a metric, in the type that its function returns."""
         if key not in self._values:
             metric = CATALOGUE[key]
             self._values[key] = metric.compute(*map(self._input, metric.inputs))

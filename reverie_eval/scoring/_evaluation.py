@@ -1,4 +1,4 @@
-"""Evaluate: the one place that joins reading, aligning, looking up and judging."""
+"""Evaluation: read a submission, align it with the ground truth, and score it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,19 +39,19 @@ def evaluate(
     Parameters
     ----------
     submission : path, bytes, open file, or sequence of records
-        The result file (plain, gzip or zip, ``-`` for standard input), its content, or its records
-        as Python objects: ``{"instr_id", "trajectory", "predObjId"}``, or any form that public
-        codebases write.
+        The result file (plain, gzip or zip; ``-`` for standard input), its contents, or its records
+        as Python objects: ``{"instr_id", "trajectory", "predObjId"}``, or any other form that
+        public codebases write.
     split : str
         ``train``, ``val_seen``, ``val_unseen`` or ``test``.
     ground_truth : path or GroundTruth, optional
-        A bundle, or a folder of bundles. If not given, what ``REVERIE_EVAL_GROUND_TRUTH`` names,
-        or else the synthetic demo world that ships with the package.
+        A bundle, or a folder of bundles. If not given, the environment variable
+        ``REVERIE_EVAL_GROUND_TRUTH``, or else the synthetic demo world that ships with the package.
     protocol : str
         A name in ``PROTOCOLS``, or an alias.
     track : "full" or "grounding"
-        In the grounding track the agent stands at the end of the annotated path: trajectories are
-        ignored and may be left out, and RGS is the only score.
+        In the grounding track the agent answers from the end of the annotated path: trajectories
+        are ignored and may be missing, and RGS is the only score.
 
     Returns
     -------
@@ -61,9 +61,9 @@ def evaluate(
     Raises
     ------
     SubmissionError
-        If the submission is invalid; lists every problem with its place.
+        If the submission is invalid; lists every problem and its location.
     GroundTruthError
-        If there is no valid ground truth with answers for the split and the protocol.
+        If there is no valid ground truth with answers for the split and protocol.
     ProtocolError
         If there is no such protocol or track.
     OSError
@@ -75,6 +75,7 @@ def evaluate(
     >>> round(scores["success"], 2)
     0.81
     """
+    # First what is quick to check: a misspelt protocol should not wait for files to be read.
     rules = find_protocol(protocol)
     truth = _find_answers(ground_truth, split)
     return _prepare(submission, truth, track).score(rules)
@@ -94,6 +95,7 @@ def evaluate_protocols(
     truth = _find_answers(ground_truth, split)
     prepared = _prepare(submission, truth, track)
     reasons = {name: why_not(rules, truth, track) for name, rules in PROTOCOLS.items()}
+    # A missing row would look like an omission of ours, so every table says why.
     left_out = [f"left out: {reason}" for reason in reasons.values() if reason]
     prepared = replace(prepared, hints=[*prepared.hints, *left_out])
     return {name: prepared.score(rules) for name, rules in PROTOCOLS.items() if not reasons[name]}
@@ -106,11 +108,11 @@ def diagnose(
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
 ) -> tuple[Scores, Scores]:
-    """Score a submission as it was meant, and as readers of each hop's first viewpoint would.
+    """Score a submission as intended, and as evaluators that truncate nested hops would.
 
-    Evaluators that read only the first viewpoint of every element of a trajectory (the dataset's
-    own, the 2022 challenge's) silently truncate nested hops. Parameters and errors are those of
-    :func:`evaluate`.
+    The dataset's own evaluator and that of the 2022 challenge read only the first viewpoint of
+    each element of a trajectory. If the elements are hops with several viewpoints, they silently
+    lose the others. Parameters and errors are those of :func:`evaluate`.
     """
     rules = find_protocol(protocol)
     truth = _find_answers(ground_truth, split)
@@ -128,7 +130,7 @@ def validate(
     split: str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
 ) -> Validation:
-    """Check a submission as :func:`evaluate` does, without looking at goals or targets.
+    """Check a submission as :func:`evaluate` does, but without the answers.
 
     A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
     """
@@ -166,28 +168,29 @@ class Evaluator:
         ground_truth: str | PathLike[str] | GroundTruth | None = None,
         protocol: str = DEFAULT_PROTOCOL,
     ) -> None:
+        # Unusable settings must raise here, and not after the first epoch of training.
         self.protocol = find_protocol(protocol).name
         self.ground_truth = _find_answers(ground_truth, split)
 
     def __call__(self, predictions: Submission) -> Scores:
-        """Score a submission; parameter and errors are those of :func:`reverie_eval.evaluate`."""
+        """Score a submission; argument and errors are those of :func:`reverie_eval.evaluate`."""
         truth = self.ground_truth
         return evaluate(predictions, split=truth.split, ground_truth=truth, protocol=self.protocol)
 
 
 @dataclass(frozen=True)
 class PreparedSubmission:
-    """A valid submission, aligned with the ground truth that it is scored against."""
+    """A valid submission, aligned with its ground truth."""
 
     submission: AlignedSubmission
     ground_truth: GroundTruth
     track: Track = "full"
     qualifier: str = ""
-    """What else than split, protocol and data the scores depend on."""
+    """What the scores depend on besides split, protocol and data; part of the signature."""
     hints: Sequence[str] = ()
-    """How the file was read, and what in it looks like a mistake, whatever the answers are."""
+    """How the file was read, and what in it looks like a mistake; independent of the answers."""
     answer_hints: Sequence[str] = ()
-    """What looks like a mistake given the answers."""
+    """What looks like a mistake in view of the answers, and therefore reveals something of them."""
 
     @classmethod
     def of(
@@ -202,7 +205,7 @@ class PreparedSubmission:
         Raises
         ------
         SubmissionError
-            Listing everything that is wrong.
+            If the predictions do not fit; lists every problem.
         """
         grounding = track == "grounding"
         aligned = (align_answers_only if grounding else align)(predictions, truth)
@@ -216,11 +219,11 @@ class PreparedSubmission:
         )
 
     def without_answer_hints(self) -> Self:
-        """Return the same submission without the hints that tell something about answers."""
+        """Return the same submission without the hints that reveal something of the answers."""
         return replace(self, answer_hints=())
 
     def validation(self) -> Validation:
-        """Return what can be told without a score."""
+        """Return the result of checking the submission, which has no scores."""
         aligned = self.submission
         return Validation(
             ground_truth=self.ground_truth,
@@ -272,7 +275,7 @@ def why_not(rules: Protocol, truth: GroundTruth, track: Track = "full") -> str |
 def _find_answers(
     ground_truth: str | PathLike[str] | GroundTruth | None, split: str
 ) -> GroundTruth:
-    """Find the ground truth, and refuse a public bundle before anything is read."""
+    """Find the ground truth, and refuse a public bundle before the submission is read."""
     truth = find_ground_truth(ground_truth, split)
     truth.require_answers()
     return truth

@@ -12,13 +12,13 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.text import count_text, did_you_mean
 
 Clustering = Literal["target", "scan"]
-"""What episodes share that makes them dependent: the target object, or the building."""
+"""What dependent episodes have in common: the target object, or the building."""
 
 FEW_CLUSTERS = 5
-"""Intervals over fewer clusters contain the true mean less often than they claim:
+"""With fewer clusters, intervals contain the true mean less often than they claim; measured in
 docs/uncertainty.md."""
 
-_LEAST_CLUSTERS = 2
+_MIN_CLUSTERS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Interval:
 
 @dataclass(frozen=True, eq=False)
 class Intervals(Mapping[str, Interval]):
-    """An interval for every metric by its key, and how they were computed."""
+    """The interval of every metric by its key, and how they were computed."""
 
     by: Clustering
     n_clusters: int
@@ -51,7 +51,7 @@ class Intervals(Mapping[str, Interval]):
         resamples: int | None = None,
         seed: int | None = None,
     ) -> Self:
-        """Resample clusters of episodes; settings that are not given have their defaults.
+        """Compute intervals by resampling clusters of episodes.
 
         Parameters
         ----------
@@ -60,21 +60,22 @@ class Intervals(Mapping[str, Interval]):
         cluster : array of int, shape (n_episodes,)
             As :func:`clusters_of` returns it.
         by : "target" or "scan"
-            What the episodes of a cluster share.
+            What the episodes of a cluster have in common.
         confidence, resamples, seed : optional
-            Of the bootstrap.
+            Settings of the bootstrap; by default those of :mod:`reverie_eval.metrics.uncertainty`.
 
         Raises
         ------
         ProtocolError
             If all episodes are in one cluster, or confidence, resamples or seed are out of range.
         """
-        # scipy would double the start-up of a command that shows no intervals.
+        # Importing scipy would double the start-up time of commands that show no intervals.
         from reverie_eval.metrics import uncertainty
 
         n_clusters = len(np.unique(cluster))
-        if n_clusters < _LEAST_CLUSTERS:
+        if n_clusters < _MIN_CLUSTERS:
             raise ProtocolError(_one_cluster(by))
+        # The defaults cannot be in the signature: their module imports scipy.
         confidence = uncertainty.CONFIDENCE if confidence is None else confidence
         resamples = uncertainty.RESAMPLES if resamples is None else resamples
         seed = uncertainty.SEED if seed is None else seed
@@ -89,7 +90,7 @@ class Intervals(Mapping[str, Interval]):
     def why_not(truth: GroundTruth, by: Clustering) -> str | None:
         """Return why intervals cannot be computed; None if they can."""
         n_clusters = len(np.unique(clusters_of(truth, by)))
-        return _one_cluster(by) if n_clusters < _LEAST_CLUSTERS else None
+        return _one_cluster(by) if n_clusters < _MIN_CLUSTERS else None
 
     def __getitem__(self, key: str) -> Interval:
         return self._by_key[key]
@@ -107,7 +108,7 @@ class Intervals(Mapping[str, Interval]):
 
     @property
     def caption(self) -> str:
-        """How the intervals were computed, so that they can be repeated, and a caution if any."""
+        """How the intervals were computed, so that they can be reproduced, and any caution."""
         method = (
             f"{self.label} intervals: {self.resamples:,} bootstrap resamples of "
             f"{self._clusters}, seed {self.seed}"
@@ -116,7 +117,7 @@ class Intervals(Mapping[str, Interval]):
 
     @property
     def caution(self) -> str:
-        """A caution about intervals over few clusters; else empty."""
+        """A caution if there are few clusters; else empty."""
         if self.n_clusters >= FEW_CLUSTERS:
             return ""
         return (
@@ -132,8 +133,8 @@ class Intervals(Mapping[str, Interval]):
 def clusters_of(truth: GroundTruth, by: Clustering) -> IntArray:
     """Return the cluster of each episode.
 
-    By target, the up to three instructions of a task share a cluster, and so do tasks that lead
-    to the same object on different paths.
+    By target, all instructions of a task are in one cluster, and so are tasks that lead to the
+    same object on different paths.
 
     Returns
     -------
@@ -149,12 +150,12 @@ def clusters_of(truth: GroundTruth, by: Clustering) -> IntArray:
         known = did_you_mean(by, get_args(Clustering))
         raise ProtocolError(f"cannot cluster episodes by {by!r}{known}")
     scan = truth.graph.viewpoint_scan[truth.episodes.start].astype(np.int64)
-    # One number for both: object ids are unique within a scan only, and fit 32 bits.
+    # Object ids are unique only within a scan, and fit into 32 bits: scan and id in one number.
     return scan if by == "scan" else (scan << 32) | truth.require_answers().target_object
 
 
 def _one_cluster(by: Clustering) -> str:
-    return f"all episodes share one {by}, so nothing can be resampled"
+    return f"all episodes share one {by}, so there is nothing to resample"
 
 
 def _check_settings(confidence: float, resamples: int, seed: int) -> None:

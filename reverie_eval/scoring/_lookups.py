@@ -1,4 +1,4 @@
-"""Facts about the episodes of a submission, looked up in the ground truth before any judgement."""
+"""What the ground truth says about a submission's poses and episodes, before any protocol."""
 
 from functools import cached_property
 
@@ -13,12 +13,14 @@ from reverie_eval.submissions import AlignedSubmission
 
 
 class Lookups:
-    """Facts about poses (flat, with ``offsets``) and about episodes, each computed when asked for.
+    """Distances, visibility and lengths of poses (flat, with ``offsets``) and of episodes.
+
+    Each is computed on first access, and kept for other metrics and protocols.
 
     Raises
     ------
     GroundTruthError
-        When made with a public bundle, which has no answers.
+        If the ground truth is a public bundle, which has no answers.
     """
 
     def __init__(self, submission: AlignedSubmission, ground_truth: GroundTruth) -> None:
@@ -50,13 +52,13 @@ class Lookups:
 
     @cached_property
     def leg_length(self) -> FloatArray:
-        """Shape (n_poses,): metres from the previous pose of the episode; 0 for its first."""
+        """Shape (n_poses,): metres from the episode's previous pose; 0 for its first pose."""
         viewpoint = self._submission.viewpoint
         return self._graph.distance_between(_previous(viewpoint, self.offsets), viewpoint)
 
     @cached_property
     def is_jump(self) -> BoolArray:
-        """Shape (n_poses,): whether no edge leads here from the previous, another viewpoint."""
+        """Shape (n_poses,): whether the pose is at a viewpoint unconnected to the previous one."""
         return find_jumps(self._submission, self._graph)
 
     @cached_property
@@ -72,18 +74,18 @@ class Lookups:
 
     @cached_property
     def boxes(self) -> BoxScores:
-        """The predicted boxes, compared with the annotated ones."""
+        """The scores of the predicted boxes."""
         stop = self._submission.viewpoint[last_of(self.offsets)]
         return score_boxes(self._submission.boxes, stop, self.target_object, self._answers)
 
     @property
     def box_overlap(self) -> Overlap:
-        """Overlap of each predicted box with the target's."""
+        """The overlap of each predicted box with the target's."""
         return self.boxes.overlap
 
     @property
     def box_row(self) -> IntArray:
-        """Shape (n_boxes,): the episode that each predicted box answers."""
+        """Shape (n_boxes,): the episode of each predicted box."""
         return self.boxes.row
 
     @cached_property
@@ -111,7 +113,8 @@ class Lookups:
 
     @cached_property
     def pose_to_node(self) -> FloatArray:
-        """Metres from poses to nodes: one table per episode, flat, as path fidelity takes them."""
+        """Metres from poses to path nodes: one table per episode, as path fidelity takes them."""
+        # Row by row: each node of an episode's path is paired with all poses of its trajectory.
         task = self._ground_truth.episodes.task
         node = self._answers.path[take_rows(task, self._answers.path_offsets)]
         episode = np.repeat(np.arange(len(task)), self.n_nodes)
@@ -126,12 +129,12 @@ class Lookups:
 def is_goal(
     rule: GoalRule, ground_truth: GroundTruth, episode: IntArray, viewpoint: IntArray
 ) -> BoolArray:
-    """Whether viewpoints are goal viewpoints: whether a stop there counts as success.
+    """Whether a stop at a viewpoint is a success.
 
     Parameters
     ----------
     rule : GoalRule
-        The protocol's.
+        The goal rule of the protocol.
     ground_truth : GroundTruth
         With answers.
     episode, viewpoint : int arrays of shape (n,)
@@ -153,14 +156,15 @@ def is_goal(
 
 
 def find_jumps(submission: AlignedSubmission, graph: NavigationGraph) -> BoolArray:
-    """Whether each pose is at another viewpoint than the previous one, without an edge between."""
+    """Whether each pose is at another viewpoint than the previous pose, with no edge between."""
     viewpoint = submission.viewpoint
     previous = _previous(viewpoint, submission.offsets)
     return np.not_equal(previous, viewpoint) & ~graph.has_edge(previous, viewpoint)
 
 
 def _previous(viewpoint: IntArray, offsets: IntArray) -> IntArray:
-    """Return the viewpoint before each one of its row; for the row's first, the same."""
+    """Return the viewpoint before each one in its row; before the first, the first itself."""
+    # So a row's first leg has the length 0 and is not a jump, without a case of its own.
     previous = np.roll(viewpoint, 1)
     first = offsets[:-1]
     previous[first] = viewpoint[first]

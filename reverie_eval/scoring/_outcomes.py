@@ -1,7 +1,7 @@
-"""Failure modes: the outcome of every episode, one of five.
+"""Failure modes: every episode has one of five outcomes.
 
-"The goal" is any goal viewpoint under the protocol; under the official one, every viewpoint that
-sees the target.
+"The goal" is any goal viewpoint under the protocol; under the official one, any viewpoint from
+which the target is visible.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ OUTCOMES: Mapping[str, str] = MappingProxyType(
         "correct": "stopped at the goal and predicted the target",
     }
 )
-"""The outcomes from worst to best, with their meaning."""
+"""The outcomes and their meanings, from worst to best."""
 
 _WRONG_STOP = list(OUTCOMES).index("correct object at the wrong stop")
 _NEEDED = ("success", "oracle_success", "rgs")
@@ -31,20 +31,19 @@ _NEEDED = ("success", "oracle_success", "rgs")
 
 @dataclass(frozen=True)
 class FailureModes:
-    """How many episodes had which outcome."""
+    """How many episodes had each outcome."""
 
     counts: Mapping[str, int]
-    """Episodes by outcome; they add up to all episodes."""
+    """Episodes by outcome; every episode is counted once."""
     wrong_stops_after_reaching: int
-    """Of the episodes with the correct object at the wrong stop, how many had reached the goal on
-    the way."""
+    """Episodes with the correct object at the wrong stop that reached the goal on the way."""
 
     @property
     def funnel(self) -> Mapping[str, int]:
-        """How many episodes got how far, from all episodes to the correct answer at the goal.
+        """Progress funnel: the number of episodes that got to each stage.
 
         The second count is OSR and the third SR, times the number of episodes. The last one is
-        the part of RGS that is also a success.
+        the part of RGS with a success.
         """
         count = self.counts
         stopped = count["wrong object"] + count["correct"]
@@ -75,8 +74,8 @@ def outcome_indices(episodes: Mapping[str, Array]) -> IntArray:
         If one of the three is not scored.
     """
     succeeded, reached, grounded = _needed_columns(episodes)
-    from_the_best = [grounded & succeeded, grounded, succeeded, reached]
-    return np.select(from_the_best, [4, 3, 2, 1], 0)
+    # np.select takes the first condition that holds, so the best outcome comes first.
+    return np.select([grounded & succeeded, grounded, succeeded, reached], [4, 3, 2, 1], 0)
 
 
 def failure_modes(episodes: Mapping[str, Array]) -> FailureModes:

@@ -1,7 +1,7 @@
 """Protocols: the rules that published evaluators score by, as data.
 
 A protocol's numbers never change once it is released; a correction is a new protocol. Thresholds
-that protocols share are named beside the arithmetic that uses them, in :mod:`reverie_eval.metrics`.
+that protocols share are defined with the arithmetic that uses them, in :mod:`reverie_eval.metrics`.
 """
 
 from collections.abc import Mapping
@@ -23,17 +23,19 @@ class Protocol:
     name: str
     summary: str
     source: str
+    # The defaults are the rules of the dataset's own script; protocols list only what differs.
     goal: GoalRule = "visible"
-    """Which viewpoints are goals: those that see the target; those that see it with the camera at
-    most 3 m from its centre; or those less than 3 m along the graph from the path's end."""
+    """Which viewpoints are goals: those from which the target is visible; those from which it is
+    visible with its centre at most 3 m from the camera; or those less than 3 m along the graph from
+    the path's end."""
     spl_numerator: Literal["shortest", "annotated"] = "shortest"
-    """The length that SPL compares with: the shortest route's or the annotated path's."""
+    """The length in SPL's numerator: of the shortest route, or of the annotated path."""
     spl_floor: float = 0.0
     """Smallest denominator of SPL, metres."""
     rgspl_floor: float = 0.0
     """Smallest denominator of RGSPL, metres."""
     grounding: Grounding = "anywhere"
-    """Whether the correct object counts wherever the agent stops, or only with success."""
+    """Where a correct answer counts: wherever the agent stops, or only with success."""
     text_ids_count: bool = True
     """Whether an object id written as text can be correct."""
 
@@ -46,7 +48,7 @@ _RELEASED = (
     ),
     Protocol(
         name="paper",
-        summary="the paper's text: grounding counts only where the target is visible at the stop",
+        summary="the paper's text: grounding counts only if the target is visible at the stop",
         source="Qi et al., REVERIE, CVPR 2020, section 3",
         grounding="only with success",
     ),
@@ -91,7 +93,7 @@ _RELEASED = (
 )
 
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType({rules.name: rules for rules in _RELEASED})
-"""Every released protocol by its name, the default first."""
+"""Every released protocol by its name; the default comes first."""
 
 ALIASES: Mapping[str, str] = MappingProxyType({"hamt": "duet", "hm3d": "scalevln"})
 """Other names of protocols: codebases that score the same way."""
@@ -100,7 +102,7 @@ DEFAULT_PROTOCOL = "official-v1"
 
 
 def find_protocol(name: str) -> Protocol:
-    """Return the protocol with a name or an alias.
+    """Return the protocol with this name or alias.
 
     Raises
     ------

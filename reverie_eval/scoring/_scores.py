@@ -1,4 +1,4 @@
-"""Scores: one value per metric and episode, their means, and the signature they depend on."""
+"""Scores: one value per metric and episode, their means, and their signature."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,8 +29,8 @@ _FINGERPRINT_SHOWN = 12
 class Scores(Mapping[str, float]):
     """The scores of a submission: ``scores["rgspl"]`` is the mean over all episodes.
 
-    Keys and their order are the CATALOGUE's. Fractions are in [0, 1], lengths in metres, and
-    nothing is rounded.
+    Keys and their order are those of the CATALOGUE. Fractions are in [0, 1], lengths in metres,
+    and nothing is rounded.
     """
 
     ground_truth: GroundTruth
@@ -40,15 +40,15 @@ class Scores(Mapping[str, float]):
     hints: Sequence[str] = ()
     """How the file was read, and what in it looks like a mistake."""
     qualifier: str = ""
-    """What else the numbers depend on, as the signature shows it: ``track:grounding``."""
+    """What the scores depend on besides split, protocol and data: ``track:grounding``."""
     boxes: BoxScores | None = None
     """The predicted boxes, if there are any and the protocol scores them."""
     intervals: Intervals | None = None
-    """Of every metric, if they were asked for."""
+    """Confidence intervals of every metric, if :meth:`with_intervals` computed them."""
     submission: AlignedSubmission | None = None
     """The trajectories and answers that were scored; not part of any report."""
 
-    # Set by reverie_eval.notebook, because they need the rooms above this one.
+    # Set by reverie_eval.notebook, because they need packages above this one.
     breakdown: ClassVar[Any]
     episode: ClassVar[Any]
     plot: ClassVar[Any]
@@ -75,20 +75,20 @@ class Scores(Mapping[str, float]):
 
     @property
     def signature(self) -> str:
-        """Everything that the numbers depend on; scores with equal signatures are comparable.
+        """Everything that the scores depend on; scores with equal signatures are comparable.
 
-        The idea is sacreBLEU's (Post, "A Call for Clarity in Reporting BLEU Scores", WMT 2018).
+        After sacreBLEU (Post, "A Call for Clarity in Reporting BLEU Scores", WMT 2018).
         """
         return signature_of(self.ground_truth, self.protocol, self.qualifier)
 
     @property
     def headline(self) -> Sequence[Metric]:
-        """The metrics that every score table shows, in its order."""
+        """The scored metrics that every score table shows, in its order."""
         return [CATALOGUE[key] for key in self.episodes if CATALOGUE[key].headline]
 
     @property
     def notes(self) -> Sequence[str]:
-        """What a reader of the numbers should know, one sentence each."""
+        """What a reader of the scores should know, one sentence each."""
         jumps = self.episodes.get("jumps")
         return [
             *([] if self.boxes is None else [_box_note(self.boxes)]),
@@ -109,12 +109,13 @@ class Scores(Mapping[str, float]):
 
     @property
     def failure_modes(self) -> FailureModes:
-        """How many episodes had which outcome; errors are those of ``outcomes``."""
+        """How many episodes had each outcome; errors are those of ``outcomes``."""
         return failure_modes(self.episodes)
 
     @property
     def box_outcomes(self) -> Sequence[str]:
         """The outcome of each predicted box, one of ``BOX_OUTCOMES``; empty without a box."""
+        # Of objects, because an array of "" would cut every text to one letter.
         outcome = np.full(len(self.instr_ids), "", dtype=object)
         if self.boxes is not None:
             outcome[self.boxes.row] = np.array(BOX_OUTCOMES, dtype=object)[self.boxes.outcome]
@@ -133,13 +134,14 @@ class Scores(Mapping[str, float]):
         Parameters
         ----------
         by : "target" or "scan"
-            What dependent episodes share: whole clusters of episodes are resampled.
+            Clusters of dependent episodes, which are resampled as a whole: episodes with the same
+            target object, or in the same building.
         confidence : float, optional
             In (0, 1); 0.95 if not given.
         resamples : int, optional
             10,000 if not given.
         seed : int, optional
-            0 if not given: the same scores have the same intervals.
+            0 if not given, so that the same scores always have the same intervals.
 
         Raises
         ------
@@ -158,9 +160,9 @@ class Scores(Mapping[str, float]):
         return replace(self, intervals=intervals)
 
     def to_dict(self) -> dict[str, float]:
-        """Return the means as plain numbers by name, as experiment loggers take them.
+        """Return the means by name, for experiment loggers.
 
-        With intervals, each metric has its ``_low`` and ``_high`` beside it.
+        With intervals, their ends are in ``spl_low``, ``spl_high`` and so on.
         """
         flat = dict(self)
         for key, interval in (self.intervals or {}).items():
@@ -170,8 +172,8 @@ class Scores(Mapping[str, float]):
     def to_pandas(self) -> "pd.DataFrame":
         """Return the episode table: a row per ``instr_id``, a column per metric.
 
-        Values are in the metrics' own units, which ``attrs["units"]`` names by column. With
-        predicted boxes, a last column ``box_outcome`` has the outcome of each.
+        Values are in the metrics' own units, which ``attrs["units"]`` lists by column. If there are
+        predicted boxes, the last column, ``box_outcome``, has their outcomes.
         """
         import pandas as pd
 
@@ -205,7 +207,7 @@ class Scores(Mapping[str, float]):
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """What can be told about a valid submission without looking at answers."""
+    """The result of checking a valid submission, without using the answers."""
 
     ground_truth: GroundTruth
     abstained: BoolArray
@@ -219,14 +221,14 @@ class Validation:
     def notes(self) -> Sequence[str]:
         """What the participant should know before submitting, one sentence each."""
         abstained, total = int(self.abstained.sum()), len(self.abstained)
-        some_abstain = 0 < abstained < total  # a hint tells when all do
+        some_abstain = 0 < abstained < total  # if all do, there is a hint already
         answers = count_text(total, "answer")
         notes = [f"{abstained:,} of {answers} predict no object"] if some_abstain else []
         return [*notes, *self.hints, *_jump_notes(self.jumps)]
 
 
 def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str = "") -> str:
-    """Return the signature of whatever this version scores by a protocol and a ground truth."""
+    """Return the signature of scores by a protocol and a ground truth, from this version."""
     parts = [
         f"split:{truth.split}",
         f"protocol:{protocol.name}",

@@ -1,4 +1,4 @@
-"""The reference agents: what they do, held against the graphs, and what they score."""
+"""The reference agents: their trajectories on the graphs, their answers and their scores."""
 
 import json
 import subprocess
@@ -34,7 +34,7 @@ def truth(request: pytest.FixtureRequest) -> GroundTruth:
 
 
 def scores_of(name: str, truth: GroundTruth, seed: int = 0) -> Scores:
-    """Score what an agent does."""
+    """Score an agent."""
     records = run_agent(name, truth, seed)
     return evaluate(records, split=truth.split, ground_truth=truth)
 
@@ -48,8 +48,8 @@ def viewpoints(record: Record) -> list[str]:
 
 
 @pytest.mark.parametrize("key", ["success", "spl", "rgs", "rgspl", "oracle_success", "sdtw"])
-def test_shortest_does_everything_right(key: str, truth: GroundTruth) -> None:
-    """But for annotated paths with detours, which cost it fidelity alone."""
+def test_shortest_scores_100_percent(key: str, truth: GroundTruth) -> None:
+    """Except for path fidelity, where annotated paths have detours."""
     value = scores_of("shortest", truth)[key]
     assert value <= 1 if key == "sdtw" else value == 1
 
@@ -62,7 +62,7 @@ def test_shortest_walks_the_shortest_length(truth: GroundTruth) -> None:
 
 
 def test_shortest_takes_the_shorter_way_round() -> None:
-    """The annotators took the way of 7 m; there is one of 5 m."""
+    """The annotated path is 7 m long, the shortest route 5 m."""
     places = {"door": (0.0, 0.0), "hall": (0.0, 4.0), "yard": (1.0, 0.0), "bath": (3.0, 4.0)}
     house = Scan(
         {
@@ -79,7 +79,7 @@ def test_shortest_takes_the_shorter_way_round() -> None:
 # Random.
 
 
-def test_random_is_the_same_again_with_the_same_seed(truth: GroundTruth) -> None:
+def test_random_repeats_itself_with_the_same_seed(truth: GroundTruth) -> None:
     assert run_agent("random", truth, seed=1) == run_agent("random", truth, seed=1)
     assert run_agent("random", truth, seed=1) != run_agent("random", truth, seed=2)
 
@@ -93,14 +93,14 @@ def test_random_takes_up_to_ten_steps_along_edges(seed: int, truth: GroundTruth)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_random_never_waits_where_there_is_a_way(seed: int, truth: GroundTruth) -> None:
+def test_random_never_stays_if_there_is_an_edge(seed: int, truth: GroundTruth) -> None:
     for record in run_agent("random", truth, seed):
         assert all(here != there for here, there in pairwise(viewpoints(record)))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_random_names_what_it_sees(seed: int, truth: GroundTruth) -> None:
-    """And nothing only where there is nothing."""
+def test_random_predicts_an_object_visible_at_its_stop(seed: int, truth: GroundTruth) -> None:
+    """And no object only if none is visible."""
     records = run_agent("random", truth, seed)
     stops = np.array([truth.graph.index[viewpoints(record)[-1]] for record in records])
     named = np.array([record["predObjId"] for record in records])
@@ -110,7 +110,7 @@ def test_random_names_what_it_sees(seed: int, truth: GroundTruth) -> None:
     assert (named[~sees_anything] == -1).all()
 
 
-def test_random_draws_every_number_of_steps(truth: GroundTruth) -> None:
+def test_random_takes_every_number_of_steps(truth: GroundTruth) -> None:
     steps = {
         len(record["trajectory"]) - 1
         for seed in range(20)
@@ -119,7 +119,7 @@ def test_random_draws_every_number_of_steps(truth: GroundTruth) -> None:
     assert steps == set(range(11))
 
 
-def test_random_stays_where_no_edge_leads_away() -> None:
+def test_random_stays_if_there_is_no_edge() -> None:
     tower = Scan({"cell": Viewpoint((0.0, 0.0, 0.0), views={5: [12]})}, frozenset())
     truth = ground_truth_of(World({"tower": tower}, [Task("7_1", "tower", ["cell"], 5)]))
     for seed in SEEDS:
@@ -130,7 +130,7 @@ def test_random_stays_where_no_edge_leads_away() -> None:
 # Stop.
 
 
-def test_stop_stays_at_the_start_and_names_nothing(truth: GroundTruth) -> None:
+def test_stop_stays_at_the_start_and_predicts_nothing(truth: GroundTruth) -> None:
     episodes = scores_of("stop", truth).episodes
     assert not episodes["path_length"].any()
     assert not episodes["steps"].any()
@@ -142,7 +142,7 @@ def test_stop_stays_at_the_start_and_names_nothing(truth: GroundTruth) -> None:
 
 
 @pytest.mark.parametrize("name", list(AGENTS))
-def test_an_agent_writes_the_official_form(name: str, truth: GroundTruth) -> None:
+def test_agents_write_the_official_form(name: str, truth: GroundTruth) -> None:
     records = run_agent(name, truth)
     predictions = decode_official(json.dumps(records).encode())
     assert predictions is not None
@@ -165,10 +165,10 @@ def test_an_agent_writes_the_official_form(name: str, truth: GroundTruth) -> Non
         pytest.param((0.0, 2.0, -2.0), 0.0, -np.pi / 4, id="down"),
     ],
 )
-def test_poses_look_where_the_agent_goes(
+def test_poses_look_in_the_direction_of_travel(
     there: tuple[float, float, float], heading: float, elevation: float
 ) -> None:
-    """Headings turn from north, which is y, to east, which is x, as the simulator's do."""
+    """Headings increase from north (y) to east (x), as in the simulator."""
     field = Scan(
         {"here": Viewpoint((0.0, 0.0, 0.0)), "there": Viewpoint(there, views={5: [12]})},
         frozenset({("here", "there")}),
@@ -214,7 +214,7 @@ def test_an_agent_is_scored_through_a_pipe(name: str, expected: str) -> None:
 
 
 @pytest.mark.parametrize("options", [[], ["--seed", "0"], ["--seed", "7"]], ids=" ".join)
-def test_the_command_writes_what_the_agent_does(
+def test_the_command_writes_the_agents_submission(
     options: list[str], tmp_path: Path, demo: GroundTruth, run: Run
 ) -> None:
     file = tmp_path / "random.json"
@@ -232,10 +232,10 @@ def test_the_command_writes_what_the_agent_does(
 @pytest.mark.parametrize(
     ("split", "length"), [("val_seen", "10.53"), ("val_unseen", "9.47")], ids=str
 )
-def test_shortest_has_the_length_that_the_paper_gives(
+def test_shortest_has_the_path_length_given_in_the_paper(
     split: str, length: str, published_bundles: Path
 ) -> None:
-    """Of val_unseen; val_seen is 7 cm longer than in the paper, which precedes its release."""
+    """On val_unseen; the paper gives 7 cm less for val_seen, but was written before the release."""
     truth = GroundTruth.load(published_bundles / f"{split}.npz")
     scores = scores_of("shortest", truth)
     assert CATALOGUE["path_length"].display(scores["path_length"]) == length

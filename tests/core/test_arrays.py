@@ -1,4 +1,4 @@
-"""Rows of different lengths laid end to end, against lists of lists."""
+"""Rows of different lengths stored end to end, compared with lists of lists."""
 
 from itertools import chain
 
@@ -14,7 +14,7 @@ ragged = st.lists(st.lists(st.integers(0, 99), max_size=4), min_size=1, max_size
 
 
 @given(rows=ragged, data=st.data())
-def test_take_rows_lays_the_chosen_rows_end_to_end(
+def test_take_rows_returns_the_chosen_rows_in_order(
     rows: list[list[int]], data: st.DataObject
 ) -> None:
     chosen = data.draw(st.lists(st.integers(0, len(rows) - 1)))
@@ -24,12 +24,12 @@ def test_take_rows_lays_the_chosen_rows_end_to_end(
 
 
 @given(rows=ragged)
-def test_row_of_names_the_owner_of_every_value(rows: list[list[int]]) -> None:
+def test_row_of_gives_the_row_of_every_value(rows: list[list[int]]) -> None:
     expected = [number for number, row in enumerate(rows) for _ in row]
     assert row_of(_offsets(rows)).tolist() == expected
 
 
-def test_frozen_array_cannot_be_written() -> None:
+def test_a_frozen_array_is_read_only() -> None:
     array = frozen(np.zeros(2))
     with pytest.raises(ValueError, match="read-only"):
         array[0] = 1

@@ -1,4 +1,4 @@
-"""What becomes of answers by box: by hand in one bathroom, and on the published boxes."""
+"""Outcomes of answers by box: worked out by hand in one bathroom, and on the published boxes."""
 
 import gzip
 import json
@@ -56,23 +56,23 @@ WALK = ["door", "hall", "bath"]
 
 
 def answer(*fields: Any, at: str = "bath", camera: Sequence[float] = (0, 0)) -> Record:
-    """Return a record of an agent that stops somewhere and answers by these fields."""
+    """Return the record of an agent that stops at a viewpoint, with these answer fields."""
     way = WALK[: WALK.index(at)]
     return {"trajectory": [*([place, 0, 0] for place in way), [at, *camera]], **dict(fields)}
 
 
 def drawn(box: Sequence[float], view: int | None = None, **stop: Any) -> Record:
-    """Return a record that is answered by box."""
+    """Return a record with an answer by box."""
     return answer(("predBox", box), ("predView", view), **stop)
 
 
 def named(object_id: object, **stop: Any) -> Record:
-    """Return a record that is answered by candidate."""
+    """Return a record with an object id."""
     return answer(("predObjId", object_id), **stop)
 
 
 def submitted(records: Sequence[Record]) -> tuple[list[Record], GroundTruth]:
-    """Return records as a submission, and the ground truth of as many episodes."""
+    """Return records as a submission, and a ground truth with as many episodes."""
     task = Task("7_1", "flat", WALK, TUB, instructions=len(records))
     submission = [{"instr_id": f"7_1_{row}", **record} for row, record in enumerate(records)]
     return submission, ground_truth_by_hand(World({"flat": FLAT}, [task]))
@@ -85,7 +85,7 @@ def scored(*records: Record, **how: Any) -> Scores:
 
 
 def judged(*records: Record) -> BoxScores:
-    """Return what becomes of records in the flat that are all answered by box."""
+    """Score records in the flat that all have an answer by box."""
     boxes = scored(*records).boxes
     assert boxes is not None
     assert boxes.row.tolist() == list(range(len(records)))
@@ -157,7 +157,7 @@ def test_one_answer(record: Record, outcome: str, iou: float) -> None:
     assert episode["rgspl"] == episode["rgs"]
 
 
-def test_a_box_of_a_picture_of_another_size() -> None:
+def test_a_box_in_an_image_of_another_size() -> None:
     small = {**drawn([50, 25, 30, 10], 12), "predImageSize": [320, 120]}
     assert judged(small).overlap.iou().tolist() == [1]
 
@@ -184,7 +184,7 @@ FROM_ABOVE = [299.52, 292.85, 40.96, 41.25]
         pytest.param(FROM_ABOVE, (90, 16), "wrong view", id="nearer to the upper view"),
     ],
 )
-def test_a_box_drawn_by_a_camera(
+def test_a_box_from_a_camera_off_the_grid(
     box: list[float], degrees: tuple[float, float], outcome: str
 ) -> None:
     scores = scored(drawn(box, camera=[*map(math.radians, degrees)]))
@@ -193,11 +193,11 @@ def test_a_box_drawn_by_a_camera(
 
 
 @pytest.mark.parametrize("box", [FROM_THE_RIGHT, FROM_ABOVE], ids=["to the right", "up"])
-def test_the_same_box_in_the_view_would_be_wrong(box: list[float]) -> None:
+def test_the_same_box_without_warping_is_wrong(box: list[float]) -> None:
     assert judged(drawn(box, 15)).overlap.iou().tolist() == [0]
 
 
-def test_a_camera_that_is_almost_a_view_is_it() -> None:
+def test_a_camera_close_to_a_view_counts_as_the_view() -> None:
     east = math.pi / 2
     near, far = (drawn([300, 220, 40, 40], camera=(east + off, 0)) for off in (0.0009, 0.0011))
     iou = judged(near, far).overlap.iou().tolist()
@@ -205,7 +205,7 @@ def test_a_camera_that_is_almost_a_view_is_it() -> None:
     assert 0.95 < iou[1] < 1
 
 
-def test_cameras_on_and_off_the_grid_keep_apart() -> None:
+def test_cameras_on_and_off_the_grid_in_one_submission() -> None:
     to_the_right = drawn(FROM_THE_RIGHT, camera=(math.radians(100), 0))
     boxes = judged(drawn([100, 100, 60, 40], 12), to_the_right, drawn([100, 100, 30, 40], 12))
     assert boxes.overlap.iou().tolist() == [1, pytest.approx(0.98, abs=0.02), 0.5]
@@ -235,21 +235,21 @@ def test_outcomes_are_counted() -> None:
     assert boxes.mean_iou == pytest.approx((1 / 2 + 64 / 2400 + 3 / 4 + 239 / 480) / 8)
 
 
-def test_the_whole_picture_in_their_place() -> None:
-    """It would be right of the tub that fills half of it, and of no other."""
+def test_the_whole_image_instead_of_each_box() -> None:
+    """It is correct only for the tub that fills half of it."""
     boxes = judged(*EVERYTHING)
     assert boxes.whole_image_share == 1 / 8
     assert boxes.whole_image.reaches(0.5).tolist() == [False, True] + [False] * 6
 
 
 def test_ambiguous_views() -> None:
-    """The sink's box passes for the tub's in view 13, and misses that by a row in view 14."""
+    """The sink's box matches the tub's in view 13, and misses by one row in view 14."""
     boxes = judged(*EVERYTHING)
     assert boxes.is_ambiguous.tolist() == [True] + [False] * 7
     assert boxes.ambiguous_share == 1 / 4
 
 
-def test_the_report() -> None:
+def test_the_report_has_statistics_of_boxes() -> None:
     report = scored(*EVERYTHING).to_report()
     assert report.boxes is not None
     assert report.boxes.model_dump() == {
@@ -290,10 +290,10 @@ RGS: Mapping[str, Sequence[int]] = {
     "duet": [1, 1, 1, 0, 0, 0, 0, 0],
     "scalevln": [0, 1, 1, 0, 0, 0, 0, 0],
 }
-"""From afar a named object counts under most protocols, as text under all but one."""
+"""RGS by protocol: some need success, and one rejects ids written as text."""
 
 
-def test_every_protocol_takes_boxes_beside_candidates() -> None:
+def test_every_protocol_scores_boxes_and_candidates_together() -> None:
     submission, truth = submitted(MIXED)
     results = evaluate_protocols(submission, split=SPLIT, ground_truth=truth)
     assert {
@@ -313,7 +313,7 @@ def test_r2r_style_does_not_score_boxes() -> None:
     assert (scores.boxes, set(scores.box_outcomes)) == (None, {""})
 
 
-def test_records_in_another_order() -> None:
+def test_the_order_of_records_does_not_matter() -> None:
     submission, truth = submitted(MIXED)
     there, back = (
         evaluate(records, split=SPLIT, ground_truth=truth)
@@ -327,7 +327,7 @@ def test_records_in_another_order() -> None:
 
 
 def test_the_grounding_track() -> None:
-    """Everybody stands in the bath, whatever the trajectory says."""
+    """Every agent answers from the bath, whatever its trajectory."""
     scores = scored(*MIXED, track="grounding")
     assert list(scores) == ["rgs", "iou", "iou_25", "iou_50", "iou_75"]
     assert scores.episodes["rgs"].tolist() == [1, 1, 1, 0, 0, 1, 0, 0]
@@ -346,7 +346,7 @@ def test_the_grounding_track() -> None:
 @pytest.mark.dataset
 @pytest.mark.parametrize("split", ["val_seen", "val_unseen"])
 @pytest.mark.parametrize("name", ["shortest", "mixed1"])
-def test_the_annotated_boxes_score_what_naming_the_target_does(
+def test_annotated_boxes_score_the_same_as_target_ids(
     split: str, name: str, published: Path, published_bundles: Path
 ) -> None:
     """Per episode, in every column, under every protocol."""
@@ -370,7 +370,7 @@ N_DRAWN = 8000
 
 @pytest.mark.dataset
 def test_exact_boxes_by_cameras_off_the_grid(published_bundles: Path) -> None:
-    """Of 8,000, 91.1 % pass carried over, and 13.1 % compared raw.
+    """Of 8,000 boxes, 91.1 % are correct when warped, and 13.1 % when compared as they are.
 
     Of those that the camera's own picture does not cut, 68.8 % of them all, 99.8 % pass; of those
     that are carried over by more than 15 degrees, 80.0 %, and of the others 93.2 %.
@@ -418,13 +418,13 @@ def test_exact_boxes_by_cameras_off_the_grid(published_bundles: Path) -> None:
         pytest.param("val_unseen", (4.01, 9.6), (2.44, 8.5), id="val_unseen"),
     ],
 )
-def test_how_much_a_box_proves_on_the_published_boxes(
+def test_whole_image_and_ambiguous_shares_of_the_published_boxes(
     split: str,
     ambiguous: tuple[float, float],
     whole_image: tuple[float, float],
     published_bundles: Path,
 ) -> None:
-    """Per cent of the views that show a target at its goal, and of the tasks with such a view."""
+    """Percentages of the views that show a target at its goal, and of tasks with such a view."""
     truth = GroundTruth.load(published_bundles / f"{split}.npz")
     answers = truth.require_answers()
     _, first_episode = np.unique(truth.episodes.task, return_index=True)
@@ -451,13 +451,13 @@ def test_how_much_a_box_proves_on_the_published_boxes(
 
 
 def _measured(truth: GroundTruth) -> GroundTruth:
-    """Put every object near, as in v1 it is, so that the protocol that measures is served."""
+    """Put every object close, as in v1, for the protocol that needs object positions."""
     nowhere_far = np.zeros(len(truth.require_answers().candidate_object))
     return replace(truth, answers=replace(truth.require_answers(), candidate_distance=nowhere_far))
 
 
 def _boxed(records: Sequence[Record], truth: GroundTruth) -> list[Record]:
-    """Draw the target's box where the target is named and visible, in one view after another."""
+    """Replace correct, visible object ids by the target's box, in one view after another."""
     answers, boxed = truth.require_answers(), []
     for number, record in enumerate(records):
         episode = truth.episodes.index[record["instr_id"]]
@@ -477,7 +477,7 @@ def _boxed(records: Sequence[Record], truth: GroundTruth) -> list[Record]:
 
 
 def _unclipped(xywh: np.ndarray) -> list[int]:
-    """Return which boxes touch no edge of their picture."""
+    """Return whether each box stays clear of the edges of its image."""
     left, top, width, height = xywh.T
     inside = (left > 0) & (top > 0) & (left + width < 640) & (top + height < 480)
     return np.flatnonzero(inside).tolist()

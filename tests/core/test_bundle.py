@@ -1,4 +1,4 @@
-"""The bundle file, what may be in it, and where the ground truth of a split is found."""
+"""The bundle file, its contents, and how the ground truth of a split is found."""
 
 import io
 import json
@@ -38,14 +38,14 @@ def bundle() -> Bundle:
 
 @pytest.fixture(scope="module")
 def regenerated(demo_world: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Compile the demo world anew."""
+    """Compile the demo world again."""
     folder = tmp_path_factory.mktemp("regenerated")
     write_demo_bundles(demo_world, folder)
     return folder
 
 
 def content_of(bundle: Bundle) -> tuple[object, ...]:
-    """Return everything that a bundle holds, in a form that compares."""
+    """Return the contents of a bundle in a form that can be compared."""
     arrays = {name: (array.dtype.str, array.tolist()) for name, array in bundle.arrays.items()}
     others = {split: ids.tolist() for split, ids in bundle.other_splits.items()}
     texts = {name: text.tobytes() for name, text in bundle.texts.items()}
@@ -53,7 +53,7 @@ def content_of(bundle: Bundle) -> tuple[object, ...]:
 
 
 def with_other_answers(bundle: Bundle) -> Bundle:
-    """Return a bundle of the same episodes in which every answer array is another."""
+    """Return a bundle of the same episodes with different answer arrays."""
     answers = {name: bundle.arrays[name][::-1].copy() + 1 for name in PRIVATE}
     arrays = {**bundle.arrays, **answers}
     sources = {**bundle.header.sources, "annotations": "other", "boxes": "others"}
@@ -65,7 +65,9 @@ def with_other_answers(bundle: Bundle) -> Bundle:
 
 
 @pytest.mark.parametrize("public", [False, True], ids=["full", "public"])
-def test_a_saved_bundle_loads_as_it_was(bundle: Bundle, tmp_path: Path, *, public: bool) -> None:
+def test_saving_and_loading_a_bundle_changes_nothing(
+    bundle: Bundle, tmp_path: Path, *, public: bool
+) -> None:
     saved = bundle.public() if public else bundle
     saved.save(tmp_path / "saved.npz")
     assert content_of(Bundle.load(tmp_path / "saved.npz")) == content_of(saved)
@@ -77,7 +79,7 @@ def test_saving_twice_gives_the_same_bytes(bundle: Bundle, tmp_path: Path) -> No
     assert (tmp_path / "once.npz").read_bytes() == (tmp_path / "twice.npz").read_bytes()
 
 
-def test_no_date_is_saved(bundle: Bundle, tmp_path: Path) -> None:
+def test_a_bundle_contains_no_date(bundle: Bundle, tmp_path: Path) -> None:
     """The same content gives the same bytes on any day."""
     bundle.save(tmp_path / "bundle.npz")
     with ZipFile(tmp_path / "bundle.npz") as archive:
@@ -91,7 +93,7 @@ def test_saving_replaces_a_bundle_and_leaves_nothing_else(bundle: Bundle, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["bundle.npz"]
 
 
-def test_a_write_that_fails_leaves_nothing(
+def test_a_failed_write_leaves_nothing(
     bundle: Bundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full_disk(*_: object, **__: object) -> None:
@@ -103,12 +105,12 @@ def test_a_write_that_fails_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_arrays_cannot_be_written_to(bundle: Bundle) -> None:
+def test_arrays_are_read_only(bundle: Bundle) -> None:
     arrays = [*bundle.arrays.values(), *bundle.public().arrays.values()]
     assert not [array for array in arrays if array.flags.writeable]
 
 
-def test_the_fingerprint_counts_every_array(bundle: Bundle) -> None:
+def test_the_fingerprint_depends_on_every_array(bundle: Bundle) -> None:
     fingerprints = {bundle.header.fingerprint}
     for name, array in bundle.arrays.items():
         changed = array.copy()
@@ -138,7 +140,7 @@ def _with_header(**fields: object) -> bytes:
 
 
 def _with_another_array(name: str) -> bytes:
-    """Return the bundle with an array changed behind its header's back."""
+    """Return the bundle with a changed array and the old header."""
     with np.load(VAL_UNSEEN) as archive:
         members = dict(archive)
     members[name] = members[name][::-1]
@@ -151,7 +153,7 @@ def _with_a_wrong_bit() -> bytes:
     return bytes(content)
 
 
-NO_BUNDLE = "is not a ground-truth bundle, or is damaged; `reverie-eval compile` makes one"
+NO_BUNDLE = "is not a ground-truth bundle, or is damaged; `reverie-eval compile` creates one"
 
 
 @pytest.mark.parametrize(
@@ -175,7 +177,7 @@ NO_BUNDLE = "is not a ground-truth bundle, or is damaged; `reverie-eval compile`
         pytest.param(lambda: VAL_UNSEEN.read_bytes()[:-1000], "bundle", id="truncated"),
     ],
 )
-def test_a_file_that_is_no_sound_bundle(
+def test_a_file_that_is_not_a_valid_bundle(
     content: Callable[[], bytes], message: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "bundle.npz"
@@ -186,13 +188,13 @@ def test_a_file_that_is_no_sound_bundle(
     assert message in str(error.value)
 
 
-def test_no_such_file(tmp_path: Path) -> None:
+def test_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"none\.npz"):
         GroundTruth.load(tmp_path / "none.npz")
 
 
 class _Trap:
-    """An object that makes a file when it is unpickled."""
+    """An object that creates a file when it is unpickled."""
 
     def __init__(self, sprung: Path) -> None:
         self._sprung = sprung
@@ -220,15 +222,15 @@ def test_a_pickle_is_never_loaded(content: Callable[[_Trap], bytes], tmp_path: P
 # Public bundles.
 
 
-def test_a_public_bundle_has_no_array_of_answers(bundle: Bundle) -> None:
+def test_a_public_bundle_has_no_answers(bundle: Bundle) -> None:
     assert bundle.arrays.keys() == PUBLIC_ARRAYS.keys() | PRIVATE
     assert bundle.public().arrays.keys() == PUBLIC_ARRAYS.keys()
     assert not bundle.is_public
     assert bundle.public().is_public
 
 
-def test_a_public_bundle_has_these_arrays_and_no_other() -> None:
-    """Whoever adds one decides here that everybody may know it."""
+def test_a_public_bundle_has_exactly_these_arrays() -> None:
+    """An array added to this list becomes public."""
     assert set(PUBLIC_ARRAYS) == {
         "instr_id",
         "episode_task",
@@ -244,7 +246,7 @@ def test_a_public_bundle_has_these_arrays_and_no_other() -> None:
     assert set(PUBLIC_TEXTS) == {"instruction"}
 
 
-def test_a_public_bundle_has_the_instructions_and_no_categories(bundle: Bundle) -> None:
+def test_a_public_bundle_has_instructions_but_no_categories(bundle: Bundle) -> None:
     assert set(bundle.texts) == {"instruction", "target_category"}
     assert set(bundle.public().texts) == {"instruction"}
 
@@ -252,7 +254,7 @@ def test_a_public_bundle_has_the_instructions_and_no_categories(bundle: Bundle) 
 # Texts.
 
 
-def test_texts_are_those_of_the_annotations(demo_world: Path, regenerated: Path) -> None:
+def test_texts_equal_those_of_the_annotations(demo_world: Path, regenerated: Path) -> None:
     file = demo_world / "tasks" / "REVERIE" / "data" / "REVERIE_val_unseen.json"
     tasks = json.loads(file.read_text())
     truth = GroundTruth.load(regenerated / "val_unseen.npz")
@@ -263,7 +265,7 @@ def test_texts_are_those_of_the_annotations(demo_world: Path, regenerated: Path)
     assert "bed" in truth.require_answers().target_categories
 
 
-def test_texts_do_not_count_in_the_fingerprint(bundle: Bundle) -> None:
+def test_the_fingerprint_does_not_depend_on_texts(bundle: Bundle) -> None:
     arrays, others = bundle.arrays, bundle.other_splits
     without = Bundle.build(SPLIT, "demo", bundle.header.sources, arrays, others)
     assert without.header.fingerprint == bundle.header.fingerprint
@@ -272,7 +274,7 @@ def test_texts_do_not_count_in_the_fingerprint(bundle: Bundle) -> None:
 @pytest.mark.parametrize(
     "packed", [b"", b"[", b'["one"]', b"[1]", b"\xff"], ids=["nothing", "cut", "few", "no", "bytes"]
 )
-def test_damaged_texts_say_so_when_they_are_wanted(bundle: Bundle, packed: bytes) -> None:
+def test_damaged_texts_raise_an_error_when_read(bundle: Bundle, packed: bytes) -> None:
     texts = {"instruction": np.frombuffer(packed, np.uint8)}
     truth = GroundTruth.from_bundle(replace(bundle, texts=texts))
     with pytest.raises(GroundTruthError, match="instructions of this ground truth are damaged"):
@@ -289,7 +291,7 @@ def test_the_bytes_of_a_public_bundle_do_not_depend_on_answers(
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "other.npz").read_bytes()
 
 
-def test_the_public_bundle_of_private_answers_is_the_published_one(regenerated: Path) -> None:
+def test_private_and_published_files_give_the_same_public_bundle(regenerated: Path) -> None:
     private, public = (
         Bundle.load(regenerated / name) for name in ("private/test.npz", "test.public.npz")
     )
@@ -322,7 +324,7 @@ def test_these_bundles_ship_with_the_package() -> None:
 def test_the_embedded_bundle_is_what_the_demo_world_compiles_to(
     name: str, regenerated: Path
 ) -> None:
-    """If not, `python -m fixtures.bundles` has to be run."""
+    """If this fails, run `python -m fixtures.bundles`."""
     embedded, expected = Bundle.load(DEMO_BUNDLES / name), Bundle.load(regenerated / name)
     assert embedded.header == expected.header
     assert content_of(embedded)[2] == content_of(expected)[2]
@@ -344,7 +346,7 @@ def bundles(bundle: Bundle, tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_loaded_ground_truth_is_taken_as_it_is(demo: GroundTruth) -> None:
+def test_a_loaded_ground_truth_is_used_as_it_is(demo: GroundTruth) -> None:
     assert find_ground_truth(demo, SPLIT) is demo
 
 
@@ -367,12 +369,14 @@ def test_a_folder_of_bundles(split: str, name: str, bundles: Path) -> None:
     assert find_ground_truth(bundles, split).origin == str(bundles / name)
 
 
-def test_the_environment_names_a_place(bundles: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_variable_gives_a_path(
+    bundles: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(GROUND_TRUTH_VARIABLE, str(bundles))
     assert find_ground_truth(None, SPLIT).origin == str(bundles / "val_unseen.npz")
 
 
-def test_what_is_given_goes_before_the_environment(
+def test_an_argument_overrides_the_environment_variable(
     bundles: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(GROUND_TRUTH_VARIABLE, "/nowhere")
@@ -380,14 +384,14 @@ def test_what_is_given_goes_before_the_environment(
 
 
 @pytest.mark.parametrize("split", ["train", "val_seen", "val_unseen", "test"])
-def test_without_any_place_the_demo_world(split: str) -> None:
+def test_the_demo_world_is_the_default(split: str) -> None:
     truth = find_ground_truth(None, split)
     assert truth.is_demo
     assert truth.split == split
     assert "demo world" in truth.provenance
 
 
-def test_the_demo_world_keeps_the_answers_of_the_test_split_apart() -> None:
+def test_the_demo_world_keeps_its_test_answers_in_a_separate_bundle() -> None:
     assert find_ground_truth(None, "test").answers is None
 
 
@@ -400,7 +404,7 @@ Place = Callable[[Path], Path]
         pytest.param(
             lambda bundles: bundles / "none",
             SPLIT,
-            "there is no ground truth at {place}; `reverie-eval compile` makes it",
+            "there is no ground truth at {place}; `reverie-eval compile` creates it",
             id="nothing there",
         ),
         pytest.param(
@@ -430,7 +434,7 @@ Place = Callable[[Path], Path]
         ),
     ],
 )
-def test_a_ground_truth_that_is_not_found(
+def test_a_ground_truth_that_cannot_be_found(
     place: Place, split: str, message: str, bundles: Path
 ) -> None:
     with pytest.raises(GroundTruthError) as error:

@@ -1,9 +1,10 @@
-"""What holds for every metric of the CATALOGUE, on random worlds and submissions."""
+"""Properties of every metric of the CATALOGUE, on random worlds and submissions."""
 
 import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from itertools import combinations
 from random import Random
 from statistics import fmean
 from typing import NamedTuple
@@ -13,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reverie_eval import CATALOGUE, GroundTruth, evaluate, evaluate_protocols
-from reverie_eval import PROTOCOLS as RULES
 from reverie_eval.scoring import BOX_OUTCOMES, Protocol
 from reverie_eval.submissions import Submission
 from tests.support.oracle import PROTOCOLS, Scan, World, score
@@ -52,7 +52,7 @@ KINDS = {
     "steps": "count",
     "jumps": "count",
 }
-"""How every metric scales: a new one has to be entered here."""
+"""How every metric scales with the world; add new metrics here."""
 UNITS = {
     "metres": "metres",
     "ratio": "fraction",
@@ -61,13 +61,13 @@ UNITS = {
     "count": "count",
 }
 GROWTH_IN_A_WORLD_TWICE_AS_LARGE = {"metres": 2, "ratio": 1, "overlap": 1, "count": 1}
-"""Of every kind but fidelity: it measures by 3 m, which stay as they are."""
+"""Factor of every kind but fidelity, which depends on a fixed distance of 3 m."""
 SCALING = [key for key, kind in KINDS.items() if kind in GROWTH_IN_A_WORLD_TWICE_AS_LARGE]
 FIDELITY = [key for key, kind in KINDS.items() if kind == "fidelity"]
 
 ROUNDING = 1e-12
 TOLERANCE = {"fidelity": ROUNDING, "overlap": 1e-9}
-"""What goes through exponentials, and through two cameras; all else agrees to the last digit."""
+"""Exponentials, and projections through two cameras; all else agrees to the last digit."""
 BOX_COLUMNS = ["iou", "iou_25", "iou_50", "iou_75"]
 RANDOM_WORLDS, WORLDS_OF_A_TEST = 2500, 100
 NEVER_ABOVE = [
@@ -92,30 +92,8 @@ def test_every_metric_is_classified() -> None:
 
 
 @every_metric
-def test_unit_is_that_of_the_kind(key: str) -> None:
+def test_the_unit_matches_the_kind(key: str) -> None:
     assert CATALOGUE[key].unit == UNITS[KINDS[key]]
-
-
-@every_metric
-def test_what_a_metric_depends_on_is_a_rule_of_protocols(key: str) -> None:
-    rules = {each.name for each in fields(Protocol)} - {"name", "summary", "source"}
-    assert CATALOGUE[key].asks <= rules
-
-
-@few_examples
-@given(case=cases)
-def test_protocols_with_the_same_rules_for_a_metric_score_it_the_same(case: Case) -> None:
-    """Rules that the metric does not depend on may differ."""
-    truth = ground_truth_by_hand(case.world)
-    scored = evaluate_protocols(records_of(case.predictions), split=SPLIT, ground_truth=truth)
-    for key, metric in CATALOGUE.items():
-        columns: dict[tuple[object, ...], list[float]] = {}
-        for protocol, scores in scored.items():
-            if key not in scores.episodes:
-                continue
-            rules = tuple(getattr(RULES[protocol], rule) for rule in sorted(metric.asks))
-            column = scores.episodes[key].tolist()
-            assert columns.setdefault(rules, column) == column, (key, protocol)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +104,7 @@ def test_protocols_with_the_same_rules_for_a_metric_score_it_the_same(case: Case
     ],
 )
 def test_every_protocol_agrees_with_the_oracle(first: int) -> None:
-    """To the last digit, but for what has a tolerance."""
+    """To the last digit, except for the kinds with a tolerance."""
     for seed in range(first, first + WORLDS_OF_A_TEST):
         case = random_case(Random(seed))
         submission, truth = records_of(case.predictions), ground_truth_by_hand(case.world)
@@ -138,8 +116,8 @@ def test_every_protocol_agrees_with_the_oracle_from_files(case: Case) -> None:
     assert _differences(case, file_of(case), ground_truth_of(case.world)) == []
 
 
-def test_random_boxes_come_to_everything() -> None:
-    """Else the agreement above would say little of them."""
+def test_random_boxes_have_every_outcome() -> None:
+    """Otherwise the agreement above would prove little about boxes."""
     found: Counter[str] = Counter()
     for seed in range(RANDOM_WORLDS // 10):
         case = random_case(Random(seed))
@@ -152,6 +130,33 @@ def test_random_boxes_come_to_everything() -> None:
     assert min(found.values()) >= 50
 
 
+@every_metric
+def test_declared_rules_are_fields_of_the_protocol(key: str) -> None:
+    assert CATALOGUE[key].protocol_rules <= {field.name for field in fields(Protocol)}
+
+
+@few_examples
+@given(case=cases_with_boxes)
+def test_values_depend_on_the_declared_rules_only(case: Case) -> None:
+    """Two protocols that agree on a metric's rules give it the same values."""
+    scores = evaluate_protocols(
+        records_of(case.predictions), split=SPLIT, ground_truth=ground_truth_of(case.world)
+    ).values()
+    for first, second in combinations(scores, 2):
+        for key in first.keys() & second.keys():
+            rules = CATALOGUE[key].protocol_rules
+            if all(getattr(first.protocol, r) == getattr(second.protocol, r) for r in rules):
+                assert first.episodes[key].tolist() == second.episodes[key].tolist(), key
+
+
+def test_metrics_are_binary_exactly_if_they_say_so() -> None:
+    not_binary = set()
+    for seed in range(100):
+        episodes = scores_of(random_case(Random(seed))).episodes
+        not_binary |= {key for key, values in episodes.items() if not set(values) <= {0, 1}}
+    assert not_binary == {key for key, metric in CATALOGUE.items() if not metric.is_binary}
+
+
 @given(case=cases)
 def test_score_is_the_mean_over_episodes(case: Case) -> None:
     episodes = list(score(case.world, case.predictions).values())
@@ -161,13 +166,13 @@ def test_score_is_the_mean_over_episodes(case: Case) -> None:
 
 @few_examples
 @given(case=cases_with_boxes)
-def test_columns_are_the_catalogue_in_its_order(case: Case) -> None:
+def test_columns_are_in_the_order_of_the_catalogue(case: Case) -> None:
     assert list(scores_of(case).episodes) == list(CATALOGUE)
 
 
 @few_examples
 @given(case=cases_without_boxes)
-def test_a_file_without_boxes_has_no_columns_for_them(case: Case) -> None:
+def test_a_file_without_boxes_has_no_box_metrics(case: Case) -> None:
     scores = scores_of(case)
     assert list(scores.episodes) == [key for key in CATALOGUE if key not in BOX_COLUMNS]
     assert (scores.boxes, set(scores.box_outcomes)) == (None, {""})
@@ -208,14 +213,14 @@ def test_order_of_records_does_not_matter(key: str, case: Case, data: st.DataObj
 @every_metric
 @few_examples
 @given(case=cases_with_boxes)
-def test_scoring_every_episode_twice_leaves_the_mean(key: str, case: Case) -> None:
+def test_duplicating_every_episode_does_not_change_the_mean(key: str, case: Case) -> None:
     assert scores_of(_doubled(case))[key] == pytest.approx(scores_of(case)[key], rel=ROUNDING)
 
 
 @pytest.mark.parametrize("key", SCALING)
 @few_examples
 @given(case=cases_with_boxes)
-def test_a_world_twice_as_large_doubles_metres_alone(key: str, case: Case) -> None:
+def test_doubling_the_world_doubles_metres_only(key: str, case: Case) -> None:
     larger = replace(case, world=_twice_as_large(case.world))
     growth = GROWTH_IN_A_WORLD_TWICE_AS_LARGE[KINDS[key]]
     expected = growth * scores_of(case).episodes[key]
@@ -225,7 +230,7 @@ def test_a_world_twice_as_large_doubles_metres_alone(key: str, case: Case) -> No
 @pytest.mark.parametrize("key", FIDELITY)
 @few_examples
 @given(case=cases_with_boxes)
-def test_fidelity_never_grows_with_the_world(key: str, case: Case) -> None:
+def test_fidelity_never_increases_with_the_size_of_the_world(key: str, case: Case) -> None:
     larger = replace(case, world=_twice_as_large(case.world))
     growth = scores_of(larger).episodes[key] - scores_of(case).episodes[key]
     assert (growth <= ROUNDING).all()
@@ -240,7 +245,7 @@ def test_metrics_keep_their_order(smaller: str, larger: str, case: Case) -> None
 
 
 class Difference(NamedTuple):
-    """Where the package and the oracle disagree."""
+    """A value on which the package and the oracle disagree."""
 
     protocol: str
     instr_id: str
@@ -252,7 +257,7 @@ class Difference(NamedTuple):
 def _differences(
     case: Case, submission: Submission, ground_truth: GroundTruth
 ) -> Sequence[Difference]:
-    """Hold every value of every protocol against the oracle's."""
+    """Compare every value under every protocol with the oracle's."""
     scored = evaluate_protocols(submission, split=SPLIT, ground_truth=ground_truth)
     assert tuple(scored) == PROTOCOLS
     differences = []
@@ -275,7 +280,7 @@ def _is_same(key: str, found: float, expected: float) -> bool:
 
 
 def _doubled(case: Case) -> Case:
-    """Add every episode, with what was predicted for it, under another id."""
+    """Add every episode and its prediction again, under another id."""
     copies = [replace(task, task_id=f"copy_{task.task_id}") for task in case.world.tasks]
     copied = {f"copy_{instr_id}": done for instr_id, done in case.predictions.items()}
     world = replace(case.world, tasks=[*case.world.tasks, *copies])

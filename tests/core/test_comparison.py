@@ -1,4 +1,4 @@
-"""Comparisons: hand-worked differences, what they are made of, sentences, and the command."""
+"""Comparisons: differences worked out by hand, intervals and tests, verdicts, and the command."""
 
 import json
 import re
@@ -54,7 +54,7 @@ def test_a_difference_by_hand() -> None:
     assert found["success"].mean == found["success"].interval.low == 0.0
 
 
-def test_differences_are_made_of_paired_values() -> None:
+def test_differences_are_of_paired_values() -> None:
     scores = {name: scores_of(file) for name, file in (("m", MEDIOCRE), ("g", GOOD), ("d", DRAWN))}
     comparison = Comparison.of(scores, "scan", seed=4)
     first = scores["m"]
@@ -87,13 +87,13 @@ def test_p_values_are_corrected_for_the_number_of_comparisons() -> None:
     )
 
 
-def test_metrics_that_not_all_have_are_left_out() -> None:
+def test_metrics_that_some_submissions_lack_are_left_out() -> None:
     comparison = compare(GOOD, DRAWN, split=SPLIT)
     assert "iou" in comparison.scores["drawn"]
     assert "iou" not in comparison["drawn"]
 
 
-def test_a_better_or_worse_submission_is_so_by_what_its_interval_holds() -> None:
+def test_better_and_worse_submissions_have_positive_differences_in_the_verdict() -> None:
     comparison = compare(GOOD, MEDIOCRE, split=SPLIT)
     assert comparison.sentence("mediocre") == (
         "mediocre is worse than good by 22.70 RGSPL, 95 % interval 10.51 to 34.24, p < 0.001"
@@ -103,7 +103,7 @@ def test_a_better_or_worse_submission_is_so_by_what_its_interval_holds() -> None
     )
 
 
-def test_a_difference_turned_is_the_first_s() -> None:
+def test_a_reversed_difference() -> None:
     difference = compare(GOOD, MEDIOCRE, split=SPLIT)["mediocre"]["rgs"]
     turned = difference.reversed
     assert (turned.mean, turned.p_value) == (-difference.mean, difference.p_value)
@@ -114,7 +114,7 @@ def test_a_difference_turned_is_the_first_s() -> None:
     )
 
 
-def test_what_the_data_cannot_tell_apart() -> None:
+def test_a_difference_that_is_not_significant() -> None:
     first = scores_of(GOOD)
     other = altered(first, {"rgspl": {0: 0.0, 1: 0.0}})
     assert (
@@ -124,7 +124,7 @@ def test_what_the_data_cannot_tell_apart() -> None:
     )
 
 
-def test_answers_that_are_the_same_are_called_so() -> None:
+def test_identical_submissions_are_reported_as_such() -> None:
     first = scores_of(GOOD)
     comparison = compare(first, GOOD, names=["good", "again"], split=SPLIT)
     assert comparison.sentence("again") == "again and good score the same in every episode"
@@ -136,13 +136,15 @@ def test_answers_that_are_the_same_are_called_so() -> None:
 @pytest.mark.parametrize(
     ("how", "metric"), [({"track": "grounding"}, "RGS"), ({"protocol": "r2r-style"}, "SPL")]
 )
-def test_without_rgspl_the_sentence_is_about_another(how: dict[str, str], metric: str) -> None:
+def test_the_verdict_uses_another_metric_if_rgspl_is_not_scored(
+    how: dict[str, str], metric: str
+) -> None:
     scores = [scores_of(sample, **how) for sample in (GOOD, MEDIOCRE)]
     comparison = compare(*scores)
     assert f" {metric}, 95 % interval" in comparison.sentence("submission 2")
 
 
-def test_what_is_significant_has_interval_and_test_on_its_side() -> None:
+def test_significance_needs_both_interval_and_test() -> None:
     comparison = compare(MEDIOCRE, GOOD, split=SPLIT)
     difference = comparison["good"]["rgspl"]
     assert comparison.is_significant("good")
@@ -152,7 +154,7 @@ def test_what_is_significant_has_interval_and_test_on_its_side() -> None:
         assert not other.is_significant("good")
 
 
-def test_where_they_differ() -> None:
+def test_episodes_with_different_values() -> None:
     comparison = compare(GOOD, MEDIOCRE, split=SPLIT)
     frame, difference = comparison.episodes("success"), comparison["mediocre"]["success"]
     assert list(frame.columns) == ["good", "mediocre"]
@@ -168,7 +170,7 @@ def test_where_they_differ() -> None:
     ("how", "key"),
     [({"track": "grounding"}, "rgs"), ({"protocol": "r2r-style"}, "success"), ({}, "rgs")],
 )
-def test_episodes_differ_by_what_says_that_they_are_right(how: dict[str, str], key: str) -> None:
+def test_episodes_are_compared_by_correctness_by_default(how: dict[str, str], key: str) -> None:
     comparison = compare(*(scores_of(sample, **how) for sample in (GOOD, MEDIOCRE)))
     difference = comparison["submission 2"][key]
     assert len(comparison.episodes()) == difference.higher + difference.lower > 0
@@ -184,7 +186,7 @@ def test_a_frame_has_a_row_per_submission_and_metric() -> None:
     assert frame.attrs["units"]["path_length"] == "metres"
 
 
-def test_what_does_not_compare_is_refused() -> None:
+def test_submissions_that_are_not_comparable() -> None:
     official, other = scores_of(GOOD), scores_of(GOOD, protocol="duet")
     with pytest.raises(ProtocolError, match=r"not comparable: .*protocol:duet.*protocol:official"):
         compare(official, other)
@@ -196,7 +198,7 @@ def test_what_does_not_compare_is_refused() -> None:
         compare(official, official, names=[1])  # type: ignore[list-item]
     with pytest.raises(ProtocolError, match="names of submissions are text; got 2"):
         compare(official, official, names=["1", 2])  # type: ignore[list-item]
-    with pytest.raises(ProtocolError, match="name the split"):
+    with pytest.raises(ProtocolError, match="give the split"):
         compare(official, GOOD)
     with pytest.raises(ProtocolError, match="choose one of: target, scan"):
         compare(GOOD, GOOD, split=SPLIT, by="room")  # type: ignore[arg-type]
@@ -236,8 +238,8 @@ def test_the_command_prints_scores_differences_and_a_sentence(run: Run) -> None:
 
 
 @pytest.mark.parametrize("columns", [40, 80, 100])
-def test_no_number_is_cut_on_a_terminal(columns: int, tmp_path: Path) -> None:
-    """What gives way for names of 20 letters is the column of names."""
+def test_no_number_is_truncated_on_a_terminal(columns: int, tmp_path: Path) -> None:
+    """The column of names is truncated instead, for names of 20 letters."""
     files = [tmp_path / f"{letter * 20}.json" for letter in "ab"]
     for sample, file in zip((GOOD, MEDIOCRE), files, strict=True):
         shutil.copy(sample, file)
@@ -272,14 +274,14 @@ def test_the_command_writes_json_and_csv(run: Run, tmp_path: object) -> None:
     assert rows[1].startswith(f"mediocre,path_length,{comparison.scores['good']['path_length']!r},")
 
 
-def test_the_command_writes_where_they_differ(run: Run, tmp_path: object) -> None:
+def test_the_command_writes_the_episodes_with_different_values(run: Run, tmp_path: object) -> None:
     file = f"{tmp_path}/differ.csv"
     assert run("compare", GOOD, MEDIOCRE, "--split", SPLIT, "--episodes", file).status == 0
     written = pd.read_csv(file, index_col="instr_id")
     pd.testing.assert_frame_equal(written, compare(GOOD, MEDIOCRE, split=SPLIT).episodes())
 
 
-def test_the_command_writes_where_navigation_differs(run: Run, tmp_path: Path) -> None:
+def test_the_command_writes_the_episodes_with_different_success(run: Run, tmp_path: Path) -> None:
     file = tmp_path / "differ.csv"
     options = ("--split", SPLIT, "--protocol", "r2r-style", "--episodes", str(file))
     assert run("compare", GOOD, MEDIOCRE, *options).err == ""
@@ -287,7 +289,7 @@ def test_the_command_writes_where_navigation_differs(run: Run, tmp_path: Path) -
     assert len(pd.read_csv(file)) == difference.higher + difference.lower
 
 
-def test_all_files_that_are_wrong_are_told_and_nothing_is_compared(run: Run) -> None:
+def test_all_invalid_files_are_reported_and_nothing_is_compared(run: Run) -> None:
     status, out, err = run("compare", BROKEN, GOOD, BROKEN, "--split", SPLIT)
     assert (status, out) == (1, "")
     assert err.count(f"{BROKEN}: submission rejected, 24 problems") == 2

@@ -1,4 +1,4 @@
-"""Single episodes: where the agent went, and what came of it."""
+"""Single episodes: trajectory, annotation, values and outcome."""
 
 import json
 from pathlib import Path
@@ -28,7 +28,7 @@ def scores(tmp_path_factory: pytest.TempPathFactory) -> rv.Scores:
 
 
 @pytest.mark.parametrize("instr_id", WALKS)
-def test_an_episode_is_what_the_file_says(instr_id: str, scores: rv.Scores) -> None:
+def test_an_episode_has_what_was_submitted(instr_id: str, scores: rv.Scores) -> None:
     episode = scores.episode(instr_id)
     walk, answer = WALKS[instr_id]
     assert list(episode.trajectory) == walk
@@ -38,14 +38,14 @@ def test_an_episode_is_what_the_file_says(instr_id: str, scores: rv.Scores) -> N
     assert (episode.scan, episode.instruction, episode.box_outcome) == ("home", "go there", "")
 
 
-def test_what_the_annotation_says(scores: rv.Scores) -> None:
+def test_an_episode_has_what_is_annotated(scores: rv.Scores) -> None:
     lamp, sofa = scores.episode("1_3_0"), scores.episode("2_4_1")
     assert (lamp.target_object, sofa.target_object) == (LAMP, SOFA)
     assert (lamp.annotated_path, lamp.goal) == (("hall", "room"), "room")
     assert (sofa.annotated_path, sofa.goal) == (("porch", "room", "hall"), "hall")
 
 
-def test_values_are_the_episode_s_own(scores: rv.Scores) -> None:
+def test_values_are_those_of_the_episode(scores: rv.Scores) -> None:
     episode = scores.episode("1_3_1")
     assert episode.values["path_length"] == pytest.approx(6 + np.sqrt(16.04))
     assert episode.values["shortest_length"] == 6.0
@@ -70,15 +70,15 @@ def test_positions_in_metres(scores: rv.Scores) -> None:
         pytest.param("r2r-style", "1_3_0", {"room"}, id="less than 3 m from the end"),
     ],
 )
-def test_goal_viewpoints_are_the_protocol_s(
+def test_goal_viewpoints_depend_on_the_protocol(
     protocol: str, instr_id: str, expected: set[str], tmp_path: Path
 ) -> None:
     episode = home_scores(tmp_path, protocol=protocol).episode(instr_id)
     assert set(episode.goal_viewpoints) == expected
 
 
-def test_goal_viewpoints_of_the_demo_world_are_those_of_its_files(demo_world: Path) -> None:
-    """Counted in the published layout, with nothing of the code under test."""
+def test_goal_viewpoints_of_the_demo_world_match_its_files(demo_world: Path) -> None:
+    """Counted in the published files, without the code under test."""
     data = demo_world / "tasks" / "REVERIE" / "data"
     scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
     tasks = json.loads((data / "REVERIE_val_unseen.json").read_text())
@@ -146,13 +146,13 @@ def test_an_unknown_episode(scores: rv.Scores) -> None:
         ),
     ],
 )
-def test_an_episode_in_a_line(instr_id: str, caption: str, scores: rv.Scores) -> None:
+def test_the_caption_of_an_episode(instr_id: str, caption: str, scores: rv.Scores) -> None:
     episode = scores.episode(instr_id)
     assert episode.caption == caption
     assert repr(episode) == f"<Episode {instr_id} in home: {caption}>"
 
 
-def test_a_box_and_its_outcome() -> None:
+def test_an_episode_with_a_box() -> None:
     scores = rv.evaluate(SAMPLES / "drawn.json", split="val_unseen")
     row = scores.box_outcomes.index("wrong view")
     episode = scores.episode(scores.instr_ids[row])
@@ -160,7 +160,7 @@ def test_a_box_and_its_outcome() -> None:
     assert "predicted a box (wrong view), the target is " in episode.caption
 
 
-def test_on_the_grounding_track_there_is_no_outcome() -> None:
+def test_the_grounding_track_has_no_outcome() -> None:
     scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen", track="grounding")
     episode = scores.episode(scores.instr_ids[0])
     assert episode.outcome == ""
@@ -174,6 +174,6 @@ def test_a_ground_truth_without_texts() -> None:
     assert (episode.instruction, episode.target_category) == ("", "")
 
 
-def test_scores_say_nothing_of_trajectories(scores: rv.Scores) -> None:
+def test_trajectories_are_not_in_the_report(scores: rv.Scores) -> None:
     assert "submission" not in scores.to_report().model_dump()
     assert "porch" not in repr(scores) + scores._repr_html_() + scores.to_report().model_dump_json()

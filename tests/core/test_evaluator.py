@@ -1,4 +1,4 @@
-"""An evaluator that is called after every epoch: the scores are those of `evaluate`, always."""
+"""An evaluator returns the same scores as `evaluate`, call after call."""
 
 import gzip
 import io
@@ -40,7 +40,7 @@ every_sample = pytest.mark.parametrize("sample", SAMPLE_FILES, ids=lambda file: 
 
 @pytest.fixture(scope="module")
 def evaluator() -> rv.Evaluator:
-    """Make the evaluator that all calls here go to."""
+    """Create the evaluator for all calls of this module."""
     return rv.Evaluator(split=SPLIT)
 
 
@@ -69,7 +69,7 @@ def values_of(scores: rv.Scores) -> dict[str, list[float]]:
         ),
     ],
 )
-def test_every_sample_in_every_wrapping(
+def test_every_sample_in_every_file_format(
     sample: Path, give: Callable[[Path], Submission], evaluator: rv.Evaluator
 ) -> None:
     scores = evaluator(give(sample))
@@ -79,7 +79,7 @@ def test_every_sample_in_every_wrapping(
 
 
 @pytest.mark.parametrize("form", FORMS.values(), ids=list(FORMS))
-def test_every_codebase_s_form(form: Form, evaluator: rv.Evaluator) -> None:
+def test_the_form_of_every_codebase(form: Form, evaluator: rv.Evaluator) -> None:
     expected = rv.evaluate(form.bytes(), split=SPLIT)
     for submission in (form.bytes(), form.write()):
         scores = evaluator(submission)
@@ -88,7 +88,7 @@ def test_every_codebase_s_form(form: Form, evaluator: rv.Evaluator) -> None:
 
 
 def with_numbers(record: Record, number: Number, pose: Callable[..., object]) -> Record:
-    """Return a record whose angles and poses are of other types."""
+    """Return a record with other types of angles and poses."""
     trajectory = [
         pose([viewpoint, number(heading), number(elevation)])
         for viewpoint, heading, elevation in record["trajectory"]
@@ -101,7 +101,7 @@ def with_numbers(record: Record, number: Number, pose: Callable[..., object]) ->
 def test_records_as_agents_have_them(
     number: Number, pose: Callable[..., object], evaluator: rv.Evaluator
 ) -> None:
-    """Poses in lists or tuples, angles in any type of number; what they hold is scored the same."""
+    """Poses in lists or tuples, angles of any number type: the scores are the same."""
     records = json.loads((SAMPLES / "good.json").read_bytes())
     given = [with_numbers(record, number, pose) for record in records]
     file = json.dumps(given, default=float).encode()
@@ -142,14 +142,14 @@ print([name for name in {HEAVY} if name in sys.modules])
 
 
 def test_importing_and_calling_loads_nothing_heavy() -> None:
-    """What draws, lays out or serves is imported by whoever wants it."""
+    """Packages for figures, tables and the server are imported only when they are used."""
     assert subprocess.check_output([sys.executable, "-c", LOADED], text=True) == "[]\n"
 
 
 # One call after another.
 
 
-def test_calls_do_not_touch_each_other(evaluator: rv.Evaluator) -> None:
+def test_calls_are_independent(evaluator: rv.Evaluator) -> None:
     good, mediocre = SAMPLE_FILES[:2]
     first = evaluator(good)
     before = values_of(first)
@@ -157,7 +157,7 @@ def test_calls_do_not_touch_each_other(evaluator: rv.Evaluator) -> None:
     assert values_of(first) == before == values_of(evaluator(good))
 
 
-def test_the_records_are_left_as_they_are(evaluator: rv.Evaluator) -> None:
+def test_calls_do_not_change_the_records(evaluator: rv.Evaluator) -> None:
     content = (SAMPLES / "good.json").read_bytes()
     records = json.loads(content)
     evaluator(records)
@@ -178,8 +178,8 @@ def test_the_ground_truth_is_read_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("angle", [np.nan, np.inf, -np.inf, np.float32("nan"), np.float64("inf")])
 @pytest.mark.parametrize("place", [1, 2], ids=["heading", "elevation"])
-def test_an_angle_that_is_none(angle: float, place: int, evaluator: rv.Evaluator) -> None:
-    """In the middle of a trajectory, where no metric would look at it."""
+def test_an_invalid_angle(angle: float, place: int, evaluator: rv.Evaluator) -> None:
+    """In the middle of a trajectory, where no metric uses it."""
     records = json.loads((SAMPLES / "good.json").read_bytes())
     records[5]["trajectory"][1][place] = angle
     with pytest.raises(rv.SubmissionError) as rejected:
@@ -189,7 +189,7 @@ def test_an_angle_that_is_none(angle: float, place: int, evaluator: rv.Evaluator
     assert "heading and elevation are finite numbers of radians" in problem.message
 
 
-def test_a_rejection_is_that_of_evaluate(evaluator: rv.Evaluator) -> None:
+def test_an_invalid_submission_raises_what_evaluate_raises(evaluator: rv.Evaluator) -> None:
     broken = SAMPLES / "broken.json"
     with pytest.raises(rv.SubmissionError) as expected:
         rv.evaluate(broken, split=SPLIT)
@@ -199,7 +199,7 @@ def test_a_rejection_is_that_of_evaluate(evaluator: rv.Evaluator) -> None:
         assert rejected.value.problems == expected.value.problems
 
 
-def test_an_evaluator_goes_on_after_a_rejection(evaluator: rv.Evaluator) -> None:
+def test_an_evaluator_still_works_after_a_rejection(evaluator: rv.Evaluator) -> None:
     with pytest.raises(rv.SubmissionError):
         evaluator([])
     assert evaluator(SAMPLES / "good.json")["success"] > 0
@@ -218,7 +218,7 @@ def test_an_evaluator_goes_on_after_a_rejection(evaluator: rv.Evaluator) -> None
         ),
     ],
 )
-def test_what_cannot_score_is_refused_before_the_first_epoch(
+def test_unusable_settings_are_refused_before_the_first_call(
     options: Mapping[str, Any], error: type[Exception], says: str
 ) -> None:
     with pytest.raises(error, match=says):

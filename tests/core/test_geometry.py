@@ -13,15 +13,14 @@ from reverie_eval.geometry import (
     VIEW_AXES,
     WIDTH,
     axes,
-    into_camera,
     is_on_grid,
     pixels_of,
     rays_of,
     snap,
     view_angles,
+    world_to_camera,
 )
-from reverie_eval.geometry._projection import clip_at_depth
-from reverie_eval.geometry._warping import polygon_overlap, warp
+from reverie_eval.geometry._warping import clip_at_depth, polygon_overlap, warp
 
 ORIGIN = np.zeros(3)
 BOX = np.array([[320.0, 240, 240, 100]])
@@ -71,7 +70,7 @@ def test_view_of_a_camera(heading: float, elevation: float, view: int) -> None:
 
 
 @given(views, st.integers(-3, 3), st.tuples(*[st.floats(-0.0009, 0.0009)] * 2))
-def test_a_view_is_its_own_whatever_the_turns(
+def test_a_view_snaps_to_itself_after_full_turns(
     view: int, turns: int, off: tuple[float, float]
 ) -> None:
     camera = view_angles(np.array([view])) + np.array([[2 * np.pi * turns + off[0], off[1]]])
@@ -79,7 +78,7 @@ def test_a_view_is_its_own_whatever_the_turns(
 
 
 def test_a_camera_at_the_edge_of_the_grid() -> None:
-    """A thousandth of a radian off is still on it."""
+    """A difference of a thousandth of a radian still counts as on the grid."""
     off = [[0.0, 0.001], [0.0, -0.001], [0.001, 0.0]]
     assert is_on_grid(np.array(off)).tolist() == [True, True, True]
 
@@ -95,15 +94,15 @@ def test_a_camera_off_the_grid(off: list[float]) -> None:
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.int8, np.int64])
-def test_views_are_numbers_of_any_size(kind: type[np.integer]) -> None:
-    """Bundles hold them in 8 bits without a sign."""
+def test_view_indexes_of_any_integer_type(kind: type[np.integer]) -> None:
+    """Bundles store them in 8 unsigned bits."""
     view = np.array([0, 12, 35], dtype=kind)
     expected = np.deg2rad([[0, -30], [0, 0], [330, 30]])
     assert view_angles(view) == pytest.approx(expected, abs=1e-12)
 
 
 @given(cameras)
-def test_axes_are_at_right_angles_and_of_length_one(camera: np.ndarray) -> None:
+def test_axes_are_orthogonal_unit_vectors(camera: np.ndarray) -> None:
     right, up, forward = axes(camera)[0]
     assert np.allclose(axes(camera)[0] @ axes(camera)[0].T, np.eye(3), atol=1e-12)
     assert np.allclose(np.cross(right, forward), up, atol=1e-12)
@@ -124,13 +123,13 @@ def test_axes_are_at_right_angles_and_of_length_one(camera: np.ndarray) -> None:
     ],
 )
 def test_the_horizon_to_the_north(view: int, expected: tuple[float, float]) -> None:
-    rays = into_camera(np.array([0.0, 7, 0]), ORIGIN, VIEW_AXES[view])
+    rays = world_to_camera(np.array([0.0, 7, 0]), ORIGIN, VIEW_AXES[view])
     assert pixels_of(rays) == pytest.approx(expected, abs=1e-3)
 
 
-def test_a_point_from_a_camera_that_is_elsewhere() -> None:
+def test_a_point_seen_from_a_camera_away_from_the_origin() -> None:
     # From (1, 2, 3), 2 m to the right, 1 m down and 4 m ahead of someone who looks east.
-    rays = into_camera(np.array([5.0, 0, 2]), np.array([1.0, 2, 3]), VIEW_AXES[15])
+    rays = world_to_camera(np.array([5.0, 0, 2]), np.array([1.0, 2, 3]), VIEW_AXES[15])
     assert rays == pytest.approx([2, -1, 4])
     assert pixels_of(rays) == pytest.approx([320 + FOCAL_LENGTH / 2, 240 + FOCAL_LENGTH / 4])
 
@@ -176,20 +175,20 @@ def test_a_box_in_its_own_view() -> None:
 
 
 @pytest.mark.parametrize("kind", [np.int16, np.uint16])
-def test_boxes_of_16_bits_keep_their_area(kind: type[np.integer]) -> None:
+def test_16_bit_boxes_keep_their_area(kind: type[np.integer]) -> None:
     picture = np.array([[0, 0, WIDTH, HEIGHT]], dtype=kind)
     level = np.array([12], dtype=np.uint8)
     shared, total = polygon_overlap(warp(picture, view_angles(level), level), picture)
     assert (shared.item(), total.item()) == pytest.approx((307_200, 614_400))
 
 
-def test_the_upper_row_shows_nothing_of_what_is_below_the_horizon() -> None:
+def test_upper_views_show_nothing_below_the_horizon() -> None:
     below = np.array([[200.0, 10, 200, 400]])
     polygons = warp(below, view_angles(np.array([3])), np.array([27]))
     assert shapely.area(polygons).tolist() == [0.0]
 
 
-def test_what_lies_behind_the_view_is_not_mirrored_into_it() -> None:
+def test_nothing_behind_the_view_is_mirrored_into_it() -> None:
     # The camera looks straight up, the view to the horizon: the half of the box at the back of
     # the head is behind the view, the half before the forehead too high for it.
     box = np.array([[300.0, 230, 40, 20]])
@@ -198,7 +197,7 @@ def test_what_lies_behind_the_view_is_not_mirrored_into_it() -> None:
 
 
 @given(cameras, st.tuples(*[st.floats(0, 600)] * 2), st.tuples(*[st.floats(0.01, 40)] * 2))
-def test_a_warped_box_holds_what_the_box_holds(
+def test_a_warped_box_contains_the_warped_points_of_the_box(
     camera: np.ndarray, corner: tuple[float, float], size: tuple[float, float]
 ) -> None:
     middle = np.array([[corner[0] + size[0] / 2, corner[1] + size[1] / 2]])

@@ -1,4 +1,4 @@
-"""Confidence intervals of scores: whose they are, and where they are shown."""
+"""Confidence intervals of scores: how they are computed, and where they are shown."""
 
 import csv
 import io
@@ -17,7 +17,7 @@ FEW = "only 2 scans: such intervals contain the true mean less often than 95 % o
 SAMPLE = (str(SAMPLES / "good.json"), "--split", "val_unseen")
 
 
-def test_clusters_are_the_target_objects_or_the_scans(demo: GroundTruth) -> None:
+def test_clusters_are_target_objects_or_scans(demo: GroundTruth) -> None:
     start, target = demo.episodes.start, demo.require_answers().target_object
     scans = [demo.graph.scan_of(viewpoint) for viewpoint in start]
     for by, shared in (
@@ -28,7 +28,7 @@ def test_clusters_are_the_target_objects_or_the_scans(demo: GroundTruth) -> None
         assert len(set(zip(cluster, shared, strict=True))) == len(set(cluster)) == len(set(shared))
 
 
-def test_intervals_are_those_of_the_values(demo: GroundTruth) -> None:
+def test_intervals_of_scores_equal_those_of_their_values(demo: GroundTruth) -> None:
     scores = evaluate(SAMPLE[0], split="val_unseen").with_intervals("scan", resamples=500, seed=7)
     drawn = scores.intervals
     assert drawn is not None
@@ -42,13 +42,13 @@ def test_intervals_are_those_of_the_values(demo: GroundTruth) -> None:
 
 
 @pytest.mark.parametrize(("clusters", "is_cautious"), [(2, True), (4, True), (5, False)])
-def test_few_clusters_make_one_cautious(clusters: int, *, is_cautious: bool) -> None:
+def test_few_clusters_have_a_caution(clusters: int, *, is_cautious: bool) -> None:
     drawn = Intervals("target", clusters, 0.9, 500, 0, {})
     assert bool(drawn.caution) is is_cautious
     assert ("less often than 90 % of the time" in drawn.caption) is is_cautious
 
 
-def test_wherever_intervals_are_shown_few_clusters_are_spoken_of(run: Run) -> None:
+def test_every_output_with_intervals_warns_about_few_clusters(run: Run) -> None:
     other = str(SAMPLES / "mediocre.json")
     by_scan = ("--cluster", "scan", *SAMPLE[1:])
     for shown in (
@@ -68,12 +68,12 @@ def test_wherever_intervals_are_shown_few_clusters_are_spoken_of(run: Run) -> No
     ("by", "least"),
     [("scan", "; with 2 scans, p is at least about 0.5\n"), ("target", "whole targets\n")],
 )
-def test_of_few_clusters_no_p_value_is_small(by: str, least: str, run: Run) -> None:
+def test_few_clusters_cannot_have_a_small_p_value(by: str, least: str, run: Run) -> None:
     files = (SAMPLE[0], str(SAMPLES / "mediocre.json"))
     assert least in run("compare", *files, *SAMPLE[1:], "--cluster", by).out
 
 
-def test_more_confidence_is_wider() -> None:
+def test_higher_confidence_gives_wider_intervals() -> None:
     scores = evaluate(SAMPLE[0], split="val_unseen")
     narrow, wide = (
         scores.with_intervals(confidence=confidence).intervals for confidence in (0.5, 0.99)
@@ -95,21 +95,21 @@ def test_more_confidence_is_wider() -> None:
     ],
     ids=str,
 )
-def test_what_is_no_confidence_or_number_is_refused(options: dict[str, float]) -> None:
+def test_settings_out_of_range_are_refused(options: dict[str, float]) -> None:
     scores = evaluate(SAMPLE[0], split="val_unseen")
     with pytest.raises(ProtocolError, match="expected"):
         scores.with_intervals(**options)  # type: ignore[arg-type]
 
 
 @pytest.mark.usefixtures("here")
-def test_episodes_of_one_target_tell_nothing_of_others(run: Run) -> None:
+def test_episodes_of_a_single_target_have_no_intervals(run: Run) -> None:
     status, out, err = run(*SCORE, "--ci")
     assert (status, out) == (2, "")
     assert "all episodes share one target" in err
     assert "all episodes share one scan" in run(*SCORE, "--ci", "--cluster", "scan").err
 
 
-def test_the_table_has_rows_for_both_ends(run: Run) -> None:
+def test_the_table_has_a_row_for_each_end(run: Run) -> None:
     lines = run(*SAMPLE, "--ci").out.splitlines()
     means, low, high = (line.split()[-6:] for line in lines[1:4])
     assert lines[2].startswith("95 % low ")
@@ -119,18 +119,18 @@ def test_the_table_has_rows_for_both_ends(run: Run) -> None:
     assert lines[6] == "95 % intervals: 10,000 bootstrap resamples of 29 targets, seed 0"
 
 
-def test_who_says_what_is_resampled_wants_intervals(run: Run) -> None:
+def test_the_cluster_option_implies_intervals(run: Run) -> None:
     assert run(*SAMPLE, "--cluster", "scan") == run(*SAMPLE, "--cluster", "scan", "--ci")
     assert run(*SAMPLE, "--cluster", "target") == run(*SAMPLE, "--ci")
 
 
-def test_of_several_protocols_each_has_its_own(run: Run) -> None:
+def test_every_protocol_has_its_own_intervals(run: Run) -> None:
     lines = run(*SAMPLE, "--ci", "--protocol", "all").out.splitlines()
     assert [line.split("  ")[0] for line in lines[19:22]] == ["r2r-style", "95 % low", "95 % high"]
     assert all(line.split()[-2:] == ["-", "-"] for line in lines[19:22])
 
 
-def test_reports_and_rows_hold_the_same_intervals(run: Run) -> None:
+def test_json_and_csv_have_the_same_intervals(run: Run) -> None:
     scores = evaluate(SAMPLE[0], split="val_unseen").with_intervals("scan")
     assert isinstance(scores.intervals, Intervals)
     ends = {key: (each.low, each.high) for key, each in scores.intervals.items()}
@@ -151,7 +151,7 @@ def test_reports_and_rows_hold_the_same_intervals(run: Run) -> None:
     assert (flat["rgspl_low"], flat["rgspl_high"]) == ends["rgspl"]
 
 
-def test_without_being_asked_there_are_none(run: Run) -> None:
+def test_there_are_no_intervals_by_default(run: Run) -> None:
     assert json.loads(run(*SAMPLE, "--format", "json").out)["intervals"] is None
     assert "low" not in run(*SAMPLE, "--format", "csv").out
     assert next(iter(evaluate(SAMPLE[0], split="val_unseen").to_dict())) == "path_length"

@@ -1,4 +1,4 @@
-"""The metrics one by one: tables worked by hand, and what needs more against plain arithmetic."""
+"""The metrics one by one: tables worked out by hand, and comparisons with plain loops."""
 
 import math
 from collections.abc import Callable
@@ -33,7 +33,7 @@ from reverie_eval.metrics import (
 Box: TypeAlias = tuple[int, int, int, int]
 """Left, top, width, height."""
 Table: TypeAlias = list[list[float]]
-"""Distances of one episode: a row for every node, in it a column for every pose."""
+"""Distances of one episode: a row for every node, a column for every pose."""
 
 
 # Navigation: one episode per row, its poses in a list.
@@ -108,7 +108,7 @@ def test_spl_of_one_episode(
 @pytest.mark.parametrize(
     ("succeeded", "walked", "length", "expected"),
     [
-        pytest.param(True, 10.0, 10.0, 1.0, id="not felt on a long route"),
+        pytest.param(True, 10.0, 10.0, 1.0, id="no effect on a long route"),
         pytest.param(True, 0.01, 0.01, 1.0, id="just as long as the floor"),
         pytest.param(True, 0.005, 0.005, 0.5, id="half as long as the floor"),
         pytest.param(True, 0.04, 0.005, 0.125, id="short way, long walk"),
@@ -194,7 +194,7 @@ FLAGS = np.array([False, True, False, True, False, False])
         pytest.param(jumps, FLAGS, [1, 1, 0], id="jumps"),
     ],
 )
-def test_episodes_are_kept_apart(
+def test_episodes_are_independent(
     metric: Callable[[Array, IntArray], Array], poses: Array, expected: list[float]
 ) -> None:
     assert metric(poses, THREE_EPISODES).tolist() == expected
@@ -278,13 +278,13 @@ def test_ndtw_of_one_episode(metres: float, n_nodes: int, expected: float) -> No
     assert result.tolist() == pytest.approx([expected], abs=1e-15, rel=0)
 
 
-def test_sdtw_is_ndtw_of_successes_alone() -> None:
+def test_sdtw_is_ndtw_of_successes_only() -> None:
     result = sdtw(np.array([0.9, 0.9, 1.0]), np.array([True, False, False]))
     assert result.tolist() == [0.9, 0.0, 0.0]
 
 
 ONE_OFF = 0.36787944117144233
-"""exp(-1): how near 3 m is."""
+"""exp(-1), the nearness at 3 m."""
 
 
 @pytest.mark.parametrize(
@@ -298,11 +298,11 @@ ONE_OFF = 0.36787944117144233
             [[0.0, 4.0, 0.0, 4.0], [4.0, 0.0, 4.0, 0.0]], 12.0, 4.0, 1 / 3, id="to and fro"
         ),
         # Coverage 1, so 4 m are expected: 4 / (4 + |4 - 2|), as if the way were shorter.
-        pytest.param([[0.0, 4.0], [4.0, 0.0]], 2.0, 4.0, 2 / 3, id="too short"),
+        pytest.param([[0.0, 4.0], [4.0, 0.0]], 2.0, 4.0, 2 / 3, id="shorter than expected"),
         # Coverage c = (1 + e^-1) / 2, 3c m expected, none walked: c 3c / (3c + 3c) = c / 2.
         pytest.param([[0.0], [3.0]], 0.0, 3.0, (1 + ONE_OFF) / 4, id="stays at the start"),
         # 3 m away from both nodes: c = e^-1, and c 5 m are expected and walked.
-        pytest.param([[3.0, 3.0], [3.0, 3.0]], 5 * ONE_OFF, 5.0, ONE_OFF, id="3 m beside it"),
+        pytest.param([[3.0, 3.0], [3.0, 3.0]], 5 * ONE_OFF, 5.0, ONE_OFF, id="3 m away from it"),
     ],
 )
 def test_cls_of_one_episode(table: Table, walked: float, annotated: float, expected: float) -> None:
@@ -326,7 +326,7 @@ def test_cls_of_unequal_tables_together() -> None:
         pytest.param(7, 7, True, id="the target"),
         pytest.param(8, 7, False, id="another object"),
         pytest.param(0, 0, True, id="the target has id 0"),
-        pytest.param(0, 7, False, id="0 is an object, not a joker"),
+        pytest.param(0, 7, False, id="0 is an object, not a wildcard"),
         pytest.param(-1, 7, False, id="abstains"),
         pytest.param(-1, 0, False, id="abstains where the target has id 0"),
     ],
@@ -376,8 +376,8 @@ def test_box_match_of_one_pair(*, predicted: Box, target: Box, expected: bool) -
 
 
 @pytest.mark.parametrize("kind", [np.int16, np.uint16, np.int64, np.float32])
-def test_boxes_of_whole_numbers_of_any_size(kind: type[np.generic]) -> None:
-    """Bundles hold boxes in 16 bits, in which a picture's area has no room."""
+def test_boxes_of_any_number_type(kind: type[np.generic]) -> None:
+    """Bundles store boxes in 16 bits, which the area of an image would overflow."""
     picture, below = np.array([[[0, 0, 640, 480]], [[0, 120, 640, 360]]], dtype=kind)
     assert box_iou(picture, picture).tolist() == [1.0]
     assert box_iou(below, picture).tolist() == [0.75]
@@ -433,13 +433,15 @@ def test_box_iou_is_symmetric(pair: tuple[Box, Box]) -> None:
 
 
 @given(pair=pairs, right=st.integers(-640, 640), down=st.integers(-480, 480))
-def test_moving_both_boxes_changes_nothing(pair: tuple[Box, Box], right: int, down: int) -> None:
+def test_moving_both_boxes_does_not_change_the_iou(
+    pair: tuple[Box, Box], right: int, down: int
+) -> None:
     predicted, target = ((x + right, y + down, w, h) for x, y, w, h in pair)
     assert _iou(predicted, target) == _iou(*pair)
 
 
 @given(pair=pairs, across=st.integers(1, 9), along=st.integers(1, 9))
-def test_stretching_both_boxes_changes_nothing(
+def test_scaling_both_boxes_does_not_change_the_iou(
     pair: tuple[Box, Box], across: int, along: int
 ) -> None:
     predicted, target = ((across * x, along * y, across * w, along * h) for x, y, w, h in pair)
@@ -458,7 +460,7 @@ def _laid_out(tables: list[Table]) -> tuple[FloatArray, IntArray, IntArray]:
 
 
 def _warped(table: Table) -> float:
-    """Fill the table of least total distances cell by cell."""
+    """Fill the table of smallest total distances cell by cell."""
     n_nodes, n_poses = len(table), len(table[0])
     total = [[math.inf] * (n_poses + 1) for _ in range(n_nodes + 1)]
     total[0][0] = 0.0
@@ -482,7 +484,7 @@ def _as_row(box: Box) -> FloatArray:
 
 
 def _exact_iou(first: Box, second: Box) -> Fraction:
-    """Count the pixels that both boxes cover over those that either covers."""
+    """Divide the number of pixels in both boxes by the number of pixels in either."""
     across = set(_columns(first)) & set(_columns(second))
     along = set(_rows(first)) & set(_rows(second))
     both = len(across) * len(along)

@@ -1,4 +1,4 @@
-"""What submissions are called that stand side by side."""
+"""The names of submissions that are compared."""
 
 import io
 import shutil
@@ -40,11 +40,11 @@ GOOD = str(SAMPLES / "good.json")
         pytest.param([], [], id="none"),
     ],
 )
-def test_what_submissions_are_called(files: list[object], names: list[str]) -> None:
+def test_names_of_submissions(files: list[object], names: list[str]) -> None:
     assert list(submission_names(files)) == names
 
 
-def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path: Path, run: Run) -> None:
+def test_files_with_the_same_name_are_named_by_their_folders(tmp_path: Path, run: Run) -> None:
     files = [tmp_path / "runs" / each / "predictions" / "submit.json" for each in "AB"]
     for file, sample in zip(files, ("good", "mediocre"), strict=True):
         file.parent.mkdir(parents=True)
@@ -55,7 +55,7 @@ def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path: Path, run: 
 
 
 @pytest.mark.parametrize("command", ["report", "compare"])
-def test_standard_input_is_called_by_its_name(
+def test_the_name_of_standard_input(
     command: str, monkeypatch: pytest.MonkeyPatch, run: Run
 ) -> None:
     given = Path(GOOD).read_bytes()

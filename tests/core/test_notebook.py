@@ -1,4 +1,4 @@
-"""What a notebook does: `rv.evaluate(...)`, one number, a table, a DataFrame, a report."""
+"""Use in a notebook: `rv.evaluate(...)`, scores, tables, DataFrames and reports."""
 
 import json
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from tests.support.metrics import BOX_METRICS
 GOOD = SAMPLES / "good.json"
 SPLIT = "val_unseen"
 SCORED = [key for key in rv.CATALOGUE if key not in BOX_METRICS]
-"""What is scored where no answer is a box."""
+"""The metrics that are scored without boxes."""
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def scores() -> rv.Scores:
         pytest.param(lambda: tuple(json.loads(GOOD.read_text())), id="tuple"),
     ],
 )
-def test_any_form_of_submission(submission: Callable[[], Submission], scores: rv.Scores) -> None:
+def test_every_type_of_submission(submission: Callable[[], Submission], scores: rv.Scores) -> None:
     assert rv.evaluate(submission(), split=SPLIT) == scores
 
 
@@ -58,7 +58,7 @@ def test_an_open_file(scores: rv.Scores) -> None:
         pytest.param(lambda: rv.GroundTruth.load(DEMO_BUNDLES / "val_unseen.npz"), id="loaded"),
     ],
 )
-def test_any_form_of_ground_truth(
+def test_every_type_of_ground_truth(
     ground_truth: Callable[[], str | Path | rv.GroundTruth], scores: rv.Scores
 ) -> None:
     assert rv.evaluate(GOOD, split=SPLIT, ground_truth=ground_truth()) == scores
@@ -74,7 +74,7 @@ def test_every_error_has_the_same_base() -> None:
     assert all(issubclass(error, rv.ReverieEvalError) for error in errors)
 
 
-def test_a_rejection_lists_problems_for_programs() -> None:
+def test_a_rejection_lists_its_problems() -> None:
     with pytest.raises(rv.SubmissionError) as rejected:
         rv.evaluate([], split=SPLIT)
     (problem,) = rejected.value.problems
@@ -106,7 +106,7 @@ def test_an_unknown_metric(scores: rv.Scores) -> None:
         scores["spice"]
 
 
-def test_episodes_cannot_be_changed(scores: rv.Scores) -> None:
+def test_episode_values_are_read_only(scores: rv.Scores) -> None:
     with pytest.raises(ValueError, match="read-only"):
         scores.episodes["spl"][0] = 1.0
     with pytest.raises(TypeError):
@@ -145,7 +145,7 @@ def test_the_representation(scores: rv.Scores) -> None:
     )
 
 
-def test_the_report_goes_through_json(scores: rv.Scores) -> None:
+def test_the_report_survives_json(scores: rv.Scores) -> None:
     report = scores.to_report()
     assert ScoreReport.model_validate_json(report.model_dump_json()) == report
     assert report.scores == dict(scores)
@@ -157,7 +157,7 @@ def test_the_report_goes_through_json(scores: rv.Scores) -> None:
 
 
 class Elements(HTMLParser):
-    """The elements of a page and their texts; fails where one is not closed in turn."""
+    """The elements of a page and their texts; fails if they are not closed in order."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -169,17 +169,17 @@ class Elements(HTMLParser):
         assert not self.open
 
     def handle_starttag(self, tag: str, attrs: Any) -> None:  # noqa: ARG002  # the parser's call
-        """Note an element and wait for its end, if it is one that has an end."""
+        """Record an element, and remember to expect its end tag if it needs one."""
         self.seen.append(tag)
         if tag != "br":
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
-        """End the innermost element and no other."""
+        """Close the innermost element; fail for any other."""
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        """Note the text of the innermost element."""
+        """Record the text of the innermost element."""
         self.texts.setdefault(self.open[-1], []).append(data)
 
 
@@ -196,7 +196,7 @@ def test_the_html_table(scores: rv.Scores) -> None:
 MARKUP = '<script src="x">&amp;'
 
 
-def test_the_html_table_escapes_what_comes_from_files(scores: rv.Scores) -> None:
+def test_the_html_table_escapes_text_from_files(scores: rv.Scores) -> None:
     header = replace(scores.ground_truth.header, dataset=MARKUP, split=MARKUP)
     truth = replace(scores.ground_truth, header=header, origin=f"/{MARKUP}.npz")
     elements = Elements(replace(scores, ground_truth=truth)._repr_html_())
@@ -204,5 +204,5 @@ def test_the_html_table_escapes_what_comes_from_files(scores: rv.Scores) -> None
     assert elements.texts["caption"] == [f"ground truth: /{MARKUP}.npz ({MARKUP})"]
 
 
-def test_a_ground_truth_shows_itself_in_a_line(demo: rv.GroundTruth) -> None:
+def test_the_representation_of_a_ground_truth(demo: rv.GroundTruth) -> None:
     assert repr(demo) == f"<GroundTruth of val_unseen, 84 episodes, from {demo.origin}>"

@@ -1,4 +1,4 @@
-"""The page about notebooks does what it says: its blocks run, and print what stands below them."""
+"""The code blocks of docs/notebook.md run and print the output shown below them."""
 
 import re
 from collections.abc import Iterator
@@ -19,14 +19,14 @@ FILES = {"submit.json": "good.json", "other.json": "mediocre.json"}
 
 
 class Block(NamedTuple):
-    """A block of code, and what the page says that it prints."""
+    """A block of code and the output that the page shows."""
 
     code: str
     printed: str
 
 
 def blocks() -> Iterator[Block]:
-    """Take the page apart: a block without a language stands for the output of the one above."""
+    """Find the code blocks; a block without a language is the output of the one above."""
     pattern = r"^```python\n(.*?)^```\n(?:\n```\n(.*?)^```\n)?"
     for code, printed in re.findall(pattern, PAGE, re.MULTILINE | re.DOTALL):
         yield Block(code, printed)
@@ -34,7 +34,7 @@ def blocks() -> Iterator[Block]:
 
 @pytest.fixture
 def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Work where the two result files are that the page speaks of."""
+    """Change to a folder with the two result files that the page uses."""
     for name, sample in FILES.items():
         (tmp_path / name).write_bytes((SAMPLES / sample).read_bytes())
     monkeypatch.chdir(tmp_path)
@@ -59,7 +59,7 @@ def test_every_block_runs_and_prints_what_the_page_shows(readers_folder: Path) -
     assert any((readers_folder / "runs" / "my-agent").iterdir())
 
 
-def test_no_block_is_left_out() -> None:
+def test_every_block_is_found() -> None:
     assert PAGE.count("```python") == len(list(blocks()))
     assert PAGE.count("```") == sum(4 if block.printed else 2 for block in blocks())
 
@@ -69,7 +69,7 @@ def test_no_block_is_left_out() -> None:
 
 @pytest.fixture(scope="module")
 def scores() -> Scores:
-    """Score the sample with boxes, whose frames have all columns that there can be."""
+    """Score the sample with boxes, whose frames have all possible columns."""
     return evaluate(SAMPLES / "drawn.json", split="val_unseen")
 
 
@@ -80,7 +80,7 @@ def comparison() -> Comparison:
 
 
 def columns_documented(frame: str) -> set[str]:
-    """Return the words in code of a frame's row on the page, but for its own name."""
+    """Return the words marked as code in a frame's row of the table."""
     (row,) = re.findall(rf"^\| `{re.escape(frame)}` \|(.*)$", PAGE, re.MULTILINE)
     return set(re.findall(r"`(\w+)`", row))
 
@@ -107,14 +107,14 @@ def test_the_columns_of_a_breakdown(by: str, scores: Scores) -> None:
 
 
 @pytest.mark.parametrize("metric", ["rgs", "spl"])
-def test_the_columns_of_where_submissions_differ(metric: str, comparison: Comparison) -> None:
+def test_the_columns_of_episodes_with_different_values(metric: str, comparison: Comparison) -> None:
     frame = comparison.episodes(metric)
     assert list(frame.columns) == ["mediocre", "good"]
     assert frame.index.name == "instr_id"
 
 
 def test_values_are_in_the_units_of_their_metrics(scores: Scores) -> None:
-    """Unrounded, and no percent: the table's means are the scores."""
+    """Unrounded, and not percentages: the means of the table are the scores."""
     means = scores.to_pandas().drop(columns="box_outcome").mean()
     assert means.to_dict() == pytest.approx(dict(scores), rel=1e-12)
     one_part = scores.breakdown(by="scan")

@@ -1,4 +1,4 @@
-"""The rectangles that oriented boxes take in the views, against polygons clipped one by one."""
+"""Bounding rectangles of oriented boxes in the views, compared with polygons clipped one by one."""
 
 from itertools import pairwise
 
@@ -9,7 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from reverie_eval.arrays import FloatArray
-from reverie_eval.geometry import HEIGHT, N_VIEWS, NEAR, VIEW_AXES, WIDTH, into_camera, pixels_of
+from reverie_eval.geometry import (
+    HEIGHT,
+    N_VIEWS,
+    NEAR,
+    VIEW_AXES,
+    WIDTH,
+    pixels_of,
+    world_to_camera,
+)
 from reverie_eval.geometry._framing import bounds_in_views, boxes_in_views
 from reverie_eval.geometry._oriented_boxes import OrientedBoxes
 
@@ -19,7 +27,7 @@ Bounds = dict[int, tuple[float, ...]]
 
 
 def upright(centre: tuple[float, ...], radii: tuple[float, ...], yaw: float = 0.0) -> OrientedBoxes:
-    """Return one box that stands upright, turned to the left."""
+    """Return one upright box, turned to the left."""
     turn = np.deg2rad(yaw)
     return OrientedBoxes.along(
         np.array([centre], dtype=float),
@@ -81,13 +89,13 @@ def test_a_box_in_a_view(box: OrientedBoxes, view: int, expected: tuple[float, .
     assert found == (None if expected is None else pytest.approx(expected, abs=5e-4))
 
 
-def test_a_camera_within_a_box_sees_it_wherever_it_looks() -> None:
-    """A shelf's box may reach around a camera that stands before it; the published files agree."""
+def test_a_camera_inside_a_box_sees_it_in_every_view() -> None:
+    """The box of a shelf can surround a camera in front of it; the published files agree."""
     assert bounds_of(cube(0, 0, 0)) == dict.fromkeys(range(N_VIEWS), WHOLE_PICTURE)
 
 
-def test_a_point_on_the_horizon_is_on_the_border_of_the_rows_above_and_below() -> None:
-    """What lies on the border belongs to the picture, however its last bit was rounded."""
+def test_a_point_on_the_horizon_is_on_the_edge_of_upper_and_lower_views() -> None:
+    """Points on the edge belong to the image, however their last bit was rounded."""
     found = bounds_of(cube(0, 7, 0, radius=0))
     expected = {0: (320, 0), 1: (42.872, 0), 11: (597.128, 0), 12: (320, 240), 13: (80, 240)}
     expected |= {23: (560, 240), 24: (320, 480), 25: (42.872, 480), 35: (597.128, 480)}
@@ -97,14 +105,14 @@ def test_a_point_on_the_horizon_is_on_the_border_of_the_rows_above_and_below() -
 
 
 @pytest.mark.parametrize("height", [0.5, -0.5])
-def test_what_only_touches_the_border_covers_no_pixel(height: float) -> None:
-    """A box that begins at eye height is in the rows on its side of the horizon only."""
+def test_a_box_that_only_touches_the_edge_covers_no_pixel(height: float) -> None:
+    """A box that begins at eye height is only in the rows of views on its side of the horizon."""
     box = upright((0.3, 1, height), (0.1, 0.2, 0.5))
     rows = set((boxes_in_views(EYE, box).view // 12).tolist())
     assert rows == {1, 2 if height > 0 else 0}
 
 
-def test_where_the_camera_stands_is_what_the_world_is_moved_by() -> None:
+def test_moving_the_camera_and_the_boxes_changes_nothing() -> None:
     away = np.array([3.0, -2.0, 1.5])
     assert bounds_of(cube(3, 0, 1.5), away) == bounds_of(cube(0, 2, 0))
 
@@ -127,17 +135,17 @@ def test_whole_pixels(half_width: float, expected: list[int] | None) -> None:
     assert found.get(12) == expected
 
 
-def test_the_whole_picture_is_640_by_480_pixels() -> None:
+def test_the_whole_image_is_640_by_480_pixels() -> None:
     seen = boxes_in_views(EYE, cube(0, 0, 0))
     assert seen.box_xywh.tolist() == [[0, 0, 640, 480]] * N_VIEWS
 
 
-def test_no_boxes_are_in_no_view() -> None:
+def test_no_boxes_give_no_rectangles() -> None:
     seen = boxes_in_views(EYE, cube(0, 2, 0)[np.zeros(0, dtype=np.int64)])
     assert [len(column) for column in seen] == [0, 0, 0]
 
 
-def test_axes_are_made_to_be_of_unit_length_and_at_right_angles() -> None:
+def test_axes_are_made_orthogonal_unit_vectors() -> None:
     """Files give them with a few digits."""
     box = OrientedBoxes.along(
         np.zeros((1, 3)), np.array([[0.0, 3.0, 0.0]]), np.array([[2.0, 0.5, 0.0]]), np.ones((1, 3))
@@ -169,7 +177,7 @@ def clipped(face: FloatArray) -> list[FloatArray]:
 
 def slow_bounds(box: OrientedBoxes, position: FloatArray, view: int) -> tuple[float, ...] | None:
     corners = box.centre[0] + (CORNER_SIGNS * box.radii[0]) @ box.axes[0]
-    seen = into_camera(corners, position, VIEW_AXES[view])
+    seen = world_to_camera(corners, position, VIEW_AXES[view])
     points = [point for face in FACES for point in clipped(seen[face])]
     if not points:
         return None
@@ -179,7 +187,7 @@ def slow_bounds(box: OrientedBoxes, position: FloatArray, view: int) -> tuple[fl
 
 
 def tall(bounds: tuple[float, ...] | None) -> bool:
-    """Whether bounds are more than a touch of the picture's border."""
+    """Whether bounds do more than touch the edge of the image."""
     return bounds is not None and bounds[2] - bounds[0] > CLOSE and bounds[3] - bounds[1] > CLOSE
 
 
@@ -210,7 +218,7 @@ oriented = st.one_of(askew(), furnished())
 
 
 @given(oriented)
-def test_bounds_are_those_of_clipped_polygons(box: OrientedBoxes) -> None:
+def test_bounds_equal_those_of_clipped_polygons(box: OrientedBoxes) -> None:
     found = bounds_of(box)
     for view in range(N_VIEWS):
         expected = slow_bounds(box, EYE, view)
@@ -219,7 +227,7 @@ def test_bounds_are_those_of_clipped_polygons(box: OrientedBoxes) -> None:
 
 
 @given(oriented)
-def test_bounds_are_within_the_picture(box: OrientedBoxes) -> None:
+def test_bounds_are_inside_the_image(box: OrientedBoxes) -> None:
     bounds = bounds_in_views(EYE, box).bounds
     assert (bounds >= 0).all()
     assert (bounds[:, 2:] <= (WIDTH, HEIGHT)).all()
@@ -238,10 +246,10 @@ def test_whole_pixels_are_within_half_a_pixel_of_the_bounds(box: OrientedBoxes) 
 
 
 @given(oriented)
-def test_the_centre_is_in_the_box_where_it_is_in_the_picture(box: OrientedBoxes) -> None:
+def test_a_visible_centre_is_inside_the_bounds(box: OrientedBoxes) -> None:
     found = bounds_of(box)
     for view in range(N_VIEWS):
-        seen = into_camera(box.centre[0], EYE, VIEW_AXES[view])
+        seen = world_to_camera(box.centre[0], EYE, VIEW_AXES[view])
         if seen[2] > NEAR:
             x, y = pixels_of(seen)
             if 0 <= x <= WIDTH and 0 <= y <= HEIGHT:
@@ -251,7 +259,7 @@ def test_the_centre_is_in_the_box_where_it_is_in_the_picture(box: OrientedBoxes)
 
 
 @given(oriented)
-def test_turning_the_world_by_a_step_gives_the_next_view_the_box(box: OrientedBoxes) -> None:
+def test_turning_the_world_by_30_degrees_moves_the_box_to_the_next_view(box: OrientedBoxes) -> None:
     """Headings turn right, so the world turns clockwise."""
     turn = np.deg2rad(30)
     clockwise = np.array(
@@ -266,8 +274,8 @@ def test_turning_the_world_by_a_step_gives_the_next_view_the_box(box: OrientedBo
 
 
 @given(oriented)
-def test_bounds_hold_every_point_of_the_surface(box: OrientedBoxes) -> None:
-    """But for points on the very border of the picture, where the last bit decides."""
+def test_bounds_contain_every_visible_point_of_the_surface(box: OrientedBoxes) -> None:
+    """Except for points exactly on the edge of the image, where the last bit decides."""
     found = bounds_of(box)
     share = np.linspace(-1, 1, 15)
     across, along = (grid.ravel() for grid in np.meshgrid(share, share))
@@ -278,7 +286,7 @@ def test_bounds_hold_every_point_of_the_surface(box: OrientedBoxes) -> None:
     ]
     surface = box.centre[0] + (np.concatenate(sides) * box.radii[0]) @ box.axes[0]
     for view in range(N_VIEWS):
-        seen = into_camera(surface, EYE, VIEW_AXES[view])
+        seen = world_to_camera(surface, EYE, VIEW_AXES[view])
         pixels = pixels_of(seen[seen[:, 2] > NEAR])
         shown = pixels[(np.abs(pixels / (WIDTH, HEIGHT) - 0.5) < 0.5 - 1e-9).all(axis=1)]
         if len(shown):
@@ -288,7 +296,7 @@ def test_bounds_hold_every_point_of_the_surface(box: OrientedBoxes) -> None:
 
 
 @given(st.lists(oriented, min_size=2, max_size=5))
-def test_boxes_are_looked_at_one_by_one(boxes: list[OrientedBoxes]) -> None:
+def test_boxes_are_independent(boxes: list[OrientedBoxes]) -> None:
     together = OrientedBoxes(
         np.concatenate([box.centre for box in boxes]),
         np.concatenate([box.axes for box in boxes]),

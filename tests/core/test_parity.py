@@ -159,13 +159,13 @@ def reference(
 
 
 @pytest.mark.parametrize("protocol", EXACT)
-def test_every_episode_has_the_published_digits(protocol: str, reference: Reference) -> None:
+def test_every_episode_has_exactly_the_published_value(protocol: str, reference: Reference) -> None:
     names = EXACT[protocol]
     assert _found(reference, protocol, names) == _published(reference, names)
 
 
 @pytest.mark.parametrize("protocol", ROUNDED)
-def test_every_episode_has_the_published_digits_but_the_last(
+def test_every_episode_has_the_published_value_up_to_the_last_digit(
     protocol: str, reference: Reference
 ) -> None:
     found = _found(reference, protocol, ROUNDED[protocol])
@@ -179,7 +179,7 @@ def test_every_episode_has_the_published_digits_but_the_last(
 
 
 @pytest.mark.parametrize(("protocol", "evaluator", "names"), AGGREGATES)
-def test_scores_are_those_of_the_published_evaluator(
+def test_scores_equal_those_of_the_published_evaluator(
     protocol: str, evaluator: str, names: Mapping[str, str], reference: Reference
 ) -> None:
     published = reference.aggregates()[evaluator]
@@ -192,7 +192,7 @@ def test_scores_are_those_of_the_published_evaluator(
     assert {key: scores[key] for key in names} == pytest.approx(expected, abs=ROUNDING, rel=0)
 
 
-def test_official_fidelity_differs_in_success_alone(reference: Reference) -> None:
+def test_official_fidelity_differs_only_in_success(reference: Reference) -> None:
     official, r2r = reference.scores("official-v1"), reference.scores("r2r-style")
     for key in ("dtw", "ndtw", "cls"):
         assert official.episodes[key].tolist() == r2r.episodes[key].tolist()
@@ -207,7 +207,7 @@ def test_official_fidelity_differs_in_success_alone(reference: Reference) -> Non
         pytest.param("r2r-style", "62.54", id="the path's end is near"),
     ],
 )
-def test_one_file_has_two_success_rates(
+def test_the_same_file_has_two_success_rates(
     protocol: str, shown: str, published: Path, published_bundles: Path
 ) -> None:
     mixed = _reference("val_seen.mixed1", published, published_bundles)

@@ -1,4 +1,4 @@
-"""Protocols: what each one is, for ever, and its rule at the value where it decides."""
+"""Protocols: their pinned definitions, and each rule at its threshold."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -77,23 +77,23 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "text_ids_count": True,
     },
 }
-"""A released protocol never changes: where a rule was wrong, the right one gets another name."""
+"""A released protocol never changes: a correction is a new protocol with another name."""
 PROSE = ("name", "summary", "source")
 
 
 @pytest.mark.parametrize("name", RELEASED)
-def test_a_released_protocol_is_what_it_was(name: str) -> None:
+def test_a_released_protocol_never_changes(name: str) -> None:
     fields = asdict(PROTOCOLS[name])
     assert {field: fields[field] for field in fields if field not in PROSE} == RELEASED[name]
 
 
-def test_every_protocol_is_pinned_in_the_order_of_tables() -> None:
+def test_every_protocol_is_pinned_in_table_order() -> None:
     assert list(PROTOCOLS) == list(RELEASED)
     assert [rules.name for rules in PROTOCOLS.values()] == list(RELEASED)
     assert DEFAULT_PROTOCOL == "official-v1"
 
 
-def test_every_protocol_says_where_it_comes_from() -> None:
+def test_every_protocol_gives_its_source() -> None:
     assert all(rules.summary and rules.source for rules in PROTOCOLS.values())
 
 
@@ -105,12 +105,12 @@ def test_an_alias(alias: str, name: str) -> None:
     assert evaluate(GOOD, split=SPLIT, protocol=alias) == evaluate(GOOD, split=SPLIT, protocol=name)
 
 
-def test_aliases_are_no_protocols_of_their_own() -> None:
+def test_aliases_are_not_protocols() -> None:
     assert dict(ALIASES) == {"hamt": "duet", "hm3d": "scalevln"}
     assert not ALIASES.keys() & PROTOCOLS.keys()
 
 
-def test_a_signature_names_the_protocol_and_not_its_alias() -> None:
+def test_the_signature_has_the_protocol_not_its_alias() -> None:
     assert "|protocol:duet|" in evaluate(GOOD, split=SPLIT, protocol="hamt").signature
 
 
@@ -123,7 +123,7 @@ def test_a_signature_names_the_protocol_and_not_its_alias() -> None:
         pytest.param("official", "did you mean official-v1? Choose", id="without its version"),
     ],
 )
-def test_an_unknown_name(name: str, guess: str) -> None:
+def test_an_unknown_protocol(name: str, guess: str) -> None:
     with pytest.raises(rv.ProtocolError) as error:
         evaluate(GOOD, split=SPLIT, protocol=name)
     assert str(error.value) == (
@@ -140,7 +140,7 @@ ORIGIN: Position = (0.0, 0.0, 0.0)
 
 
 def corridor(stop: float = 2.0, centre: Position | None = ORIGIN) -> World:
-    """Return a world whose agent stops so many metres from the goal; the target is seen at both."""
+    """Return a world whose agent stops this far from the goal; the target is visible at both."""
     seen = {TARGET: [0]}
     viewpoints = {
         GOAL: Viewpoint(ORIGIN, views=seen),
@@ -156,7 +156,7 @@ def corridor(stop: float = 2.0, centre: Position | None = ORIGIN) -> World:
 def scored(
     world: World, protocol: str, *way: str, answer: int = TARGET, as_text: bool = False
 ) -> Scores:
-    """Score an agent that takes this way in a world, which is compiled from files."""
+    """Score an agent with this trajectory in a world compiled from files."""
     submission = records_of({"1_7_0": Prediction([*way], answer, as_text=as_text)})
     truth = ground_truth_of(world)
     return evaluate(submission, split=SPLIT, ground_truth=truth, protocol=protocol)
@@ -174,14 +174,16 @@ JUST_BELOW, JUST_ABOVE = float(np.nextafter(3.0, 0.0)), float(np.nextafter(3.0, 
         pytest.param(JUST_ABOVE, 0.0, id="just above 3 m"),
     ],
 )
-def test_r2r_style_wants_less_than_3_m_to_the_path_s_end(metres: float, success: float) -> None:
-    """Strictly less, as every evaluator of Room-to-Room has it."""
+def test_r2r_style_success_is_less_than_3_m_from_the_paths_end(
+    metres: float, success: float
+) -> None:
+    """Strictly less, as in every evaluator of Room-to-Room."""
     scores = scored(corridor(stop=metres), "r2r-style", START, STOP)
     assert (scores["success"], scores["oracle_success"]) == (success, success)
 
 
 def test_r2r_style_measures_along_the_graph() -> None:
-    """2 m from the goal through the wall, 18 m on foot."""
+    """2 m from the goal in a straight line, 18 m along the graph."""
     world = corridor(stop=2.0)
     scan = world.scans["house"]
     walled = replace(scan, unobstructed=frozenset({(GOAL, START), (START, STOP)}))
@@ -189,7 +191,7 @@ def test_r2r_style_measures_along_the_graph() -> None:
     assert (scores["success"], scores["navigation_error"]) == (0.0, 18.0)
 
 
-def test_r2r_style_does_not_ask_for_sight() -> None:
+def test_r2r_style_does_not_require_visibility() -> None:
     blind = corridor(stop=2.0)
     scan = blind.scans["house"]
     stop = replace(scan.viewpoints[STOP], views={})
@@ -211,24 +213,22 @@ def test_r2r_style_does_not_ask_for_sight() -> None:
         pytest.param(None, 0.0, id="not known where"),
     ],
 )
-def test_challenge_2022_wants_at_most_3_m_to_the_object(
+def test_challenge_2022_success_is_at_most_3_m_from_the_object(
     centre: Position | None, success: float
 ) -> None:
-    """At most, where Room-to-Room wants less."""
+    """At most, unlike Room-to-Room's "less than"."""
     scores = scored(corridor(stop=2.0, centre=centre), "challenge-2022", START, STOP)
     assert (scores["success"], scores["oracle_success"]) == (success, success)
     assert scored(corridor(stop=2.0, centre=centre), "official-v1", START, STOP)["success"] == 1.0
 
 
-def test_challenge_2022_asks_for_sight_as_well() -> None:
+def test_challenge_2022_requires_visibility_too() -> None:
     assert scored(corridor(centre=(10.0, 0.0, 0.0)), "challenge-2022", START)["success"] == 0.0
 
 
 @pytest.mark.parametrize("as_text", [False, True], ids=["number", "text"])
 @pytest.mark.parametrize("protocol", [name for name in PROTOCOLS if name != "r2r-style"])
-def test_an_id_as_text_is_right_everywhere_but_in_challenge_2022(
-    protocol: str, *, as_text: bool
-) -> None:
+def test_an_id_as_text_is_correct_except_in_challenge_2022(protocol: str, *, as_text: bool) -> None:
     scores = scored(corridor(), protocol, START, STOP, GOAL, as_text=as_text)
     assert scores["rgs"] == float(not (as_text and protocol == "challenge-2022"))
 
@@ -244,8 +244,8 @@ def test_an_id_as_text_is_right_everywhere_but_in_challenge_2022(
         ("scalevln", 0.0),
     ],
 )
-def test_the_right_object_from_afar(protocol: str, rgs: float) -> None:
-    """Never leaves the start, and still has no point of RGSPL to lose by that."""
+def test_the_correct_object_at_the_wrong_stop(protocol: str, rgs: float) -> None:
+    """The agent never leaves the start, so its path is no longer than the shortest one."""
     scores = scored(corridor(), protocol, START)
     assert (scores["success"], scores["rgs"], scores["rgspl"]) == (0.0, rgs, rgs)
 
@@ -262,7 +262,7 @@ def test_the_right_object_from_afar(protocol: str, rgs: float) -> None:
     ],
 )
 def test_a_route_of_half_a_centimetre(protocol: str, spl: float, rgspl: float) -> None:
-    """Where a floor of 1 cm is felt, and in which of the two."""
+    """The protocols with a smallest denominator of 1 cm, in SPL or RGSPL."""
     world = replace(corridor(stop=0.005), tasks=[Task("1_7", "house", [STOP, GOAL], TARGET)])
     scores = scored(world, protocol, STOP, GOAL)
     assert (scores["spl"], scores["rgspl"]) == (spl, rgspl)
@@ -280,7 +280,7 @@ def test_a_route_of_half_a_centimetre(protocol: str, spl: float, rgspl: float) -
     ],
 )
 def test_an_annotated_detour(protocol: str, weight: float) -> None:
-    """The shortest way is 10 m long, the annotated one 15 m, the walked one 20 m."""
+    """The shortest route is 10 m long, the annotated path 15 m, the trajectory 20 m."""
     world = replace(
         corridor(stop=2.5),
         tasks=[Task("1_7", "house", [START, STOP, GOAL, STOP, GOAL], TARGET)],
@@ -291,7 +291,7 @@ def test_an_annotated_detour(protocol: str, weight: float) -> None:
     assert (scores["spl"], scores["rgspl"]) == (weight, weight)
 
 
-def test_sdtw_takes_success_from_the_protocol() -> None:
+def test_sdtw_uses_the_protocols_success() -> None:
     world = corridor(stop=4.0)
     likeness = scored(world, "official-v1", START, STOP)["ndtw"]
     found = {
@@ -328,12 +328,12 @@ def test_all_protocols_side_by_side() -> None:
         assert scores.signature == evaluate(GOOD, split=SPLIT, protocol=name).signature
 
 
-def test_what_cannot_be_served_is_left_out(unmeasured: GroundTruth) -> None:
+def test_protocols_that_cannot_be_scored_are_left_out(unmeasured: GroundTruth) -> None:
     scored = evaluate_protocols(GOOD, split=SPLIT, ground_truth=unmeasured)
     assert list(scored) == [name for name in RELEASED if name != "challenge-2022"]
 
 
-def test_a_public_bundle_serves_no_protocol(demo: GroundTruth) -> None:
+def test_a_public_bundle_cannot_be_scored(demo: GroundTruth) -> None:
     public = replace(demo, answers=None)
     with pytest.raises(rv.GroundTruthError, match="public bundle"):
         evaluate_protocols(GOOD, split=SPLIT, ground_truth=public)
@@ -350,7 +350,7 @@ def test_r2r_style_does_not_score_grounding() -> None:
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_spl_never_above_success(protocol: str) -> None:
+def test_spl_never_exceeds_success(protocol: str) -> None:
     scores = evaluate(SAMPLES / "mediocre.json", split=SPLIT, protocol=protocol)
     assert scores["spl"] <= scores["success"] <= scores["oracle_success"]
 
@@ -367,7 +367,7 @@ def test_spl_never_above_success(protocol: str) -> None:
         pytest.param({"pred_objid": str(TARGET)}, id="other key, as text"),
     ],
 )
-def test_the_grounding_track_looks_at_answers_alone(record: Mapping[str, Any]) -> None:
+def test_the_grounding_track_scores_answers_only(record: Mapping[str, Any]) -> None:
     submission = [{"instr_id": "1_7_0", **record}]
     truth = ground_truth_by_hand(corridor())
     scores = evaluate(submission, split=SPLIT, ground_truth=truth, track="grounding")
@@ -382,8 +382,8 @@ def test_a_wrong_answer_in_the_grounding_track(answer: int | None) -> None:
     assert dict(scores) == {"rgs": 0.0}
 
 
-def test_the_grounding_track_finds_answers_wherever_they_stand(demo: GroundTruth) -> None:
-    """Records in reverse, as their answers' order must not matter."""
+def test_the_grounding_track_does_not_depend_on_the_order_of_records(demo: GroundTruth) -> None:
+    """Scores records in reverse order."""
     answers = demo.require_answers().target_object.tolist()
     answers[0] += 1
     submission = [
@@ -394,13 +394,13 @@ def test_the_grounding_track_finds_answers_wherever_they_stand(demo: GroundTruth
     assert scores.episodes["rgs"].tolist() == [0.0] + [1.0] * (len(answers) - 1)
 
 
-def test_the_signature_names_the_grounding_track() -> None:
+def test_the_signature_includes_the_grounding_track() -> None:
     scores = evaluate(GOOD, split=SPLIT, track="grounding")
     assert "|protocol:official-v1|track:grounding|data:" in scores.signature
     assert "track:" not in evaluate(GOOD, split=SPLIT).signature
 
 
-def test_the_grounding_track_has_no_remarks_on_walking() -> None:
+def test_the_grounding_track_has_no_hints_about_trajectories() -> None:
     assert not evaluate(GOOD, split=SPLIT, track="grounding").notes
 
 

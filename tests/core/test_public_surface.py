@@ -34,7 +34,7 @@ NAMES = [
     "evaluate_protocols",
     "validate",
 ]
-"""The whole vocabulary of a notebook. Taking a name out breaks somebody's code."""
+"""All names that notebooks use. Removing one breaks users' code."""
 
 
 def test_the_names_of_the_package() -> None:
@@ -48,14 +48,14 @@ def test_every_public_name_can_be_imported() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_public_class_and_function_is_documented(name: str) -> None:
+def test_every_public_class_and_function_has_a_docstring(name: str) -> None:
     value = getattr(reverie_eval, name)
     assert not callable(value) or value.__doc__
 
 
 @pytest.mark.parametrize("name", ["cli", "tests", "fixtures", "benchmarks"])
 def test_the_repository_is_not_importable(name: str, tmp_path: Path) -> None:
-    """Only what is distributed is: `import cli` would be a name taken from everybody."""
+    """`import cli` must fail: other packages may want such common names."""
     process = subprocess.run(
         [sys.executable, "-c", f"import {name}"],
         cwd=tmp_path,
@@ -78,7 +78,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ZipFile]:
         yield archive
 
 
-def test_the_wheel_takes_these_names_and_no_other(wheel: ZipFile) -> None:
+def test_the_wheel_contains_exactly_these_top_level_names(wheel: ZipFile) -> None:
     assert {name.partition("/")[0] for name in wheel.namelist()} == {
         "reverie_eval",
         "reverie_eval_cli",
@@ -89,7 +89,7 @@ def test_the_wheel_takes_these_names_and_no_other(wheel: ZipFile) -> None:
 @pytest.mark.parametrize(
     "package", [Path("reverie_eval"), Path("cli", "reverie_eval_cli")], ids=lambda path: path.name
 )
-def test_the_wheel_holds_all_files_of_a_package(package: Path, wheel: ZipFile) -> None:
+def test_the_wheel_contains_all_files_of_a_package(package: Path, wheel: ZipFile) -> None:
     folder = REPOSITORY / package
     expected = {
         path.relative_to(folder.parent).as_posix()
@@ -112,7 +112,7 @@ def test_the_wheel_holds_all_files_of_a_package(package: Path, wheel: ZipFile) -
         f"reverie_eval-{reverie_eval.__version__}.dist-info/licenses/LICENSE",
     ],
 )
-def test_the_wheel_holds_more_than_modules(name: str, wheel: ZipFile) -> None:
+def test_the_wheel_contains_data_files(name: str, wheel: ZipFile) -> None:
     assert name in wheel.namelist()
 
 

@@ -1,4 +1,4 @@
-"""Score tables in every format: of one protocol, of several, of both readings, of both tracks."""
+"""Score tables in every format: for one protocol, several protocols, a diagnosis, both tracks."""
 
 import csv
 import io
@@ -46,7 +46,7 @@ TL m & SR \% & OSR \% & SPL \% & RGS \% & RGSPL \% \\
         pytest.param(["--format", "latex"], LATEX, id="latex"),
     ],
 )
-def test_tables_for_people(options: list[str], expected: str, run: Run) -> None:
+def test_the_formats_for_people(options: list[str], expected: str, run: Run) -> None:
     assert run(*SCORE, *options) == (0, expected.replace("SIGNATURE", signature()), "")
 
 
@@ -83,12 +83,12 @@ def test_csv(run: Run) -> None:
     assert values[-1] == signature()
 
 
-def test_output_goes_to_a_file(here: Path, run: Run) -> None:
+def test_scores_are_written_to_a_file(here: Path, run: Run) -> None:
     assert run(*SCORE, "--output", "scores.txt") == (0, "", "")
     assert (here / "scores.txt").read_text() == TABLE.replace("SIGNATURE", signature())
 
 
-def test_episodes_go_to_a_file_with_all_their_digits(here: Path, run: Run) -> None:
+def test_episodes_are_written_to_a_file_with_all_digits(here: Path, run: Run) -> None:
     assert run(*SCORE, "--episodes", "episodes.csv") == run(*SCORE)
     headings, *rows = csv.reader((here / "episodes.csv").read_text().splitlines())
     scores = evaluate("submit.json", split=SPLIT, ground_truth="full.npz")
@@ -102,7 +102,7 @@ def test_episodes_go_to_a_file_with_all_their_digits(here: Path, run: Run) -> No
 # Several rows: all protocols, or both readings of hops.
 
 ALL = ("official-v1", "paper", "airbert", "duet", "scalevln", "r2r-style")
-"""Without ``challenge-2022``, which this bundle cannot serve."""
+"""Without ``challenge-2022``, because this bundle has no object positions."""
 LEFT_OUT = (
     "note: left out: challenge-2022 needs object positions, which full.npz was compiled without; "
     "compile it again with --object-positions"
@@ -157,7 +157,7 @@ ALL_PROTOCOLS = words("afar.json {split} {full} --protocol all")
 
 @pytest.mark.usefixtures("here")
 def test_all_protocols_side_by_side(run: Run) -> None:
-    """The paper's grounding counts only with success, and one target is named from afar."""
+    """Under ``paper`` grounding needs success, and one target is predicted at the wrong stop."""
     status, out, err = run(*ALL_PROTOCOLS)
     assert (status, err) == (0, "")
     assert out == ALL_TABLE.replace("SIGNATURES", "\n".join(map(signature, ALL)))
@@ -223,14 +223,14 @@ def test_a_diagnosis_shows_both_readings_of_hops(run: Run) -> None:
 
 
 @pytest.mark.usefixtures("here")
-def test_episodes_of_several_rows_are_the_first_row_s(run: Run) -> None:
+def test_the_episodes_file_has_the_first_row_only(run: Run) -> None:
     run(*words("hops.json {split} {full} --episodes alone.csv"))
     run(*words("hops.json {split} {full} --diagnose --episodes first.csv"))
     assert Path("first.csv").read_bytes() == Path("alone.csv").read_bytes()
 
 
 @pytest.mark.usefixtures("here")
-def test_a_diagnosis_of_a_file_without_hops_marks_nothing(run: Run) -> None:
+def test_a_diagnosis_of_a_file_without_hops_marks_no_difference(run: Run) -> None:
     _, out, _ = run(*words("submit.json {split} {full} --diagnose"))
     _, whole, cut, *_ = out.splitlines()
     assert whole.split()[1:] == cut.split()[2:] == TABLE.splitlines()[1].split()
@@ -243,7 +243,7 @@ def test_a_diagnosis_by_another_protocol(run: Run) -> None:
     assert signature("duet|reading:first-of-hop") in out
 
 
-def test_the_grounding_track_looks_at_answers_alone(here: Path, run: Run) -> None:
+def test_the_grounding_track_scores_answers_only(here: Path, run: Run) -> None:
     records = json.loads((here / "submit.json").read_text())
     for record in records:
         del record["trajectory"]
@@ -256,7 +256,7 @@ def test_the_grounding_track_looks_at_answers_alone(here: Path, run: Run) -> Non
 
 @pytest.mark.usefixtures("here")
 def test_the_grounding_track_under_all_protocols(run: Run) -> None:
-    """With every agent at its goal, no rule about where it stops matters."""
+    """With every agent at its goal, rules about the stop make no difference."""
     status, out, _ = run(*ALL_PROTOCOLS, *words("--track grounding --format csv"))
     headings, *rows = csv.reader(io.StringIO(out))
     scored = [dict(zip(headings, row, strict=True)) for row in rows]

@@ -1,4 +1,4 @@
-"""Uncertainty: by hand, against exact enumeration and scipy, and on worlds whose truth is known."""
+"""Uncertainty: by hand, compared with enumeration and scipy, and in worlds with known means."""
 
 from itertools import product
 
@@ -24,8 +24,8 @@ def column(*values: float) -> FloatArray:
     return np.array(values, dtype=np.float64)[:, None]
 
 
-def test_resampled_means_are_those_of_drawn_clusters() -> None:
-    """Two clusters, one of three episodes: 0, 0, 3 and 5 give 1, 5 or, drawn both, 2."""
+def test_resampled_means_are_means_of_drawn_clusters() -> None:
+    """Clusters of 0, 0, 3 and of 5 have the means 1, 5 or, if both are drawn, 2."""
     means = bootstrap_means(column(0, 5, 0, 3), np.array([7, 9, 7, 7]), resamples=4000)
     values, counts = np.unique(means, return_counts=True)
     assert values.tolist() == [1, 2, 5]
@@ -39,14 +39,14 @@ def test_metrics_are_resampled_together() -> None:
     assert np.unique(means[:, 0]).size > 600
 
 
-def test_the_same_seed_gives_the_same_and_another_gives_others() -> None:
+def test_the_seed_determines_the_resamples() -> None:
     values, cluster = column(*range(30)), np.arange(30) // 2
     first, again, other = (bootstrap_means(values, cluster, seed=seed) for seed in (3, 3, 4))
     assert (first == again).all()
     assert (first != other).any()
 
 
-def test_standard_errors_are_those_of_scipy_on_sums_of_clusters() -> None:
+def test_standard_errors_equal_scipys_on_cluster_sums() -> None:
     rng = np.random.default_rng(5)
     cluster = rng.integers(80, size=400)
     values = rng.random(400) + rng.random(80)[cluster]
@@ -62,20 +62,20 @@ def test_standard_errors_are_those_of_scipy_on_sums_of_clusters() -> None:
     assert ours.std() == pytest.approx(theirs.standard_error, rel=0.03)
 
 
-def test_an_interval_of_many_clusters_is_between_the_percentiles() -> None:
+def test_an_interval_of_many_clusters_is_close_to_the_percentiles() -> None:
     means = np.arange(10_001, dtype=np.float64)[:, None] / 10_000
     assert interval(means, 10**9)[:, 0] == pytest.approx([0.025, 0.975], abs=1e-4)
     assert interval(means, 10**9, confidence=0.5)[:, 0] == pytest.approx([0.25, 0.75], abs=1e-4)
 
 
-def test_an_interval_of_five_clusters_is_as_wide_as_students_t_says() -> None:
+def test_an_interval_of_five_clusters_is_wider_by_students_t() -> None:
     """By hand: t(0.025, 4) = -2.7764, times sqrt(5 / 4) is -3.1042, below which 0.000954 lies."""
     means = np.arange(100_001, dtype=np.float64)[:, None] / 100_000
     assert interval(means, 5)[:, 0] == pytest.approx([0.000954, 0.999046], abs=2e-6)
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(-2, 2)), min_size=1, max_size=12))
-def test_swaps_of_few_clusters_approach_all_of_them(episodes: list[tuple[int, int]]) -> None:
+def test_random_swaps_approach_the_exact_test(episodes: list[tuple[int, int]]) -> None:
     cluster = np.array([number for number, _ in episodes])
     difference = column(*(value for _, value in episodes))
     sums = [difference[cluster == number].sum() for number in set(cluster.tolist())]
@@ -84,13 +84,13 @@ def test_swaps_of_few_clusters_approach_all_of_them(episodes: list[tuple[int, in
     assert randomisation_p(difference, cluster) == pytest.approx([exact], abs=0.03)
 
 
-def test_sums_that_only_rounding_tells_apart_are_ties() -> None:
-    """In either cluster 0.1 + 0.2 and 0.3: whatever is swapped comes as far as what was found."""
+def test_sums_that_differ_only_by_rounding_are_ties() -> None:
+    """In both clusters 0.1 + 0.2 and 0.3: every swap is as far from 0 as the observed sum."""
     difference = column(0.1, 0.2, -0.3)
     assert randomisation_p(difference, np.array([0, 0, 1])).tolist() == [1.0]
 
 
-def test_a_sure_difference_has_the_smallest_p_value_there_is() -> None:
+def test_a_certain_difference_has_the_smallest_possible_p_value() -> None:
     p_value = randomisation_p(np.ones((50, 1)), np.arange(50), resamples=999)
     assert p_value.tolist() == [1 / 1000]
 
@@ -109,7 +109,7 @@ def test_mcnemars_exact_test(won: int, lost: int, p_value: float) -> None:
     assert mcnemar_p(np.array([won]), np.array([lost])) == pytest.approx([p_value])
 
 
-def test_holm_multiplies_by_how_many_are_left_and_never_falls() -> None:
+def test_holm_multiplies_by_the_remaining_comparisons_and_never_decreases() -> None:
     """By hand, sorted: 0.01 x 4, 0.02 x 3, 0.025 x 2 = 0.05 but not below 0.06, 0.9 x 1."""
     corrected = holm(column(0.02, 0.9, 0.01, 0.025))
     assert corrected[:, 0] == pytest.approx([0.06, 0.9, 0.04, 0.06])
@@ -119,7 +119,7 @@ def test_holm_multiplies_by_how_many_are_left_and_never_falls() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("clusters", [100, 10], ids=["as targets", "as scans"])
-def test_intervals_hold_the_truth_as_often_as_they_say(clusters: int) -> None:
+def test_intervals_contain_the_true_mean_as_often_as_they_claim(clusters: int) -> None:
     """Of 1,000 worlds; intervals for independent episodes are too narrow."""
     coverage = simulated_coverage(1000, clusters)
     assert 0.93 <= coverage.clustered <= 0.97
@@ -128,15 +128,15 @@ def test_intervals_hold_the_truth_as_often_as_they_say(clusters: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("clusters", range(2, FEW_CLUSTERS))
-def test_intervals_of_few_clusters_hold_it_less_often(clusters: int) -> None:
-    """Which is why they come with a caution, and those of one cluster more do not."""
+def test_intervals_of_few_clusters_contain_it_less_often(clusters: int) -> None:
+    """Hence the caution with which they are shown; one more cluster needs none."""
     assert simulated_coverage(1000, clusters).clustered < 0.93
     assert simulated_coverage(1000, FEW_CLUSTERS).clustered >= 0.93
 
 
 @pytest.mark.slow
-def test_false_alarms_are_as_rare_as_they_should_be() -> None:
-    """Of 4,000 pairs of equally good methods; McNemar's test takes episodes for independent."""
+def test_false_alarms_are_as_rare_as_claimed() -> None:
+    """Of 4,000 pairs of equally good methods; McNemar's test assumes independent episodes."""
     alarms = simulated_false_alarms(4000, 100)
     assert 0.04 <= alarms.clustered <= 0.06
     assert alarms.naive > 0.1

@@ -218,7 +218,7 @@ def test_axes_that_are_given_are_drawn_on(draw: str, scores: rv.Scores) -> None:
 
 
 def test_a_metric_that_is_not_scored(scores: rv.Scores) -> None:
-    with pytest.raises(KeyError, match="iou is not scored; scored are path_length, success"):
+    with pytest.raises(KeyError, match="not scored; the scored metrics are path_length, success"):
         scores.plot.distribution("iou")
 
 

@@ -1,4 +1,4 @@
-"""Slices: parts of the episodes, by hand and against the whole."""
+"""Breakdowns: groups of episodes, worked out by hand and compared with the whole."""
 
 import re
 
@@ -68,7 +68,7 @@ def scores() -> Scores:
         pytest.param("jumps", {"no jump": (3, 2 / 3, 2 / 3), "jumps": (1, 1, 1)}, id="jumps"),
     ],
 )
-def test_parts_by_hand(
+def test_breakdowns_worked_out_by_hand(
     by: str, expected: dict[str, tuple[int, float, float]], scores: Scores
 ) -> None:
     found = scores.breakdown(by)
@@ -80,7 +80,7 @@ def test_parts_by_hand(
 
 
 @pytest.mark.parametrize("by", GROUPINGS)
-def test_parts_add_up_to_the_whole(by: str) -> None:
+def test_means_of_groups_average_to_the_score(by: str) -> None:
     scores = evaluate(SAMPLES / "mediocre.json", split="val_unseen")
     found = scores.breakdown(by)
     assert found["episodes"].sum() == len(scores.instr_ids)
@@ -89,8 +89,8 @@ def test_parts_add_up_to_the_whole(by: str) -> None:
         assert whole == pytest.approx(scores[metric.key])
 
 
-def test_intervals_of_parts_are_those_of_their_episodes() -> None:
-    """Drawn by hand for one part; where targets are too few there are none."""
+def test_intervals_of_a_group_use_its_episodes_only() -> None:
+    """Compared with a direct bootstrap for one group."""
     scores = evaluate(SAMPLES / "good.json", split="val_unseen")
     found = scores.breakdown("level", intervals=True)
     plain = scores.breakdown("level")
@@ -109,7 +109,7 @@ def test_intervals_of_parts_are_those_of_their_episodes() -> None:
 
 
 @pytest.mark.parametrize("intervals", [False, True])
-def test_a_breakdown_says_what_its_columns_are_measured_in(*, intervals: bool) -> None:
+def test_a_breakdown_lists_the_units_of_its_columns(*, intervals: bool) -> None:
     scores = evaluate(SAMPLES / "good.json", split="val_unseen")
     for by in ("scan", "length"):
         found = scores.breakdown(by, intervals=intervals)
@@ -123,7 +123,7 @@ def test_a_breakdown_says_what_its_columns_are_measured_in(*, intervals: bool) -
         assert units.get("path_length_low", "metres") == "metres"
 
 
-def test_parts_of_few_targets_have_no_intervals() -> None:
+def test_groups_with_few_targets_have_no_intervals() -> None:
     scores = evaluate(SAMPLES / "good.json", split="val_unseen")
     found = scores.breakdown("category", intervals=True)
     cluster = clusters_of(scores.ground_truth, "target")
@@ -139,7 +139,7 @@ def test_parts_of_few_targets_have_no_intervals() -> None:
     assert set(targets.values()) & {4, 5}
 
 
-def test_parts_by_words_and_category_are_those_of_the_demo_world(demo: GroundTruth) -> None:
+def test_groups_by_words_and_category_in_the_demo_world(demo: GroundTruth) -> None:
     scores = evaluate(SAMPLES / "good.json", split="val_unseen", ground_truth=demo)
     lengths = [len(re.findall(r"\w+", text)) for text in demo.episodes.instructions]
     words = scores.breakdown("words")["episodes"]
@@ -151,15 +151,17 @@ def test_parts_by_words_and_category_are_those_of_the_demo_world(demo: GroundTru
     assert list(categories) == sorted(categories, reverse=True)
 
 
-def test_levels_come_in_their_order() -> None:
-    """Most instructions name none, and more of them the first than the second."""
+def test_levels_are_in_order() -> None:
+    """Not by size, as most instructions give no level."""
     found = evaluate(SAMPLES / "good.json", split="val_unseen").breakdown("level")["episodes"]
     assert found.to_dict() == {"level 1": 25, "level 2": 14, "no level": 45}
     assert list(found.index) == ["level 1", "level 2", "no level"]
 
 
-def test_categories_are_in_words(scores: Scores, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the spelling, what is called the same is one part."""
+def test_spellings_of_a_category_are_one_group(
+    scores: Scores, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Upper case and ``#`` for a space make no difference."""
     spelt = ("end#table", "End table", " ")
     monkeypatch.setattr(type(scores.ground_truth.require_answers()), "target_categories", spelt)
     found = scores.breakdown("category")["episodes"]
@@ -182,11 +184,11 @@ def test_categories_are_in_words(scores: Scores, monkeypatch: pytest.MonkeyPatch
         ("floor 12 is no house's", "no level"),
     ],
 )
-def test_the_level_that_an_instruction_names(instruction: str, level: str) -> None:
+def test_the_level_that_an_instruction_gives(instruction: str, level: str) -> None:
     assert level_in(instruction) == level
 
 
-def test_what_cannot_be_cut_says_why(scores: Scores) -> None:
+def test_groupings_that_are_not_possible(scores: Scores) -> None:
     with pytest.raises(ProtocolError, match="unknown grouping 'room'; choose one of: scan, length"):
         scores.breakdown("room")
     bundle = Bundle.load(DEMO_BUNDLES / "val_unseen.npz")

@@ -1,4 +1,4 @@
-"""Outcomes: by hand, for every combination of facts, and held against the scores they sum up to."""
+"""Outcomes: for every combination of values, and compared with the scores they add up to."""
 
 from itertools import product
 
@@ -26,29 +26,29 @@ episode = st.sampled_from(sorted(COMBINATIONS))
 
 
 def table(episodes: list[tuple[int, int, int]]) -> dict[str, FloatArray]:
-    came, stopped, named = np.array(episodes, dtype=np.float64).reshape(-1, 3).T
-    return {"success": stopped, "oracle_success": came, "rgs": named}
+    reached, stopped, predicted = np.array(episodes, dtype=np.float64).reshape(-1, 3).T
+    return {"success": stopped, "oracle_success": reached, "rgs": predicted}
 
 
-def test_every_combination_that_can_be_has_its_outcome() -> None:
-    possible = {(came, stopped, named) for came, stopped, named in product((0, 1), repeat=3)}
-    assert possible - set(COMBINATIONS) == {(0, 1, 0), (0, 1, 1)}  # stopped where it never came
-    found = outcome_indices(table(list(COMBINATIONS)))
-    assert [list(OUTCOMES)[number] for number in found] == list(COMBINATIONS.values())
+def test_the_outcome_of_every_possible_combination() -> None:
+    possible = set(product((0, 1), repeat=3))
+    assert possible - set(COMBINATIONS) == {(0, 1, 0), (0, 1, 1)}  # stopped where it never was
+    outcomes = outcome_indices(table(list(COMBINATIONS)))
+    assert [list(OUTCOMES)[number] for number in outcomes] == list(COMBINATIONS.values())
 
 
 @given(st.lists(episode, min_size=1))
-def test_outcomes_are_exhaustive_exclusive_and_add_up_to_the_scores(
+def test_every_episode_has_one_outcome_and_counts_match_the_scores(
     episodes: list[tuple[int, int, int]],
 ) -> None:
-    scores, anatomy = table(episodes), failure_modes(table(episodes))
-    counts = anatomy.counts
+    scores, modes = table(episodes), failure_modes(table(episodes))
+    counts = modes.counts
     assert sum(counts.values()) == len(episodes)
     assert counts["wrong object"] + counts["correct"] == scores["success"].sum()
     assert counts["correct object at the wrong stop"] + counts["correct"] == scores["rgs"].sum()
-    came = len(episodes) - counts["never reached"] - counts["correct object at the wrong stop"]
-    assert came + anatomy.wrong_stops_after_reaching == scores["oracle_success"].sum()
-    assert list(anatomy.funnel.values()) == [
+    reached = len(episodes) - counts["never reached"] - counts["correct object at the wrong stop"]
+    assert reached + modes.wrong_stops_after_reaching == scores["oracle_success"].sum()
+    assert list(modes.funnel.values()) == [
         len(episodes),
         scores["oracle_success"].sum(),
         scores["success"].sum(),
@@ -57,7 +57,7 @@ def test_outcomes_are_exhaustive_exclusive_and_add_up_to_the_scores(
 
 
 @pytest.mark.parametrize("protocol", [name for name in PROTOCOLS if name != "r2r-style"])
-def test_outcomes_of_a_sample_reproduce_its_scores(protocol: str) -> None:
+def test_outcome_counts_of_a_sample_match_its_scores(protocol: str) -> None:
     scores = evaluate(SAMPLES / "mediocre.json", split="val_unseen", protocol=protocol)
     count, total = scores.failure_modes.counts, len(scores.instr_ids)
     assert (count["wrong object"] + count["correct"]) / total == scores["success"]
@@ -67,7 +67,7 @@ def test_outcomes_of_a_sample_reproduce_its_scores(protocol: str) -> None:
 
 
 @pytest.mark.parametrize("how", [{"track": "grounding"}, {"protocol": "r2r-style"}], ids=str)
-def test_what_is_not_scored_has_no_outcomes(how: dict[str, str]) -> None:
+def test_outcomes_need_all_three_metrics(how: dict[str, str]) -> None:
     scores = evaluate(SAMPLES / "good.json", split="val_unseen", **how)  # type: ignore[arg-type]
     with pytest.raises(ProtocolError, match="is not scored here; choose another protocol"):
         _ = scores.failure_modes

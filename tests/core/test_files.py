@@ -1,4 +1,4 @@
-"""Folders that are whole when they appear."""
+"""Folders that appear complete or not at all."""
 
 from pathlib import Path
 
@@ -16,8 +16,8 @@ def test_a_new_folder_appears_at_once(tmp_path: Path) -> None:
     assert [path.name for path in place.parent.iterdir()] == ["place"]
 
 
-def test_an_empty_folder_stays_and_has_nothing_until_all_is_there(tmp_path: Path) -> None:
-    """A shell that is in it is still in it, and a disk is not moved over another."""
+def test_an_existing_folder_is_filled_at_the_end(tmp_path: Path) -> None:
+    """It may be a shell's working directory or a mounted disk, so it is not replaced."""
     before = tmp_path.stat().st_ino
     with staged_folder(tmp_path) as staging:
         (staging / "a").touch()
@@ -27,7 +27,7 @@ def test_an_empty_folder_stays_and_has_nothing_until_all_is_there(tmp_path: Path
 
 
 @pytest.mark.parametrize("is_new", [True, False])
-def test_nothing_stays_of_what_was_not_finished(tmp_path: Path, *, is_new: bool) -> None:
+def test_an_interrupted_write_leaves_nothing(tmp_path: Path, *, is_new: bool) -> None:
     place = tmp_path / "place" if is_new else tmp_path
     with pytest.raises(KeyboardInterrupt), staged_folder(place) as staging:
         _begin(staging)
@@ -39,9 +39,7 @@ def _begin(staging: Path) -> None:
     raise KeyboardInterrupt
 
 
-def test_the_last_part_comes_when_all_others_are_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_last_entry_is_moved_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     moved: list[str] = []
     monkeypatch.setattr(Path, "rename", lambda part, _: moved.append(part.name))
     with staged_folder(tmp_path, last="b") as staging:
@@ -52,7 +50,7 @@ def test_the_last_part_comes_when_all_others_are_there(
 
 
 @pytest.mark.parametrize(("mode", "others"), [(0o777, 0o007), (0o700, 0)])
-def test_who_may_look_into_a_new_folder(mode: int, others: int, tmp_path: Path) -> None:
+def test_permissions_of_a_new_folder(mode: int, others: int, tmp_path: Path) -> None:
     place, usual = tmp_path / "place", tmp_path / "usual"
     usual.mkdir()
     with staged_folder(place, mode=mode):

@@ -1,13 +1,13 @@
-"""Figures beside their bars."""
+"""Print measurements with their limits."""
 
 from collections.abc import Sequence
 
 Figure = tuple[str, float, float]
-"""What was measured, what it came to, and what it may be at most."""
+"""What was measured, its value, and the largest value allowed."""
 
 
 def judge(figures: Sequence[Figure]) -> int:
-    """Print figures with their bars; return 1 if one is over its bar, else 0."""
+    """Print measurements with their limits; return 1 if one is over its limit, else 0."""
     width = max(len(name) for name, _, _ in figures)
     for name, figure, bar in figures:
         verdict = "ok" if figure <= bar else "OVER"

@@ -1,8 +1,8 @@
 """How fast boxes are built and compared.
 
-``python benchmarks/boxes.py`` prints each figure beside the bar it has to stay under. The scan is
-invented: 1,000 objects and 200 viewpoints in a house of 400 square metres on two floors. In the
-figure that is named after it, everything is in range of every viewpoint.
+``python benchmarks/boxes.py`` prints each measurement with its limit. The scan is synthetic: 1,000
+objects and 200 viewpoints in a house of 400 square metres on two floors. In "everything in range",
+every object is in range of every viewpoint.
 """
 
 import json
@@ -21,7 +21,7 @@ from benchmarks.bars import judge
 from reverie_eval.arrays import FloatArray
 from reverie_eval.dataset import build_boxes
 from reverie_eval.dataset._box_builder import Scan
-from reverie_eval.dataset._files import connectivity_file
+from reverie_eval.dataset._files import graph_name
 from reverie_eval.dataset._object_boxes import BoxRules, Occlusion
 from reverie_eval.metrics import box_iou
 
@@ -32,7 +32,7 @@ PAIRS = 1_000_000
 
 
 def main() -> int:
-    """Print every figure; exit with 1 if one is over its bar."""
+    """Print every measurement; return 1 if one is over its limit."""
     rng = np.random.default_rng(0)
     with TemporaryDirectory() as temporary:
         scan = write_scan(Path(temporary), rng)
@@ -47,8 +47,8 @@ def main() -> int:
 
 
 def write_scan(folder: Path, rng: np.random.Generator) -> Scan:
-    """Write the files of an invented scan."""
-    house, connectivity = folder / "x.house", connectivity_file(folder, "x")
+    """Write the files of a synthetic scan."""
+    house, connectivity = folder / "x.house", folder / graph_name("x")
     columns = [
         np.arange(OBJECTS)[:, None],
         np.full((OBJECTS, 2), [-1, 0]),
@@ -74,7 +74,7 @@ def write_scan(folder: Path, rng: np.random.Generator) -> Scan:
 
 
 def build_seconds(scan: Scan, max_distance: float, occlusion: Occlusion) -> float:
-    """Time building a scan in one process, its files read and written."""
+    """Time building a scan in one process, including reading and writing files."""
     with TemporaryDirectory() as temporary:
         rules = BoxRules(max_distance, occlusion)
         return seconds(lambda: build_boxes([scan], Path(temporary, "boxes"), rules))

@@ -1,8 +1,8 @@
-"""How fast a result is read: intervals, an evaluator in a training loop, and the report.
+"""How fast intervals, an evaluator in a training loop, and the report are.
 
-``python benchmarks/reading_results.py`` prints each figure beside the bar it has to stay under, on
-the published val_unseen. Every figure is a median; ratios are measured in turn. Needs the published
-files (see ``fixtures/published.py``).
+``python benchmarks/reading_results.py`` prints each measurement with its limit, on the published
+val_unseen. All values are medians; the two sides of a ratio are measured alternately. Needs the
+published files (see ``fixtures/published.py``).
 """
 
 import gzip
@@ -30,7 +30,7 @@ RESAMPLES = 10_000
 
 
 def main() -> int:
-    """Print every figure; exit with 1 if one is over its bar."""
+    """Print every measurement; return 1 if one is over its limit."""
     folder = published_folder()
     if folder is None:
         print("the published REVERIE files are not here (REVERIE_DATA names their folder)")
@@ -59,7 +59,7 @@ def unpacked(folder: Path, name: str, work: Path) -> Path:
 
 
 def interval_figures(submission: Path, bundle: Path) -> Sequence[tuple[str, float, float]]:
-    """Time the intervals of all metrics; what they are drawn from is computed before."""
+    """Time the intervals of all metrics, without the per-episode values that they need."""
     scores = rv.evaluate(submission, split=SPLIT, ground_truth=bundle)
     name = f"{RESAMPLES:,} resamples of {len(dict(scores))} metrics, by"
     return [
@@ -73,7 +73,7 @@ def interval_figures(submission: Path, bundle: Path) -> Sequence[tuple[str, floa
 
 
 def evaluator_figures(submission: Path, bundle: Path) -> Sequence[tuple[str, float, float]]:
-    """Time a call of an evaluator against scoring the file's bytes, for all that an agent gives."""
+    """Time an evaluator against scoring the file's bytes, for every kind of predictions."""
     content = submission.read_bytes()
     evaluator = rv.Evaluator(split=SPLIT, ground_truth=bundle)
     truth = evaluator.ground_truth
@@ -98,7 +98,7 @@ def evaluator_figures(submission: Path, bundle: Path) -> Sequence[tuple[str, flo
 
 
 def with_numpy(records: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
-    """Return records as agents have them whose angles come from an array."""
+    """Return records with numpy numbers, as from an agent whose angles are in an array."""
     return [
         {
             **record,
@@ -113,14 +113,14 @@ def with_numpy(records: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
 
 
 def score_table(scores: rv.Scores) -> Mapping[str, float]:
-    """Compute what a score table shows, which is not done before it is asked for."""
+    """Compute the scores of a score table; they are computed on first access."""
     return {key: scores[key] for key in HEADLINE}
 
 
 def report_figures(
     name: str, submissions: Sequence[Path], bundle: Path
 ) -> Sequence[tuple[str, float, float]]:
-    """Time the command that writes a report, start-up included, and weigh the report."""
+    """Time the command that writes a report, including start-up, and measure the report's size."""
     page = bundle.with_name("report.html")
     arguments = (*submissions, "--split", SPLIT, "--ground-truth", bundle, "-o", page)
     duration = median_seconds(lambda: run(REVERIE_EVAL, "report", *arguments), rounds=3)
@@ -131,7 +131,7 @@ def report_figures(
 
 
 def median_seconds(action: Callable[[], object], rounds: int = 11) -> float:
-    """Time an action, after a round to warm up."""
+    """Time an action, after a warm-up round."""
     return statistics.median([seconds(action) for _ in range(rounds + 1)][1:])
 
 

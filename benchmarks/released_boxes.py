@@ -1,4 +1,4 @@
-"""How far the released v1 boxes are from projections of oriented boxes, as far as centres tell.
+"""How well the released v1 boxes agree with projections of oriented boxes, judged by centres.
 
 ``python benchmarks/released_boxes.py DATASET OBJPOS`` prints the figures of
 ``docs/boxes-from-houses.md``. DATASET is a clone of the dataset repository, OBJPOS the file
@@ -24,7 +24,7 @@ from reverie_eval.geometry import HEIGHT, NEAR, VIEW_AXES, WIDTH, pixels_of
 MARGIN = 1.0
 """Pixels by which a box may miss a centre: boxes are whole pixels, centres are not."""
 NEAREST, FARTHEST = 2.0, 3.0
-"""Metres: how far v1's entries reach, and how far the paper says."""
+"""Metres: the reach of v1's entries, and the reach that the paper gives."""
 
 
 def main() -> int:

@@ -1,8 +1,8 @@
 """How fast and how small scoring is, on the published REVERIE files.
 
-``python benchmarks/scoring.py`` prints each figure beside the bar it has to stay under. Times that
-depend on the machine are ratios to something everybody knows, measured in the same run and in
-turn; every figure is a median. Needs the published files (see ``fixtures/published.py``).
+``python benchmarks/scoring.py`` prints each measurement with its limit. Times that depend on the
+machine are ratios to well-known operations, measured alternately in the same run; all values are
+medians. Needs the published files (see ``fixtures/published.py``).
 """
 
 import gzip
@@ -38,11 +38,11 @@ floor = kibibytes("VmRSS")
 rv.evaluate(sys.argv[1], split="val_unseen", ground_truth=sys.argv[2])
 print(1024 * (kibibytes("VmHWM") - floor))
 """
-"""Linux's own account: what a process has after its imports, and the most that it ever had."""
+"""Read from Linux: the memory of a process after its imports, and its peak."""
 
 
 def main() -> int:
-    """Print every figure; exit with 1 if one is over its bar."""
+    """Print every measurement; return 1 if one is over its limit."""
     folder = published_folder()
     if folder is None:
         print("the published REVERIE files are not here (REVERIE_DATA names their folder)")
@@ -94,7 +94,7 @@ def fidelity_ratio(submission: Path, bundle: Path) -> float:
 
 
 def score(content: bytes, truth: rv.GroundTruth, keys: Sequence[str]) -> list[float]:
-    """Score a submission and compute these metrics, which is not done before it is asked for."""
+    """Score a submission and compute these metrics; they are computed on first access."""
     scores = rv.evaluate(content, split="val_unseen", ground_truth=truth)
     return [scores[key] for key in keys]
 
@@ -123,7 +123,7 @@ def peak_memory_ratio(submission: Path, bundle: Path) -> float:
 def ratio_of_medians(
     first: Callable[[], object], second: Callable[[], object], rounds: int
 ) -> float:
-    """Time two actions in turn, after a round to warm up."""
+    """Time two actions alternately, after a warm-up round."""
     pairs = [(seconds(first), seconds(second)) for _ in range(rounds + 1)][1:]
     return statistics.median(a for a, _ in pairs) / statistics.median(b for _, b in pairs)
 

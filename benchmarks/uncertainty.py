@@ -1,4 +1,4 @@
-"""How often intervals hold the truth and tests are alarmed for nothing, in simulated worlds.
+"""How often intervals contain the truth, and tests give false alarms, in simulated worlds.
 
 ``python benchmarks/uncertainty.py`` prints the shares, the same on every machine.
 """
@@ -11,15 +11,15 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from fixtures.clustered_worlds import TRUTH, simulated_coverage, simulated_false_alarms
 
 TARGETS = 513
-"""As many as val_unseen has."""
+"""The number of targets in val_unseen."""
 
 
 def main() -> None:
     """Print the shares."""
     for clusters in (100, 10, 5, 4, 3, 2):
-        tell_coverage(clusters, TRUTH)
+        print_coverage(clusters, TRUTH)
     for truth in (0.05, 0.01, 0.005):
-        tell_coverage(TARGETS, truth)
+        print_coverage(TARGETS, truth)
     alarms = simulated_false_alarms(4000, 100)
     print(
         f"false alarms at 5 %, 4,000 worlds of 100 clusters: {alarms.clustered:.1%}; "
@@ -27,11 +27,11 @@ def main() -> None:
     )
 
 
-def tell_coverage(clusters: int, truth: float) -> None:
-    """Print how often intervals hold the truth, by whole clusters and as if there were none."""
+def print_coverage(clusters: int, truth: float) -> None:
+    """Print how often intervals contain the truth, with and without regard to clusters."""
     coverage = simulated_coverage(1000, clusters, truth)
     print(
-        f"95 % intervals that hold the truth, {truth:.1%} of episodes, in 1,000 worlds of "
+        f"95 % intervals that contain the truth, {truth:.1%} of episodes, in 1,000 worlds of "
         f"{clusters} clusters: {coverage.clustered:.1%}; "
         f"mean +- 1.96 standard errors: {coverage.naive:.1%}"
     )

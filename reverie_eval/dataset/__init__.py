@@ -8,16 +8,16 @@ from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._lint import LintReport, LintSection, lint_dataset
 from reverie_eval.dataset._object_boxes import BoxRules
 from reverie_eval.dataset._paper import PaperComparison
-from reverie_eval.dataset._rules import Finding, Found, Spread
+from reverie_eval.dataset._rules import Count, Finding, Spread
 
 __all__ = [
     "AnswerDescription",
     "BoxRules",
+    "Count",
     "DatasetDescription",
     "DatasetFiles",
     "Distribution",
     "Finding",
-    "Found",
     "LintReport",
     "LintSection",
     "PaperComparison",

@@ -1,6 +1,6 @@
-"""Build the boxes of many scans, and write them as the published dataset does.
+"""Build the boxes of many scans, and write them in the published layout.
 
-The folder has its files when all are written. If building fails or is interrupted, it has none.
+All files appear in the folder at once. If building fails or is interrupted, none does.
 """
 
 from collections.abc import Callable, Collection, Generator, Iterable, Sequence
@@ -18,9 +18,9 @@ from reverie_eval.dataset._graph_rules import GRAPH_RULES
 from reverie_eval.dataset._graphs import read_graphs
 from reverie_eval.dataset._houses import House, read_house
 from reverie_eval.dataset._lint import file_problems
-from reverie_eval.dataset._object_boxes import BoxRules, list_objects, listable, published_form
+from reverie_eval.dataset._object_boxes import BoxRules, exclude_names, list_objects, published_form
 from reverie_eval.dataset._reader import Reader
-from reverie_eval.dataset._rules import problems
+from reverie_eval.dataset._rules import find_problems
 from reverie_eval.errors import DatasetError, Problem, ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.text import count_text, first_few
@@ -30,7 +30,7 @@ _HOUSE = ".house"
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """A scan's files."""
+    """The files of a scan that boxes are built from."""
 
     scan_id: str
     house: Path
@@ -39,7 +39,7 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class FoundScans:
-    """Scans that have both files, and those that have one of them."""
+    """Scans that have both files, and scans that have only one."""
 
     complete: tuple[Scan, ...]
     without_house: tuple[str, ...]
@@ -68,7 +68,7 @@ def find_scans(houses: Path, connectivity: Path, wanted: Iterable[str] | None = 
     connectivity : Path
         The folder of ``{scan}_connectivity.json`` files.
     wanted : iterable of str, optional
-        The scans that are needed, with both files; by default all that have both.
+        The scans to build; each needs both files. By default, all scans that have both.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def find_scans(houses: Path, connectivity: Path, wanted: Iterable[str] | None = 
         without_house=tuple(scan for scan in scans if scan not in house_of),
         without_connectivity=tuple(scan for scan in scans if scan not in graph_of),
     )
-    missing = _second_houses([path for path in house_files if path.stem in scans])
+    missing = _duplicate_houses([path for path in house_files if path.stem in scans])
     if wanted is not None or not found.complete:
         house, graph = f"SCAN{_HOUSE}", graph_name("SCAN")
         missing += _missing("missing-house", houses, house, found.without_house, scans)
@@ -113,20 +113,20 @@ def _missing(
     code: str, folder: Path, file: str, without: Sequence[str], scans: Collection[str]
 ) -> list[Problem]:
     if not scans:
-        return [Problem(code, str(folder), f"no {file} here")]
+        return [Problem(code, str(folder), f"there is no {file}")]
     if not without:
         return []
     message = f"no {file} for {count_text(len(without), 'scan')}: {first_few(without)}"
     return [Problem(code, str(folder), message)]
 
 
-def _second_houses(houses: Iterable[Path]) -> list[Problem]:
+def _duplicate_houses(houses: Iterable[Path]) -> list[Problem]:
     first: dict[str, Path] = {}
     return [
         Problem(
             "duplicate-house",
             str(path),
-            f"the scan also has the file {first[path.stem]}; keep one of them",
+            f"the scan also has the file {first[path.stem]}; keep only one of them",
         )
         for path in houses
         if first.setdefault(path.stem, path) != path
@@ -134,17 +134,17 @@ def _second_houses(houses: Iterable[Path]) -> list[Problem]:
 
 
 class BuiltBoxes(NamedTuple):
-    """How much was built."""
+    """How many viewpoints, objects and boxes were built."""
 
     viewpoints: int
     listed: int
-    """Objects at viewpoints, visible or not."""
+    """Objects listed at the viewpoints, visible or not."""
     boxes: int
 
 
 ScanResult: TypeAlias = BuiltBoxes | DatasetError
 BuildProgress: TypeAlias = Callable[[Iterable[ScanResult], int], Iterable[ScanResult]]
-"""Wraps so many results as they come: where progress is shown."""
+"""Wraps the results as they arrive, and is given their number; it may show progress."""
 
 
 def no_build_progress(results: Iterable[ScanResult], total: int) -> Iterable[ScanResult]:  # noqa: ARG001
@@ -162,8 +162,8 @@ def build_boxes(
 ) -> BuiltBoxes:
     """Build the boxes of scans into a folder of ``{scan}_{viewpoint}.json`` files.
 
-    Every included viewpoint gets a file, also where nothing is listed. The files are the same
-    whatever the number of processes.
+    Every included viewpoint gets a file, even if no object is listed there. The files do not depend
+    on the number of processes.
 
     Parameters
     ----------
@@ -172,45 +172,52 @@ def build_boxes(
     folder : Path
         Where to write: a folder that does not exist yet, or is empty.
     rules : BoxRules
-        What is listed, and what is hidden.
+        Which objects are listed, and which boxes are hidden.
     jobs : int
-        How many processes share the work.
+        Number of processes.
     progress : callable, optional
-        Shows progress; called with the results to come and their number.
+        Shows progress; called with an iterator over the results and their number.
 
     Raises
     ------
     DatasetError
-        Listing everything that is wrong with the scans' files; nothing is written then.
+        Listing every problem in the scans' files; nothing is written.
     ReverieEvalError
-        If the folder is not empty, or a process of the work was killed.
+        If the folder is not empty, or a process was killed.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ReverieEvalError(f"{folder} is not an empty folder; name another, or remove it first")
+        raise ReverieEvalError(
+            f"{folder} is not an empty folder; choose another, or remove it first"
+        )
     with staged_folder(folder) as staging:
         build = partial(_build_scan, folder=staging, rules=rules)
-        with closing(_results(build, scans, min(jobs, len(scans)))) as results:
-            done = list(progress(results, len(scans)))
-        wrong = [
-            replace(problem, position=(place, *problem.position))
-            for place, each in enumerate(done)
-            for problem in _problems(each)
+        # Closing the generator stops the processes if showing progress fails or is interrupted.
+        with closing(_build_all(build, scans, min(jobs, len(scans)))) as running:
+            results = list(progress(running, len(scans)))
+        # Problems are sorted by position: with the scan first, each scan's stay together.
+        found = [
+            replace(problem, position=(index, *problem.position))
+            for index, result in enumerate(results)
+            for problem in _problems(result)
         ]
-        if wrong:
-            raise DatasetError(wrong)
-    built = [each for each in done if isinstance(each, BuiltBoxes)]
+        if found:
+            raise DatasetError(found)
+    built = [result for result in results if isinstance(result, BuiltBoxes)]
     return BuiltBoxes(*map(sum, zip(*built, strict=True)))
 
 
-def _results(
+def _build_all(
     build: Callable[[Scan], ScanResult], scans: Sequence[Scan], jobs: int
 ) -> Generator[ScanResult]:
     if jobs <= 1:
         yield from map(build, scans)
         return
+    # `multiprocessing.Pool` waits forever for a process that was killed, and `concurrent.futures`
+    # cannot stop running ones.
     from pebble import ProcessExpired, ProcessPool
 
-    # Fresh processes: a copy of one that runs threads, as a progress bar does, may hang.
+    # "spawn" starts fresh processes: a forked copy of a process with threads, which a progress bar
+    # has, may hang.
     with ProcessPool(jobs, context=get_context("spawn")) as pool:
         try:
             yield from pool.map(build, scans).result()
@@ -221,23 +228,23 @@ def _results(
                 "fewer --jobs"
             ) from error
         except BaseException:
-            pool.stop()  # or leaving the block would wait for scans that nobody wants any more
+            pool.stop()  # otherwise leaving the block waits for the scans still to be built
             raise
 
 
 def _build_scan(scan: Scan, *, folder: Path, rules: BoxRules) -> ScanResult:
-    """Build and write one scan; an error is returned, to be raised with those of other scans."""
+    """Build and write one scan; return an error, which is raised together with other scans'."""
     house = _read_house(scan.house)
     reader = Reader()
     graphs = read_graphs(reader, {scan.scan_id: scan.connectivity})
-    wrong = [
+    found = [
         *_problems(house),
         *file_problems(reader, "boxes"),
-        *problems(GRAPH_RULES, graphs, scan.connectivity, "boxes"),
+        *find_problems(GRAPH_RULES, graphs, scan.connectivity, "boxes"),
     ]
-    if isinstance(house, DatasetError) or wrong:
-        return DatasetError(wrong)
-    graph, house = graphs.scans[scan.scan_id], listable(house, rules)
+    if isinstance(house, DatasetError) or found:
+        return DatasetError(found)
+    graph, house = graphs.scans[scan.scan_id], exclude_names(house, rules)
     listed = boxes = 0
     for viewpoint_id, position in zip(graph.viewpoint_ids, graph.position, strict=True):
         objects = list_objects(house, position, rules)

@@ -1,4 +1,4 @@
-"""Rules for the boxes: their form, what can be seen from where, and how large it is."""
+"""Rules for the boxes: their form, their sizes, and which objects are visible from where."""
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -9,11 +9,11 @@ import numpy as np
 from reverie_eval.arrays import BoolArray, IntArray
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._records import ViewpointKey
-from reverie_eval.dataset._rules import Found, Rule, Spread, error, info, spread, warning
+from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
 from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH
 from reverie_eval.text import category_text
 
-_FETCH = "Fetch the files again, or fix what wrote them."
+_FETCH = "Fetch the files again, or fix the program that wrote them."
 
 
 def _viewpoints_without_boxes(boxes: Boxes) -> Sequence[str]:
@@ -21,80 +21,82 @@ def _viewpoints_without_boxes(boxes: Boxes) -> Sequence[str]:
     return [str(key) for key in boxes.graphs.nodes if key not in present]
 
 
-def _missing(boxes: Boxes) -> Found:
+# A folder has a file for every viewpoint, so a missing one is an error. DUET's single file leaves
+# out viewpoints without objects, so there it is a warning, unless the file is empty altogether.
+def _missing(boxes: Boxes) -> Count:
     is_error = boxes.is_folder or not boxes.viewpoints
     names = _viewpoints_without_boxes(boxes) if is_error else []
-    return Found.among(names, len(boxes.graphs.nodes))
+    return Count.from_names(names, len(boxes.graphs.nodes))
 
 
-def _left_out(boxes: Boxes) -> Found:
+def _left_out(boxes: Boxes) -> Count:
     is_error = boxes.is_folder or not boxes.viewpoints
     names = [] if is_error else _viewpoints_without_boxes(boxes)
-    return Found.among(names, len(boxes.graphs.nodes))
+    return Count.from_names(names, len(boxes.graphs.nodes))
 
 
-def _unknown(boxes: Boxes) -> Found:
+def _unknown(boxes: Boxes) -> Count:
     graphs = boxes.graphs
 
     def is_unknown(key: ViewpointKey) -> bool:
         is_known = graphs.is_node(key) or graphs.is_excluded(key)
         return not is_known and key.scan_id not in graphs.unreadable
 
-    return Found.among(
+    return Count.from_names(
         [str(key) for key in boxes.viewpoints if is_unknown(key)], len(boxes.viewpoints)
     )
 
 
-def _excluded(boxes: Boxes) -> Found:
+def _excluded(boxes: Boxes) -> Count:
     excluded = [str(key) for key in boxes.viewpoints if boxes.graphs.is_excluded(key)]
-    return Found.among(excluded, len(boxes.viewpoints))
+    return Count.from_names(excluded, len(boxes.viewpoints))
 
 
-def _views_twice(boxes: Boxes) -> Found:
+def _views_twice(boxes: Boxes) -> Count:
     views = [record.visible_pos for _, _, record in boxes.entries]
     twice = np.array([len(set(seen)) < len(seen) for seen in views], dtype=np.bool_)
-    return Found.where(twice, boxes.entry_text)
+    return Count.where(twice, boxes.entry_text)
 
 
-def _unsorted_views(boxes: Boxes) -> Found:
+def _unsorted_views(boxes: Boxes) -> Count:
     views = [record.visible_pos for _, _, record in boxes.entries]
     unsorted = np.array([sorted(seen) != seen for seen in views], dtype=np.bool_)
-    return Found.where(unsorted, boxes.entry_text)
+    return Count.where(unsorted, boxes.entry_text)
 
 
-def _several_names(boxes: Boxes) -> Found:
+def _several_names(boxes: Boxes) -> Count:
     names: dict[int, set[str]] = defaultdict(set)
     for number, (_, _, record) in zip(boxes.scan_object.tolist(), boxes.entries, strict=True):
         names[number].add(record.name)
     _, first = np.unique(boxes.scan_object, return_index=True)
     several = np.array([len(names[n]) > 1 for n in sorted(names)], dtype=np.bool_)
-    return Found.where(several, lambda row: boxes.entry_text(first[row]))
+    return Count.where(several, lambda row: boxes.entry_text(first[row]))
 
 
-def _reach_outside(boxes: Boxes) -> Found:
+def _reach_outside(boxes: Boxes) -> Count:
     near, extent = boxes.box_xywh[:, :2], boxes.box_xywh[:, 2:]
     outside = ((near < 0) | (near + extent > (WIDTH, HEIGHT))).any(axis=1)
-    return Found.where(np.asarray(outside), boxes.box_text)
+    return Count.where(np.asarray(outside), boxes.box_text)
 
 
 BOX_RULES: Sequence[Rule[Boxes]] = (
     info(
         "viewpoints-with-boxes",
         "viewpoints with a record of boxes",
-        lambda boxes: Found(len(boxes.viewpoints)),
+        lambda boxes: Count(len(boxes.viewpoints)),
     ),
-    info("listed", "objects listed at viewpoints", lambda boxes: Found(len(boxes.entries))),
-    info("boxes", "boxes", lambda boxes: Found(len(boxes.box_entry))),
+    info("listed", "objects listed at viewpoints", lambda boxes: Count(len(boxes.entries))),
+    info("boxes", "boxes", lambda boxes: Count(len(boxes.box_entry))),
     error(
         "missing-boxes",
         "included viewpoints without a box file",
-        "A viewpoint that sees nothing has an empty one: copy the whole box folder.",
+        "A viewpoint that sees no object has an empty file: copy the whole box folder.",
         _missing,
     ),
     warning(
         "left-out-of-boxes",
-        "included viewpoints that the one file with all boxes leaves out",
-        "They see nothing, if the file is complete.",
+        "included viewpoints missing from the single file with all boxes",
+        "They see no object, if the file is complete.",
         _left_out,
     ),
     error(
@@ -106,26 +108,26 @@ BOX_RULES: Sequence[Rule[Boxes]] = (
     warning(
         "boxes-of-excluded-viewpoint",
         "viewpoints with boxes that are not included in their navigation graph",
-        "No agent can stand there, so no score depends on them; the published files have none.",
+        "No agent can stand there, so no score depends on them. The published files have none.",
         _excluded,
     ),
     error(
         "misnamed-boxes",
-        "box files that do not hold the one viewpoint they are named after",
-        "Some programs read the name, others the content: name the file SCAN_VIEWPOINT.json.",
-        lambda boxes: Found.among(boxes.misnamed, len(boxes.viewpoints)),
+        "box files that do not contain exactly the viewpoint in their name",
+        "Some programs use the name, others the content: name the file SCAN_VIEWPOINT.json.",
+        lambda boxes: Count.from_names(boxes.misnamed, len(boxes.viewpoints)),
     ),
     error(
         "malformed-entry",
-        "listed objects that are not of the published types",
-        f"They are left out of all other counts. {_FETCH}",
-        lambda boxes: Found.among(boxes.malformed, len(boxes.entries) + len(boxes.malformed)),
+        "listed objects that do not have the published types",
+        f"All other counts leave them out. {_FETCH}",
+        lambda boxes: Count.from_names(boxes.malformed, len(boxes.entries) + len(boxes.malformed)),
     ),
     error(
         "unequal-lists",
-        "listed objects with more views than boxes, or fewer",
-        f"Which box is in which view is not known. {_FETCH}",
-        lambda boxes: Found.where(boxes.n_views != boxes.n_boxes, boxes.entry_text),
+        "listed objects with different numbers of views and boxes",
+        f"It is unknown which box is in which view. {_FETCH}",
+        lambda boxes: Count.where(boxes.n_views != boxes.n_boxes, boxes.entry_text),
     ),
     error(
         "duplicate-view",
@@ -136,38 +138,38 @@ BOX_RULES: Sequence[Rule[Boxes]] = (
     warning(
         "unsorted-views",
         "listed objects whose views are not in ascending order",
-        "The published ones are; no score depends on it.",
+        "They are in the published files, but no score depends on it.",
         _unsorted_views,
     ),
     warning(
         "several-names",
         "objects with different names at different viewpoints",
-        "The published ones have one; ids may have been mixed up between scans or releases.",
+        "Published objects have one name; ids may be mixed up between scans or releases.",
         _several_names,
     ),
     error(
         "view-out-of-range",
-        f"boxes in a view that is not one of 0 to {N_VIEWS - 1}",
+        f"boxes in a view outside the range 0 to {N_VIEWS - 1}",
         f"Views are 12 headings in 3 rows, counted from 0. {_FETCH}",
-        lambda boxes: Found.where(~np.isin(boxes.box_view, np.arange(N_VIEWS)), boxes.box_text),
+        lambda boxes: Count.where(~np.isin(boxes.box_view, np.arange(N_VIEWS)), boxes.box_text),
     ),
     error(
         "box-without-area",
         "boxes whose width or height is not positive",
-        f"Width and height count pixels, the last one included. {_FETCH}",
-        lambda boxes: Found.where(boxes.box_xywh[:, 2:].min(axis=1) < 1, boxes.box_text),
+        f"Width and height count pixels, including the last one. {_FETCH}",
+        lambda boxes: Count.where(boxes.box_xywh[:, 2:].min(axis=1) < 1, boxes.box_text),
     ),
     error(
         "box-outside",
         f"boxes that reach beyond the {WIDTH} x {HEIGHT} image",
-        "Boxes are cut to the image: corners taken for sizes, or another image size, look like "
-        f"this. {_FETCH}",
+        "Published boxes are cut to the image. Corners in place of sizes, or another image size, "
+        f"cause this. {_FETCH}",
         _reach_outside,
     ),
 )
 
 _OFTEN = 100
-"""Times that a name is listed, from which on the share of them that is visible says something."""
+"""How often a name must be listed for its share of visible objects to mean something."""
 _VISIBLE_FROM_FEW = (
     ("seen-once", "one viewpoint", 1),
     ("seen-twice", "two viewpoints", 2),
@@ -180,24 +182,24 @@ def _viewpoints_per_object(boxes: Boxes) -> IntArray:
     return viewpoints
 
 
-def _visible_from(boxes: Boxes, number: int) -> Found:
+def _visible_from(boxes: Boxes, number: int) -> Count:
     viewpoints = _viewpoints_per_object(boxes)
-    return Found(int((viewpoints == number).sum()), len(viewpoints))
+    return Count(int((viewpoints == number).sum()), len(viewpoints))
 
 
-def _visible_where(boxes: Boxes, mask: BoolArray) -> Found:
-    """Count entries among those that are visible."""
+def _visible_where(boxes: Boxes, mask: BoolArray) -> Count:
+    """Count the visible entries for which the mask is true."""
     visible = boxes.visible
-    return Found.where(mask[visible], lambda row: boxes.entry_text(visible[row]))
+    return Count.where(mask[visible], lambda row: boxes.entry_text(visible[row]))
 
 
-def _never_visible(boxes: Boxes) -> Found:
+def _never_visible(boxes: Boxes) -> Count:
     objects, first = np.unique(boxes.scan_object, return_index=True)
     never = ~np.isin(objects, boxes.scan_object[boxes.is_visible])
-    return Found.where(never, lambda row: boxes.entry_text(first[row]))
+    return Count.where(never, lambda row: boxes.entry_text(first[row]))
 
 
-def _hidden_names(boxes: Boxes) -> Found:
+def _hidden_names(boxes: Boxes) -> Count:
     names = [record.name for _, _, record in boxes.entries]
     listed, visible = Counter(names), Counter(names[row] for row in boxes.visible.tolist())
     often = {name: visible[name] / count for name, count in listed.items() if count >= _OFTEN}
@@ -206,54 +208,54 @@ def _hidden_names(boxes: Boxes) -> Found:
         f"{category_text(name)}: {listed[name] - visible[name]} of {listed[name]}"
         for _, name in hidden
     ]
-    return Found.among(examples, len(often))
+    return Count.from_names(examples, len(often))
 
 
 VISIBILITY_RULES: Sequence[Rule[Boxes]] = (
     info(
         "listing-viewpoints",
         "viewpoints that list an object",
-        lambda boxes: Found(len(np.unique(boxes.viewpoint)), len(boxes.viewpoints)),
+        lambda boxes: Count(len(np.unique(boxes.viewpoint)), len(boxes.viewpoints)),
     ),
     info(
         "seeing-viewpoints",
         "viewpoints that see an object",
-        lambda boxes: Found(
+        lambda boxes: Count(
             len(np.unique(boxes.viewpoint[boxes.is_visible])), len(boxes.viewpoints)
         ),
     ),
     info(
         "objects",
         "objects listed somewhere",
-        lambda boxes: Found(len(np.unique(boxes.scan_object))),
+        lambda boxes: Count(len(np.unique(boxes.scan_object))),
     ),
     info(
         "visible-objects",
         "objects visible somewhere",
-        lambda boxes: Found(len(_viewpoints_per_object(boxes)), len(np.unique(boxes.scan_object))),
+        lambda boxes: Count(len(_viewpoints_per_object(boxes)), len(np.unique(boxes.scan_object))),
     ),
     warning(
         "never-visible",
-        "objects that are listed and visible nowhere",
+        "objects that are listed but visible nowhere",
         "None of them can be a target.",
         _never_visible,
     ),
     warning(
         "listed-not-visible",
         "listed objects that no view shows",
-        "Listed is not visible: the dataset's own eval_release.py leaves them out.",
-        lambda boxes: Found.where(~boxes.is_visible, boxes.entry_text),
+        "A listed object need not be visible: the dataset's own eval_release.py ignores these.",
+        lambda boxes: Count.where(~boxes.is_visible, boxes.entry_text),
     ),
     warning(
         "hidden-name",
-        f"names that are listed {_OFTEN} times or more, mostly where no view shows the object",
+        f"names listed {_OFTEN} times or more, mostly without a view that shows the object",
         "Large things near the camera are often not visible in v1; small ones nearly always are.",
         _hidden_names,
     ),
     info(
         "visible",
         "listed objects that a view shows",
-        lambda boxes: Found(len(boxes.visible), len(boxes.entries)),
+        lambda boxes: Count(len(boxes.visible), len(boxes.entries)),
     ),
     *(
         info(
@@ -266,7 +268,7 @@ VISIBILITY_RULES: Sequence[Rule[Boxes]] = (
     warning(
         "in-all-views",
         f"visible objects that have a box in each of the {N_VIEWS} views",
-        "As if the camera stood inside them.",
+        "The camera seems to be inside them.",
         lambda boxes: _visible_where(boxes, boxes.n_views == N_VIEWS),
     ),
 )
@@ -277,13 +279,13 @@ def visibility_spreads(boxes: Boxes) -> list[Spread]:
     return [
         spread(
             "viewpoints-per-object",
-            "viewpoints that see an object, of visible objects",
+            "viewpoints that see an object, over visible objects",
             "",
             _viewpoints_per_object(boxes),
         ),
         spread(
             "views-per-sighting",
-            "views that show an object at a viewpoint that sees it",
+            "views that show an object, over viewpoints that see it",
             "",
             boxes.n_views[boxes.visible],
         ),
@@ -291,9 +293,9 @@ def visibility_spreads(boxes: Boxes) -> list[Spread]:
 
 
 _SLIVER = 4
-"""Pixels of the shorter side up to which a box is a sliver."""
+"""A box is a sliver if its shorter side has at most so many pixels."""
 _SPECK = 100
-"""Pixels of area up to which an object's largest box is a speck."""
+"""An object is a speck if its largest box has an area of at most so many pixels."""
 _SIDES = (("left", "left"), ("top", "upper"), ("right", "right"), ("bottom", "lower"))
 
 
@@ -303,22 +305,19 @@ def touches_border(xywh: IntArray) -> BoolArray:
     return np.concatenate([near <= 0, far >= (WIDTH, HEIGHT)], axis=1)
 
 
-def _at_border(boxes: Boxes) -> Found:
-    touches = touches_border(boxes.box_xywh)
-    return Found(int(touches.any(axis=1).sum()), len(touches))
-
-
-def _at_side(boxes: Boxes, side: int) -> Found:
+def _at_side(boxes: Boxes, side: int) -> Count:
     touches = touches_border(boxes.box_xywh)[:, side]
-    return Found(int(touches.sum()), len(touches))
-
-
-def _of_size(boxes: Boxes, mask: BoolArray) -> Found:
-    return Found.where(mask, boxes.box_text)
+    return Count(int(touches.sum()), len(touches))
 
 
 SIZE_RULES: Sequence[Rule[Boxes]] = (
-    info("at-border", "boxes that touch a border", _at_border),
+    info(
+        "at-border",
+        "boxes that touch a border",
+        lambda boxes: Count(
+            int(touches_border(boxes.box_xywh).any(axis=1).sum()), len(boxes.box_xywh)
+        ),
+    ),
     *(
         info(
             f"at-{side}",
@@ -329,46 +328,48 @@ SIZE_RULES: Sequence[Rule[Boxes]] = (
     ),
     warning(
         "full-image",
-        "boxes that are the whole image",
-        "Any box of half the image is correct there: report how a box around it all does.",
-        lambda boxes: _of_size(boxes, (boxes.box_xywh[:, 2:] == (WIDTH, HEIGHT)).all(axis=1)),
+        "boxes that cover the whole image",
+        "Any box of half the image is correct there: report what whole-image boxes would score.",
+        lambda boxes: Count.where(
+            (boxes.box_xywh[:, 2:] == (WIDTH, HEIGHT)).all(axis=1), boxes.box_text
+        ),
     ),
     warning(
         "sliver",
         f"boxes with a side of at most {_SLIVER} pixels",
-        "What is left of an object at a border, or between others.",
-        lambda boxes: _of_size(boxes, boxes.box_xywh[:, 2:].min(axis=1) <= _SLIVER),
+        "Usually the rest of an object at a border, or between other objects.",
+        lambda boxes: Count.where(boxes.box_xywh[:, 2:].min(axis=1) <= _SLIVER, boxes.box_text),
     ),
     warning(
         "one-pixel",
         "boxes of a single pixel",
-        "They are among the slivers.",
-        lambda boxes: _of_size(boxes, (boxes.box_xywh[:, 2:] == 1).all(axis=1)),
+        "They are counted as slivers too.",
+        lambda boxes: Count.where((boxes.box_xywh[:, 2:] == 1).all(axis=1), boxes.box_text),
     ),
     warning(
         "speck",
         f"visible objects whose largest box has at most {_SPECK} pixels",
-        "They count as visible although hardly anything is seen.",
+        "They count as visible although hardly anything can be seen.",
         lambda boxes: _visible_where(boxes, boxes.largest_area <= _SPECK),
     ),
     warning(
         "one-pixel-object",
         "visible objects whose largest box is a single pixel",
-        "They are among the specks.",
+        "They are counted as specks too.",
         lambda boxes: _visible_where(boxes, boxes.largest_area == 1),
     ),
 )
 
 
 def size_spreads(boxes: Boxes) -> list[Spread]:
-    """Measure positions and sizes of the boxes."""
+    """Measure the positions and sizes of the boxes."""
     left, top, width, height = boxes.box_xywh.T
     return [
         spread("box-left", "left edge of the boxes", "px", left),
         spread("box-top", "upper edge of the boxes", "px", top),
         spread("box-width", "width of the boxes", "px", width),
         spread("box-height", "height of the boxes", "px", height),
-        spread("box-right", "right edge of the boxes: left and width", "px", left + width),
-        spread("box-bottom", "lower edge of the boxes: top and height", "px", top + height),
+        spread("box-right", "right edge of the boxes: left + width", "px", left + width),
+        spread("box-bottom", "lower edge of the boxes: top + height", "px", top + height),
         spread("box-area", "area of the boxes", "px", width * height),
     ]

@@ -1,4 +1,4 @@
-"""All listed objects and their boxes as columns, whatever their values."""
+"""All listed objects and their boxes as columns, valid or not."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,20 +29,20 @@ class Boxes:
     """Every object that is listed anywhere, and every box."""
 
     viewpoints: Sequence[ViewpointKey]
-    """Viewpoints that have a record of boxes, even an empty one."""
+    """Viewpoints that have a record of boxes, even if it is empty."""
     entries: Sequence[Entry]
     graphs: Graphs
     """The navigation graphs that the viewpoints should be in."""
     misnamed: Sequence[str] = ()
-    """Files that do not hold the one viewpoint that they are named after."""
+    """Files that do not contain exactly the viewpoint in their name."""
     malformed: Sequence[str] = ()
     """Entries that are not an :class:`ObjectRecord`, with the reason."""
     is_folder: bool = True
-    """Whether there is a file per viewpoint; one file for all may leave viewpoints out."""
+    """Whether there is a file for each viewpoint; a single file for all may leave some out."""
 
     @cached_property
     def viewpoint(self) -> IntArray:
-        """Shape (n_entries,): where each object is listed."""
+        """Shape (n_entries,): the viewpoint at which each object is listed."""
         return np.array([viewpoint for viewpoint, _, _ in self.entries], dtype=np.int64)
 
     @cached_property
@@ -52,16 +52,17 @@ class Boxes:
         number = {scan_id: n for n, scan_id in enumerate(scan_ids)}
         scan = np.array([number[key.scan_id] for key in self.viewpoints], dtype=np.int64)
         object_id = np.array([object_id for _, object_id, _ in self.entries], dtype=np.int64)
+        # Object ids are unique within a scan only, and below 2**31.
         return (scan[self.viewpoint] << 32) | object_id
 
     @cached_property
     def n_views(self) -> IntArray:
-        """Shape (n_entries,): in how many views each object is visible."""
+        """Shape (n_entries,): the number of views in which each object is visible."""
         return np.array([len(record.visible_pos) for _, _, record in self.entries], dtype=np.int64)
 
     @cached_property
     def n_boxes(self) -> IntArray:
-        """Shape (n_entries,): for how many views there is a box."""
+        """Shape (n_entries,): the number of boxes of each object."""
         return np.array([len(record.bbox2d) for _, _, record in self.entries], dtype=np.int64)
 
     @property
@@ -81,6 +82,7 @@ class Boxes:
     @cached_property
     def box_entry(self) -> IntArray:
         """Shape (n_boxes,): the entry of each box that has a view."""
+        # The lists should be equally long; if not, `unequal-lists` reports it and the rest is cut.
         return np.repeat(np.arange(len(self.entries)), np.minimum(self.n_views, self.n_boxes))
 
     @cached_property
@@ -109,12 +111,12 @@ class Boxes:
         return area
 
     def entry_text(self, entry: int) -> str:
-        """Return how an example names a listed object."""
+        """Return a listed object as examples show it."""
         viewpoint, object_id, _ = self.entries[entry]
         return f"{self.viewpoints[viewpoint]} object {object_id}"
 
     def box_text(self, box: int) -> str:
-        """Return how an example names a box, with its numbers."""
+        """Return a box as examples show it, with its numbers."""
         numbers = self.box_xywh[box].tolist()
         return f"{self.entry_text(self.box_entry[box])} view {self.box_view[box]} {numbers}"
 
@@ -126,7 +128,7 @@ class Boxes:
 def read_boxes(
     reader: Reader, path: Path, graphs: Graphs, scans: Collection[str] | None = None
 ) -> Boxes:
-    """Read the ``BBox`` folder, or one file with all boxes: of all scans, or of those named."""
+    """Read the ``BBox`` folder, or one file with all boxes, for all scans or the given ones."""
     is_folder = path.is_dir()
     read = _read_folder if is_folder else _read_one_file
     listed, misnamed = read(reader, path, scans)
@@ -135,7 +137,7 @@ def read_boxes(
         for object_id, content in objects.items():
             try:
                 record = msgspec.convert(content, ObjectRecord)
-                record.name.encode()  # a lone surrogate is valid JSON, and not text
+                record.name.encode()  # a lone surrogate is valid JSON, but not valid text
                 entries.append(Entry(number, int(object_key(object_id)), record))
             except ValueError as error:  # msgspec's and the encoder's errors are ValueErrors
                 malformed.append(f"{key} object {object_id}: {error}")
@@ -150,9 +152,9 @@ def _read_folder(
     reader: Reader, folder: Path, scans: Collection[str] | None
 ) -> tuple[_Listed, list[str]]:
     paths = sorted(folder.glob("*.json"))
-    meant = [path for path in paths if scans is None or _key(path.stem).scan_id in scans]
+    wanted = [path for path in paths if scans is None or _key(path.stem).scan_id in scans]
     listed, misnamed = [], []
-    for path, content in reader.read_each(BOXES, meant, "boxes"):
+    for path, content in reader.read_each(BOXES, wanted, "boxes"):
         scan_id, viewpoint_id = _key(path.stem)
         if list(content) != [viewpoint_id]:
             misnamed.append(path.name)
@@ -169,5 +171,6 @@ def _read_one_file(
 
 
 def _key(scan_and_viewpoint: str) -> ViewpointKey:
+    # From the right, because names of scans other than Matterport's may contain underscores.
     scan_id, _, viewpoint_id = scan_and_viewpoint.rpartition("_")
     return ViewpointKey(scan_id, viewpoint_id)

@@ -1,6 +1,6 @@
 """Compile a split's published files into its bundle: once, so that scoring takes milliseconds.
 
-Whatever is wrong with the files is found here, and a bundle that exists scores.
+All problems in the files are found here: any bundle that exists can be scored against.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,17 +50,16 @@ def compile_split(
     files : DatasetFiles
         Where the published files are. Annotations of other splits are used in messages only.
     split : str
-        The split's name, written into the bundle.
+        The split's name, which is written into the bundle.
     dataset : str, optional
-        The release's name; recognised by the split's size if not given.
+        The release's name; by default it is recognised by the size of the split.
     progress : callable, optional
         Shows progress; called with the files about to be read and a description.
 
     Raises
     ------
     DatasetError
-        Listing everything that is wrong with the files that the split needs: what
-        ``reverie-eval lint`` calls an error.
+        Listing everything in the files of this split that ``reverie-eval lint`` calls an error.
     """
     content = read_one_split(files, split, progress)
     check_sound(content, "compile")
@@ -89,12 +88,12 @@ def compile_split(
 
 
 def _read_instr_ids(path: Path) -> Array:
-    """Read the episodes of another split, which serve messages only: its faults do not matter."""
+    """Read the episodes of another split; they are used in messages only, so errors are ignored."""
     return np.array(read_split(Reader(), "", path).instr_ids, dtype=np.str_)
 
 
 def _episode_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, Array]:
-    """Lay out what is public: the episodes, and where each starts."""
+    """Return what is public: the episodes, and the start of each."""
     return {
         "instr_id": np.array([id_ for task in tasks for id_ in task.instr_ids], dtype=np.str_),
         "episode_task": np.repeat(np.arange(len(tasks)), [len(task.instr_ids) for task in tasks]),
@@ -103,7 +102,7 @@ def _episode_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, 
 
 
 def _answer_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, Array]:
-    """Lay out what a public bundle leaves out: the targets and the annotated paths."""
+    """Return what a public bundle leaves out: the targets and the annotated paths."""
     return {
         "task_target": np.array([task.target for task in tasks]),
         "path": np.array([graph.index[id_] for task in tasks for id_ in task.path]),
@@ -112,22 +111,24 @@ def _answer_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, A
 
 
 def _target_categories(tasks: Sequence[Task], boxes: Boxes) -> list[str]:
-    """Return what the annotators call the targets, where the annotated paths end."""
+    """Return the names of the targets, as listed at the ends of the annotated paths."""
     entries = [boxes.entry_at[task.viewpoints[-1], task.target] for task in tasks]
     return [boxes.entries[entry].record.name for entry in entries]
 
 
 def _candidate_arrays(boxes: Boxes, graph: NavigationGraph) -> dict[str, Array]:
     """List the visible objects of every viewpoint with their boxes, by viewpoint and object id."""
-    # Viewpoints that are not included have no number, and their boxes are left out.
-    numbers = [graph.index.get(key.viewpoint_id, -1) for key in boxes.viewpoints]
-    viewpoint = np.array(numbers, np.int64)[boxes.viewpoint]
+    # Viewpoints that are not included have no index; -1 leaves their boxes out below.
+    indices = [graph.index.get(key.viewpoint_id, -1) for key in boxes.viewpoints]
+    viewpoint = np.array(indices, np.int64)[boxes.viewpoint]
     object_id = np.array([object_id for _, object_id, _ in boxes.entries], np.int64)
     by_viewpoint = np.lexsort((object_id, viewpoint))
     entry = by_viewpoint[(boxes.is_visible & (viewpoint >= 0))[by_viewpoint]]
     candidate_of = np.full(len(boxes.entries), -1)
     candidate_of[entry] = np.arange(len(entry))
     candidate = candidate_of[boxes.box_entry]
+    # A stable sort keeps the published order of each candidate's boxes. Boxes without a candidate
+    # (-1) come first and are cut off.
     box = np.argsort(candidate, kind="stable")[np.count_nonzero(candidate < 0) :]
     return {
         "candidate_viewpoint": viewpoint[entry],
@@ -141,13 +142,13 @@ def _candidate_arrays(boxes: Boxes, graph: NavigationGraph) -> dict[str, Array]:
 def _candidate_distances(
     candidates: Mapping[str, Array], centres: Centres, graph: NavigationGraph
 ) -> FloatArray:
-    """Measure from each candidate's camera to its centre; inf where the centre is not known."""
+    """Return the distance from camera to centre of each candidate; inf if the centre is unknown."""
     unknown = (np.inf, np.inf, np.inf)
     viewpoint = candidates["candidate_viewpoint"]
     objects = candidates["candidate_object"].tolist()
     centre = [
-        centres.get(graph.scan_of(number), {}).get(str(object_id), unknown)
-        for number, object_id in zip(viewpoint.tolist(), objects, strict=True)
+        centres.get(graph.scan_of(index), {}).get(str(object_id), unknown)
+        for index, object_id in zip(viewpoint.tolist(), objects, strict=True)
     ]
     offset = np.array(centre).reshape(-1, 3) - graph.viewpoint_position[viewpoint]
     return np.asarray(np.sqrt(np.square(offset).sum(axis=1)), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What was read of a dataset, whatever is wrong with it."""
+"""The content of a dataset's files, valid or not."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ Centres = Mapping[str, Mapping[str, Position]]
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """The content of published files."""
+    """The content of a dataset's files, before any rule was checked."""
 
     files: DatasetFiles
     reader: Reader
     splits: Sequence[Split]
     graphs: Graphs
     boxes: Boxes
-    """Empty if they were not needed."""
+    """Empty if no split needs them."""
     centres: Centres | None
-    """None if they are not given."""
+    """None if no file with them is given."""
 
     @property
     def has_answers(self) -> bool:
-        """Whether any task has a target; boxes matter only then."""
+        """Whether any task has a target; boxes are needed only then."""
         return any(split.has_answers for split in self.splits)
 
 

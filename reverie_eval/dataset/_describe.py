@@ -1,4 +1,4 @@
-"""Describe the published files of a dataset: read them once, and count what is in them."""
+"""Describe a dataset: read its published files once, and count what is in them."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from reverie_eval.version import __version__
 
 @dataclass(frozen=True, eq=False)
 class DatasetDescription:
-    """What a dataset is made of, beside the REVERIE paper's own numbers."""
+    """What a dataset contains, compared with the numbers in the REVERIE paper."""
 
     __pydantic_config__: ClassVar = ConfigDict(
         use_attribute_docstrings=True, extra="forbid", arbitrary_types_allowed=True
@@ -35,13 +35,13 @@ class DatasetDescription:
     total: SplitDescription
     """All splits together."""
     buildings: int
-    """Scans that have a navigation graph, whether tasks are in them or not."""
+    """Scans that have a navigation graph, with or without tasks."""
     viewpoints: int
     """Included viewpoints of these graphs: panoramas."""
     paper: Sequence[PaperComparison]
-    """The paper's numbers beside those of this dataset."""
+    """The paper's numbers and those of this dataset."""
     notes: Sequence[str] = ()
-    """What a reader of the numbers should know, a sentence each."""
+    """What readers of the numbers should know, a sentence each."""
     schema_version: Literal[1] = 1
     version: str = __version__
     """Version of reverie-eval that described it."""
@@ -55,23 +55,24 @@ class DatasetDescription:
         Parameters
         ----------
         facts : mapping
-            The tasks of each split, of which there is at least one.
+            The tasks of each split; at least one split.
         viewpoint_counts : mapping
             How many included viewpoints each scan has.
         """
 
+        # The paper gives several numbers for the same groups of splits.
         @cache
-        def together(splits: tuple[str, ...]) -> SplitDescription:
+        def describe(splits: tuple[str, ...]) -> SplitDescription:
             return SplitDescription.of({split: facts[split] for split in splits}, viewpoint_counts)
 
-        alone = {split: together((split,)) for split in facts}
+        alone = {split: describe((split,)) for split in facts}
         buildings, viewpoints = len(viewpoint_counts), sum(viewpoint_counts.values())
         return cls(
             splits=alone,
-            total=together(tuple(facts)),
+            total=describe(tuple(facts)),
             buildings=buildings,
             viewpoints=viewpoints,
-            paper=compare_with_paper(alone, together, buildings=buildings, viewpoints=viewpoints),
+            paper=compare_with_paper(alone, describe, buildings=buildings, viewpoints=viewpoints),
             notes=_notes(alone),
         )
 
@@ -81,8 +82,8 @@ def describe_dataset(
 ) -> DatasetDescription:
     """Describe the splits of a dataset.
 
-    A target that is not visible at its goal is counted and noted, not refused: the paper's own
-    train split has one.
+    A target that is not visible at its goal is counted and noted, but is not an error: the
+    published train split has one.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def describe_dataset(
     Raises
     ------
     DatasetError
-        Listing everything else that ``reverie-eval lint`` calls an error.
+        Listing all other problems that ``reverie-eval lint`` calls errors.
     """
     dataset = read_dataset(files, progress)
     check_sound(dataset, "describe")
@@ -109,10 +110,10 @@ def describe_dataset(
 def _notes(splits: Mapping[str, SplitDescription]) -> Sequence[str]:
     without = [name for name, split in splits.items() if split.answers is None]
     return [
-        *(f"{name} has no targets: its goals and paths are not known" for name in without),
+        *(f"{name} has no targets: its goals and paths are unknown" for name in without),
         *(
             f"{name}: the target is not visible at the goal in {hidden:,} of "
-            f"{count_text(split.tasks, 'task')}; `reverie-eval lint` says which"
+            f"{count_text(split.tasks, 'task')}; `reverie-eval lint` lists them"
             for name, split in splits.items()
             if split.answers and (hidden := split.answers.hidden_targets)
         ),
@@ -160,7 +161,7 @@ def _object_names(boxes: Boxes) -> Mapping[tuple[str, int], str]:
 
 
 def _counts_at(boxes: Boxes) -> Mapping[ViewpointKey, tuple[int, int]]:
-    """Count the visible objects of each viewpoint, and their boxes."""
+    """Return the numbers of visible objects and of their boxes, by viewpoint."""
     size = len(boxes.viewpoints)
     objects = np.bincount(boxes.viewpoint[boxes.is_visible], minlength=size).tolist()
     n_boxes = np.bincount(boxes.viewpoint[boxes.box_entry], minlength=size).tolist()

@@ -11,25 +11,25 @@ from pydantic import Field
 from reverie_eval.arrays import FloatArray, frozen
 
 _FREQUENT = 5
-"""How often a word occurs at least to be frequent, in all that is described.
+"""A word is frequent if it occurs at least so often in the instructions that are described.
 
-The dataset's own vocabulary for training is built so: ``build_vocab(min_count=5)`` in
+The dataset's own training vocabulary uses the same limit: ``build_vocab(min_count=5)`` in
 ``tasks/REVERIE/utilsFast.py`` of its repository.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class AnswerFacts:
-    """What is known about a task that has a target."""
+    """What the description uses of a task that has a target."""
 
     target: tuple[str, str, int]
     """Split, scan and object id."""
     category: str
-    """The target's name; empty if no viewpoint lists the target."""
+    """The target's name; empty if no viewpoint lists it."""
     is_visible: bool
     """Whether the target is visible at the goal."""
     path_steps: int
-    """Moves of the annotated path: its viewpoints less one."""
+    """Moves of the annotated path: one less than its viewpoints."""
     path_length: float
     """Metres of the annotated path along the navigation graph."""
     goal_objects: int
@@ -40,13 +40,13 @@ class AnswerFacts:
 
 @dataclass(frozen=True, slots=True)
 class TaskFacts:
-    """What is known about a task."""
+    """What the description uses of a task."""
 
     scan: str
     words: Sequence[Sequence[str]]
     """The words of each instruction."""
     answer: AnswerFacts | None
-    """None where the annotations have no target."""
+    """None if the task has no target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +55,17 @@ class Distribution:
 
     mean: float
     median: float
-    """The middle value; of an even number, the mean of the two in the middle."""
+    """The middle value; for an even number of values, the mean of the middle two."""
     minimum: float
     maximum: float
     counts: Mapping[int, int]
-    """How many values there are from each whole number up to below the next."""
+    """The number of values from each whole number up to, but not including, the next."""
     values: Annotated[FloatArray, Field(exclude=True)]
     """Shape (n,), n > 0; read-only."""
 
     @classmethod
     def of(cls, values: Iterable[float]) -> Self:
-        """Describe values, of which there is at least one.
+        """Describe one or more values.
 
         >>> lengths = Distribution.of([2.0, 2.9, 5.0, 11.0])
         >>> lengths.mean, lengths.median, lengths.minimum, lengths.maximum
@@ -93,12 +93,12 @@ class AnswerDescription:
     hidden_targets: int
     """Tasks whose target is not visible at the goal."""
     target_objects: int
-    """Different targets; of several splits the sum, as in the paper, whose 4,140 are the 2,353 of
-    train, the 953 of val_seen and val_unseen, and the 834 of test."""
+    """Distinct targets. For several splits it is the sum over them, as in the paper: its 4,140 are
+    2,353 of train, 953 of val_seen and val_unseen, and 834 of test."""
     target_categories: int
-    """Different categories of target objects."""
+    """Distinct categories of target objects."""
     category_counts: Mapping[str, int]
-    """Target objects by category, the most frequent first; those without a name in none."""
+    """Target objects by category, the most frequent first; those without a name are left out."""
     path_steps: Distribution
     """Moves per annotated path."""
     path_length: Distribution
@@ -110,7 +110,7 @@ class AnswerDescription:
 
     @classmethod
     def of(cls, facts: Sequence[AnswerFacts]) -> Self:
-        """Add up tasks, of which there is at least one."""
+        """Describe one or more tasks."""
         category = {answer.target: answer.category for answer in facts}
         named = Counter(name for name in category.values() if name)
         return cls(
@@ -141,22 +141,22 @@ class SplitDescription:
     words: Distribution
     """Words per instruction."""
     vocabulary: int
-    """Different words, in lower case."""
+    """Distinct words, in lower case."""
     frequent_vocabulary: int
-    """Different words that occur at least five times."""
+    """Distinct words that occur at least five times."""
     answers: AnswerDescription | None
-    """Of the tasks that have a target; null if no task does."""
+    """About the tasks that have a target; null if no task does."""
 
     @classmethod
     def of(
         cls, facts: Mapping[str, Sequence[TaskFacts]], viewpoint_counts: Mapping[str, int]
     ) -> Self:
-        """Describe splits together.
+        """Describe one split, or several together.
 
         Parameters
         ----------
         facts : mapping
-            The tasks of each split; at least one split, and each with a task.
+            The tasks of each split; at least one split, each with at least one task.
         viewpoint_counts : mapping
             How many included viewpoints each scan has.
         """

@@ -1,4 +1,4 @@
-"""Rules for distances from cameras to objects, which reveal the rule they were listed by."""
+"""Rules for distances from cameras to objects, which show by what rule objects were listed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,43 +10,43 @@ from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import Centres
 from reverie_eval.dataset._records import Position, Task, ViewpointKey
-from reverie_eval.dataset._rules import Found, Rule, Spread, info, spread, warning
+from reverie_eval.dataset._rules import Count, Rule, Spread, info, spread, warning
 from reverie_eval.metrics import SUCCESS_DISTANCE
 
 _REACH = 2.0
-"""Metres from camera to centre below which v1 lists objects: all but ten."""
+"""Metres from camera to centre. All objects that v1 lists are nearer, except for ten."""
 
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """From the cameras to the centres of objects."""
+    """Distances from the cameras to the centres of objects."""
 
     boxes: Boxes
     centres: Centres
     tasks: Sequence[Task]
-    """Those that have a target, and their whole path in the graph."""
+    """The tasks that have a target and whose whole path is in the graph."""
 
     @cached_property
     def offset(self) -> FloatArray:
-        """Shape (n_entries, 3): from the camera to each listed object; nan if not known."""
+        """Shape (n_entries, 3): vector from the camera to each listed object; NaN if unknown."""
         entries = self.boxes.entries
         pairs = [(self.boxes.viewpoints[n], object_id) for n, object_id, _ in entries]
         return self._offsets(pairs)
 
     @cached_property
     def listed(self) -> FloatArray:
-        """Shape (n_entries,): metres to each listed object; nan if not known."""
+        """Shape (n_entries,): metres to each listed object; NaN if unknown."""
         return np.asarray(np.linalg.norm(self.offset, axis=1))
 
     @cached_property
     def target(self) -> FloatArray:
-        """Shape (n_tasks,): metres from the goal to the target; nan if not known."""
+        """Shape (n_tasks,): metres from the goal to the target; NaN if unknown."""
         pairs = [(task.viewpoints[-1], task.target) for task in self.tasks]
         return np.asarray(np.linalg.norm(self._offsets(pairs), axis=1))
 
     @cached_property
     def n_within_reach(self) -> int:
-        """The number of pairs of an object that is listed anywhere and a viewpoint near it."""
+        """The number of pairs of a viewpoint and a near object that is listed somewhere."""
         boxes, scans = self.boxes, self.boxes.graphs.scans
         objects = {(boxes.viewpoints[n].scan_id, object_id) for n, object_id, _ in boxes.entries}
         return sum(
@@ -70,57 +70,61 @@ class Distances:
         return self.centres.get(scan_id, {}).get(str(object_id))
 
 
-def _listed_where(distances: Distances, mask: BoolArray) -> Found:
+def _listed_where(distances: Distances, mask: BoolArray) -> Count:
     def text(entry: int) -> str:
         return f"{distances.boxes.entry_text(entry)} {distances.listed[entry]:.2f} m"
 
-    return Found.where(mask, text)
+    return Count.where(mask, text)
 
 
-def _measured(distances: Distances) -> Found:
-    return Found(int(np.isfinite(distances.listed).sum()), len(distances.listed))
-
-
-def _unlisted(distances: Distances) -> Found:
+def _unlisted(distances: Distances) -> Count:
     within = distances.n_within_reach
-    return Found(within - int((distances.listed < _REACH).sum()), within)
+    return Count(within - int((distances.listed < _REACH).sum()), within)
 
 
 DISTANCE_RULES: Sequence[Rule[Distances]] = (
-    info("measured", "listed objects whose centre is known", _measured),
+    info(
+        "measured",
+        "listed objects whose centre is known",
+        lambda distances: Count(int(np.isfinite(distances.listed).sum()), len(distances.listed)),
+    ),
     warning(
         "unknown-centre",
-        "listed objects without a centre, or of a viewpoint without a graph",
+        "listed objects without a known centre, or at a viewpoint without a graph",
         "They are not measured.",
-        lambda distances: Found.where(np.isnan(distances.listed), distances.boxes.entry_text),
+        lambda distances: Count.where(np.isnan(distances.listed), distances.boxes.entry_text),
     ),
     warning(
         "beyond-reach",
         f"listed objects {_REACH:g} metres or more from camera to centre",
-        f"v1 lists what is nearer than {_REACH:g} m, except for ten objects; another release may "
-        "reach farther.",
+        f"Except for ten, v1 lists only objects nearer than {_REACH:g} m; another release may list "
+        "farther ones.",
         lambda distances: _listed_where(distances, distances.listed >= _REACH),
     ),
     warning(
         "beyond-success",
         f"listed objects more than {SUCCESS_DISTANCE:g} metres away",
-        "Farther than the paper's rule allows; under the protocol challenge-2022 a stop that sees "
-        "one is not a success.",
+        "Farther than the paper's rule allows. Under the challenge-2022 protocol, stopping in view "
+        "of one is not a success.",
         lambda distances: _listed_where(distances, distances.listed > SUCCESS_DISTANCE),
     ),
     info(
         "within-reach",
-        f"viewpoints nearer than {_REACH:g} metres to an object, of objects listed anywhere",
-        lambda distances: Found(distances.n_within_reach),
+        f"pairs of a viewpoint and an object listed anywhere, less than {_REACH:g} metres apart",
+        lambda distances: Count(distances.n_within_reach),
     ),
-    info("unlisted-within-reach", "such viewpoints that do not list the object", _unlisted),
+    info(
+        "unlisted-within-reach",
+        "such pairs in which the viewpoint does not list the object",
+        _unlisted,
+    ),
 )
 
 
 def distance_spreads(distances: Distances) -> list[Spread]:
-    """Measure from cameras to centres, of listed objects and of targets."""
+    """Measure the distances from cameras to the centres of listed objects and of targets."""
     listed, target = (each[~np.isnan(each)] for each in (distances.listed, distances.target))
     return [
-        spread("object-distance", "from the camera to listed objects", "m", listed),
-        spread("target-distance", "from the goal to the target, of tasks", "m", target),
+        spread("object-distance", "distance from the camera to listed objects", "m", listed),
+        spread("target-distance", "distance from the goal to the target, over tasks", "m", target),
     ]

@@ -1,4 +1,4 @@
-"""Where the published files of a dataset are.
+"""Find the published files of a dataset.
 
 Layout of a clone of the dataset repository::
 
@@ -6,7 +6,7 @@ Layout of a clone of the dataset repository::
     tasks/REVERIE/data/BBox/{scan}_{viewpoint}.json     or BBoxes.json, all of them in one file
     connectivity/{scan}_connectivity.json
 
-Each of the three may be elsewhere.
+Each of the three may be in another place.
 """
 
 from collections.abc import Collection, Mapping
@@ -48,28 +48,29 @@ class DatasetFiles:
         connectivity: Path | None = None,
         object_positions: Path | None = None,
     ) -> Self:
-        """Find the files in a clone, or where they are pointed at.
+        """Find the files in a clone, or at the given paths.
 
         Parameters
         ----------
         root : Path, optional
-            A clone of the dataset repository, for whatever is not pointed at.
+            A clone of the dataset repository, for the paths that are not given.
         split : str, optional
-            The split that is needed; the others are found as well, to recognise their episodes.
+            The split that is needed. Other splits are found too, to recognise their episodes.
         annotations : Path, optional
-            A folder of ``REVERIE_{split}.json`` files. Or one file of any name: it is ``split``,
-            or the only split if none is named.
+            A folder of ``REVERIE_{split}.json`` files, or one file with any name. A file is taken
+            for ``split``, or if that is not given, for the only split.
         boxes : Path, optional
             The ``BBox`` folder, or DUET's ``BBoxes.json``.
         connectivity : Path, optional
             The folder of ``{scan}_connectivity.json`` files.
         object_positions : Path, optional
-            A file with the centres of all objects; never looked for by itself.
+            A file with the centres of all objects. It is never found in a clone, because a bundle
+            with it has another fingerprint.
 
         Raises
         ------
         DatasetError
-            Listing each of them that is missing.
+            Listing everything that is missing.
         """
         data = root / _DATA if root else None
         boxes = boxes or (_boxes_below(data) if data else None)
@@ -93,7 +94,7 @@ class DatasetFiles:
 
 
 def find_graphs(connectivity: Path, scans: Collection[str] | None = None) -> Mapping[str, Path]:
-    """Return the connectivity files in a folder by scan: of all scans, or of those named."""
+    """Return the connectivity files in a folder by scan, for all scans or the given ones."""
     paths = {
         path.name.removesuffix(_CONNECTIVITY): path
         for path in sorted(connectivity.glob(f"*{_CONNECTIVITY}"))
@@ -106,13 +107,13 @@ def graph_name(scan_id: str) -> str:
     return f"{scan_id}{_CONNECTIVITY}"
 
 
-def _needed_annotations(place: Path | None, split: str | None) -> Path | None:
-    """Return the file that has to be there, if its folder is known."""
-    if place is None or place.is_file():
-        return place
+def _needed_annotations(path: Path | None, split: str | None) -> Path | None:
+    """Return a file that must exist, given the file or folder of annotations."""
+    if path is None or path.is_file():
+        return path
     if split is None:
-        return min(place.glob(f"{_PREFIX}*.json"), default=place / f"{_PREFIX}*.json")
-    return place / f"{_PREFIX}{split}.json"
+        return min(path.glob(f"{_PREFIX}*.json"), default=path / f"{_PREFIX}*.json")
+    return path / f"{_PREFIX}{split}.json"
 
 
 def _annotations(data: Path | None, given: Path | None, split: str | None) -> Mapping[str, Path]:
@@ -143,6 +144,5 @@ def _missing(kind: str, path: Path | None) -> Problem:
     return Problem(
         "missing-input",
         str(path or kind),
-        f"no {kind} found here; give a clone of the dataset repository, or point at them "
-        f"with --{kind}",
+        f"no {kind} found; give a clone of the dataset repository, or the path with --{kind}",
     )

@@ -1,4 +1,4 @@
-"""Rules for the files as such and for the navigation graphs."""
+"""Rules for reading the files, and for the navigation graphs."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -9,27 +9,23 @@ from reverie_eval.arrays import FloatArray
 from reverie_eval.dataset._graphs import Graphs
 from reverie_eval.dataset._reader import Reader
 from reverie_eval.dataset._records import ViewpointKey
-from reverie_eval.dataset._rules import Found, Rule, Spread, error, info, spread, warning
-
-
-def _unreadable(reader: Reader) -> Found:
-    names = [f"{file.path.name}: {file.reason}" for file in reader.unreadable]
-    return Found.among(names, reader.n_files)
-
+from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
 
 FILE_RULES: Sequence[Rule[Reader]] = (
-    info("files", "files read", lambda reader: Found(reader.n_files)),
+    info("files", "files read", lambda reader: Count(reader.n_files)),
     error(
         "malformed-file",
         "files that do not have the published form",
-        "Their content is left out of all other counts: fetch them again first.",
-        _unreadable,
+        "All other counts leave out their content, so fetch them again first.",
+        lambda reader: Count.from_names(
+            [f"{file.path.name}: {file.reason}" for file in reader.unreadable], reader.n_files
+        ),
     ),
     error(
         "duplicate-key",
-        "names given twice in one JSON object",
-        "Every reader keeps one of the two values and drops the other: remove one.",
-        lambda reader: Found.among(reader.duplicate_keys, None),
+        "keys that occur twice in one JSON object",
+        "JSON readers keep one of the two values and drop the other: remove one.",
+        lambda reader: Count.from_names(reader.duplicate_keys, None),
     ),
 )
 
@@ -43,81 +39,78 @@ def _edge_lengths(graphs: Graphs) -> FloatArray:
     return np.concatenate([np.zeros(0), *lengths])
 
 
-def _ragged(graphs: Graphs) -> Found:
-    return Found.among(graphs.ragged, len(graphs.scans) + len(graphs.ragged))
-
-
-def _duplicate_viewpoints(graphs: Graphs) -> Found:
+def _duplicate_viewpoints(graphs: Graphs) -> Count:
     counts = Counter(key.viewpoint_id for key in graphs.nodes)
-    return Found.among([id_ for id_, count in counts.items() if count > 1], len(counts))
+    return Count.from_names([id_ for id_, count in counts.items() if count > 1], len(counts))
 
 
-def _one_way_edges(graphs: Graphs) -> Found:
+def _one_way_edges(graphs: Graphs) -> Count:
     pairs = [
         f"{scan.scan_id}: {scan.viewpoint_ids[start]} to {scan.viewpoint_ids[end]}"
         for scan in graphs.scans.values()
         for start, end in np.argwhere(scan.edge & ~scan.edge.T).tolist()
     ]
-    return Found.among(pairs, len(_edge_lengths(graphs)))
+    return Count.from_names(pairs, len(_edge_lengths(graphs)))
 
 
-def _isolated(graphs: Graphs) -> Found:
+def _isolated(graphs: Graphs) -> Count:
     isolated = [
         str(ViewpointKey(scan.scan_id, scan.viewpoint_ids[row]))
         for scan in graphs.scans.values()
         for row in np.flatnonzero(~(scan.edge | scan.edge.T).any(axis=1)).tolist()
     ]
-    return Found.among(isolated, len(graphs.nodes))
+    return Count.from_names(isolated, len(graphs.nodes))
 
 
-def _disconnected(graphs: Graphs) -> Found:
+def _disconnected(graphs: Graphs) -> Count:
     parts = {scan_id: len({*scan.component.tolist()}) for scan_id, scan in graphs.scans.items()}
     disconnected = [f"{scan_id} in {number}" for scan_id, number in parts.items() if number > 1]
-    return Found.among(disconnected, len(graphs.scans))
+    return Count.from_names(disconnected, len(graphs.scans))
 
 
 GRAPH_RULES: Sequence[Rule[Graphs]] = (
-    info("scans", "scans with a navigation graph", lambda graphs: Found(len(graphs.scans))),
-    info("viewpoints", "viewpoints", lambda graphs: Found(_n_viewpoints(graphs))),
+    info("scans", "scans with a navigation graph", lambda graphs: Count(len(graphs.scans))),
+    info("viewpoints", "viewpoints", lambda graphs: Count(_n_viewpoints(graphs))),
     info(
         "included-viewpoints",
         "viewpoints that are included, the nodes of the graphs",
-        lambda graphs: Found(len(graphs.nodes), _n_viewpoints(graphs)),
+        lambda graphs: Count(len(graphs.nodes), _n_viewpoints(graphs)),
     ),
     info(
         "edges",
         "pairs of included viewpoints with an edge",
-        lambda graphs: Found(len(_edge_lengths(graphs))),
+        lambda graphs: Count(len(_edge_lengths(graphs))),
     ),
     error(
         "malformed-graph",
         "scans whose unobstructed lists do not have one entry for each viewpoint",
-        "These scans are left out of all other counts: fetch their connectivity files again.",
-        _ragged,
+        "All other counts leave out these scans: fetch their connectivity files again.",
+        lambda graphs: Count.from_names(graphs.ragged, len(graphs.scans) + len(graphs.ragged)),
     ),
     error(
         "duplicate-viewpoint",
-        "ids of more than one included viewpoint",
-        "A submission refers to viewpoints by id alone: an id must be unique in the dataset.",
+        "ids used by more than one included viewpoint",
+        "Submissions refer to viewpoints by id alone, so an id must be unique in the dataset.",
         _duplicate_viewpoints,
     ),
     error(
         "asymmetric-edge",
         "pairs of included viewpoints unobstructed one way only",
-        "Edges are walked both ways, and loaders of graphs stop at these: fetch the files again.",
+        "Agents walk edges both ways, and common graph loaders fail on these: fetch the files "
+        "again.",
         _one_way_edges,
         tolerated_by=["boxes"],
     ),
     warning(
         "isolated-viewpoint",
         "included viewpoints without an edge",
-        "No route leads there; a graph that is built from its edges alone does not have them.",
+        "No route leads there, and a graph built from its edges alone does not contain them.",
         _isolated,
     ),
     warning(
         "graph-in-parts",
         "scans whose graph has more than one connected part",
-        "Distances between the parts are infinite; `unreachable-goal` says whether a task minds.",
+        "Distances between the parts are infinite; `unreachable-goal` counts the tasks that fail.",
         _disconnected,
     ),
 )

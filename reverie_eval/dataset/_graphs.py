@@ -21,16 +21,17 @@ class ScanGraph:
 
     scan_id: str
     excluded: frozenset[str]
-    """Viewpoints of the file that are not nodes."""
+    """Viewpoints in the file that are not included."""
     viewpoint_ids: tuple[str, ...]
     position: FloatArray
     """Shape (n, 3): metres."""
     edge: BoolArray
-    """Shape (n, n): whether the row's viewpoint is unobstructed to the column's, another one."""
+    """Shape (n, n): whether the way from the row's to the column's viewpoint is unobstructed; false
+    on the diagonal."""
 
     @cached_property
     def component(self) -> IntArray:
-        """Shape (n,): the connected component of each viewpoint, edges taken either way."""
+        """Shape (n,): the connected component of each viewpoint, along edges in any direction."""
         _, labels = connected_components(self.edge, directed=False)
         return np.asarray(labels)
 
@@ -40,31 +41,31 @@ class ScanGraph:
         return {viewpoint_id: row for row, viewpoint_id in enumerate(self.viewpoint_ids)}
 
     def has_edge(self, start: str, end: str) -> bool:
-        """Whether an edge leads from one viewpoint to the other; both are nodes."""
+        """Whether an edge leads from one included viewpoint to another."""
         return bool(self.edge[self.row[start], self.row[end]])
 
     @cached_property
     def edge_lengths(self) -> FloatArray:
-        """Shape (n_edges,): metres between the ends of each pair with an edge either way."""
+        """Shape (n_edges,): metres of each edge; one in either direction makes a pair an edge."""
         start, end = np.nonzero(np.triu(self.edge | self.edge.T))
         return np.asarray(np.linalg.norm(self.position[start] - self.position[end], axis=1))
 
     def distance(self) -> FloatArray:
-        """Shape (n, n): metres along the graph; inf where there is no route."""
+        """Return the distances along the graph, shape (n, n), metres; inf if there is no route."""
         start, end = np.nonzero(self.edge)
         position = self.position.tolist()
         length = [
-            _straight(position[a], position[b])
+            _straight_distance(position[a], position[b])
             for a, b in zip(start.tolist(), end.tolist(), strict=True)
         ]
         return np.asarray(dijkstra(csr_array((length, (start, end)), shape=self.edge.shape)))
 
 
-def _straight(start: Sequence[float], end: Sequence[float]) -> float:
-    """Metres in a straight line.
+def _straight_distance(start: Sequence[float], end: Sequence[float]) -> float:
+    """Return the metres in a straight line.
 
-    Powers of Python floats, not products and roots of arrays: a C library's ``pow`` differs from
-    those in the last bit of one edge in a thousand, and the published evaluators use it.
+    The published evaluators use powers of Python floats, which call the C library's ``pow``.
+    Products and square roots of arrays differ from it in the last bit for one edge in a thousand.
     """
     dx, dy, dz = (a - b for a, b in zip(start, end, strict=True))
     return float((dx**2 + dy**2 + dz**2) ** 0.5)
@@ -78,18 +79,18 @@ class Graphs:
     ragged: Sequence[str]
     """Scans whose ``unobstructed`` lists do not have one entry for each viewpoint."""
     unreadable: frozenset[str]
-    """Scans whose file could not be read, or is ragged: nothing is known about them."""
+    """Scans whose file could not be read, or is ragged; nothing is known about their viewpoints."""
 
     def is_node(self, key: ViewpointKey) -> bool:
-        """Whether it is an included viewpoint."""
+        """Whether the key is an included viewpoint."""
         return key.scan_id in self.scans and key.viewpoint_id in self.scans[key.scan_id].row
 
     def has_file(self, scan_id: str) -> bool:
-        """Whether a scan has a file, be it unreadable."""
+        """Whether a scan has a file, readable or not."""
         return scan_id in self.scans or scan_id in self.unreadable
 
     def is_excluded(self, key: ViewpointKey) -> bool:
-        """Whether it is in the file, and not included."""
+        """Whether the viewpoint is in its scan's file but not included."""
         scan = self.scans.get(key.scan_id)
         return scan is not None and key.viewpoint_id in scan.excluded
 
@@ -103,11 +104,11 @@ class Graphs:
         ]
 
     def ground_truth(self) -> NavigationGraph:
-        """Return the graphs with the distance of every pair of viewpoints.
+        """Return the graphs with the distances between all viewpoints of each scan.
 
-        Nodes are the included viewpoints, edges the unobstructed pairs of them, and an edge is as
-        long as the straight line between its ends [1]_. The graphs must be symmetric, and no
-        viewpoint id may occur twice.
+        The nodes are the included viewpoints, and the edges are the unobstructed pairs of them. An
+        edge is as long as the straight line between its ends [1]_. The graphs must be symmetric,
+        and no viewpoint id may occur twice.
 
         References
         ----------
@@ -124,13 +125,13 @@ class Graphs:
             viewpoint_position=np.concatenate(
                 [np.zeros((0, 3)), *(scan.position for scan in scans)]
             ),
-            distance=_end_to_end([scan.distance() for scan in scans]),
-            edge=_end_to_end([scan.edge for scan in scans]),
+            distance=_flatten_blocks([scan.distance() for scan in scans]),
+            edge=_flatten_blocks([scan.edge for scan in scans]),
         )
 
 
 def read_graphs(reader: Reader, files: Mapping[str, Path]) -> Graphs:
-    """Read connectivity files, which are given by scan."""
+    """Read the connectivity files of scans."""
     scan_of = {path: scan_id for scan_id, path in files.items()}
     scans, ragged = {}, []
     for path, viewpoints in reader.read_each(CONNECTIVITY, list(files.values()), "connectivity"):
@@ -145,7 +146,7 @@ def _scan_graph(scan_id: str, viewpoints: Sequence[Viewpoint]) -> ScanGraph:
     rows = [row for row, viewpoint in enumerate(viewpoints) if viewpoint.included]
     size = len(viewpoints), len(viewpoints)
     unobstructed = np.array([v.unobstructed for v in viewpoints], dtype=np.bool_).reshape(size)
-    np.fill_diagonal(unobstructed, val=False)
+    np.fill_diagonal(unobstructed, val=False)  # staying in place is not an edge
     return ScanGraph(
         scan_id,
         frozenset(v.image_id for v in viewpoints if not v.included),
@@ -155,5 +156,6 @@ def _scan_graph(scan_id: str, viewpoints: Sequence[Viewpoint]) -> ScanGraph:
     )
 
 
-def _end_to_end(blocks: Sequence[Array]) -> Array:
+def _flatten_blocks(blocks: Sequence[Array]) -> Array:
+    # One matrix for all scans would be almost empty: there are no routes between scans.
     return np.concatenate([np.zeros(0, dtype=np.bool_), *(block.ravel() for block in blocks)])

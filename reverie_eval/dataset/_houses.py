@@ -1,7 +1,10 @@
 """Read Matterport's ``.house`` files: the objects of a scan, their names and oriented boxes.
 
-A file begins with its version, and has a line for each level, region, portal and so on: a letter,
-and words whose number depends on it. Lines that no box depends on are counted, not read.
+A file begins with its version. Each other line describes a level, region, portal and so on: a
+letter, followed by words whose number depends on the letter. Boxes need the objects and their
+categories only, so all other lines are just counted.
+
+Coordinates are metres in the scan's own frame, z up, in which camera poses are given too.
 
 References
 ----------
@@ -42,10 +45,10 @@ _KINDS: Mapping[str, str] = MappingProxyType(
     }
 )
 _SHARED: Mapping[str, int] = MappingProxyType({"R": 20, "P": 13})
-"""Words of a line whose letter may also mean a portal: P in the documentation, R in files that
-Matterport's own viewer wrote."""
+"""Number of words in a line whose letter may also mean a portal: P according to the documentation,
+R in files that Matterport's own viewer wrote. The number of words tells which one it is."""
 _PORTAL = 15
-"""Words of a portal's line."""
+"""Number of words in a portal's line."""
 _COUNTS: Mapping[str, int] = MappingProxyType(
     {
         "image": 3,
@@ -60,16 +63,16 @@ _COUNTS: Mapping[str, int] = MappingProxyType(
         "level": 12,
     }
 )
-"""Which words of the header say how many lines of a kind there are."""
-_NONE = -1
+"""The index of the header's word that gives the number of lines of each kind."""
+_NO_CATEGORY = -1
 _PARALLEL = 1e-3
-"""Sine of the angle between two axes below which they do not span a box."""
+"""If the sine of the angle between two axes is smaller, they do not span a box."""
 
 _Numbers = tuple[float, ...]
 
 
 class _HouseObject(NamedTuple):
-    """An object's line."""
+    """The content of an object's line."""
 
     object_id: int
     category: int | None
@@ -80,7 +83,7 @@ class _HouseObject(NamedTuple):
 
     @property
     def has_size(self) -> bool:
-        """Objects without faces have negative radii; a flat one has one radius that is zero."""
+        """Whether it is larger than a point; objects without faces have negative radii."""
         return min(self.radii) >= 0 and max(self.radii) > 0
 
 
@@ -91,13 +94,13 @@ class House:
     object_id: IntArray
     """Shape (n,): the dataset's ``objId``; unique within the scan only."""
     names: tuple[str, ...]
-    """The raw category of each; empty for an object without one."""
+    """The raw category of each object; empty if it has none."""
     boxes: OrientedBoxes
 
-    def take(self, which: BoolArray) -> Self:
-        """Return the house with some of its objects only."""
-        names = tuple(name for name, taken in zip(self.names, which, strict=True) if taken)
-        return type(self)(self.object_id[which], names, self.boxes[which])
+    def take(self, mask: BoolArray) -> Self:
+        """Return the house with only the objects for which the mask is true."""
+        names = tuple(name for name, taken in zip(self.names, mask, strict=True) if taken)
+        return type(self)(self.object_id[mask], names, self.boxes[mask])
 
 
 def read_house(path: Path) -> House:
@@ -117,13 +120,13 @@ def read_house(path: Path) -> House:
 
 
 def parse_house(text: str, where: str) -> House:
-    """Read the objects from the text of a ``.house`` file; `where` names it in problems."""
+    """Read the objects from the text of a ``.house`` file, which problems call `where`."""
     first, *lines = text.splitlines() or [""]
     contents = _Contents(where)
     if first.split() == _VERSION:
         for number, line in enumerate(lines, start=2):
             contents.read(number, line.split())
-        if not contents.problems:  # otherwise counts and references are off for that reason
+        if not contents.problems:  # an unreadable line makes counts and references wrong too
             contents.check()
     else:
         contents.report(1, _wrong_version(first))
@@ -140,22 +143,24 @@ def _wrong_version(line: str) -> str:
 
 @dataclass
 class _Contents:
-    """What was read so far, and what is wrong with it."""
+    """What was read so far, and the problems in it."""
 
     where: str
     problems: list[Problem] = field(default_factory=list)
-    _counts: dict[str, int] = field(default_factory=dict)
-    _found: Counter[str] = field(default_factory=Counter)
+    _announced: dict[str, int] = field(default_factory=dict)
+    """The number of lines of each kind, according to the header."""
+    _counts: Counter[str] = field(default_factory=Counter)
+    """The number of lines of each kind."""
     _categories: dict[int, str] = field(default_factory=dict)
     _objects: dict[int, _HouseObject] = field(default_factory=dict)
     _lines: dict[tuple[str, int], int] = field(default_factory=dict)
-    """The line of each category and each object."""
+    """The line number of each category and each object."""
 
     def report(self, line: int, message: str) -> None:
         self.problems.append(Problem("malformed-house", f"{self.where}:{line}", message, (line,)))
 
     def read(self, line: int, words: Sequence[str]) -> None:
-        """Read a line, or report what is wrong with it."""
+        """Read a line, or report the problem in it."""
         try:
             if words:
                 self._read(line, words)
@@ -164,56 +169,55 @@ class _Contents:
 
     def _read(self, line: int, words: Sequence[str]) -> None:
         kind = _kind_of(words)
-        self._found[kind] += 1
+        self._counts[kind] += 1
         if kind == "header":
-            self._counts = _read_header(words)
+            self._announced = _read_header(words)
         elif kind == "category":
             index, name = _read_category(words)
             self._remember("category", index, line)
             self._categories[index] = name
         elif kind == "object":
-            found = _read_object(words)
-            self._remember("object", found.object_id, line)
-            self._objects[found.object_id] = found
+            house_object = _read_object(words)
+            self._remember("object", house_object.object_id, line)
+            self._objects[house_object.object_id] = house_object
 
     def _remember(self, kind: str, index: int, line: int) -> None:
-        """Remember a line; a second one for the same thing is wrong."""
+        """Remember the line of a category or an object, which must have only one."""
         first = self._lines.setdefault((kind, index), line)
         if first != line:
-            raise ValueError(f"{kind} {index} was given in line {first} already")
+            raise ValueError(f"{kind} {index} already has line {first}")
 
     def check(self) -> None:
-        """Report what only the complete file shows."""
-        if self._found["header"] != 1:
-            self.report(2, f"{self._found['header']} H lines in the file; expected one")
-        for kind, count in self._counts.items():
-            if self._found[kind] != count:
+        """Report problems that only the complete file shows."""
+        if self._counts["header"] != 1:
+            self.report(2, f"{self._counts['header']} H lines in the file; expected one")
+        for kind, announced in self._announced.items():
+            if self._counts[kind] != announced:
                 self.report(
                     2,
-                    f"the header counts {count} {kind} lines, the file has {self._found[kind]}; "
-                    "fetch it again",
+                    f"the header announces {announced} {kind} lines, the file has "
+                    f"{self._counts[kind]}; fetch it again",
                 )
-        for found in self._objects.values():
-            if found.category is not None and found.category not in self._categories:
+        for it in self._objects.values():
+            if it.category is not None and it.category not in self._categories:
                 self.report(
-                    self._lines["object", found.object_id],
-                    f"category {found.category} of object {found.object_id} has no C line",
+                    self._lines["object", it.object_id],
+                    f"category {it.category} of object {it.object_id} has no C line",
                 )
 
     def house(self) -> House:
         """Return the objects that have a size."""
-        objects = [found for _, found in sorted(self._objects.items()) if found.has_size]
+        objects = [it for _, it in sorted(self._objects.items()) if it.has_size]
         return House(
-            object_id=np.array([found.object_id for found in objects], dtype=np.int64),
+            object_id=np.array([it.object_id for it in objects], dtype=np.int64),
             names=tuple(
-                "" if found.category is None else self._categories[found.category]
-                for found in objects
+                "" if it.category is None else self._categories[it.category] for it in objects
             ),
             boxes=OrientedBoxes.along(
-                centre=_rows([found.centre for found in objects]),
-                first_axis=_rows([found.first_axis for found in objects]),
-                second_axis=_rows([found.second_axis for found in objects]),
-                radii=_rows([found.radii for found in objects]),
+                centre=_rows([it.centre for it in objects]),
+                first_axis=_rows([it.first_axis for it in objects]),
+                second_axis=_rows([it.second_axis for it in objects]),
+                radii=_rows([it.radii for it in objects]),
             ),
         )
 
@@ -228,7 +232,7 @@ def _kind_of(words: Sequence[str]) -> str:
     Raises
     ------
     ValueError
-        If no line begins so; the message is for people, as in all readers below.
+        If no line begins like this. As in all readers below, the message is for people.
     """
     letter = words[0]
     if letter not in _KINDS:
@@ -246,81 +250,81 @@ def _kind_of(words: Sequence[str]) -> str:
 def _read_header(words: Sequence[str]) -> dict[str, int]:
     """Return how many lines of each kind the file has."""
     return {
-        kind: _whole(words, place, f"number of {kind} lines") for kind, place in _COUNTS.items()
+        kind: _integer(words, index, f"number of {kind} lines") for kind, index in _COUNTS.items()
     }
 
 
 def _read_category(words: Sequence[str]) -> tuple[int, str]:
-    """Return a category's index and its name; ``-`` stands for no name."""
+    """Return a category's index and name; ``-`` means no name."""
     name = _word(words, 3, "name")
-    return _whole(words, 1, "category index"), "" if name == "-" else category_text(name)
+    return _integer(words, 1, "category index"), "" if name == "-" else category_text(name)
 
 
 def _read_object(words: Sequence[str]) -> _HouseObject:
-    """Return an object: half extents, and axes of any length."""
-    category = _whole(words, 3, "category index", least=_NONE)
-    found = _HouseObject(
-        object_id=_whole(words, 1, "object index", most=LARGEST_OBJECT_ID),
-        category=None if category == _NONE else category,
+    """Return an object. Its radii are half extents; its axes may have any length."""
+    category = _integer(words, 3, "category index", least=_NO_CATEGORY)
+    house_object = _HouseObject(
+        object_id=_integer(words, 1, "object index", most=LARGEST_OBJECT_ID),
+        category=None if category == _NO_CATEGORY else category,
         centre=_metres(words, 4, "centre"),
         first_axis=_numbers(words, 7, "first axis"),
         second_axis=_numbers(words, 10, "second axis"),
         radii=_metres(words, 13, "radii"),
     )
-    if found.has_size and not _span_a_plane(found.first_axis, found.second_axis):
-        raise ValueError(
-            f"axes {found.first_axis} and {found.second_axis}; expected two at right angles"
-        )
-    return found
+    first, second = house_object.first_axis, house_object.second_axis
+    if house_object.has_size and not _span_plane(first, second):
+        raise ValueError(f"axes {first} and {second}; expected two at right angles")
+    return house_object
 
 
-def _word(words: Sequence[str], place: int, what: str) -> str:
-    if place >= len(words):
-        raise ValueError(f"{len(words)} words; the {what} is word {place + 1}: the line is cut off")
-    return words[place]
+def _word(words: Sequence[str], index: int, what: str) -> str:
+    if index >= len(words):
+        raise ValueError(f"{len(words)} words; the {what} is word {index + 1}: the line is cut off")
+    return words[index]
 
 
-def _whole(
-    words: Sequence[str], place: int, what: str, least: int = 0, most: int | None = None
+def _integer(
+    words: Sequence[str], index: int, what: str, least: int = 0, most: int | None = None
 ) -> int:
-    word = _word(words, place, what)
+    word = _word(words, index, what)
     try:
         number = int(word)
     except ValueError:
         number = least - 1
     if number < least or (most is not None and number > most):
         limit = "" if most is None else f" of at most {most:,}"
-        raise ValueError(f"{what} {word[:20]!r} (word {place + 1}); expected a whole number{limit}")
+        raise ValueError(f"{what} {word[:20]!r} (word {index + 1}); expected a whole number{limit}")
     return number
 
 
-def _metres(words: Sequence[str], place: int, what: str) -> _Numbers:
-    """Read three lengths that a building can have."""
-    numbers = _numbers(words, place, what)
+def _metres(words: Sequence[str], index: int, what: str) -> _Numbers:
+    """Read three coordinates or lengths that a building can have."""
+    numbers = _numbers(words, index, what)
     if max(map(abs, numbers)) > FARTHEST:
-        raise ValueError(f"{_found(words, place, what)}; expected at most {FARTHEST:,.0f} metres")
+        found = _quote(words, index, what)
+        raise ValueError(f"{found}; expected at most {FARTHEST:,.0f} metres")
     return numbers
 
 
-def _numbers(words: Sequence[str], place: int, what: str) -> _Numbers:
+def _numbers(words: Sequence[str], index: int, what: str) -> _Numbers:
     """Read three numbers that belong together."""
-    _word(words, place + 2, what)
+    _word(words, index + 2, what)
     try:
-        numbers = tuple(map(float, words[place : place + 3]))
+        numbers = tuple(map(float, words[index : index + 3]))
     except ValueError:
         numbers = (math.nan,)
     if not all(map(math.isfinite, numbers)):
-        raise ValueError(f"{_found(words, place, what)}; expected three numbers")
+        raise ValueError(f"{_quote(words, index, what)}; expected three numbers")
     return numbers
 
 
-def _found(words: Sequence[str], place: int, what: str) -> str:
-    """Say what was found in the place of three numbers."""
-    found = " ".join(words[place : place + 3])
-    return f"{what} {found[:60]!r} (words {place + 1} to {place + 3})"
+def _quote(words: Sequence[str], index: int, what: str) -> str:
+    """Return three words as messages show them."""
+    quoted = " ".join(words[index : index + 3])[:60]
+    return f"{what} {quoted!r} (words {index + 1} to {index + 3})"
 
 
-def _span_a_plane(first: _Numbers, second: _Numbers) -> bool:
+def _span_plane(first: _Numbers, second: _Numbers) -> bool:
     if not (any(first) and any(second)):
         return False
     cosine = sum(a * b for a, b in zip(_direction(first), _direction(second), strict=True))
@@ -328,7 +332,8 @@ def _span_a_plane(first: _Numbers, second: _Numbers) -> bool:
 
 
 def _direction(axis: _Numbers) -> _Numbers:
-    """Return the direction of an axis; scaled by its largest number first, to avoid overflow."""
+    """Return an axis scaled to length 1."""
+    # Divided by the largest number first, because the squares of huge numbers overflow.
     largest = max(map(abs, axis))
     scaled = [number / largest for number in axis]
     length = math.hypot(*scaled)

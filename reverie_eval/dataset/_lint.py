@@ -1,4 +1,4 @@
-"""Check the published files of a dataset against all rules, or against those that are errors."""
+"""Check a dataset's published files against all rules, or only against those that are errors."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from reverie_eval.dataset._distance_rules import DISTANCE_RULES, Distances, dist
 from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._graph_rules import FILE_RULES, GRAPH_RULES, graph_spreads
 from reverie_eval.dataset._reader import Progress, Reader, no_progress
-from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, problems
+from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, find_problems
 from reverie_eval.dataset._splits import Split, Targets, Tasks
 from reverie_eval.dataset._task_rules import TARGET_RULES, TASK_RULES, target_spreads
 from reverie_eval.dataset._view_rules import VIEW_RULES, view_spreads
@@ -34,13 +34,13 @@ _BOX_SECTIONS: Sequence[tuple[str, Sequence[Rule[Boxes]], Callable[[Boxes], list
     ("box sizes", SIZE_RULES, size_spreads),
     ("neighbouring views", VIEW_RULES, view_spreads),
 )
-_NO_CENTRES = "left out: the centres of the objects are not given (--object-positions objpos.json)"
-_NO_ANSWERS = "targets left out: the tasks have none, as in the published test file"
+_NO_CENTRES = "left out: give the centres of the objects with --object-positions objpos.json"
+_NO_ANSWERS = "targets left out: the tasks have no answers, as in the published test file"
 
 
 @dataclass(frozen=True, slots=True)
 class LintSection:
-    """What was found in one kind of files."""
+    """What was found in one kind of file."""
 
     title: str
     split: str | None = None
@@ -53,20 +53,20 @@ class LintSection:
 
 @dataclass(frozen=True, slots=True)
 class LintReport:
-    """What is in the published files of a dataset, and what is wrong with them."""
+    """What a dataset's published files contain, and what is wrong with them."""
 
     __pydantic_config__: ClassVar = ConfigDict(use_attribute_docstrings=True, extra="forbid")
 
     version: str
-    """Version of reverie-eval that looked."""
+    """Version of reverie-eval that checked the files."""
     sound: bool
-    """Whether there is no error."""
+    """Whether no rule found an error."""
     sections: Sequence[LintSection]
     schema_version: Literal[1] = 1
 
 
 def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> LintReport:
-    """Count what is in the published files: all splits, all scans, used by a task or not.
+    """Check all published files: all splits and all scans, with or without tasks.
 
     Parameters
     ----------
@@ -78,11 +78,11 @@ def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> Li
     Returns
     -------
     LintReport
-        Information, warnings and errors by section; ``sound`` if there is no error.
+        Information, warnings and errors by section; ``sound`` if there are no errors.
     """
     dataset = read_dataset(files, progress)
     splits = sorted(dataset.splits, key=lambda split: split.name)
-    tasks = [Tasks(split, dataset.graphs, _elsewhere(split, splits)) for split in splits]
+    tasks = [Tasks(split, dataset.graphs, _other_splits(split, splits)) for split in splits]
     boxes = dataset.boxes
     sections = [
         _section("files", FILE_RULES, dataset.reader),
@@ -97,38 +97,39 @@ def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> Li
 
 
 def check_sound(dataset: Dataset, purpose: Purpose) -> None:
-    """Check the content of files against the rules that are errors for a purpose.
+    """Check a dataset against the rules that are errors for a purpose.
 
     Raises
     ------
     DatasetError
-        Listing every error that :func:`lint_dataset` finds in the same files.
+        Listing the errors that :func:`lint_dataset` finds in the same files.
     """
     files, graphs, boxes = dataset.files, dataset.graphs, dataset.boxes
     found = [
         *file_problems(dataset.reader, purpose),
-        *problems(GRAPH_RULES, graphs, files.connectivity, purpose),
+        *find_problems(GRAPH_RULES, graphs, files.connectivity, purpose),
     ]
     if dataset.has_answers:
         for _, rules, _ in _BOX_SECTIONS:
-            found += problems(rules, boxes, files.boxes, purpose)
+            found += find_problems(rules, boxes, files.boxes, purpose)
     for split in dataset.splits:
         tasks = Tasks(split, graphs)
-        found += problems(TASK_RULES, tasks, split.path, purpose)
+        found += find_problems(TASK_RULES, tasks, split.path, purpose)
         if split.has_answers:
-            targets = Targets(split, tasks.answered, boxes)
-            found += problems(TARGET_RULES, targets, split.path, purpose)
+            targets = Targets(split, tasks.with_target, boxes)
+            found += find_problems(TARGET_RULES, targets, split.path, purpose)
     if found:
         raise DatasetError(found)
 
 
 def file_problems(reader: Reader, purpose: Purpose) -> Iterator[Problem]:
-    """Yield what is wrong with the files as such."""
+    """Find the files that cannot be read, or that repeat keys."""
     paths = [file.path for file in reader.unreadable]
-    return problems(FILE_RULES, reader, Path(commonpath(paths) if paths else ""), purpose)
+    return find_problems(FILE_RULES, reader, Path(commonpath(paths) if paths else ""), purpose)
 
 
-def _elsewhere(split: Split, splits: Sequence[Split]) -> Mapping[str, str]:
+def _other_splits(split: Split, splits: Sequence[Split]) -> Mapping[str, str]:
+    """Return the split of each episode that is not in this split."""
     return {
         instr_id: other.name
         for other in splits
@@ -142,7 +143,7 @@ def _annotations(tasks: Tasks, boxes: Boxes) -> LintSection:
     counts = [rule.check(tasks) for rule in TASK_RULES]
     if not split.has_answers:
         return LintSection("annotations", split.name, counts, note=_NO_ANSWERS)
-    targets = Targets(split, tasks.answered, boxes)
+    targets = Targets(split, tasks.with_target, boxes)
     counts += [rule.check(targets) for rule in TARGET_RULES]
     return LintSection("annotations", split.name, counts, target_spreads(targets))
 
@@ -150,7 +151,7 @@ def _annotations(tasks: Tasks, boxes: Boxes) -> LintSection:
 def _distances(boxes: Boxes, centres: Centres | None, tasks: Sequence[Tasks]) -> LintSection:
     if centres is None:
         return LintSection("distances", note=_NO_CENTRES)
-    answered = [task for each in tasks for task in each.answered]
+    answered = [task for each in tasks for task in each.with_target]
     distances = Distances(boxes, centres, answered)
     return _section("distances", DISTANCE_RULES, distances, distance_spreads(distances))
 

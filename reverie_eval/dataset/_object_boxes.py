@@ -1,4 +1,4 @@
-"""Which objects are listed at a viewpoint, and their boxes in its views."""
+"""Decide which objects are listed at a viewpoint, and find their boxes in its views."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from reverie_eval.dataset._houses import House
 from reverie_eval.geometry._framing import boxes_in_views
 
 Occlusion = Literal["none", "paper"]
-"""``none``: every box stays. ``paper``: those of :func:`is_hidden` are removed."""
+"""``none`` keeps every box; ``paper`` removes those that :func:`is_hidden` finds."""
 
 MAX_DISTANCE = 3.0
 """Metres. Source: Qi et al., "REVERIE", CVPR 2020, section 3: objects within 3 metres. The released
-files list what is nearer than 2 metres (38,283 of their 38,293 entries)."""
+files list objects nearer than 2 metres (38,283 of their 38,293 entries)."""
 
 EXCLUDED_NAMES = frozenset(
     {
@@ -36,9 +36,10 @@ EXCLUDED_NAMES = frozenset(
         "wall frame",
     }
 )
-"""Raw category names that are frequent in Matterport3D and occur nowhere in the released files.
+"""Raw category names that are frequent in Matterport3D but never occur in the released files.
 
-They are compared unchanged: ``shower wall``, ``garage door`` and ``doorway`` are listed there.
+Only equal names are excluded: the released files do list ``shower wall``, ``garage door`` and
+``doorway``.
 """
 
 
@@ -47,36 +48,36 @@ class BoxRules:
     """How boxes are built."""
 
     max_distance: float = MAX_DISTANCE
-    """Metres from the camera to an object's centre; what is not nearer is not listed."""
+    """Objects whose centre is at least so many metres from the camera are not listed."""
     occlusion: Occlusion = "none"
     excluded_names: frozenset[str] = EXCLUDED_NAMES
-    """Objects with these names are not listed, and do not hide others."""
+    """Objects with these names are neither listed nor hide others."""
 
 
 Box: TypeAlias = Sequence[int]
 """Left, top, width and height in pixels."""
 ListedBoxes: TypeAlias = Mapping[int, Mapping[int, Box]]
-"""By object id and view index; an object without boxes is listed, and not visible."""
+"""By object id and view index; an object without boxes is listed but not visible."""
 
 
-def listable(house: House, rules: BoxRules) -> House:
-    """Return the house without the objects whose names are excluded."""
+def exclude_names(house: House, rules: BoxRules) -> House:
+    """Return the house without the objects that have excluded names."""
     return house.take(
         np.array([name not in rules.excluded_names for name in house.names], dtype=np.bool_)
     )
 
 
 def list_objects(house: House, position: FloatArray, rules: BoxRules) -> ListedBoxes:
-    """Return what is listed at a viewpoint, in the order of object ids and views.
+    """Return the objects listed at a viewpoint, in the order of object ids and views.
 
     Parameters
     ----------
     house : House
         The objects that may be listed, and may hide each other.
     position : float array of shape (3,)
-        The camera's place in the world, metres.
+        The camera's position in the scan's frame, metres.
     rules : BoxRules
-        What is near, and what is hidden; names are not considered.
+        Which objects are near, and which boxes are hidden; names are ignored here.
     """
     near = house.take(_distances(house, position) < rules.max_distance)
     box, view, box_xywh = boxes_in_views(position, near.boxes)
@@ -91,7 +92,7 @@ def list_objects(house: House, position: FloatArray, rules: BoxRules) -> ListedB
 
 
 def published_form(house: House, listed: ListedBoxes) -> dict[str, dict[str, Any]]:
-    """Return what is listed at a viewpoint in the published form."""
+    """Return the objects listed at a viewpoint in the published form."""
     names = dict(zip(house.object_id.tolist(), house.names, strict=True))
     return {
         str(object_id): {
@@ -104,17 +105,18 @@ def published_form(house: House, listed: ListedBoxes) -> dict[str, dict[str, Any
 
 
 def _distances(house: House, position: FloatArray) -> FloatArray:
-    """Metres from the camera to the objects' centres."""
-    # Written out, because numpy's norm differs between machines in the last bit.
+    """Return the metres from the camera to the objects' centres."""
+    # Written out because numpy's norm differs in the last bit between machines, and the files must
+    # have the same bytes everywhere.
     x, y, z = (house.boxes.centre - position).T
     return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 def is_hidden(view: IntArray, box_xywh: IntArray, distance: FloatArray) -> BoolArray:
-    """Whether each box lies wholly within the box of a nearer object in the same view.
+    """Whether each box lies entirely within the box of a nearer object in the same view.
 
-    Boxes are compared with all others, hidden ones included, so their order does not matter.
-    Equal boxes count as within each other; objects at the same distance do not hide each other.
+    Boxes are compared with all others, including hidden ones, so their order does not matter. Equal
+    boxes lie within each other; objects at the same distance do not hide each other.
 
     Parameters
     ----------
@@ -141,8 +143,8 @@ def is_hidden(view: IntArray, box_xywh: IntArray, distance: FloatArray) -> BoolA
     array([False,  True, False])
     """
     hidden = np.zeros(len(view), dtype=np.bool_)
-    for shown in np.unique(view):
-        rows = np.flatnonzero(view == shown)
+    for index in np.unique(view):
+        rows = np.flatnonzero(view == index)
         hidden[rows] = _is_hidden_in_view(box_xywh[rows], distance[rows])
     return hidden
 

@@ -1,8 +1,8 @@
-"""The REVERIE paper's own numbers, beside those of the dataset that is described.
+"""Compare a dataset with the numbers in the REVERIE paper.
 
-They are facts from section 3 of Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in
-Real Indoor Environments", CVPR 2020 (arXiv:1904.10151), in the order in which they are shown. The
-paper does not say how it counts. The definitions here are those that come nearest to it on the
+The numbers are from section 3 of Qi et al., "REVERIE: Remote Embodied Visual Referring Expression
+in Real Indoor Environments", CVPR 2020 (arXiv:1904.10151), in the order in which they are shown.
+The paper does not say how it counts. The definitions used here come closest to its numbers on the
 published files; ``docs/dataset-description.md`` has the evidence.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from reverie_eval.dataset._description import AnswerDescription, SplitDescription
 
 Measure = Callable[[SplitDescription], float | None]
-"""Takes a number from splits; None if their tasks have no targets."""
+"""Returns one number of a description; None if the tasks have no targets."""
 
 _TRAIN, _VAL_UNSEEN, _TEST = ("train",), ("val_unseen",), ("test",)
 _VAL = ("val_seen", "val_unseen")
@@ -21,21 +21,21 @@ _ALL = (*_TRAIN, *_VAL, *_TEST)
 
 @dataclass(frozen=True, slots=True)
 class PaperComparison:
-    """A number of the paper beside the same number of the dataset that is described."""
+    """A number of the paper, and the same number of the dataset that is described."""
 
     quantity: str
     splits: Sequence[str]
-    """The splits that the paper's number covers; none if it is about the buildings."""
+    """The splits that the paper's number covers; empty if it is about the buildings."""
     covered: Sequence[str]
-    """Those of them that the number here covers; only if all do, the two compare."""
+    """Those of them that the dataset's number covers; the two compare only if it covers all."""
     here: int | float | None
-    """Null if it covers none of them."""
+    """The dataset's number; null if it covers none of the splits."""
     paper: int | float
 
 
 @dataclass(frozen=True, slots=True)
 class _Published:
-    """What the paper gives of one quantity, by the splits that each number covers."""
+    """The paper's numbers for one quantity, by the splits that each covers."""
 
     quantity: str
     measure: Measure
@@ -43,19 +43,19 @@ class _Published:
 
 
 def _of_answers(measure: Callable[[AnswerDescription], float]) -> Measure:
-    return lambda splits: None if splits.answers is None else measure(splits.answers)
+    return lambda split: None if split.answers is None else measure(split.answers)
 
 
 _PUBLISHED = (
     _Published(
         "instructions",
-        lambda splits: splits.instructions,
+        lambda split: split.instructions,
         {_ALL: 21_702, _TRAIN: 10_466, _VAL: 4_944, _VAL_UNSEEN: 3_573, _TEST: 6_292},
     ),
-    _Published("words per instruction", lambda splits: splits.words.mean, {_ALL: 18}),
-    _Published("frequent words", lambda splits: splits.frequent_vocabulary, {_ALL: 1_600}),
+    _Published("words per instruction", lambda split: split.words.mean, {_ALL: 18}),
+    _Published("frequent words", lambda split: split.frequent_vocabulary, {_ALL: 1_600}),
     _Published(
-        "scans", lambda splits: splits.scans, {_TRAIN: 59, _VAL: 63, _VAL_UNSEEN: 10, _TEST: 16}
+        "scans", lambda split: split.scans, {_TRAIN: 59, _VAL: 63, _VAL_UNSEEN: 10, _TEST: 16}
     ),
     _Published(
         "target objects",
@@ -76,27 +76,27 @@ _PUBLISHED = (
 
 def compare_with_paper(
     alone: Mapping[str, SplitDescription],
-    together: Callable[[tuple[str, ...]], SplitDescription],
+    describe: Callable[[tuple[str, ...]], SplitDescription],
     *,
     buildings: int,
     viewpoints: int,
 ) -> Sequence[PaperComparison]:
-    """Measure what the paper gives, as far as the splits are there.
+    """Compare the dataset with the paper, as far as it has the splits.
 
     Parameters
     ----------
-    parts : mapping
-        The splits that are there, each by itself.
-    together : callable
-        Describes several of them as one splits.
+    alone : mapping
+        The description of each split of the dataset.
+    describe : callable
+        Describes several of these splits as one.
     buildings, viewpoints : int
-        How many there are, whether tasks are in them or not.
+        How many the dataset has, with or without tasks.
     """
     return [
         PaperComparison("buildings", (), (), buildings, 90),
         PaperComparison("viewpoints", (), (), viewpoints, 10_567),
         *(
-            _compare(published, splits, alone, together)
+            _compare(published, splits, alone, describe)
             for published in _PUBLISHED
             for splits in published.paper
         ),
@@ -107,7 +107,7 @@ def _compare(
     published: _Published,
     splits: tuple[str, ...],
     alone: Mapping[str, SplitDescription],
-    together: Callable[[tuple[str, ...]], SplitDescription],
+    describe: Callable[[tuple[str, ...]], SplitDescription],
 ) -> PaperComparison:
     covered = tuple(
         split for split in splits if split in alone and published.measure(alone[split]) is not None
@@ -116,6 +116,6 @@ def _compare(
         quantity=published.quantity,
         splits=splits,
         covered=covered,
-        here=published.measure(together(covered)) if covered else None,
+        here=published.measure(describe(covered)) if covered else None,
         paper=published.paper[splits],
     )

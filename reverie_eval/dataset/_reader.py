@@ -1,4 +1,4 @@
-"""Read JSON files whatever is in them, and keep an account of what was read."""
+"""Read JSON files, valid or not, and keep a record of their digests and problems."""
 
 import hashlib
 import json
@@ -13,7 +13,7 @@ from reverie_eval.text import first_few
 
 T = TypeVar("T")
 Progress: TypeAlias = Callable[[Sequence[Path], str], Iterable[Path]]
-"""Wraps the files that are about to be read, with a description: where progress is shown."""
+"""Wraps the files that are about to be read, and is given a description; it may show progress."""
 
 _SHOWN_ERRORS = 3
 
@@ -31,18 +31,18 @@ class UnreadableFile(NamedTuple):
 
 
 class Reader:
-    """Reads files, and remembers their digests and what was wrong with them."""
+    """Reads files, and records their digests and problems."""
 
     def __init__(self, progress: Progress = no_progress) -> None:
         self.n_files = 0
         self.unreadable: list[UnreadableFile] = []
         self.duplicate_keys: list[str] = []
-        """Keys that a JSON object has more than once, after the name of their file."""
+        """Keys that occur more than once in a JSON object, each after the name of its file."""
         self._progress = progress
         self._digests: dict[str, list[bytes]] = {}
 
     def read(self, adapter: TypeAdapter[T], path: Path, kind: str) -> T | None:
-        """Return what a file holds; None if it cannot be read or does not have this form."""
+        """Return the content of a file; None if it cannot be read or does not have this form."""
         self.n_files += 1
         try:
             content = path.read_bytes()
@@ -60,33 +60,34 @@ class Reader:
     def read_each(
         self, adapter: TypeAdapter[T], paths: Sequence[Path], kind: str
     ) -> Iterable[tuple[Path, T]]:
-        """Read files one after the other, showing progress; unreadable ones are left out."""
+        """Read files one after another, showing progress; leave out those that cannot be read."""
         for path in self._progress(paths, kind):
             content = self.read(adapter, path, kind)
             if content is not None:
                 yield path, content
 
     def digests(self) -> Mapping[str, str]:
-        """SHA-256 by kind of file: of the one file, or over the digests in reading order."""
+        """Return SHA-256 by kind of file: of the only file, or of all digests in reading order."""
         return {
             kind: (parts[0] if len(parts) == 1 else hashlib.sha256(b"".join(parts)).digest()).hex()
             for kind, parts in self._digests.items()
         }
 
     def _parse(self, content: bytes, name: str) -> Any:
-        def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-            unique_pairs = dict(pairs)
-            if len(unique_pairs) < len(pairs):
+        def build_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+            fields = dict(pairs)
+            if len(fields) < len(pairs):
                 counts = Counter(key for key, _ in pairs)
                 repeated = [key for key, count in counts.items() if count > 1]
                 self.duplicate_keys.extend(f"{name}: {key}" for key in repeated)
-            return unique_pairs
+            return fields
 
-        return json.loads(content, object_pairs_hook=unique)
+        # The standard library's parser is slower than others, but shows every repeated key.
+        return json.loads(content, object_pairs_hook=build_object)
 
 
 def explain(error: ValidationError) -> str:
-    """Say in a line where a document differs from its schema, and how."""
+    """Return in one line where and how a document differs from its schema."""
     errors = error.errors(include_url=False, include_input=False)
     reasons = [": ".join(filter(None, [_path(detail["loc"]), detail["msg"]])) for detail in errors]
     return first_few(reasons, _SHOWN_ERRORS)

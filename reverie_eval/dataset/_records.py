@@ -16,9 +16,8 @@ from pydantic import (
 from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 
 FARTHEST = 1e6
-"""Metres, along any axis, from a scan's origin to a camera or an object, and of half an object's
-extent. No building comes near it, though a map in whose frame it stands may; beyond it a number was
-misread, and its square might overflow."""
+"""Largest coordinate and half extent, metres. No building is that large, though coordinates in the
+frame of a map may come near. A larger number was misread, and its square might overflow."""
 
 _OBJECT_KEY = re.compile(r"0|[1-9]\d{0,9}", re.ASCII)
 
@@ -29,7 +28,7 @@ def object_key(text: str) -> str:
     Raises
     ------
     ValueError
-        If it is not, or not written as in the published files: without a sign or leading zeros.
+        If it is not, or has a sign or leading zeros, which the published files do not write.
     """
     if _OBJECT_KEY.fullmatch(text) and int(text) <= LARGEST_OBJECT_ID:
         return text
@@ -51,7 +50,7 @@ ObjectId = Annotated[int, Field(ge=0, le=LARGEST_OBJECT_ID, strict=True)]
 ObjectKey = Annotated[str, AfterValidator(object_key)]
 Metres = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 Position = tuple[Metres, Metres, Metres]
-"""In the scan's own frame, z up."""
+"""A position in the scan's own frame: x, y, and z up."""
 
 
 class _Published(BaseModel):
@@ -65,7 +64,7 @@ class Task(_Published):
     id: Annotated[str, Field(coerce_numbers_to_str=True, min_length=1)]
     """The published id; episode ``k`` of the task is ``{id}_{k}``."""
     path: Annotated[list[Name], Field(min_length=1)]
-    """Viewpoints of the annotated path. A public test file gives the start alone."""
+    """Viewpoints of the annotated path. A public test file gives only the start."""
     instructions: Annotated[list[str], Field(min_length=1)]
     objId: ObjectId | None = None  # noqa: N815  # the published name
     """The target object's id within the scan; absent from a public test file."""
@@ -94,14 +93,15 @@ class Viewpoint(_Published):
     image_id: Annotated[str, StringConstraints(pattern=r"^[^/\\]+$")]
     """Part of the names of files."""
     pose: Annotated[list[Metres], Field(min_length=16, max_length=16)]
-    """Row-major 4 x 4 camera-to-world matrix; metres in elements 3, 7 and 11."""
+    """Row-major 4 x 4 matrix from the camera's frame to the scan's. Its last column, elements 3, 7
+    and 11, is the camera's position in metres."""
     included: bool
     unobstructed: list[bool]
     """Which viewpoints of the same file an agent can walk to from here."""
 
     @property
     def position(self) -> Position:
-        """The camera's position in the world, in metres."""
+        """The camera's position in the scan's frame, metres."""
         return self.pose[3], self.pose[7], self.pose[11]
 
 
@@ -109,10 +109,10 @@ _Number = Annotated[int, msgspec.Meta(ge=-(2**31), lt=2**31)]
 
 
 class ObjectRecord(msgspec.Struct, frozen=True):
-    """An object listed at a viewpoint; the rules say whether its values make sense."""
+    """An object listed at a viewpoint. Only types are checked here; rules check the values."""
 
     visible_pos: list[_Number]
-    """The views that show the object. Empty: listed, but not visible."""
+    """The views that show the object. If empty, the object is listed but not visible."""
     bbox2d: list[tuple[_Number, _Number, _Number, _Number]]
     """Left, top, width, height in pixels, in the order of the views."""
     name: str = ""

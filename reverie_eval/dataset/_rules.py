@@ -1,8 +1,8 @@
-"""What a rule for the published files is, and what checking it gives.
+"""Rules for the published files, and what checking them finds.
 
-A rule says once what it looks for, how grave it is, and what to do. ``lint`` runs all rules on all
-files. ``compile``, ``describe`` and ``boxes`` run the rules that are errors on the files that they
-use, and stop at the same findings with the same words.
+A rule defines what it counts, how severe it is, and what to do about it. ``lint`` checks all files
+against all rules. ``compile``, ``describe`` and ``boxes`` check the files that they use against the
+rules that are errors, and stop with the same messages.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -19,32 +19,32 @@ from reverie_eval.text import first_few
 S = TypeVar("S")
 
 Severity = Literal["info", "warning", "error"]
-"""Info is for the record, a warning is worth knowing and not wrong, an error is wrong."""
+"""Info is a plain count, a warning is worth knowing but not wrong, an error is wrong."""
 Purpose = Literal["compile", "describe", "boxes"]
-"""What the files are read for."""
+"""The command that reads the files."""
 
 SHOWN_EXAMPLES = 40
 PERCENTILES = (0, 1, 5, 25, 50, 75, 90, 95, 99, 99.9, 100)
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """How many there are."""
+class Count:
+    """How many there are, with examples."""
 
     number: int
     of: int | None = None
-    """How many were looked at; null where that says nothing."""
+    """How many were checked; null if there is no such number."""
     examples: tuple[str, ...] = ()
-    """The first few by name."""
+    """The first few."""
 
     @classmethod
-    def among(cls, names: Sequence[str], of: int | None) -> Self:
-        """Count what has names already."""
+    def from_names(cls, names: Sequence[str], of: int | None) -> Self:
+        """Count things that are given by name."""
         return cls(len(names), of, tuple(names[:SHOWN_EXAMPLES]))
 
     @classmethod
     def where(cls, mask: BoolArray, name: Callable[[int], str]) -> Self:
-        """Count the rows that are true, and name the first few."""
+        """Count the rows that are true; `name` is called for the first few."""
         rows = np.flatnonzero(mask)
         examples = tuple(name(row) for row in rows[:SHOWN_EXAMPLES].tolist())
         return cls(len(rows), len(mask), examples)
@@ -60,39 +60,39 @@ class Finding:
     code: str
     """Stable, for programs."""
     severity: Severity
-    """Info is for the record, a warning is worth knowing and not wrong, an error is wrong."""
+    """Info is a plain count, a warning is worth knowing but not wrong, an error is wrong."""
     says: str
     """What is counted."""
     advice: str
     """What it means if there are any, and what to do; empty for info."""
-    found: Found
+    found: Count
 
 
 @dataclass(frozen=True, slots=True)
 class Rule(Generic[S]):
-    """Something that is counted in a subject: graphs, boxes, the tasks of a split."""
+    """A rule about one subject: the graphs, the boxes, or the tasks of a split."""
 
     code: str
     severity: Severity
     says: str
     """What is counted, in words that follow a number."""
     advice: str
-    find: Callable[[S], Found]
+    find: Callable[[S], Count]
     tolerated_by: Collection[Purpose] = ()
-    """Who goes on although it is an error; never ``compile``."""
+    """Commands that go on in spite of this error; never ``compile``."""
 
     def check(self, subject: S) -> Finding:
-        """Count, and say what it means."""
+        """Count what the rule looks for."""
         return Finding(self.code, self.severity, self.says, self.advice, self.find(subject))
 
 
-def info(code: str, says: str, find: Callable[[S], Found]) -> Rule[S]:
-    """Count something for the record."""
+def info(code: str, says: str, find: Callable[[S], Count]) -> Rule[S]:
+    """Return a rule that only counts."""
     return Rule(code, "info", says, "", find)
 
 
-def warning(code: str, says: str, advice: str, find: Callable[[S], Found]) -> Rule[S]:
-    """Count something that is worth knowing and not wrong."""
+def warning(code: str, says: str, advice: str, find: Callable[[S], Count]) -> Rule[S]:
+    """Return a rule for something that is worth knowing but not wrong."""
     return Rule(code, "warning", says, advice, find)
 
 
@@ -100,18 +100,18 @@ def error(
     code: str,
     says: str,
     advice: str,
-    find: Callable[[S], Found],
+    find: Callable[[S], Count],
     *,
     tolerated_by: Collection[Purpose] = (),
 ) -> Rule[S]:
-    """Count something that must not be in a dataset."""
+    """Return a rule for something that must not occur in a dataset."""
     return Rule(code, "error", says, advice, find, tolerated_by)
 
 
-def problems(
+def find_problems(
     rules: Sequence[Rule[S]], subject: S, where: Path, purpose: Purpose
 ) -> Iterator[Problem]:
-    """Check the rules that are errors for a purpose, and yield what is wrong."""
+    """Check the rules that are errors for a purpose, and yield a problem for each one broken."""
     for rule in rules:
         if rule.severity == "error" and purpose not in rule.tolerated_by:
             found = rule.find(subject)
@@ -123,7 +123,7 @@ def problems(
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """How measured values are spread."""
+    """The distribution of measured values."""
 
     code: str
     """Stable, for programs."""
@@ -135,12 +135,12 @@ class Spread:
     mean: float | None
     """Null if there are no values."""
     percentiles: Mapping[str, float]
-    """Values by percentage, ``"0"`` the smallest and ``"100"`` the largest, linear between; empty
-    if there are no values."""
+    """Percentiles by percentage, from ``"0"`` for the smallest value to ``"100"`` for the largest,
+    interpolated linearly; empty if there are no values."""
 
 
 def spread(code: str, says: str, unit: str, values: Array) -> Spread:
-    """Describe values by their mean and percentiles.
+    """Return the mean and percentiles of values.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def spread(code: str, says: str, unit: str, values: Array) -> Spread:
     """
     if not values.size:
         return Spread(code, says, unit, 0, None, {})
-    found = np.percentile(values, PERCENTILES).tolist()
-    percentiles = {f"{p:g}": value for p, value in zip(PERCENTILES, found, strict=True)}
+    at_percentiles = np.percentile(values, PERCENTILES).tolist()
+    percentiles = {f"{p:g}": value for p, value in zip(PERCENTILES, at_percentiles, strict=True)}
     mean = float(np.mean(values))
     return Spread(code, says, unit, len(values), mean, percentiles)

@@ -1,4 +1,4 @@
-"""The tasks of a split, and their targets among the listed objects."""
+"""The tasks of a split, in the navigation graphs and among the listed objects."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ class Split:
     path: Path
     tasks: Sequence[Task]
     malformed: Sequence[str] = ()
-    """Records that are not tasks, with the reason."""
+    """Records that do not have the form of a task, with the reason."""
 
     @property
     def scans(self) -> set[str]:
@@ -37,7 +37,7 @@ class Split:
 
     @property
     def has_answers(self) -> bool:
-        """Whether tasks have targets; those of the published test file do not."""
+        """Whether any task has a target; the published test file has none."""
         return any(task.objId is not None for task in self.tasks)
 
 
@@ -47,22 +47,22 @@ class Tasks:
 
     split: Split
     graphs: Graphs
-    elsewhere: Mapping[str, str] = field(default_factory=dict)
-    """The episodes of other splits: the split of each instr_id."""
+    other_splits: Mapping[str, str] = field(default_factory=dict)
+    """The split of each instr_id that another split has."""
 
-    def is_placed(self, task: Task) -> bool:
+    def is_on_graph(self, task: Task) -> bool:
         """Whether every viewpoint of a task's path is in the graph of its scan."""
         return all(map(self.graphs.is_node, task.viewpoints))
 
     @cached_property
-    def placed(self) -> Sequence[Task]:
-        """The tasks whose whole path is in the graph."""
-        return [task for task in self.split.tasks if self.is_placed(task)]
+    def on_graph(self) -> Sequence[Task]:
+        """The tasks whose whole path is in the graph; the others cannot be checked any further."""
+        return [task for task in self.split.tasks if self.is_on_graph(task)]
 
     @cached_property
-    def answered(self) -> Sequence[Task]:
-        """Placed tasks that have a target."""
-        return [task for task in self.placed if task.objId is not None]
+    def with_target(self) -> Sequence[Task]:
+        """The tasks on the graph that have a target."""
+        return [task for task in self.on_graph if task.objId is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Targets:
 
     split: Split
     tasks: Sequence[Task]
-    """Those that have a target, and their whole path in the graph."""
+    """The tasks that have a target and whose whole path is in the graph."""
     boxes: Boxes
 
     @cached_property
@@ -85,19 +85,21 @@ class Targets:
         return self._entries(-1)
 
     def is_visible(self, entry: IntArray) -> BoolArray:
-        """Whether there is an entry, and a view in it."""
+        """Whether the entry exists, and a view shows the object."""
+        # Index -1, for no entry, picks the 0 that is appended.
         n_views = np.append(self.boxes.n_views, 0)
         return np.asarray(n_views[entry] > 0)
 
     @cached_property
     def n_viewpoints(self) -> IntArray:
-        """Shape (n_listed,): from how many viewpoints each target listed at its goal is visible."""
+        """Shape (n_listed,): viewpoints that see each target, of targets listed at their goal."""
         boxes = self.boxes
         visible, number = np.unique(boxes.scan_object[boxes.is_visible], return_counts=True)
         target = boxes.scan_object[self.at_goal[self.at_goal >= 0]]
-        slot = np.searchsorted(visible, target)
-        found = np.append(visible, -1)[slot] == target
-        return np.where(found, np.append(number, 0)[slot], 0)
+        # A target larger than all visible objects has an index behind the last one: hence `append`.
+        index = np.searchsorted(visible, target)
+        is_visible = np.append(visible, -1)[index] == target
+        return np.where(is_visible, np.append(number, 0)[index], 0)
 
     def _entries(self, end: int) -> IntArray:
         entry_at = self.boxes.entry_at

@@ -1,4 +1,4 @@
-"""Rules for annotations: identities, paths in the navigation graphs, and targets at the goals."""
+"""Rules for annotations: ids, paths in the navigation graphs, and targets at the goals."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -8,86 +8,87 @@ import numpy as np
 
 from reverie_eval.arrays import BoolArray
 from reverie_eval.dataset._records import Task
-from reverie_eval.dataset._rules import Found, Rule, Spread, error, info, spread, warning
+from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
 from reverie_eval.dataset._splits import Targets, Tasks
 
 
-def _malformed(tasks: Tasks) -> Found:
-    malformed = tasks.split.malformed
-    return Found.among(malformed, len(tasks.split.tasks) + len(malformed))
-
-
-def _duplicate_episodes(tasks: Tasks) -> Found:
+def _duplicate_episodes(tasks: Tasks) -> Count:
     counts = Counter(tasks.split.instr_ids)
-    return Found.among([id_ for id_, count in counts.items() if count > 1], len(counts))
+    return Count.from_names([id_ for id_, count in counts.items() if count > 1], len(counts))
 
 
-def _shared_episodes(tasks: Tasks) -> Found:
+def _shared_episodes(tasks: Tasks) -> Count:
     instr_ids = list(dict.fromkeys(tasks.split.instr_ids))
-    shared = [f"{id_} of {tasks.elsewhere[id_]}" for id_ in instr_ids if id_ in tasks.elsewhere]
-    return Found.among(shared, len(instr_ids))
+    shared = [
+        f"{id_} of {tasks.other_splits[id_]}" for id_ in instr_ids if id_ in tasks.other_splits
+    ]
+    return Count.from_names(shared, len(instr_ids))
 
 
-def _among(tasks: Tasks, which: Callable[[Task], bool]) -> Found:
+def _count_tasks(tasks: Tasks, which: Callable[[Task], bool]) -> Count:
     all_tasks = tasks.split.tasks
-    return Found.among([task.id for task in all_tasks if which(task)], len(all_tasks))
+    return Count.from_names([task.id for task in all_tasks if which(task)], len(all_tasks))
 
 
-def _without_graph(tasks: Tasks) -> Found:
+def _without_graph(tasks: Tasks) -> Count:
     graphs = tasks.graphs
-    return _among(tasks, lambda task: not graphs.has_file(task.scan))
+    return _count_tasks(tasks, lambda task: not graphs.has_file(task.scan))
 
 
-def _off_the_graph(tasks: Tasks) -> Found:
+def _off_the_graph(tasks: Tasks) -> Count:
     scans = tasks.graphs.scans
-    return _among(tasks, lambda task: task.scan in scans and not tasks.is_placed(task))
+    return _count_tasks(tasks, lambda task: task.scan in scans and not tasks.is_on_graph(task))
 
 
-def _unreachable(tasks: Tasks) -> Found:
+def _unreachable(tasks: Tasks) -> Count:
     scans = tasks.graphs.scans
 
     def is_cut_off(task: Task) -> bool:
         scan = scans[task.scan]
         return len({scan.component[scan.row[id_]] for id_ in task.path}) > 1
 
-    return Found.among([task.id for task in tasks.placed if is_cut_off(task)], len(tasks.placed))
+    return Count.from_names(
+        [task.id for task in tasks.on_graph if is_cut_off(task)], len(tasks.on_graph)
+    )
 
 
-def _off_the_edges(tasks: Tasks) -> Found:
+def _off_the_edges(tasks: Tasks) -> Count:
     scans = tasks.graphs.scans
 
-    def leaves_the_edges(task: Task) -> bool:
+    def leaves_edges(task: Task) -> bool:
         scan = scans[task.scan]
         return any(a != b and not scan.has_edge(a, b) for a, b in pairwise(task.path))
 
-    off = [task.id for task in tasks.placed if leaves_the_edges(task)]
-    return Found.among(off, len(tasks.placed))
+    off = [task.id for task in tasks.on_graph if leaves_edges(task)]
+    return Count.from_names(off, len(tasks.on_graph))
 
 
 TASK_RULES: Sequence[Rule[Tasks]] = (
-    info("tasks", "tasks", lambda tasks: Found(len(tasks.split.tasks))),
+    info("tasks", "tasks", lambda tasks: Count(len(tasks.split.tasks))),
     info(
         "episodes",
         "episodes, one per instruction",
-        lambda tasks: Found(len(tasks.split.instr_ids)),
+        lambda tasks: Count(len(tasks.split.instr_ids)),
     ),
-    info("task-scans", "scans with a task", lambda tasks: Found(len(tasks.split.scans))),
+    info("task-scans", "scans with a task", lambda tasks: Count(len(tasks.split.scans))),
     error(
         "malformed-task",
-        "records that are not tasks of the published form",
-        "They are left out of all other counts. Fetch the file again, or fix what wrote it.",
-        _malformed,
+        "records that do not have the published form",
+        "All other counts leave them out. Fetch the file again, or fix the program that wrote it.",
+        lambda tasks: Count.from_names(
+            tasks.split.malformed, len(tasks.split.tasks) + len(tasks.split.malformed)
+        ),
     ),
     error(
         "duplicate-episode",
-        "instr_ids of more than one episode",
-        "A submission has one prediction per instr_id: give every task an id of its own.",
+        "instr_ids used by more than one episode",
+        "A submission has one prediction per instr_id: give every task its own id.",
         _duplicate_episodes,
     ),
     warning(
         "shared-episode",
-        "instr_ids that another split has too",
-        "A submission to the other split looks like one to this: keep the ids apart.",
+        "instr_ids that also occur in another split",
+        "Submissions to the two splits cannot be told apart: use different ids.",
         _shared_episodes,
     ),
     error(
@@ -104,7 +105,7 @@ TASK_RULES: Sequence[Rule[Tasks]] = (
     ),
     error(
         "unreachable-goal",
-        "tasks with a viewpoint on their path that no route leads to",
+        "tasks with a viewpoint on their path that cannot be reached",
         "They cannot be scored: distances would be infinite.",
         _unreachable,
     ),
@@ -117,41 +118,26 @@ TASK_RULES: Sequence[Rule[Tasks]] = (
 )
 
 _MIXED_RELEASES = (
-    "Annotations and boxes of different releases look like this (v2 annotations of val_seen with "
-    "v1 boxes: 3 of 501): fetch both from one."
+    "Annotations and boxes are probably from different releases (v2 annotations of val_seen with "
+    "v1 boxes give 3 of 501): fetch both from the same one."
 )
 
 
-def _without_target(targets: Targets) -> Found:
+def _without_target(targets: Targets) -> Count:
     tasks = targets.split.tasks
-    return Found.among([task.id for task in tasks if task.objId is None], len(tasks))
+    return Count.from_names([task.id for task in tasks if task.objId is None], len(tasks))
 
 
-def _where(targets: Targets, mask: BoolArray) -> Found:
-    return Found.where(mask, lambda row: targets.tasks[row].id)
-
-
-def _not_listed(targets: Targets) -> Found:
-    return _where(targets, targets.at_goal < 0)
-
-
-def _not_visible(targets: Targets) -> Found:
-    return _where(targets, (targets.at_goal >= 0) & ~targets.is_visible(targets.at_goal))
-
-
-def _visible_at_start(targets: Targets) -> Found:
-    return _where(targets, targets.is_visible(targets.at_start))
-
-
-def _single_goals(targets: Targets) -> Found:
-    return Found(int((targets.n_viewpoints == 1).sum()), len(targets.n_viewpoints))
+def _where(targets: Targets, mask: BoolArray) -> Count:
+    """Count the tasks for which the mask is true."""
+    return Count.where(mask, lambda row: targets.tasks[row].id)
 
 
 TARGET_RULES: Sequence[Rule[Targets]] = (
     info(
         "targets",
-        "different objects that are a target",
-        lambda targets: Found(len({(task.scan, task.target) for task in targets.tasks})),
+        "distinct target objects",
+        lambda targets: Count(len({(task.scan, task.target) for task in targets.tasks})),
     ),
     error(
         "missing-answer",
@@ -163,33 +149,35 @@ TARGET_RULES: Sequence[Rule[Targets]] = (
         "target-not-listed",
         "tasks whose target is not listed where the path ends",
         _MIXED_RELEASES,
-        _not_listed,
+        lambda targets: _where(targets, targets.at_goal < 0),
         tolerated_by=["describe"],
     ),
     error(
         "target-not-visible",
         "tasks whose target is listed where the path ends, but not visible in any view",
         _MIXED_RELEASES,
-        _not_visible,
-        # The paper's own train split has one: it is described with a note.
+        lambda targets: _where(
+            targets, (targets.at_goal >= 0) & ~targets.is_visible(targets.at_goal)
+        ),
+        # The published train split has one; `describe` adds a note.
         tolerated_by=["describe"],
     ),
     warning(
         "target-at-start",
         "tasks whose target is visible where the path begins",
         "An agent that does not move succeeds.",
-        _visible_at_start,
+        lambda targets: _where(targets, targets.is_visible(targets.at_start)),
     ),
     info(
         "single-goal",
         "tasks whose target is visible from one viewpoint only",
-        _single_goals,
+        lambda targets: Count(int((targets.n_viewpoints == 1).sum()), len(targets.n_viewpoints)),
     ),
 )
 
 
 def target_spreads(targets: Targets) -> list[Spread]:
-    """Measure how hard the targets are to see, and how much else is there."""
+    """Measure how visible the targets are, and how many other objects are at the goals."""
     boxes = targets.boxes
     visible_target = targets.at_goal[targets.is_visible(targets.at_goal)]
     goal = boxes.viewpoint[targets.at_goal[targets.at_goal >= 0]]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from reverie_eval.dataset import Finding, Found, LintReport, LintSection, Spread
+from reverie_eval.dataset import Count, Finding, LintReport, LintSection, Spread
 from reverie_eval.reporting._table import Table, print_table
 from reverie_eval.text import count_text
 
@@ -87,7 +87,7 @@ def _count_row(count: Finding) -> Sequence[str]:
     return [_mark(count), count.code, f"{found.number:,}", of, _share(found), count.says]
 
 
-def _share(found: Found) -> str:
+def _share(found: Count) -> str:
     if not found.of or not found.number:
         return ""
     share = f"{100 * found.number / found.of:.1f}"
@@ -118,11 +118,11 @@ def _number(value: float) -> str:
     return f"{value:#.3g}"
 
 
-def _count_phrase(found: Found) -> str:
+def _count_phrase(found: Count) -> str:
     return f"{found.number:,}" if found.of is None else f"{found.number:,} of {found.of:,}"
 
 
-def _shown(found: Found) -> Sequence[str]:
+def _shown(found: Count) -> Sequence[str]:
     examples = found.examples[:_SHOWN_EXAMPLES]
     more = found.number - len(examples)
     return [*examples, f"and {more:,} more"] if more else examples

@@ -1,1 +1,1 @@
-"""Wire formats, and nothing else: what files and replies look like."""
+"""Wire formats: the types of files and of HTTP requests and replies."""

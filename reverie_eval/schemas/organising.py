@@ -1,4 +1,4 @@
-"""What the organiser and the server say to each other."""
+"""Messages between organisers and the server."""
 
 from datetime import datetime
 from typing import Annotated, Any, Literal
@@ -6,24 +6,24 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from reverie_eval.schemas.service import Method, PublicReview
-from reverie_eval.schemas.wire import LONGEST_LINE, Https, Instant, Name, Said
+from reverie_eval.schemas.wire import LONGEST_LINE, Https, Instant, Name, WireModel
 
 
-class NewTeam(Said):
+class NewTeam(WireModel):
     """A team to be added."""
 
     name: Name
 
 
-class TeamReport(Said):
-    """Who submits together and shares a quota."""
+class TeamReport(WireModel):
+    """People who submit together and share a quota."""
 
     name: str
     people: list[str]
     created_at: datetime
 
 
-class NewPerson(Said):
+class NewPerson(WireModel):
     """A person to be added to a team."""
 
     team: Name
@@ -31,8 +31,8 @@ class NewPerson(Said):
     role: Literal["participant", "organiser"] = "participant"
 
 
-class PersonReport(Said):
-    """Somebody in a team."""
+class PersonReport(WireModel):
+    """A person in a team."""
 
     name: str
     team: str
@@ -40,17 +40,17 @@ class PersonReport(Said):
     created_at: datetime
 
 
-class NewToken(Said):
-    """A token to be made for somebody."""
+class NewToken(WireModel):
+    """A token to be created for a person."""
 
     person: Name
     kind: Literal["access", "invite"] = "invite"
-    """An invitation is turned into a token of access once, by whoever has it."""
+    """An invitation can be exchanged for an access token once, by anyone who has it."""
     expires_at: Instant | None = None
 
 
-class TokenReport(Said):
-    """What is known of a token; the token itself is not."""
+class TokenReport(WireModel):
+    """What the server knows about a token, without the token itself."""
 
     hint: str
     """Its first letters."""
@@ -63,7 +63,7 @@ class TokenReport(Said):
 
 
 class MintedReport(TokenReport):
-    """A token that was made, shown this once."""
+    """A new token, shown only this once."""
 
     token: str
 
@@ -72,19 +72,19 @@ MOST_EXTRA = 10_000
 """Further submissions in one grant: more than any quota, and no more than a database can count."""
 
 
-class NewGrant(Said):
+class NewGrant(WireModel):
     """Further submissions for a team, and why."""
 
     team: Name
     split: str
     extra: Annotated[int, Field(ge=1, le=MOST_EXTRA)]
-    """By which each limit is raised, the team's and each person's in it."""
+    """By how much each limit is raised, the team's and that of each person in it."""
     reason: Annotated[str, Field(min_length=1, max_length=LONGEST_LINE)]
-    """For the audit log; a line."""
+    """For the audit log; one line."""
     expires_at: Instant
 
 
-class GrantReport(Said):
+class GrantReport(WireModel):
     """Further submissions that a team was given."""
 
     team: str
@@ -95,8 +95,8 @@ class GrantReport(Said):
     expires_at: datetime
 
 
-class AuditReport(Said):
-    """What somebody did; each entry's digest covers the one before."""
+class AuditReport(WireModel):
+    """An entry of the audit log; each digest covers the entry before."""
 
     id: int
     at: datetime
@@ -108,37 +108,37 @@ class AuditReport(Said):
     digest: str
 
 
-class NewReview(Said):
-    """Something to be said of a submission, for everybody to read."""
+class NewReview(WireModel):
+    """A public verdict on a submission."""
 
     submission_id: Annotated[str, Field(max_length=32)]
     verdict: Literal["verified", "baseline", "flagged", "disqualified"]
-    """Verified, flagged and disqualified take each other's place; baseline stands beside them."""
+    """Verified, flagged and disqualified replace each other; baseline is independent of them."""
     reason: Annotated[str, Field(min_length=1, max_length=LONGEST_LINE)]
-    """Public; a line."""
+    """Public; one line."""
 
 
 class ReviewEntry(PublicReview):
-    """What was said of a submission, lifted or not."""
+    """A verdict on a submission, lifted or not."""
 
     id: int
     submission_id: str
     lifted_at: datetime | None
 
 
-class NewReported(Said):
-    """A result that a paper reports, for the board of a split."""
+class NewReported(WireModel):
+    """A result that a paper reports, for the leaderboard of a split."""
 
     split: str
     method: Method
     team: Name
-    """Who reports it, as the board is to call them."""
+    """Who reports it, as shown on the leaderboard."""
     scores: Annotated[dict[str, float], Field(min_length=1)]
-    """By the keys of metrics: fractions from 0 to 1, and metres."""
+    """By metric key: fractions from 0 to 1, or metres."""
     source: Https
 
 
-class ReportedEntry(Said):
+class ReportedEntry(WireModel):
     """A result that a paper reports and no server has scored."""
 
     id: int
@@ -151,27 +151,27 @@ class ReportedEntry(Said):
     created_at: datetime
 
 
-class NewNotice(Said):
-    """What is to be said to everybody, and whether submissions are taken."""
+class NewNotice(WireModel):
+    """A message to everyone, and whether submissions are paused."""
 
     banner: Annotated[str, Field(max_length=500)] = ""
-    """A line; empty for the settings' own."""
+    """One line; if empty, the banner in the settings is shown."""
     paused: bool = False
 
 
-class NoticeReport(Said):
-    """What is said to everybody now, the settings' own where nothing was posted."""
+class NoticeReport(WireModel):
+    """The current message to everyone: the settings' own if nothing was posted."""
 
     banner: str
     paused: bool
-    """Also while the settings say so, whatever was posted."""
+    """Also true if the settings say so, whatever was posted."""
     posted_by: str | None
-    """Null while the settings alone hold."""
+    """Null if only the settings apply."""
     created_at: datetime | None
 
 
-class AttemptReport(Said):
-    """An upload and what it came to."""
+class AttemptReport(WireModel):
+    """An upload and its outcome."""
 
     id: int
     at: datetime
@@ -181,7 +181,7 @@ class AttemptReport(Said):
     outcome: str
     """`scored`, `repeat`, or the code of the problem."""
     problems: int
-    """How many there were with the file."""
+    """Number of problems in the file."""
     size: int
-    """Bytes, unpacked if it came to that."""
+    """Bytes; after unpacking, if the server got that far."""
     milliseconds: int

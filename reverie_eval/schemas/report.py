@@ -6,24 +6,24 @@ from pydantic import BaseModel, ConfigDict
 
 
 class BoxReport(BaseModel):
-    """How the answers that are boxes did, and how much of it chance would have done."""
+    """The results of answers by box, and how much of them chance could explain."""
 
     model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
 
     answers: int
     """Number of answers that are boxes."""
     correct: int
-    """Number of them with an IoU of at least one half, wherever else the protocol looks."""
+    """Number of them with an IoU of at least one half, whatever else the protocol requires."""
     mean_iou: float
     """Mean IoU over them; 0 where the view does not show the target."""
     whole_image: float
-    """Share of them that would be right if the whole picture stood in their place."""
+    """Share of them that would be correct if each were the whole image."""
     ambiguous_views: float
-    """Of those whose view shows the target, the share in which another object's box overlaps the
-    target's with an IoU of at least one half."""
+    """Share of views that show the target in which another object's box has an IoU of at least one
+    half with the target's."""
     misses: dict[str, int]
-    """Number of them that are wrong, by reason: the box is another than the target's (low IoU),
-    the view does not show the target, or no view does from where the agent stopped."""
+    """Number of wrong boxes by reason: the IoU with the target's box is too low, the view does not
+    show the target, or no view does at the viewpoint where the agent stopped."""
 
 
 class IntervalReport(BaseModel):
@@ -32,11 +32,11 @@ class IntervalReport(BaseModel):
     model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
 
     by: Literal["target", "scan"]
-    """What the episodes of a cluster have in common."""
+    """What the episodes of a cluster share."""
     clusters: int
-    """Number of clusters, from which each resample drew as many."""
+    """Number of clusters, and of clusters drawn in each resample."""
     confidence: float
-    """The share of such intervals that hold the true mean."""
+    """The share of such intervals that contain the true mean."""
     resamples: int
     seed: int
     intervals: dict[str, tuple[float, float]]
@@ -50,7 +50,7 @@ class ScoreReport(BaseModel):
 
     schema_version: Literal[1] = 1
     signature: str
-    """Everything that the scores depend on, in one line; two equal signatures compare."""
+    """Everything that the scores depend on, in one line; scores with equal signatures compare."""
     split: str
     protocol: str
     dataset: str
@@ -64,11 +64,11 @@ class ScoreReport(BaseModel):
     scores: dict[str, float]
     """Means over episodes by metric key; fractions in [0, 1], lengths in metres, not rounded."""
     boxes: BoxReport | None = None
-    """If some answers are boxes and the protocol scores grounding."""
+    """Present if some answers are boxes and the protocol scores grounding."""
     intervals: IntervalReport | None = None
-    """If they were asked for."""
+    """Present if requested."""
     notes: list[str] = []
-    """What a reader of the numbers should know, a sentence each."""
+    """What readers of the numbers should know, a sentence each."""
 
 
 class ProblemReport(BaseModel):
@@ -81,7 +81,7 @@ class ProblemReport(BaseModel):
     code: str
     """What kind of problem it is; stable, for programs."""
     where: str
-    """Its place in the submission: ``[3].trajectory[0]``."""
+    """Its location in the submission: ``[3].trajectory[0]``."""
     message: str
     """What was found, what was expected, and what to do."""
 
@@ -96,4 +96,4 @@ class ValidationReport(BaseModel):
     valid: bool
     problems: list[ProblemReport] = []
     notes: list[str] = []
-    """What the participant should know before sending it, a sentence each."""
+    """What the participant should know before submitting, a sentence each."""

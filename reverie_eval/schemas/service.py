@@ -1,4 +1,4 @@
-"""What the evaluation server and its clients say to each other."""
+"""Messages between the evaluation server and its clients."""
 
 from datetime import datetime
 from typing import Annotated, Literal
@@ -6,26 +6,26 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, Field
 
 from reverie_eval.schemas.report import ProblemReport, ScoreReport, ValidationReport
-from reverie_eval.schemas.wire import Https, Instant, Name, Said, Secret, Text
+from reverie_eval.schemas.wire import Https, Instant, Name, Secret, Text, WireModel
 
 
-class ServerReport(Said):
+class ServerReport(WireModel):
     """The server itself."""
 
     title: str
     version: str
     """Of reverie-eval, which scores."""
     banner: str
-    """What the organiser has to say to everybody; usually nothing."""
+    """The organiser's message to everyone; usually empty."""
     paused: bool
-    """Whether no split takes submissions now, whatever its phases say."""
+    """Whether all splits refuse submissions now, whatever their phases say."""
     key_id: str
     """The first letters of the SHA-256 of the public key that receipts are checked with."""
     required_metadata: list[str]
-    """What a submission has to say of its method, besides the name."""
+    """What a submission must state about its method, besides the name."""
 
 
-class Me(Said):
+class Me(WireModel):
     """Who a token belongs to."""
 
     person: str
@@ -33,13 +33,13 @@ class Me(Said):
     role: Literal["participant", "organiser"]
 
 
-class Invitation(Said):
-    """What an organiser sends to somebody new."""
+class Invitation(WireModel):
+    """An invitation, to be exchanged for a token."""
 
     invitation: Secret
 
 
-class Welcome(Said):
+class Welcome(WireModel):
     """A token, shown this once."""
 
     person: str
@@ -47,23 +47,23 @@ class Welcome(Said):
     token: str
 
 
-class SignIn(Said):
-    """What a browser's session begins with."""
+class SignIn(WireModel):
+    """What a browser sends to sign in."""
 
     token: Secret
 
 
 class SessionReport(Me):
-    """A browser's session; the cookie that comes with it is not for scripts."""
+    """A browser session; scripts cannot read the cookie that comes with it."""
 
     csrf_token: str
-    """To be sent as X-CSRF-Token with whatever changes something."""
+    """To be sent as X-CSRF-Token with every request that changes something."""
     expires_at: datetime
     """When to sign in again, UTC; earlier if the token is revoked."""
 
 
-class Method(Said):
-    """What a team says of its method."""
+class Method(WireModel):
+    """How a team describes its method."""
 
     name: Name
     """Shown on the leaderboard."""
@@ -75,53 +75,53 @@ class Method(Said):
     pre_exploration: bool = False
     """Saw the test buildings before the instructions."""
     ground_truth_objects: bool = False
-    """Was given the annotated objects of a viewpoint, as the dataset's box files list them."""
+    """Used the annotated objects of a viewpoint, as listed in the dataset's box files."""
     ensemble: bool = False
     """Several models decide together."""
 
 
 class MethodChange(Method):
-    """What is to be said differently of a method; what is left out stays."""
+    """Changes to the description of a method; fields that are left out stay as they are."""
 
     name: Annotated[Name, Field(json_schema_extra=lambda schema: schema.pop("default"))] = ""
     """Shown on the leaderboard."""
 
 
-class QuotaWindow(Said):
-    """What is left in one rolling window."""
+class QuotaWindow(WireModel):
+    """The submissions left in one rolling window."""
 
     name: Literal["day", "month", "year"]
     """24 hours, 30 days, 365 days."""
     limit: int
     remaining: int
     resets_at: datetime | None
-    """When there will be more than now, UTC; null if there will not."""
+    """When more will be left than now, UTC; null if never."""
 
 
-class QuotaReport(Said):
-    """How many submissions are left, for the tighter of team and person."""
+class QuotaReport(WireModel):
+    """How many submissions are left: the smaller number of the team's and the person's."""
 
     remaining: int
-    """That all windows allow now."""
+    """Allowed now by all windows."""
     next_at: datetime | None
-    """When the next one is possible, UTC; null if one is now, or none ever."""
+    """When the next submission is possible, UTC; null if one is possible now, or never will be."""
     seconds_to_next: int
     """Until then, rounded up; 0 where that is null."""
     windows: list[QuotaWindow]
 
 
-class PhaseReport(Said):
-    """A time in which submissions are taken."""
+class PhaseReport(WireModel):
+    """A period in which submissions are accepted."""
 
     name: str
     opens: datetime | None
     closes: datetime | None
-    """The last second of it."""
+    """The last second of the phase."""
     is_open: bool
 
 
-class SplitReport(Said):
-    """A split that submissions are taken for."""
+class SplitReport(WireModel):
+    """A split that accepts submissions."""
 
     name: str
     episodes: int
@@ -132,13 +132,13 @@ class SplitReport(Said):
     fingerprint: str
     """SHA-256 of the ground truth's arrays."""
     public_fingerprint: str
-    """The same of its public bundle, which checks submissions at home."""
+    """The same for its public bundle, with which participants check submissions themselves."""
     phases: list[PhaseReport]
     quota: QuotaReport | None
-    """Yours; null for whoever is not signed in."""
+    """Yours; null if you are not signed in."""
 
 
-class Receipt(Said):
+class Receipt(WireModel):
     """What proves a result: every field but the last is signed."""
 
     schema_version: Literal[1] = 1
@@ -154,14 +154,14 @@ class Receipt(Said):
     """Everything that the scores depend on, as the score table has it."""
     scores: dict[str, float]
     quota: QuotaReport
-    """What was left when it had been counted."""
+    """The quota after this submission."""
     key_id: str
     """The first letters of the SHA-256 of the server's public key."""
     proof: str
     """Ed25519 over the canonical JSON of the other fields, in base64."""
 
 
-class SubmissionReport(Said):
+class SubmissionReport(WireModel):
     """A scored submission."""
 
     id: str
@@ -180,35 +180,35 @@ class SubmissionReport(Said):
 
 
 class Checked(ValidationReport):
-    """The reply to a check of a sound submission."""
+    """The reply to a check of a valid submission."""
 
     quota: QuotaReport
-    """What is left; a check spends nothing."""
+    """The submissions left; a check does not use one."""
 
 
-class Accepted(Said):
+class Accepted(WireModel):
     """The reply to an upload."""
 
     submission: SubmissionReport
     quota: QuotaReport
     is_repeat: bool
-    """Whether this very file, or this Idempotency-Key, was scored before; nothing was spent."""
+    """Whether this file or Idempotency-Key was scored before; then no submission was used."""
 
 
-class SubmissionChange(Said):
-    """What a team may change afterwards; what is left out stays."""
+class SubmissionChange(WireModel):
+    """What a team may change afterwards; fields that are left out stay as they are."""
 
     method: MethodChange | None = None
     published: bool | None = None
     """Whether it is on the leaderboard."""
     withdrawn: bool | None = None
-    """Whether it is taken back; it stays counted, and must be restored to be published."""
+    """Whether it is withdrawn; it still counts, and must be restored before it can be published."""
     anonymous_until: Instant | None = None
     """Until when the leaderboard does not name the team; null names it now."""
 
 
-class PublicReview(Said):
-    """What the organiser says of a published result."""
+class PublicReview(WireModel):
+    """The organiser's verdict on a published result."""
 
     verdict: Literal["verified", "baseline", "flagged", "disqualified"]
     reason: str
@@ -216,11 +216,11 @@ class PublicReview(Said):
     created_at: datetime
 
 
-class LeaderboardRow(Said):
+class LeaderboardRow(WireModel):
     """A published result."""
 
     rank: int | None
-    """Equal for equal values of the metric that the board is sorted by; null without a value."""
+    """Equal for equal values of the metric that the rows are sorted by; null without a value."""
     submission_id: str | None
     """Null for a result that is reported, not scored."""
     team: str
@@ -228,13 +228,13 @@ class LeaderboardRow(Said):
     method: Method
     published_at: datetime
     submissions: int | None
-    """How many submissions of the team stand behind this row; null while it is anonymous, whose
-    rows the number would bring together."""
+    """Number of the team's submissions; null while it is anonymous, because the number would
+    reveal which rows belong to one team."""
     scores: dict[str, float]
     intervals: dict[str, tuple[float, float]] = Field(default_factory=dict)
     """Low and high of the headline metrics' 95 % intervals; for open splits alone."""
     signature: str = ""
-    """Everything that the scores depend on; empty for a result that is reported."""
+    """Everything that the scores depend on; empty for a reported result."""
     standing: Literal["ranked", "disqualified", "reported", "other-rules"] = "ranked"
     """Whether it takes part in the ranking, or why it does not: the organiser has disqualified it,
     a paper reports it, or it was scored by another protocol or ground truth than the split's."""
@@ -243,7 +243,7 @@ class LeaderboardRow(Said):
     reviews: list[PublicReview] = Field(default_factory=list)
 
 
-class Leaderboard(Said):
+class Leaderboard(WireModel):
     """The published results of a split."""
 
     split: str
@@ -252,13 +252,13 @@ class Leaderboard(Said):
     """What the rows are sorted by; rows without it are not ranked and come last."""
     fingerprint: str
     signature: str = ""
-    """Of every ranked row, but for the version that scored it."""
+    """The signature of every ranked row, except for the version that scored it."""
     rows: list[LeaderboardRow]
     apart: list[LeaderboardRow] = Field(default_factory=list)
-    """What is shown beside the ranking and takes no part in it."""
+    """Rows that are not ranked."""
 
 
-class ProblemDocument(Said):
+class ProblemDocument(WireModel):
     """An error, as RFC 9457 has it."""
 
     type: str = "about:blank"
@@ -271,12 +271,12 @@ class ProblemDocument(Said):
     """What is wrong with the submission, each with its place."""
     quota: QuotaReport | None = None
     request_id: str | None = None
-    """Where the server failed: by this the organiser finds out why."""
+    """Given if the server failed: the organiser finds the cause by it."""
 
 
-class HealthReport(Said):
+class HealthReport(WireModel):
     """Whether the server can do its work."""
 
     status: Literal["ok", "unhealthy"]
     failed: list[str] = Field(default_factory=list)
-    """What is not in order: `database`, `uploads`, or the scoring of a split."""
+    """What does not work: `database`, `uploads`, or the scoring of a split."""

@@ -1,4 +1,4 @@
-"""What everything that goes over the wire has in common."""
+"""The base class and the text types of everything that goes over the wire."""
 
 import re
 from datetime import UTC, datetime
@@ -24,12 +24,12 @@ LONGEST_LINK = 500
 _BLANK = re.compile(
     r"[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef\u2800]"
 )
-"""What Python takes for printable, though it shows as nothing: fillers and variation selectors, by
-Unicode's property ``Default_Ignorable_Code_Point``, and the braille pattern without a dot."""
+"""Characters that Python calls printable but that show as nothing: fillers and variation selectors
+(Unicode's property ``Default_Ignorable_Code_Point``), and the braille pattern without dots."""
 
 
-class Said(BaseModel):
-    """Base of what servers and clients say: immutable, and nothing in it that is not declared."""
+class WireModel(BaseModel):
+    """Base of all messages between servers and clients: immutable, without undeclared fields."""
 
     model_config = ConfigDict(
         frozen=True, use_attribute_docstrings=True, extra="forbid", from_attributes=True
@@ -37,15 +37,15 @@ class Said(BaseModel):
 
 
 def one_line(text: str) -> str:
-    r"""Return text in its one composed form, if it shows as it is in a line, a cell or a log.
+    r"""Return text in its composed form (NFC), if it is safe to show in a line, a cell or a log.
 
-    Control characters, line breaks, what turns the direction of writing and what shows as nothing
-    would make a name look like another's, like two lines, or like none.
+    Control characters, line breaks, invisible characters, and those that change the direction of
+    writing could make a name look like another one, like two lines, or empty.
 
     Raises
     ------
     ValueError
-        If there is such a character in it.
+        If the text has such a character.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def _lines(value: object) -> object:
 
 
 def _short(url: HttpUrl) -> HttpUrl:
-    if len(str(url)) > LONGEST_LINK:  # in the one form in which it is kept
+    if len(str(url)) > LONGEST_LINK:  # as it is stored
         raise ValueError(f"takes up to {LONGEST_LINK} letters")
     return url
 
@@ -79,8 +79,8 @@ def _instant(value: datetime) -> datetime:
     return value.astimezone(UTC)
 
 
-# Texts are brought into the form in which they are kept before their length is looked at: what was
-# taken once is taken again when it is read.
+# Texts are normalised before their length is checked, so that a stored text is valid again when it
+# is read.
 Name = Annotated[
     str, StringConstraints(min_length=1, max_length=LONGEST_NAME), BeforeValidator(_line)
 ]

@@ -1,8 +1,9 @@
 """Submissions: from bytes to predictions to aligned columns, or every problem with its place.
 
-``_sources`` gets the bytes; ``_official`` decodes the form that nearly all files have straight into
-columns; ``_document`` and ``_records`` read everything else value by value and explain what is
-wrong; ``_alignment`` turns ids into integers.
+There are two lanes from bytes to predictions. The fast lane (``_official``) decodes the plain
+official form straight into columns: nearly every file has it. The careful lane (``_document``,
+``_records``, ``_trajectories``, ``_answers``) reads everything else value by value, and explains
+what is wrong. Both give the same :class:`Predictions`. ``_alignment`` turns its ids into integers.
 """
 
 from reverie_eval.submissions._alignment import AlignedSubmission, align, align_answers_only

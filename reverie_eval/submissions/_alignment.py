@@ -1,4 +1,4 @@
-"""Alignment: from ids to integers, with every id found in the ground truth or reported.
+"""Alignment: look up every id in the ground truth, and report those that are not there.
 
 After this stage there is no text left, and nothing can fail.
 """
@@ -50,7 +50,7 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
     Raises
     ------
     SubmissionError
-        Listing everything that is wrong, including what could not be read.
+        Listing every problem, including those found while reading.
     """
     episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
     viewpoint = _indices(predictions.viewpoint_ids, ground_truth.graph.index)
@@ -75,7 +75,7 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     Raises
     ------
     SubmissionError
-        Listing everything that is wrong, including what could not be read.
+        Listing every problem, including those found while reading.
     GroundTruthError
         If the ground truth is a public bundle.
     """
@@ -86,10 +86,11 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     return _aligned(predictions, episode, np.argsort(episode), viewpoint=goal, offsets=offsets)
 
 
-def _raise_problems(*found: Iterable[Problem]) -> None:
-    listed = problems.limit_problems(chain.from_iterable(found))
-    if listed:
-        raise SubmissionError(listed)
+def _raise_problems(*groups: Iterable[Problem]) -> None:
+    # The groups are generators: nothing is searched for beyond the limit.
+    found = problems.limit_problems(chain.from_iterable(groups))
+    if found:
+        raise SubmissionError(found)
 
 
 def _aligned(
@@ -99,7 +100,7 @@ def _aligned(
     viewpoint: IntArray,
     offsets: IntArray,
 ) -> AlignedSubmission:
-    """Join answers, taken in order, with trajectories that are in the order of episodes."""
+    """Put the answers into the given order; the trajectories are in it already."""
     boxes = replace(predictions.boxes, row=episode[predictions.boxes.row])
     return AlignedSubmission(
         viewpoint=viewpoint,
@@ -111,6 +112,7 @@ def _aligned(
 
 
 def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:
+    # `map` calls `dict.get` from C: no Python frame for each of a hundred thousand poses.
     indices: Iterable[int] = map(index.get, ids, repeat(_UNKNOWN))  # type: ignore[arg-type]
     return np.fromiter(indices, np.int64, len(ids))
 
@@ -122,14 +124,27 @@ def _episode_problems(
     known = episode[episode != _UNKNOWN]
     times_predicted = np.bincount(known, minlength=len(ground_truth.episodes.instr_ids))
     if (times_predicted == 1).all() and len(known) == len(episode):
-        return
+        return  # nearly always: what follows loops over records in Python
     unknown = _unknown_by_split(predictions, episode, ground_truth)
     if ground_truth.is_demo and not known.size and unknown.keys() == {None}:
         yield problems.ids_outside_demo(len(unknown[None]), ground_truth.split)
         return
-    yield from _unknown_problems(predictions, unknown, ground_truth.split)
+    for other_split, records in unknown.items():
+        if other_split is not None:
+            # One problem for all of them: the file as a whole is for the wrong split.
+            location, instr_id = _location_and_id(predictions, records[0])
+            yield problems.ids_of_another_split(
+                len(records), other_split, ground_truth.split, location, instr_id
+            )
+    for record in unknown.get(None, ()):
+        yield problems.unknown_episode(*_location_and_id(predictions, record), ground_truth.split)
     yield from _duplicate_problems(predictions, episode)
-    yield from _missing_problems(np.flatnonzero(times_predicted == 0), ground_truth)
+    instr_ids = ground_truth.episodes.instr_ids
+    if not known.size:
+        yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
+        return
+    for index in np.flatnonzero(times_predicted == 0).tolist():
+        yield problems.missing_episode(instr_ids[index], ground_truth.split)
 
 
 def _unknown_by_split(
@@ -149,17 +164,6 @@ def _unknown_by_split(
     return groups
 
 
-def _unknown_problems(
-    predictions: Predictions, unknown: Mapping[str | None, list[int]], split: str
-) -> Iterator[Problem]:
-    for other, records in unknown.items():
-        if other is not None:
-            location, instr_id = _location_and_id(predictions, records[0])
-            yield problems.ids_of_another_split(len(records), other, split, location, instr_id)
-    for record in unknown.get(None, ()):
-        yield problems.unknown_episode(*_location_and_id(predictions, record), split)
-
-
 def _duplicate_problems(predictions: Predictions, episode: IntArray) -> Iterator[Problem]:
     first: dict[int, RecordLocation] = {}
     for record, index in enumerate(episode.tolist()):
@@ -170,15 +174,6 @@ def _duplicate_problems(predictions: Predictions, episode: IntArray) -> Iterator
             first[index] = location
 
 
-def _missing_problems(missing: IntArray, ground_truth: GroundTruth) -> Iterator[Problem]:
-    instr_ids = ground_truth.episodes.instr_ids
-    if len(missing) == len(instr_ids):
-        yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
-        return
-    for index in missing.tolist():
-        yield problems.missing_episode(instr_ids[index], ground_truth.split)
-
-
 def _location_and_id(predictions: Predictions, record: int) -> tuple[RecordLocation, str]:
     return predictions.location(record), str(predictions.instr_ids[record])
 
@@ -186,19 +181,22 @@ def _location_and_id(predictions: Predictions, record: int) -> tuple[RecordLocat
 def _trajectory_problems(
     predictions: Predictions, episode: IntArray, viewpoint: IntArray, ground_truth: GroundTruth
 ) -> Iterator[Problem]:
-    """Report poses that no agent can have reached in their episode."""
+    """Report poses that an agent cannot have reached in their episode."""
     graph = ground_truth.graph
+    # An unknown viewpoint or episode has index -1, which numpy takes for the last one: whatever is
+    # looked up for it below is masked out again.
     record = row_of(predictions.offsets)
     start = ground_truth.episodes.start[episode][record]
     in_scan = (viewpoint != _UNKNOWN) & (
         graph.viewpoint_scan[viewpoint] == graph.viewpoint_scan[start]
     )
+    # Distances exist within a scan only, so other viewpoints are replaced before the look-up.
     distance = graph.distance_between(start, np.where(in_scan, viewpoint, start))
     is_valid = in_scan & np.isfinite(distance)
     first = predictions.offsets[:-1][np.diff(predictions.offsets) > 0]
     is_valid[first] &= viewpoint[first] == start[first]
     for pose in np.flatnonzero(~is_valid & (episode[record] != _UNKNOWN)).tolist():
-        if predictions.viewpoint_ids[pose] is not None:  # else the reader has reported it
+        if predictions.viewpoint_ids[pose] is not None:  # None was reported while reading
             yield _pose_problem(predictions, pose, int(viewpoint[pose]), int(start[pose]), graph)
 
 
@@ -212,9 +210,9 @@ def _pose_problem(
     scan = graph.scan_of(start)
     if viewpoint == _UNKNOWN:
         return problems.unknown_viewpoint(location, path, viewpoint_id, scan)
-    if graph.scan_of(viewpoint) != scan:
-        other = graph.scan_of(viewpoint)
-        return problems.viewpoint_of_another_scan(location, path, viewpoint_id, scan, other)
+    other_scan = graph.scan_of(viewpoint)
+    if other_scan != scan:
+        return problems.viewpoint_of_another_scan(location, path, viewpoint_id, scan, other_scan)
     if pose == predictions.offsets[record]:
         return problems.wrong_start(location, instr_id, graph.viewpoint_ids[start], viewpoint_id)
     return problems.unreachable(location, path, viewpoint_id)

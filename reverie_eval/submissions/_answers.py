@@ -1,8 +1,8 @@
-"""Read an answer: an object id under any key and of any type that codebases write, or a box.
+"""Read an answer: an object id, under any key and of any type that codebases write, or a box.
 
-A box belongs to an image: the view that ``predView`` gives, or else what the camera of the last
-pose sees. It is scaled to 640 x 480 pixels if the record gives the size of the image that it was
-predicted in, and then cut to the image.
+A box belongs to an image: the view that ``predView`` gives, or else the image that the camera of
+the last pose sees. If ``predImageSize`` gives another image size, the box is scaled to 640 x 480
+pixels. Then it is cut to the image.
 """
 
 import math
@@ -21,18 +21,18 @@ from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._trajectories import Pose
 
 ANSWER_KEYS: tuple[str, ...] = ("predObjId", "pred_objid", "pred_obj_id")
-"""The first of these in a record is its answer: official, DUET, and an older spelling."""
+"""The first of these that a record has is its answer: official, DUET's, and an older spelling."""
 BOX_KEY = "predBox"
 VIEW_KEY = "predView"
 IMAGE_SIZE_KEY = "predImageSize"
 BOX_KEYS: tuple[str, ...] = (BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY)
 
 _ABSTENTIONS = ("None", "-1", "")
-"""What codebases write where the agent predicts no object, besides -1 and null."""
+"""What codebases write besides -1 and null where the agent predicts no object."""
 _STRAIGHT_UP = math.pi / 2
 """Radians."""
 _SLACK = 1e-6
-"""Pixels by which rounding alone may carry a scaled box beyond the image."""
+"""Pixels by which rounding alone may push a scaled box beyond the image."""
 
 
 class Camera(NamedTuple):
@@ -49,21 +49,21 @@ class BoxAnswer(NamedTuple):
     """A box and the camera of the image that it was predicted in."""
 
     xywh: tuple[float, float, float, float]
-    """Pixels of a 640 x 480 image, cut to it; without area if it was wholly outside."""
+    """Pixels of a 640 x 480 image, cut to it; of area 0 if it was entirely outside."""
     camera: Camera
     is_cut: bool
     """Whether the box reached beyond the image."""
-    given: Mapping[str, Any]
-    """The box, the view and the image size as the record has them, as plain numbers."""
+    fields: Mapping[str, Any]
+    """The box, the view and the image size as the record gives them, as plain numbers."""
 
 
 class Answer(NamedTuple):
     """The predicted object or box."""
 
     object_id: int
-    """-1 if none was predicted."""
+    """-1 if the agent predicts no object."""
     is_text: bool = False
-    """Whether the id is written as text, which one published evaluator never counts as correct."""
+    """Whether the id is written as text; one published evaluator never counts that as correct."""
     box: BoxAnswer | None = None
 
 
@@ -78,7 +78,7 @@ def read_answer(
     poses: Sequence[Pose] | None,
     log: ReadingLog,
 ) -> Answer:
-    """Read a record's answer; an unreadable one becomes a problem and an abstention.
+    """Read a record's answer; an unreadable one is reported and becomes an abstention.
 
     ``poses`` is the record's trajectory, or None if trajectories are not read.
     """
@@ -88,7 +88,7 @@ def read_answer(
             if not _is_abstention(record[key]):
                 log.problems.append(problems.two_answers(location, key, record[key]))
         return Answer(ABSTAINED, box=_read_box(location, record, poses, log))
-    if not keys and BOX_KEY in record:
+    if not keys and BOX_KEY in record:  # null, or it would have been read above
         log.differences["abstentions"] += 1
         return Answer(ABSTAINED)
     if not keys:
@@ -96,7 +96,10 @@ def read_answer(
         return Answer(ABSTAINED)
     log.differences["other key"] += keys[0] != ANSWER_KEYS[0]
     if len(keys) > 1:
-        log.differences["several answers"] += len({_meaning(record[key]) for key in keys}) > 1
+        # Compared as text, so that 3 and "3" are the same answer, and so are -1 and null.
+        texts = (str(record[key]) for key in keys)
+        answers = {"None" if text in _ABSTENTIONS else text for text in texts}
+        log.differences["several answers"] += len(answers) > 1
     return _read_object(location, keys[0], record[keys[0]], log)
 
 
@@ -105,7 +108,7 @@ def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog
         log.differences["abstentions"] += not is_integer(value)
         return Answer(ABSTAINED)
     is_text = isinstance(value, str) and value.isascii() and value.isdigit()
-    # A longer text cannot be an object id, and Python refuses to convert thousands of digits.
+    # Longer text cannot be an object id, and Python refuses to convert thousands of digits.
     if is_text and len(value) <= len(str(LARGEST_OBJECT_ID)):
         log.differences["text ids"] += 1
         value = int(value)
@@ -121,24 +124,19 @@ def _is_abstention(value: Any) -> bool:
     return value is None or (isinstance(value, str) and value in _ABSTENTIONS)
 
 
-def _meaning(value: Any) -> str:
-    """Return the same for answers that mean the same, whatever their type."""
-    return "None" if str(value) in _ABSTENTIONS else str(value)
-
-
 def _read_box(
     location: RecordLocation,
     record: Mapping[str, Any],
     poses: Sequence[Pose] | None,
     log: ReadingLog,
 ) -> BoxAnswer | None:
-    """Read a record's box, or report everything that is wrong with it."""
+    """Read a record's box; report every problem with it."""
     camera = _read_camera(location, record, poses, log)
     size = _read_image_size(location, record, log)
     box = _read_xywh(location, record[BOX_KEY], log)
     if camera is None or size is None or box is None:
         return None
-    given = {
+    fields = {
         BOX_KEY: list(box),
         **({} if record.get(VIEW_KEY) is None else {VIEW_KEY: int(record[VIEW_KEY])}),
         **({} if record.get(IMAGE_SIZE_KEY) is None else {IMAGE_SIZE_KEY: list(size)}),
@@ -157,7 +155,7 @@ def _read_box(
     log.differences["scaled boxes"] += size != (WIDTH, HEIGHT)
     log.differences["cut boxes"] += is_cut and not is_outside
     log.differences["boxes outside"] += is_outside
-    return BoxAnswer((x, y, x_end - x, y_end - y), camera, is_cut, given)
+    return BoxAnswer((x, y, x_end - x, y_end - y), camera, is_cut, fields)
 
 
 def _read_camera(
@@ -178,7 +176,7 @@ def _read_camera(
             return Camera(float(stop.heading), float(stop.elevation))
         log.problems.append(problems.upside_down(location, stop.path[:1], stop.elevation, VIEW_KEY))
     elif poses is None or (stop is not None and not stop.is_reported):
-        # A trajectory or a pose that cannot be read has been reported already.
+        # An unreadable trajectory or pose was reported already: one problem is enough.
         log.problems.append(problems.no_view(location, VIEW_KEY, has_poses=poses is not None))
     return None
 

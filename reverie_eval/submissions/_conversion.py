@@ -1,4 +1,4 @@
-"""Convert a submission from any readable form to the official one."""
+"""Convert a submission from any form that can be read to the official one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,26 +9,25 @@ from reverie_eval.submissions._document import read_document
 from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import ReadRecord, read_records
-from reverie_eval.submissions._trajectories import Pose
 
 
 @dataclass(frozen=True, slots=True)
 class Conversion:
-    """A submission in the official form, and what was changed."""
+    """A submission in the official form, and what the conversion changed."""
 
     records: Sequence[Mapping[str, Any]]
-    """``instr_id``, ``trajectory`` of full poses, ``predObjId`` as a number or ``predBox`` with its
-    view and image size, and nothing else."""
+    """Only ``instr_id``, ``trajectory`` with full poses, and either ``predObjId`` as a number or
+    ``predBox`` with its view and image size."""
     read_as: Sequence[str]
-    """How the file differs from the official form, one phrase each."""
+    """How the file differs from the official form, a phrase each."""
     dropped: Mapping[str, int]
-    """Fields that the official form does not have, with the number of records that have them."""
+    """Fields that the official form does not have, with the number of records that had them."""
     poses_without_angles: int
-    """Poses whose heading and elevation are written as 0 because the file does not give them."""
+    """Poses whose heading and elevation are written as 0, because the file does not give them."""
 
     @property
     def notes(self) -> Sequence[str]:
-        """What a reader of the converted file should know, one sentence each."""
+        """What a reader of the converted file should know, a sentence each."""
         without_angles = (
             f"{self.poses_without_angles:,} poses without heading and elevation; both are written "
             "as 0"
@@ -43,12 +42,12 @@ class Conversion:
 def convert(submission: Submission) -> Conversion:
     """Read a submission in any form and convert it to the official one.
 
-    Nothing is checked against a split: any ids and viewpoints are accepted.
+    No split is needed: any ids and viewpoints are accepted.
 
     Raises
     ------
     SubmissionError
-        If it cannot be read; lists every problem with its place.
+        If it cannot be read; lists every problem with its location.
     OSError
         If the file cannot be read.
     """
@@ -69,10 +68,9 @@ def _official(record: ReadRecord) -> dict[str, Any]:
     box = record.answer.box
     return {
         "instr_id": record.instr_id,
-        "trajectory": [_full_pose(pose) for pose in record.poses],
-        **({"predObjId": record.answer.object_id} if box is None else box.given),
+        "trajectory": [
+            [pose.viewpoint_id, float(pose.heading or 0), float(pose.elevation or 0)]
+            for pose in record.poses
+        ],
+        **({"predObjId": record.answer.object_id} if box is None else box.fields),
     }
-
-
-def _full_pose(pose: Pose) -> list[str | float | None]:
-    return [pose.viewpoint_id, float(pose.heading or 0), float(pose.elevation or 0)]

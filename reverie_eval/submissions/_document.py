@@ -1,4 +1,4 @@
-"""Parse any JSON text, or tell where it stops being JSON; and what its values are."""
+"""Parse any JSON text or report where it stops being JSON, and tell its types of values apart."""
 
 import math
 from collections import Counter
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
 MAX_VALUES = 30_000_000
-"""A thousand poses for each of the 6,292 episodes of test are 25 million values."""
+"""Enough for a thousand poses in each of the 6,292 episodes of test: 25 million values."""
 
 _NOT_JSON = {
     b"PK\x03\x04": "a zip archive within another",
@@ -24,20 +24,20 @@ _NOT_JSON = {
     b"version https://git-lfs": "a git-lfs pointer, not the file itself",
     b"<": "a web page",
 }
-"""What people send instead of a result file, by how it begins."""
+"""What people send instead of a result file, by its first bytes."""
 
 _NUMBER_TYPES = (float, int, Real)
-"""Common types first: checking an abstract class takes ten times as long."""
+"""The common types come first: checking against an abstract class takes ten times as long."""
 
 
 class RepeatingObject(dict[str, Any]):
-    """A JSON object with repeated fields; a plain parser would silently keep the last of each."""
+    """A JSON object with repeated fields, of which a plain parser would silently keep the last."""
 
     repeated: frozenset[str]
 
 
 def read_document(submission: Submission) -> Any:
-    """Return a submission's records as Python objects, wherever they come from.
+    """Return a submission's records as Python objects, whatever the submission is.
 
     Raises
     ------
@@ -50,21 +50,22 @@ def read_document(submission: Submission) -> Any:
 
 
 def are_records(submission: Submission) -> "TypeIs[Records]":
-    """Whether a submission comes as Python objects, a list or an object keyed by id."""
+    """Whether a submission consists of Python objects: a list, or a mapping keyed by id."""
+    # Text and bytes are sequences too, but they are a path or the content of a file.
     if isinstance(submission, str | bytes | bytearray):
         return False
     return isinstance(submission, Sequence | Mapping)
 
 
 def parse_document(content: bytes) -> Any:
-    """Parse JSON text, including NaN and infinities, so that their places can be reported.
+    """Parse JSON text, including NaN and infinities, so that their locations can be reported.
 
     Raises
     ------
     SubmissionError
         If it is not JSON.
     """
-    import json  # Seldom needed: most files take the fast lane.
+    import json  # rarely needed: most files take the fast lane
 
     for beginning, kind in _NOT_JSON.items():
         if content.startswith(beginning):
@@ -73,7 +74,7 @@ def parse_document(content: bytes) -> Any:
         raise SubmissionError([problems.another_kind("empty")])
     check_value_count(content, MAX_VALUES)
     try:
-        return json.loads(content, object_pairs_hook=_object)
+        return json.loads(content, object_pairs_hook=_build_object)
     except json.JSONDecodeError as error:
         problem = problems.not_json(
             f"line {error.lineno}, column {error.colno}", error.msg.removesuffix(" at")
@@ -82,7 +83,7 @@ def parse_document(content: bytes) -> Any:
         problem = problems.not_json(f"byte {error.start}", f"not {error.encoding} text")
     except RecursionError:
         problem = problems.too_deep()
-    except ValueError:
+    except ValueError:  # Python refuses to convert thousands of digits
         problem = problems.huge_number()
     raise SubmissionError([problem])
 
@@ -90,19 +91,19 @@ def parse_document(content: bytes) -> Any:
 def check_value_count(content: bytes, limit: int) -> None:
     """Refuse JSON text that would take gigabytes once it is parsed.
 
-    Every value but the first follows a comma or the beginning of a list or an object.
-
     Raises
     ------
     SubmissionError
         If it may hold more values than the limit.
     """
+    # Every value but the first follows a comma or the beginning of a list or an object. Counting
+    # these bytes is an upper bound that takes milliseconds and no memory.
     count = sum(map(content.count, (b"[", b"{", b",")))
     if count > limit:
         raise SubmissionError([problems.too_many_values(count, limit)])
 
 
-def _object(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+def _build_object(fields: list[tuple[str, Any]]) -> dict[str, Any]:
     record = dict(fields)
     if len(record) == len(fields):
         return record
@@ -113,17 +114,17 @@ def _object(fields: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def is_list(value: Any) -> TypeGuard[Sequence[Any]]:
-    """Whether a value is what JSON writes as a list."""
+    """Whether JSON would write a value as a list."""
     return isinstance(value, list | tuple)
 
 
 def is_number(value: Any) -> TypeGuard[float]:
-    """Whether a value is a number, of Python or numpy; booleans are not."""
+    """Whether a value is a number of Python's or numpy's; booleans are not."""
     return isinstance(value, _NUMBER_TYPES) and not isinstance(value, bool)
 
 
 def is_integer(value: Any) -> TypeGuard[int]:
-    """Whether a value is of an integer type; 3.0 is not."""
+    """Whether a value has an integer type; 3.0 has not."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
@@ -131,5 +132,5 @@ def is_finite(number: float) -> bool:
     """Whether a number fits a float and is neither infinite nor NaN."""
     try:
         return math.isfinite(number)
-    except OverflowError:  # an integer beyond the range of floats
+    except OverflowError:  # an integer too large for a float
         return False

@@ -1,4 +1,4 @@
-"""Hints about valid submissions that may not be what was meant."""
+"""Hints about valid submissions that are probably not what their authors meant."""
 
 from collections.abc import Iterator
 
@@ -14,9 +14,9 @@ from reverie_eval.submissions._predictions import MOST, BoxAnswers, Predictions
 def submission_hints(
     predictions: Predictions, submission: AlignedSubmission, *, answers_only: bool
 ) -> Iterator[str]:
-    """Return hints that hold whatever the correct answers are, one sentence each.
+    """Yield hints that do not depend on the correct answers, a sentence each.
 
-    With ``answers_only`` trajectories were not read.
+    With ``answers_only``, trajectories were not read.
     """
     if predictions.read_as:
         yield f"read as: {'; '.join(predictions.read_as)}"
@@ -27,7 +27,7 @@ def submission_hints(
     if (submission.predicted_object == 0).mean() > MOST:
         yield (
             "most answers predict object 0, which is an object like any other; write -1 where the "
-            "agent predicts none"
+            "agent predicts no object"
         )
     if answers_only:
         return
@@ -38,8 +38,9 @@ def submission_hints(
 
 
 def answer_hints(submission: AlignedSubmission, ground_truth: GroundTruth) -> Iterator[str]:
-    """Return hints that need the annotation, if the ground truth has it."""
+    """Yield hints that depend on the annotated objects, if the ground truth has answers."""
     predicted = submission.predicted_object != ABSTAINED
+    # In a file that answers mostly by box, the few object ids that are left say too little.
     if ground_truth.answers is None or predicted.sum() <= len(submission.boxes.row):
         return
     stop = submission.viewpoint[last_of(submission.offsets)]

@@ -1,9 +1,10 @@
-"""The fast lane: the official result format, decoded straight into its types.
+"""The fast lane: decode the plain official form straight into columns.
 
 A submission takes this lane only if every record is exactly ``{"instr_id": text, "trajectory":
-[[viewpoint, heading, elevation], ...], "predObjId": integer}`` with nothing missing, repeated or
-added: nearly all files are, and this is ten times faster than reading value by value. Whatever
-else there is, :mod:`reverie_eval.submissions._records` reads to the same result, or explains.
+[[viewpoint, heading, elevation], ...], "predObjId": integer}``, with nothing missing, repeated or
+added. Nearly all files are, and decoding them is ten times faster than reading value by value. Any
+other submission is declined here and read by :mod:`reverie_eval.submissions._records`, which must
+give the same columns for the same content: this lane never reports a problem of its own.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -27,6 +28,7 @@ from reverie_eval.submissions._predictions import (
 )
 from reverie_eval.submissions._trajectories import MAX_POSES
 
+# The descriptions are those of the published JSON Schema.
 _InstrId = Annotated[
     str,
     Meta(description="The episode: the task's id, an underscore, the instruction's index from 0."),
@@ -51,13 +53,15 @@ _Extent = Annotated[float, Meta(gt=0)]
 _Side = Annotated[float, Meta(ge=1)]
 
 
-# Without garbage collection: the collector would walk through a hundred thousand tuples.
+# With gc=False the garbage collector does not walk through a hundred thousand tuples of poses.
 class _Record(msgspec.Struct, gc=False, forbid_unknown_fields=True):
     instr_id: _InstrId
     trajectory: _Trajectory
     predObjId: _ObjectId  # noqa: N815  # the published name
 
 
+# The official form with all its options. It is never decoded into: answers by box take the careful
+# lane, and this class exists for the JSON Schema.
 class Prediction(msgspec.Struct):
     """What an agent did in one episode."""
 
@@ -94,12 +98,13 @@ _decode = msgspec.json.Decoder(list[_Record]).decode
 
 
 def decode_official(content: bytes) -> Predictions | None:
-    """Read a file in the plain official form; None if it is anything else."""
+    """Read a file in the plain official form; return None if it has any other form."""
     try:
         records = _decode(content)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
-    # One colon per field: with one more, a record may hold a field twice, which msgspec accepts.
+    # One colon for each field. If there are more, a record may have a field twice, which msgspec
+    # accepts silently. An id with a colon looks the same here; the careful lane tells them apart.
     if content.count(b":") != len(records) * len(_FIELDS):
         return None
     instr_ids = [record.instr_id for record in records]
@@ -117,9 +122,9 @@ def decode_official(content: bytes) -> Predictions | None:
 
 
 def convert_official(submission: Records) -> Predictions | None:
-    """Read Python objects in the plain official form; None if they are anything else.
+    """Read Python objects in the plain official form; return None if they have any other form.
 
-    Angles and object ids may be numpy's, as agents have them.
+    Angles and object ids may be numpy numbers, which agents often produce.
     """
     if not _is_plain(submission):
         return None
@@ -130,7 +135,7 @@ def convert_official(submission: Records) -> Predictions | None:
     try:
         angle = np.array(angles, dtype=np.float64).T
         predicted_object = np.array(answers, dtype=np.int64)
-    except OverflowError:
+    except OverflowError:  # an integer that does not fit: the careful lane reports it
         return None
     is_object = (predicted_object >= ABSTAINED) & (predicted_object <= LARGEST_OBJECT_ID)
     if not (np.isfinite(angle).all() and is_object.all()) or _any_prefixed(instr_ids):
@@ -148,6 +153,7 @@ def convert_official(submission: Records) -> Predictions | None:
 def submission_schema() -> dict[str, Any]:
     """Return the JSON Schema of the official form."""
     schema: dict[str, Any] = msgspec.json.schema(list[Prediction])
+    # What types cannot express: an answer is an object or a box, but not both.
     schema["$defs"]["Prediction"] |= {
         "anyOf": [{"required": ["predObjId"]}, {"required": ["predBox"]}],
         "not": {
@@ -159,9 +165,10 @@ def submission_schema() -> dict[str, Any]:
 
 
 def _is_plain(submission: Any) -> bool:
-    """Whether everything has the official form and its exact types.
+    """Whether everything has the official form, and exactly its types.
 
-    A subclass may behave in its own way, so it goes the careful lane.
+    Comparing sets of types takes C loops only. Subclasses do not pass, as they may behave in their
+    own way; the careful lane reads them.
     """
     if not (submission and _have_types([submission], _LISTS) and _have_types(submission, {dict})):
         return False

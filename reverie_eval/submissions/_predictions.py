@@ -1,4 +1,4 @@
-"""Predictions: the content of a submission in columns, before it is aligned with a split."""
+"""Predictions: the content of a submission as columns, before it is aligned with a split."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,11 +18,11 @@ Submission: TypeAlias = Source | Records
 """What can be scored: a file, its content, or its records as Python objects."""
 
 ID_PREFIX = "reverie_"
-"""Put before ids by NaviLLM, which mixes datasets; not part of the id."""
+"""NaviLLM mixes datasets and writes this before the ids; it is not part of them."""
 
 MOST = 0.5
-"""Share of answers or angles above which something was probably not meant; in submissions that
-are fine it stays far below."""
+"""Share of answers or angles above which something is probably a mistake; in good submissions the
+share is far lower."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +30,9 @@ class BoxAnswers:
     """The predicted boxes, one row each."""
 
     row: IntArray
-    """Shape (n_boxes,): the record, or after alignment the episode, that a box answers."""
+    """Shape (n_boxes,): the record of each box, or after alignment its episode."""
     xywh: FloatArray
-    """Shape (n_boxes, 4): pixels of a 640 x 480 image, within it; area 0 if it was outside."""
+    """Shape (n_boxes, 4): pixels of a 640 x 480 image, cut to it; area 0 if it was outside."""
     camera: FloatArray
     """Shape (n_boxes, 2): heading and elevation of the camera, radians."""
     is_cut: BoolArray
@@ -50,19 +50,20 @@ NO_BOXES = BoxAnswers(
 
 @dataclass(frozen=True, eq=False)
 class OtherForm:
-    """What a file in another than the plain official form says besides the columns."""
+    """What has to be known about a submission that is not in the plain official form."""
 
     locations: Sequence[RecordLocation]
-    """The place of each record in the file."""
+    """The location of each record in the file."""
     pose_paths: Sequence[PosePath]
-    """The place of each pose in its trajectory."""
+    """The location of each pose in its trajectory."""
     continues_hop: BoolArray
-    """Shape (n_poses,): whether readers of each hop's first viewpoint would miss the pose."""
+    """Shape (n_poses,): whether evaluators that read only the first viewpoint of each hop miss the
+    pose."""
     answer_is_text: BoolArray
     """Shape (n_records,): whether the object id is written as text."""
     boxes: BoxAnswers
     read_as: Sequence[str]
-    """How the file differs from the official form, one phrase each."""
+    """How the file differs from the official form, a phrase each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +71,9 @@ class Predictions:
     """One row per record that could be read, in the order of the file."""
 
     instr_ids: Sequence[str | None]
-    """None if it could not be read; ``problems`` says why."""
+    """None for an id that could not be read; ``problems`` says why."""
     viewpoint_ids: Sequence[str | None]
-    """The viewpoint of every pose, trajectory after trajectory; None as above."""
+    """The viewpoint of every pose, trajectory after trajectory; None if it could not be read."""
     offsets: IntArray
     """Shape (n_records + 1,): where each trajectory begins in ``viewpoint_ids``."""
     predicted_object: IntArray
@@ -86,7 +87,7 @@ class Predictions:
 
     @property
     def read_as(self) -> Sequence[str]:
-        """How the file differs from the official form, one phrase each."""
+        """How the file differs from the official form, a phrase each."""
         return self.other_form.read_as if self.other_form else ()
 
     @property
@@ -101,41 +102,46 @@ class Predictions:
         return self.other_form.boxes if self.other_form else NO_BOXES
 
     def location(self, record: int) -> RecordLocation:
-        """Return the place of a record in the file."""
+        """Return the location of a record in the file."""
         return self.other_form.locations[record] if self.other_form else RecordLocation(record)
 
     def pose_path(self, record: int, pose: int) -> PosePath:
-        """Return the place of a pose, numbered over all records, in its trajectory."""
+        """Return the location of a pose in its trajectory.
+
+        Poses are numbered over all records.
+        """
         if self.other_form:
             return self.other_form.pose_paths[pose]
         return pose - int(self.offsets[record]), 0
 
     def first_of_hops(self) -> "Predictions":
-        """Return what an evaluator that reads each hop's first viewpoint would see."""
+        """Return what an evaluator reads that takes only the first viewpoint of each hop."""
         form = self.other_form
         if form is None:
             return self
-        kept = np.flatnonzero(~form.continues_hop)
-        lengths = np.add.reduceat(~form.continues_hop, self.offsets[:-1], dtype=np.int64)
+        begins_hop = ~form.continues_hop
+        poses = np.flatnonzero(begins_hop).tolist()
+        # No trajectory is empty, so `reduceat` sums each one by itself.
+        lengths = np.add.reduceat(begins_hop, self.offsets[:-1], dtype=np.int64)
         return replace(
             self,
-            viewpoint_ids=[self.viewpoint_ids[pose] for pose in kept.tolist()],
+            viewpoint_ids=[self.viewpoint_ids[pose] for pose in poses],
             offsets=offsets_of(lengths),
             other_form=replace(
                 form,
-                pose_paths=[form.pose_paths[pose] for pose in kept.tolist()],
-                continues_hop=form.continues_hop[kept],
+                pose_paths=[form.pose_paths[pose] for pose in poses],
+                continues_hop=form.continues_hop[poses],
             ),
         )
 
 
 def look_like_degrees(stop_angles: FloatArray) -> bool:
-    """Whether most headings or elevations are beyond a full turn of radians.
+    """Whether most headings or elevations exceed a full turn in radians.
 
     Parameters
     ----------
     stop_angles : float array of shape (n_records, 2)
-        Heading and elevation of the last poses; NaN if not given.
+        Heading and elevation of the last poses; NaN where the file gives none.
     """
     exceeding = (np.abs(stop_angles) > 2 * np.pi).any(axis=1).sum()
     return bool(exceeding > MOST * len(stop_angles))

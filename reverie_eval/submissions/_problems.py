@@ -1,7 +1,8 @@
 """Everything that can be wrong with a submission, worded for the person who has to fix it.
 
-One function per kind, each with its stable code. A message says what was found, what was expected
-and what to do. None may tell anything about answers: participants of private splits see them.
+There is one function per kind of problem, with its stable code. A message says what was found, what
+was expected and what to do. No message may depend on the answers, because participants of private
+splits see it.
 """
 
 import reprlib
@@ -15,7 +16,7 @@ from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 from reverie_eval.text import count_text, first_few
 
 MAX_PROBLEMS = 10_000
-"""More are not looked for: whoever fixes these fixes what causes the others."""
+"""Checking stops after so many: fixing these nearly always fixes the rest."""
 
 WHOLE_FILE = "file"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
@@ -23,11 +24,11 @@ OBJECT_FORM = "an object id (an integer from 0), or -1 where the agent predicts 
 BOX_FORM = "[x, y, width, height] in pixels from the upper left corner"
 
 PosePath = tuple[int, ...]
-"""The place of a viewpoint in its trajectory: the element's index, and its own in the element."""
+"""Where a viewpoint is in its trajectory: the index of the element, and the index within it."""
 
 
 class RecordLocation(NamedTuple):
-    """The place of a record in its file: ``[3]``, or ``["4774_267_1"]`` if keyed by id."""
+    """Where a record is in its file: ``[3]``, or ``["4774_267_1"]`` if keyed by id."""
 
     row: int
     key: str | None = None
@@ -37,11 +38,12 @@ class RecordLocation(NamedTuple):
 
 
 def limit_problems(problems: Iterable[Problem]) -> Sequence[Problem]:
-    """Return all problems, or the first of them and a last one that there are more."""
+    """Return all problems, or the first of them and one that says that there are more."""
     first = list(islice(problems, MAX_PROBLEMS + 1))
     if len(first) <= MAX_PROBLEMS:
         return first
-    message = f"has more than {MAX_PROBLEMS:,} problems; fix these, the rest was not looked for"
+    message = f"has more than {MAX_PROBLEMS:,} problems; fix these first, the rest is not checked"
+    # Problems are sorted by position: the largest possible one comes last.
     return [*first[:-1], Problem("too-many-problems", WHOLE_FILE, message, (maxsize,))]
 
 
@@ -51,25 +53,25 @@ _short.maxlevel, _short.maxlist, _short.maxdict = 2, 4, 2
 
 
 def _json(value: object) -> str:
-    """Show a value as JSON would, cut to what fits a line."""
+    """Show a value as JSON would, shortened to fit a line."""
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     try:
         return _short.repr(value)
-    except ValueError:  # Python refuses to print integers of thousands of digits.
-        return "an integer of thousands of digits"
+    except ValueError:  # Python refuses to print integers with thousands of digits.
+        return "an integer with thousands of digits"
 
 
-def _in_record(code: str, location: RecordLocation, message: str, field: str = "") -> Problem:
+def _record_problem(code: str, location: RecordLocation, message: str, field: str = "") -> Problem:
     return Problem(code, f"{location}{field}", message, (location.row,))
 
 
-def _in_pose(code: str, location: RecordLocation, path: PosePath, message: str) -> Problem:
+def _pose_problem(code: str, location: RecordLocation, path: PosePath, message: str) -> Problem:
     where = f"{location}.trajectory" + "".join(f"[{index}]" for index in path)
     return Problem(code, where, message, (location.row, *path))
 
 
-def _in_file(code: str, message: str, where: str = WHOLE_FILE) -> Problem:
+def _file_problem(code: str, message: str, where: str = WHOLE_FILE) -> Problem:
     return Problem(code, where, message)
 
 
@@ -77,60 +79,70 @@ def _in_file(code: str, message: str, where: str = WHOLE_FILE) -> Problem:
 
 
 def not_json(where: str, reason: str) -> Problem:
-    return _in_file("not-json", f"{reason}; write the file with a JSON library", where)
+    return _file_problem("not-json", f"{reason}; write the file with a JSON library", where)
 
 
 def another_kind(kind: str) -> Problem:
-    return _in_file("not-json", f"is {kind}; send the result file itself, as JSON or gzipped JSON")
+    return _file_problem(
+        "not-json", f"is {kind}; send the result file itself, as JSON or gzipped JSON"
+    )
 
 
 def huge_number() -> Problem:
-    return _in_file(
+    return _file_problem(
         "not-json",
-        f"holds an integer of thousands of digits; object ids go up to {LARGEST_OBJECT_ID:,}",
+        f"holds an integer with thousands of digits; object ids go up to {LARGEST_OBJECT_ID:,}",
     )
 
 
 def too_deep() -> Problem:
-    return _in_file("too-deep", "is nested too deeply to be read; a submission has four levels")
+    return _file_problem(
+        "too-deep", "is nested too deeply to be read; a submission has four levels"
+    )
 
 
 def too_large(limit: int) -> Problem:
-    return _in_file(
+    return _file_problem(
         "too-large",
-        f"is larger than {limit >> 20} MiB unpacked; a submission holds instr_id, trajectory and "
-        "predObjId, leave everything else out",
+        f"is larger than {limit >> 20} MiB unpacked; a submission needs instr_id, trajectory and "
+        "predObjId only, remove everything else",
     )
 
 
 def too_many_records(found: int, limit: int) -> Problem:
-    return _in_file(
+    return _file_problem(
         "too-large", f"holds {found:,} records, more than the {limit:,} that any split could need"
     )
 
 
 def too_many_values(found: int, limit: int) -> Problem:
-    return _in_file(
-        "too-large", f"holds some {found:,} values, more than the {limit:,} that can be read"
+    return _file_problem(
+        "too-large", f"holds about {found:,} values, more than the {limit:,} that can be read"
     )
 
 
 def damaged_gzip(reason: str) -> Problem:
-    return _in_file("damaged-gzip", f"cannot be unpacked ({reason}); compress or copy it again")
+    return _file_problem(
+        "damaged-gzip", f"cannot be unpacked ({reason}); compress or copy it again"
+    )
 
 
 def damaged_zip(reason: str) -> Problem:
-    return _in_file("damaged-zip", f"cannot be unpacked ({reason}); send the result file itself")
+    return _file_problem(
+        "damaged-zip", f"cannot be unpacked ({reason}); send the result file itself"
+    )
 
 
 def not_one_file(names: Sequence[str]) -> Problem:
     listed = first_few(map(_json, names))
     found = f"{count_text(len(names), 'file')}: {listed}" if names else "no file"
-    return _in_file("several-files", f"is a zip archive with {found}; pack the result file alone")
+    return _file_problem(
+        "several-files", f"is a zip archive with {found}; pack only the result file"
+    )
 
 
 def not_a_list(found: object) -> Problem:
-    return _in_file(
+    return _file_problem(
         "not-a-list",
         f"holds {_json(found)}; expected a list of predictions: "
         f'[{{"instr_id": ..., "trajectory": [{POSE_FORM}, ...], "predObjId": ...}}, ...]',
@@ -138,31 +150,31 @@ def not_a_list(found: object) -> Problem:
 
 
 def no_episode_of_split(split: str, expected: int) -> Problem:
-    return _in_file(
+    return _file_problem(
         "missing-episode",
         f"has no prediction for any of the {expected:,} episodes of {split}; each needs one",
     )
 
 
 def missing_episode(instr_id: str, split: str) -> Problem:
-    return _in_file(
+    return _file_problem(
         "missing-episode",
         f"episode {instr_id} has no prediction; every episode of {split} needs one",
     )
 
 
 def ids_outside_demo(count: int, split: str) -> Problem:
-    return _in_file(
+    return _file_problem(
         "not-the-demo-world",
         f"none of its {count_text(count, 'episode')} is in the demo world that ships with this "
         "package; to score REVERIE itself, clone github.com/YuankaiQi/REVERIE, run `reverie-eval "
-        f"compile REVERIE --split {split} -o {split}.npz` once and give --ground-truth "
+        f"compile REVERIE --split {split} -o {split}.npz` once and pass --ground-truth "
         f"{split}.npz",
     )
 
 
 def repeated_key(key: str) -> Problem:
-    return _in_file("repeated-field", f"has {_json(key)} twice; keep the one that is meant")
+    return _file_problem("repeated-field", f"has {_json(key)} twice; keep the right one")
 
 
 # A record.
@@ -171,18 +183,18 @@ def repeated_key(key: str) -> Problem:
 def ids_of_another_split(
     count: int, other: str, split: str, location: RecordLocation, instr_id: str
 ) -> Problem:
-    look = "1 id looks" if count == 1 else f"{count:,} ids look"
-    return _in_record(
+    ids_look = "1 id looks" if count == 1 else f"{count:,} ids look"
+    return _record_problem(
         "other-split",
         location,
-        f"{look} like {other} ids, the first is {instr_id}; score them as {other}, or "
+        f"{ids_look} like {other} ids, the first is {instr_id}; score the file as {other}, or "
         f"send the predictions for {split}",
         ".instr_id",
     )
 
 
 def not_an_object(location: RecordLocation, found: object) -> Problem:
-    return _in_record(
+    return _record_problem(
         "wrong-type",
         location,
         f"got {_json(found)}; expected an object with instr_id, trajectory and predObjId",
@@ -190,20 +202,20 @@ def not_an_object(location: RecordLocation, found: object) -> Problem:
 
 
 def repeated_field(location: RecordLocation, field: str) -> Problem:
-    return _in_record("repeated-field", location, f"has {field} twice; keep the one that is meant")
+    return _record_problem("repeated-field", location, f"has {field} twice; keep the right one")
 
 
 def key_mismatch(location: RecordLocation, instr_id: str) -> Problem:
     message = f"is {_json(instr_id)} under the key {_json(location.key)}; make them equal"
-    return _in_record("key-mismatch", location, message, ".instr_id")
+    return _record_problem("key-mismatch", location, message, ".instr_id")
 
 
 def missing_field(location: RecordLocation, field: str) -> Problem:
-    return _in_record("missing-field", location, f"has no {field}; add it")
+    return _record_problem("missing-field", location, f"has no {field}; add it")
 
 
 def wrong_instr_id(location: RecordLocation, found: object) -> Problem:
-    return _in_record(
+    return _record_problem(
         "wrong-type",
         location,
         f'got {_json(found)}; expected the episode\'s id as text: "4774_267_1"',
@@ -212,7 +224,7 @@ def wrong_instr_id(location: RecordLocation, found: object) -> Problem:
 
 
 def unknown_episode(location: RecordLocation, instr_id: str, split: str) -> Problem:
-    return _in_record(
+    return _record_problem(
         "unknown-episode",
         location,
         f"{_json(instr_id)} is not an episode of {split}; ids are <task id>_<index of the "
@@ -222,7 +234,7 @@ def unknown_episode(location: RecordLocation, instr_id: str, split: str) -> Prob
 
 
 def duplicate_episode(location: RecordLocation, instr_id: str, first: RecordLocation) -> Problem:
-    return _in_record(
+    return _record_problem(
         "duplicate-episode",
         location,
         f"{instr_id} already has a prediction in {first}; keep one per episode",
@@ -231,7 +243,7 @@ def duplicate_episode(location: RecordLocation, instr_id: str, first: RecordLoca
 
 
 def wrong_trajectory(location: RecordLocation, found: object) -> Problem:
-    return _in_record(
+    return _record_problem(
         "wrong-type",
         location,
         f"got {_json(found)}; expected a list of poses {POSE_FORM}",
@@ -240,7 +252,7 @@ def wrong_trajectory(location: RecordLocation, found: object) -> Problem:
 
 
 def empty_trajectory(location: RecordLocation) -> Problem:
-    return _in_record(
+    return _record_problem(
         "empty-trajectory",
         location,
         "is empty; an agent that does not move has one pose, its start viewpoint",
@@ -250,7 +262,7 @@ def empty_trajectory(location: RecordLocation) -> Problem:
 
 def too_many_poses(location: RecordLocation, found: int, limit: int) -> Problem:
     message = f"holds {found:,} elements, more than the {limit:,} that any agent could need"
-    return _in_record("too-large", location, message, ".trajectory")
+    return _record_problem("too-large", location, message, ".trajectory")
 
 
 # An answer.
@@ -258,36 +270,38 @@ def too_many_poses(location: RecordLocation, found: int, limit: int) -> Problem:
 
 def no_answer(location: RecordLocation, object_key: str, box_key: str) -> Problem:
     message = f"has neither {object_key} nor {box_key}; add one"
-    return _in_record("missing-field", location, message)
+    return _record_problem("missing-field", location, message)
 
 
 def wrong_object(location: RecordLocation, key: str, found: object) -> Problem:
     message = f"got {_json(found)}; expected {OBJECT_FORM}"
-    return _in_record("wrong-type", location, message, f".{key}")
+    return _record_problem("wrong-type", location, message, f".{key}")
 
 
 def two_answers(location: RecordLocation, key: str, found: object) -> Problem:
-    return _in_record(
+    return _record_problem(
         "two-answers",
         location,
-        f"got {_json(found)} beside predBox; an episode has one answer: leave one out, or set "
-        f"{key} to -1",
+        f"got {_json(found)} together with predBox; an episode has one answer: remove one, or "
+        f"set {key} to -1",
         f".{key}",
     )
 
 
 def wrong_box(location: RecordLocation, key: str, found: object) -> Problem:
-    return _in_record("wrong-type", location, f"got {_json(found)}; expected {BOX_FORM}", f".{key}")
+    return _record_problem(
+        "wrong-type", location, f"got {_json(found)}; expected {BOX_FORM}", f".{key}"
+    )
 
 
 def box_not_finite(location: RecordLocation, key: str, found: Sequence[object]) -> Problem:
     message = f"got {_json(list(found))}; expected {BOX_FORM}, finite numbers"
-    return _in_record("not-finite", location, message, f".{key}")
+    return _record_problem("not-finite", location, message, f".{key}")
 
 
 def empty_box(location: RecordLocation, key: str, found: Sequence[object]) -> Problem:
     message = f"got {_json(list(found))}; expected {BOX_FORM}, with positive width and height"
-    return _in_record("empty-box", location, message, f".{key}")
+    return _record_problem("empty-box", location, message, f".{key}")
 
 
 def wrong_view(location: RecordLocation, key: str, found: object) -> Problem:
@@ -295,12 +309,12 @@ def wrong_view(location: RecordLocation, key: str, found: object) -> Problem:
         f"got {_json(found)}; expected a view index, an integer from 0 to 35: 0-11 look down, "
         "12-23 are level, 24-35 look up, each row turning right from heading 0"
     )
-    return _in_record("wrong-view", location, message, f".{key}")
+    return _record_problem("wrong-view", location, message, f".{key}")
 
 
 def no_view(location: RecordLocation, key: str, *, has_poses: bool) -> Problem:
     pose = ", or give heading and elevation in the last pose" if has_poses else ""
-    return _in_record(
+    return _record_problem(
         "missing-field",
         location,
         f"has a predBox but no {key}; add the index of the view it is in (0-35){pose}",
@@ -312,16 +326,16 @@ def wrong_image_size(location: RecordLocation, key: str, found: object) -> Probl
         f"got {_json(found)}; expected [width, height] of the image that predBox is in, at least "
         "1 each"
     )
-    return _in_record("wrong-type", location, message, f".{key}")
+    return _record_problem("wrong-type", location, message, f".{key}")
 
 
 def upside_down(location: RecordLocation, path: PosePath, elevation: float, key: str) -> Problem:
-    return _in_pose(
+    return _pose_problem(
         "wrong-camera",
         location,
         path,
-        f"the box is in the image of a camera with an elevation of {_json(elevation)}, beyond "
-        f"straight up or down (pi / 2); give radians, or the view index in {key} (0-35)",
+        f"the camera of the box has an elevation of {_json(elevation)}, beyond straight up or "
+        f"down (pi / 2); give radians, or the view index in {key} (0-35)",
     )
 
 
@@ -329,18 +343,18 @@ def upside_down(location: RecordLocation, path: PosePath, elevation: float, key:
 
 
 def wrong_pose(location: RecordLocation, path: PosePath, found: object) -> Problem:
-    return _in_pose("wrong-type", location, path, f"got {_json(found)}; expected {POSE_FORM}")
+    return _pose_problem("wrong-type", location, path, f"got {_json(found)}; expected {POSE_FORM}")
 
 
 def not_finite(location: RecordLocation, path: PosePath, found: Sequence[object]) -> Problem:
     message = f"got {_json(list(found))}; heading and elevation are finite numbers of radians"
-    return _in_pose("not-finite", location, path, message)
+    return _pose_problem("not-finite", location, path, message)
 
 
 def unknown_viewpoint(
     location: RecordLocation, path: PosePath, viewpoint_id: str, scan: str
 ) -> Problem:
-    return _in_pose(
+    return _pose_problem(
         "unknown-viewpoint",
         location,
         path,
@@ -352,7 +366,7 @@ def unknown_viewpoint(
 def viewpoint_of_another_scan(
     location: RecordLocation, path: PosePath, viewpoint_id: str, scan: str, other_scan: str
 ) -> Problem:
-    return _in_pose(
+    return _pose_problem(
         "other-scan",
         location,
         path,
@@ -362,7 +376,7 @@ def viewpoint_of_another_scan(
 
 
 def wrong_start(location: RecordLocation, instr_id: str, expected: str, found: str) -> Problem:
-    return _in_pose(
+    return _pose_problem(
         "wrong-start",
         location,
         (0,),
@@ -372,10 +386,10 @@ def wrong_start(location: RecordLocation, instr_id: str, expected: str, found: s
 
 
 def unreachable(location: RecordLocation, path: PosePath, viewpoint_id: str) -> Problem:
-    return _in_pose(
+    return _pose_problem(
         "unreachable",
         location,
         path,
-        f"no route leads from the start to viewpoint {viewpoint_id}; a jump counts at "
-        "shortest-path distance, so there must be one",
+        f"viewpoint {viewpoint_id} cannot be reached from the start; a jump counts at "
+        "shortest-path distance, so there must be a route",
     )

@@ -1,8 +1,8 @@
 """The careful lane: read records value by value, and explain what cannot be read.
 
-Nothing is repaired. A value in none of the known forms becomes a problem with its place, and
-reading goes on, so that all problems are found at once. What differs from the official form and
-still means the same is read, counted and reported.
+Nothing is repaired. A value that has none of the known forms becomes a problem with its location,
+and reading goes on, so that all problems are found at once. A form that differs from the official
+one without changing the meaning is read, counted and reported.
 """
 
 from collections.abc import Iterable, Mapping, Sequence, Sized
@@ -45,7 +45,7 @@ FIELDS = frozenset({"instr_id", "trajectory", *ANSWER_KEYS, *BOX_KEYS})
 
 
 class ReadRecord(NamedTuple):
-    """One record as it was read."""
+    """The content of one record."""
 
     location: RecordLocation
     instr_id: str | None
@@ -57,12 +57,12 @@ class ReadRecord(NamedTuple):
 def read_predictions(submission: Submission, *, answers_only: bool = False) -> Predictions:
     """Read a submission in any form that public codebases write.
 
-    With ``answers_only`` trajectories are ignored and may be left out.
+    With ``answers_only``, trajectories are ignored and may be left out.
 
     Raises
     ------
     SubmissionError
-        If it is not a list of records at all. Everything smaller is in the result's ``problems``.
+        If it is not a list of records at all. Smaller problems are in the result's ``problems``.
     OSError
         If the file cannot be read.
     """
@@ -73,7 +73,7 @@ def read_predictions(submission: Submission, *, answers_only: bool = False) -> P
 
 
 def parse_predictions(content: bytes, *, answers_only: bool = False) -> Predictions:
-    """Read a submission's JSON text, unpacked already; as :func:`read_predictions`."""
+    """Read the unpacked JSON text of a submission, as :func:`read_predictions` does."""
     predictions = None if answers_only else decode_official(content)
     return predictions or read_carefully(parse_document(content), answers_only=answers_only)
 
@@ -84,8 +84,8 @@ def read_records(document: Any, log: ReadingLog, *, answers_only: bool = False) 
     Raises
     ------
     SubmissionError
-        If it is neither, or has too many problems to go on. Everything smaller is in the log, to
-        be reported together with what the ground truth finds.
+        If it is neither, or has too many problems to go on. Smaller problems are in the log, to
+        be reported together with those that alignment finds.
     """
     if isinstance(document, Sized) and len(document) > MAX_RECORDS:
         raise SubmissionError([problems.too_many_records(len(document), MAX_RECORDS)])
@@ -95,6 +95,7 @@ def read_records(document: Any, log: ReadingLog, *, answers_only: bool = False) 
         if _is_record(location, record, log)
     ]
     _check_problem_count(log)
+    # A single missing answer is a fault; if no record has one, the agent does not ground at all.
     navigation_only = bool(records) and not any(has_answer(record) for _, record in records)
     log.differences["navigation only"] += len(records) * navigation_only
     read = []
@@ -118,18 +119,17 @@ def _check_problem_count(log: ReadingLog) -> None:
 def _located_records(document: Any, log: ReadingLog) -> Iterable[tuple[RecordLocation, Any]]:
     if isinstance(document, list | tuple):
         return [(RecordLocation(row), record) for row, record in enumerate(document)]
-    if not isinstance(document, Mapping) or not _is_keyed(document):
+    if not isinstance(document, Mapping):
+        raise SubmissionError([problems.not_a_list(document)])
+    # One record by itself, or a list wrapped in an object, is not a set of keyed records.
+    if document and not any(isinstance(value, Mapping) for value in document.values()):
         raise SubmissionError([problems.not_a_list(document)])
     if isinstance(document, RepeatingObject):
         log.problems.extend(map(problems.repeated_key, sorted(document.repeated)))
     log.differences["keyed"] += len(document)
-    keyed = enumerate(document.items())
-    return [(RecordLocation(row, key), record) for row, (key, record) in keyed]
-
-
-def _is_keyed(document: Mapping[str, Any]) -> bool:
-    """Whether this looks like records keyed by id, not like one record or a wrapped list."""
-    return any(isinstance(value, Mapping) for value in document.values()) or not document
+    return [
+        (RecordLocation(row, key), record) for row, (key, record) in enumerate(document.items())
+    ]
 
 
 def _is_record(location: RecordLocation, record: Any, log: ReadingLog) -> bool:
@@ -159,22 +159,28 @@ def _read_instr_id(
 
 
 def read_carefully(document: Any, *, answers_only: bool = False) -> Predictions:
-    """Read a list of records, or records keyed by their instr_id, whatever their form."""
+    """Read a list of records, or records keyed by their instr_id, in any form."""
     log = ReadingLog()
     records = read_records(document, log, answers_only=answers_only)
     poses = [pose for record in records for pose in record.poses]
     lengths = np.array([len(record.poses) for record in records], dtype=np.int64)
     answers = [record.answer for record in records]
-    boxes = _boxread_carefully(answers)
+    boxes = _box_columns(answers)
     log.differences["cameras off the grid"] += int((~is_on_grid(boxes.camera)).sum())
     log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
-    stop_angles = np.array([_stop_angles(record) for record in records]).reshape(-1, 2)
+    stops = [record.poses[-1] if record.poses else None for record in records]
+    stop_angles = [
+        (np.nan, np.nan)
+        if stop is None or stop.heading is None or stop.elevation is None
+        else (float(stop.heading), float(stop.elevation))
+        for stop in stops
+    ]
     return Predictions(
         instr_ids=[record.instr_id for record in records],
         viewpoint_ids=[pose.viewpoint_id for pose in poses],
         offsets=offsets_of(lengths),
         predicted_object=np.array([answer.object_id for answer in answers], dtype=np.int64),
-        has_degrees=look_like_degrees(stop_angles),
+        has_degrees=look_like_degrees(np.array(stop_angles).reshape(-1, 2)),
         other_form=OtherForm(
             locations=[record.location for record in records],
             pose_paths=[pose.path for pose in poses],
@@ -187,7 +193,7 @@ def read_carefully(document: Any, *, answers_only: bool = False) -> Predictions:
     )
 
 
-def _boxread_carefully(answers: Sequence[Answer]) -> BoxAnswers:
+def _box_columns(answers: Sequence[Answer]) -> BoxAnswers:
     boxes = {row: answer.box for row, answer in enumerate(answers) if answer.box is not None}
     return BoxAnswers(
         row=np.array(list(boxes), dtype=np.int64),
@@ -195,10 +201,3 @@ def _boxread_carefully(answers: Sequence[Answer]) -> BoxAnswers:
         camera=np.array([box.camera for box in boxes.values()]).reshape(-1, 2),
         is_cut=np.array([box.is_cut for box in boxes.values()], dtype=np.bool_),
     )
-
-
-def _stop_angles(record: ReadRecord) -> tuple[float, float]:
-    stop = record.poses[-1] if record.poses else None
-    if stop is None or stop.heading is None or stop.elevation is None:
-        return np.nan, np.nan
-    return float(stop.heading), float(stop.elevation)

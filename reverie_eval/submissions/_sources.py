@@ -1,4 +1,4 @@
-"""Where submissions come from: a path, an open file, standard input; and what they are called."""
+"""Where submissions come from (a path, an open file, standard input), and their names."""
 
 import errno
 import io
@@ -20,21 +20,22 @@ Source: TypeAlias = str | PathLike[str] | bytes | BinaryIO | TextIO
 
 STANDARD_INPUT = "-"
 MAX_BYTES = 128 << 20
-"""Room for 3,521 trajectories of a thousand poses; also the limit of what is unpacked."""
+"""Enough for 3,521 trajectories of a thousand poses. It limits the unpacked size too."""
 
 _JSON_BRACKETS = (("[", "]"), ("{", "}"))
 _JSON_SUFFIX = re.compile(r"(?<=.)(\.json)?(\.gz|\.zip)?$")
 
 _GZIP_MAGIC = b"\x1f\x8b"
 _ZIP_MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
-"""Of an archive with files in it, and of an empty one."""
-_ZIP_MEMBER = b"PK\x01\x02"
-_MAX_MEMBERS = 1000
-"""Each file of an archive takes a hundred times the 46 bytes of its entry in memory."""
+"""The first bytes of an archive with files, and of an empty one."""
+_ZIP_ENTRY = b"PK\x01\x02"
+"""The first bytes of a file's entry in the directory of an archive."""
+_MAX_ZIP_ENTRIES = 1000
+"""Opening an archive takes a hundred times the 46 bytes of each entry in memory."""
 _ENCRYPTED = 0x1
 _METHODS = (ZIP_STORED, ZIP_DEFLATED)
-"""What zip programs use by default. The other methods Python unpacks in one step, whatever the
-limit."""
+"""What zip programs use by default. Python unpacks the other methods in one step, ignoring the
+limit, so a small archive could fill the memory."""
 _DAMAGED_ZIP = (
     BadZipFile,
     EOFError,
@@ -44,6 +45,7 @@ _DAMAGED_ZIP = (
     ValueError,
     zlib.error,
 )
+"""What ``zipfile`` raises on archives whose bytes were damaged, or crafted."""
 
 
 def read_bytes(source: Source) -> bytes:
@@ -52,7 +54,7 @@ def read_bytes(source: Source) -> bytes:
     Raises
     ------
     SubmissionError
-        If it is larger than any submission, or does not unpack to one file.
+        If it is larger than any submission needs, or does not unpack to one file.
     OSError
         If the file cannot be read.
     TypeError
@@ -70,6 +72,7 @@ def _read(source: str | PathLike[str] | BinaryIO | TextIO) -> bytes:
         kind = type(source).__name__
         raise TypeError(f"a submission is a path, bytes, an open file or records, got {kind}")
     content = source.read(MAX_BYTES + 1)
+    # A lone surrogate must not fail here: the reader reports it with its location.
     return content.encode(errors="surrogatepass") if isinstance(content, str) else content
 
 
@@ -78,6 +81,8 @@ def _read_file(path: str | PathLike[str]) -> bytes:
         with Path(path).open("rb") as file:
             return file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
+        # Most libraries take JSON as text; here text is a path, and the system's error for one of
+        # a hundred thousand letters would not help.
         text = str(path).strip()
         if (text[:1], text[-1:]) in _JSON_BRACKETS:
             raise TypeError("to score JSON text, pass it as bytes: text.encode()") from error
@@ -91,10 +96,10 @@ def _read_standard_input() -> bytes:
 
 
 def unpack(content: bytes, limit: int) -> bytes:
-    """Unpack gzip, or a zip archive with one file; return any other content as it is.
+    """Unpack gzip, or a zip archive with one file; return any other content unchanged.
 
-    The first bytes say what it is, not the name. No more than the limit is unpacked, whatever the
-    archive claims.
+    The first bytes tell what it is, not the file's name. No more than the limit is unpacked,
+    whatever the archive claims.
 
     Raises
     ------
@@ -114,6 +119,7 @@ def unpack(content: bytes, limit: int) -> bytes:
 def _unpack_gzip(content: bytes, limit: int) -> bytes:
     import gzip
 
+    # Reading one byte more than the limit tells that a file is too large without unpacking it all.
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
             return file.read(limit + 1)
@@ -122,8 +128,10 @@ def _unpack_gzip(content: bytes, limit: int) -> bytes:
 
 
 def _unpack_zip(content: bytes, limit: int) -> bytes:
-    if content.count(_ZIP_MEMBER) > _MAX_MEMBERS:
-        raise SubmissionError([problems.damaged_zip(f"it holds more than {_MAX_MEMBERS:,} files")])
+    # Counted in the raw bytes, because `ZipFile` reads the whole directory when it is opened.
+    if content.count(_ZIP_ENTRY) > _MAX_ZIP_ENTRIES:
+        reason = f"it holds more than {_MAX_ZIP_ENTRIES:,} files"
+        raise SubmissionError([problems.damaged_zip(reason)])
     try:
         with (
             ZipFile(io.BytesIO(content)) as archive,
@@ -135,7 +143,7 @@ def _unpack_zip(content: bytes, limit: int) -> bytes:
 
 
 def _only_file(archive: ZipFile) -> ZipInfo:
-    files = [member for member in archive.infolist() if not _is_debris(member)]
+    files = [member for member in archive.infolist() if not _is_system_file(member)]
     if len(files) != 1:
         names = [member.filename for member in files]
         raise SubmissionError([problems.not_one_file(names)])
@@ -147,22 +155,22 @@ def _only_file(archive: ZipFile) -> ZipInfo:
     return file
 
 
-def _is_debris(member: ZipInfo) -> bool:
-    """Whether this is a folder, or a file that the operating system put there."""
+def _is_system_file(member: ZipInfo) -> bool:
+    """Whether this is a folder, or a file that the operating system added."""
     *folders, name = member.filename.split("/")
     return not name or name.startswith(".") or "__MACOSX" in folders
 
 
 def source_name(path: str | PathLike[str]) -> str:
-    """Return a path for people: itself, or ``standard input``."""
+    """Return a path as messages show it: ``-`` is standard input."""
     return "standard input" if path == STANDARD_INPUT else str(path)
 
 
 def submission_names(submissions: Sequence[object]) -> Sequence[str]:
-    """Name submissions after their files, as briefly as tells them apart.
+    """Name submissions after their files, as briefly as possible.
 
-    The names of the files without their endings, if they differ, or else the parts of the paths
-    that differ; numbers if not all are files, or one is given twice.
+    These are the names of the files without their endings if they differ, or else the parts of the
+    paths that differ. Submissions are numbered if some are not files, or two are the same file.
 
     >>> submission_names(["runs/a.json", "b.json.gz"])
     ['a', 'b']
@@ -181,7 +189,7 @@ def submission_names(submissions: Sequence[object]) -> Sequence[str]:
 
 
 def _differing_parts(files: Sequence[Path]) -> Sequence[str]:
-    """Return paths without the parts that all of them begin and end with."""
+    """Return the paths without their common beginning and their common end."""
     paths = [list(file.parts) for file in files]
     for end in (0, -1):
         while len({path[end] for path in paths}) == 1 and min(map(len, paths)) > 1:
@@ -191,13 +199,13 @@ def _differing_parts(files: Sequence[Path]) -> Sequence[str]:
 
 
 def check_names(names: Iterable[object]) -> None:
-    """Refuse names of submissions that are not text.
+    """Check that the names of submissions are text.
 
     Raises
     ------
     ProtocolError
-        Showing the first of them.
+        Showing the first name that is not.
     """
     for name in names:
         if not isinstance(name, str):
-            raise ProtocolError(f"names of submissions are text; got {name!r}")
+            raise ProtocolError(f"names of submissions must be text; got {name!r}")

@@ -1,10 +1,11 @@
 """Read a trajectory in any form that public codebases write.
 
-The structure of an element says what it is, never a guess: a viewpoint id followed by numbers is a
-pose; a list of viewpoint ids is a hop, walked from first to last; a text is a viewpoint id.
+The structure of an element tells what it is, so nothing is guessed: a viewpoint id followed by
+numbers is a pose, a list of viewpoint ids is a hop that is walked from first to last, and a text is
+a viewpoint id.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from reverie_eval.submissions import _problems as problems
@@ -13,26 +14,26 @@ from reverie_eval.submissions._problems import PosePath, RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 
 MAX_POSES = 20_000
-"""Per trajectory. Published agents take some 15 steps, each with a turn to one of 36 views."""
+"""Per trajectory. Published agents take about 15 steps, each with turns between 36 views."""
 
 
 class Pose(NamedTuple):
-    """One pose of a trajectory; None stands for what the file does not say."""
+    """One pose of a trajectory; None where the file gives no value."""
 
     path: PosePath
     viewpoint_id: str | None
     heading: float | None = None
     elevation: float | None = None
     continues_hop: bool = False
-    """Whether readers of each hop's first viewpoint would miss it."""
+    """Whether evaluators that read only the first viewpoint of each hop miss it."""
     is_reported: bool = False
-    """Whether a problem already says why the viewpoint or the angles are unknown."""
+    """Whether a problem was reported already that explains why a value is missing."""
 
 
 def read_trajectory(
     location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
 ) -> list[Pose]:
-    """Read a record's trajectory; an unreadable pose becomes a problem and has no viewpoint."""
+    """Read a record's trajectory; an unreadable pose is reported and has no viewpoint."""
     if "trajectory" not in record:
         log.problems.append(problems.missing_field(location, "trajectory"))
         return []
@@ -46,6 +47,7 @@ def read_trajectory(
     if not any(not is_list(element) or element for element in trajectory):
         log.problems.append(problems.empty_trajectory(location))
         return []
+    # An empty hop is a step without a move, but only among hops: among poses, `[]` is a fault.
     only_hops = all(_is_hop(element) for element in trajectory)
     poses = []
     for index, element in enumerate(trajectory):
@@ -62,8 +64,14 @@ def _read_element(
     if isinstance(element, str):
         log.differences["bare viewpoints"] += 1
         return [Pose((index,), element)]
+    # A lone viewpoint id in a list is read as a hop of one, which means the same as a pose.
     if _is_hop(element) and element:
-        return _read_hop(index, element, log)
+        log.differences["long hops"] += len(element) > 1
+        log.differences["no angles"] += len(element)
+        return [
+            Pose((index, step), viewpoint_id, continues_hop=step > 0)
+            for step, viewpoint_id in enumerate(element)
+        ]
     if not _is_pose(element):
         log.problems.append(problems.wrong_pose(location, (index,), element))
         return [Pose((index,), None, is_reported=True)]
@@ -74,15 +82,6 @@ def _read_element(
     log.differences["no angles"] += not angles
     log.differences["extra numbers"] += len(angles) > 2
     return [Pose((index, 0), viewpoint_id, *angles[:2])]
-
-
-def _read_hop(index: int, hop: Sequence[str], log: ReadingLog) -> list[Pose]:
-    log.differences["long hops"] += len(hop) > 1
-    log.differences["no angles"] += len(hop)
-    return [
-        Pose((index, step), viewpoint_id, continues_hop=step > 0)
-        for step, viewpoint_id in enumerate(hop)
-    ]
 
 
 def _is_hop(element: Any) -> bool:

@@ -196,7 +196,7 @@ def test_submissions_that_are_not_comparable() -> None:
         compare(official, official, names=["x", "x"])
     with pytest.raises(ProtocolError, match="a name of its own; got 1"):
         compare(official, official, names=[1])  # type: ignore[list-item]
-    with pytest.raises(ProtocolError, match="names of submissions are text; got 2"):
+    with pytest.raises(ProtocolError, match="names of submissions must be text; got 2"):
         compare(official, official, names=["1", 2])  # type: ignore[list-item]
     with pytest.raises(ProtocolError, match="give the split"):
         compare(official, GOOD)

@@ -20,9 +20,9 @@ from reverie_eval.dataset._object_boxes import (
     EXCLUDED_NAMES,
     BoxRules,
     Occlusion,
+    exclude_names,
     is_hidden,
     list_objects,
-    listable,
 )
 from reverie_eval.dataset._records import BOXES
 from tests.conftest import REPOSITORY, SAMPLES
@@ -54,7 +54,7 @@ LARGE, MIDDLE, SMALL = [0, 0, 90, 90], [10, 10, 40, 40], [20, 20, 5, 5]
 def test_what_is_hidden(
     boxes: list[list[int]], distances: list[float], expected: list[bool]
 ) -> None:
-    """In any order, and whatever happens in other views."""
+    """In any order, and whatever is in other views."""
     columns = list(zip(boxes, distances, expected, strict=True))
     for order in permutations([(12, *column) for column in columns]):
         view, box, distance, hidden = zip(*order, (13, LARGE, 0.1, False), strict=True)
@@ -84,7 +84,7 @@ def furnished(*things: tuple[str, tuple[float, float, float], float]) -> House:
         pytest.param(2.0, [0], id="v1"),
     ],
 )
-def test_listed_is_what_is_nearer(max_distance: float, listed: list[int]) -> None:
+def test_only_nearer_objects_are_listed(max_distance: float, listed: list[int]) -> None:
     """In three dimensions, to the centre: 1, 2 (1.2 of it up), and 3 m."""
     house = furnished(
         ("vase", (0, 1, 0), 0.1), ("vase", (0, 1.6, 1.2), 0.1), ("vase", (1, 2, 2), 2)
@@ -93,7 +93,7 @@ def test_listed_is_what_is_nearer(max_distance: float, listed: list[int]) -> Non
 
 
 def test_listed_without_boxes() -> None:
-    """Hidden in every view, or straight below, where no view looks."""
+    """An object may be hidden in every view, or straight below, where no view looks."""
     house = furnished(
         ("table", (0, 1, 0), 0.5), ("vase", (0, 2, 0), 0.1), ("vase", (0, 0, -1), 0.1)
     )
@@ -102,18 +102,18 @@ def test_listed_without_boxes() -> None:
     assert 12 in list_objects(house, EYE, BoxRules())[1]
 
 
-def test_names_are_excluded_as_they_stand() -> None:
+def test_only_equal_names_are_excluded() -> None:
     house = furnished(*[(name, (0, 1, 0), 0.1) for name in NAMES])
-    assert listable(house, BoxRules()).names == ("vase", "shower wall", "", "table")
-    assert listable(house, BoxRules(excluded_names=frozenset({"vase", ""}))).names == (
+    assert exclude_names(house, BoxRules()).names == ("vase", "shower wall", "", "table")
+    assert exclude_names(house, BoxRules(excluded_names=frozenset({"vase", ""}))).names == (
         "wall",
         "shower wall",
         "table",
     )
 
 
-def test_what_is_excluded_hides_nothing() -> None:
-    house = listable(furnished(("wall", (0, 1, 0), 0.5), ("vase", (0, 2, 0), 0.1)), BoxRules())
+def test_excluded_objects_hide_nothing() -> None:
+    house = exclude_names(furnished(("wall", (0, 1, 0), 0.5), ("vase", (0, 2, 0), 0.1)), BoxRules())
     assert 12 in list_objects(house, EYE, BoxRules(occlusion="paper"))[1]
 
 
@@ -201,7 +201,7 @@ def listed_in(folder: Path) -> dict[tuple[str, str], tuple[str, bool]]:
 def test_the_demo_worlds_boxes_are_built_by_the_command(
     built: dict[Occlusion, Path], demo_world: Path
 ) -> None:
-    """Except what walls hide, which is not listed, and things, which then has no box at all."""
+    """Except for objects behind walls, which are not listed, and behind others, without a box."""
     published = demo_world / "tasks" / "REVERIE" / "data" / "BBox"
     listed, visible = listed_in(published), listed_in(built["paper"])
     assert listed.items() <= visible.items() | {
@@ -223,7 +223,7 @@ def test_the_demo_world_is_the_same_in_every_process(demo_world: Path, tmp_path:
     assert contents(tmp_path / "submissions") == contents(SAMPLES)
 
 
-def test_the_papers_rule_only_takes_boxes_away(built: dict[Occlusion, Path]) -> None:
+def test_the_papers_rule_only_removes_boxes(built: dict[Occlusion, Path]) -> None:
     everything, left = boxes_of(built["none"]), boxes_of(built["paper"])
     assert left.items() < everything.items()
     assert listed_in(built["none"]).keys() == listed_in(built["paper"]).keys()
@@ -240,19 +240,19 @@ def test_files_do_not_depend_on_the_number_of_processes(
     assert counts[:2] == (len(contents(folder)), len(listed_in(folder)))
 
 
-def test_an_empty_folder_is_filled_where_it_is(
+def test_an_empty_folder_is_filled_in_place(
     scans: tuple[Scan, ...],
     built: dict[Occlusion, Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Also one that the shell is in."""
+    """Even if it is the working folder of the shell."""
     monkeypatch.chdir(tmp_path)
     build.build_boxes(scans, Path(), BoxRules())
     assert contents(Path.cwd()) == contents(built["none"])
 
 
-def test_the_folder_is_as_open_as_any_other(built: dict[Occlusion, Path], tmp_path: Path) -> None:
+def test_the_folder_has_the_usual_permissions(built: dict[Occlusion, Path], tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     assert built["none"].stat().st_mode == (tmp_path / "other").stat().st_mode
 
@@ -285,7 +285,7 @@ def test_every_problem_of_every_scan_and_nothing_written(demo_world: Path, tmp_p
     assert sorted(path.name for path in tmp_path.iterdir()) == ["connectivity", "houses"]
 
 
-def test_a_viewpoint_that_is_given_twice(demo_world: Path, tmp_path: Path) -> None:
+def test_a_repeated_viewpoint(demo_world: Path, tmp_path: Path) -> None:
     places = json.loads(next((demo_world / "connectivity").iterdir()).read_text())
     places[0]["included"] = places[1]["included"] = True
     places[1]["image_id"] = places[0]["image_id"]
@@ -296,7 +296,8 @@ def test_a_viewpoint_that_is_given_twice(demo_world: Path, tmp_path: Path) -> No
         build.build_boxes([scan], tmp_path / "boxes", BoxRules())
     (problem,) = rejected.value.problems
     assert (problem.code, problem.where) == ("duplicate-viewpoint", str(file))
-    assert f" ids of more than one included viewpoint: {places[0]['image_id']}. " in problem.message
+    repeated = f"ids used by more than one included viewpoint: {places[0]['image_id']}. "
+    assert repeated in problem.message
     places[1]["included"] = False
     file.write_text(json.dumps(places))
     build.build_boxes([scan], tmp_path / "boxes", BoxRules())
@@ -304,7 +305,7 @@ def test_a_viewpoint_that_is_given_twice(demo_world: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("image_id", ["", "../hall", "up\\stairs"])
-def test_a_viewpoint_that_no_file_can_be_named_after(
+def test_a_viewpoint_id_that_cannot_be_a_file_name(
     image_id: str, demo_world: Path, tmp_path: Path
 ) -> None:
     place = {"image_id": image_id, "pose": [0.0] * 16, "included": True, "unobstructed": [False]}
@@ -315,11 +316,9 @@ def test_a_viewpoint_that_no_file_can_be_named_after(
         build.build_boxes([scan], tmp_path / "boxes", BoxRules())
 
 
-def test_a_folder_that_holds_something_is_left_alone(
-    scans: tuple[Scan, ...], tmp_path: Path
-) -> None:
+def test_a_folder_with_content_is_left_alone(scans: tuple[Scan, ...], tmp_path: Path) -> None:
     (tmp_path / "notes.txt").touch()
-    with pytest.raises(ReverieEvalError, match="is not an empty folder; name another, or remove"):
+    with pytest.raises(ReverieEvalError, match="is not an empty folder; choose another, or remove"):
         build.build_boxes(scans, tmp_path, BoxRules())
     with pytest.raises(ReverieEvalError, match="is not an empty folder"):
         build.build_boxes(scans, tmp_path / "notes.txt", BoxRules())
@@ -340,7 +339,7 @@ def test_an_interrupted_build_leaves_nothing_behind(
 
 @pytest.fixture
 def command(house_folder: Path, demo_world: Path, tmp_path: Path, run: Run) -> Any:
-    """Return what runs the command on the demo world."""
+    """Return a function that runs the command on the demo world."""
 
     def command(*words: str) -> Outcome:
         where = (str(house_folder), str(demo_world / "connectivity"), "-o", str(tmp_path / "out"))
@@ -419,7 +418,7 @@ def test_scans_with_files_of_one_kind_are_named(
     assert not list((tmp_path / "out").glob("DemoCottage*"))
 
 
-def test_a_scan_that_is_asked_for_has_to_be_there(command: Run, house_folder: Path) -> None:
+def test_a_requested_scan_must_exist(command: Run, house_folder: Path) -> None:
     status, out, err = command("--scan", "DemoCottage", "--scan", "Elsewhere")
     assert (status, out) == (1, "")
     assert f"{house_folder}: no SCAN.house for 1 scan: Elsewhere" in err
@@ -437,11 +436,11 @@ def test_two_houses_of_a_scan(command: Run, house_folder: Path, tmp_path: Path) 
 def test_folders_without_any_file(run: Run, tmp_path: Path) -> None:
     status, _, err = run("boxes", str(tmp_path), str(tmp_path), "-o", str(tmp_path / "out"))
     assert (status, list(tmp_path.iterdir())) == (1, [])
-    assert "no SCAN.house here" in err
-    assert "no SCAN_connectivity.json here" in err
+    assert "there is no SCAN.house" in err
+    assert "there is no SCAN_connectivity.json" in err
 
 
-def test_folders_that_are_not_there(run: Run, tmp_path: Path) -> None:
+def test_missing_folders(run: Run, tmp_path: Path) -> None:
     houses, connectivity = tmp_path / "houses", tmp_path / "connectivity"
     connectivity.touch()
     status, _, err = run("boxes", str(houses), str(connectivity), "-o", str(tmp_path / "out"))

@@ -1,4 +1,4 @@
-"""Compiling the published files: what a bundle holds, and what is said of files that are wrong."""
+"""Compiling the published files: the content of bundles, and the problems in wrong files."""
 
 import json
 import shutil
@@ -38,18 +38,18 @@ def bundle(demo_world: Path) -> Bundle:
 
 @pytest.fixture
 def world(demo_world: Path, tmp_path: Path) -> Path:
-    """Copy what val_unseen needs of the demo world, to be spoiled."""
+    """Copy the part of the demo world that val_unseen needs, for tests to damage."""
     others = shutil.ignore_patterns("Demo[!MR]*")
     return shutil.copytree(demo_world, tmp_path / "world", ignore=others)
 
 
 def read(path: Path) -> Any:
-    """Return what a JSON file holds."""
+    """Return the content of a JSON file."""
     return json.loads(path.read_text())
 
 
 def edit(path: Path, change: Callable[[Any], object]) -> None:
-    """Change what a JSON file holds."""
+    """Change the content of a JSON file."""
     content = read(path)
     change(content)
     path.write_text(json.dumps(content))
@@ -66,7 +66,7 @@ def test_a_bundle_lists_the_episodes_of_its_split(bundle: Bundle) -> None:
 
 
 def test_a_bundle_knows_the_episodes_of_other_splits(bundle: Bundle) -> None:
-    """The test split's too: its ids are public."""
+    """Including those of the test split: its ids are public."""
     others = {split: ids.tolist() for split, ids in bundle.other_splits.items()}
     assert others == {
         split: [episode.instr_id for episode in episodes_of(split)]
@@ -174,7 +174,7 @@ def test_candidates_are_measured_to_their_centres(world: Path) -> None:
     assert set(metres.values()) == {np.inf}
 
 
-def test_a_centre_counts_in_its_own_scan_alone(world: Path) -> None:
+def test_a_centre_counts_only_in_its_own_scan(world: Path) -> None:
     """Object ids are numbered within each scan."""
     everything = {str(object_id): [0.0, 0.0, 0.0] for object_id in range(1000)}
     bundle = centred(world, {"DemoRectory": everything, "ElsewhereHouse": everything})
@@ -184,8 +184,8 @@ def test_a_centre_counts_in_its_own_scan_alone(world: Path) -> None:
     assert known == [scan == "DemoRectory" for scan in scans]
 
 
-def test_object_positions_are_not_looked_for(bundle: Bundle, demo_world: Path) -> None:
-    """They lie beside the demo world, and a bundle's fingerprint does not depend on that."""
+def test_object_positions_are_not_searched_for(bundle: Bundle, demo_world: Path) -> None:
+    """They are next to the demo world, but the fingerprint must not depend on that."""
     assert (demo_world / "objpos.json").is_file()
     assert "candidate_distance" not in bundle.arrays
 
@@ -209,7 +209,7 @@ def test_a_public_bundle_is_not_changed_by_object_positions(demo_world: Path) ->
 @pytest.mark.parametrize(
     ("content", "fragment"),
     [
-        pytest.param("{", "not JSON", id="no JSON"),
+        pytest.param("{", "not JSON", id="not JSON"),
         pytest.param("[]", "Input should be", id="list"),
         pytest.param('{"DemoMansion": {"3": [1, 2]}}', "DemoMansion.3", id="two coordinates"),
         pytest.param('{"DemoMansion": {"3": [1, 2, NaN]}}', "DemoMansion.3", id="NaN"),
@@ -412,21 +412,21 @@ def problems_of(world: Path) -> Sequence[Problem]:
             lambda world: (world / ANNOTATIONS).unlink(),
             "missing-input",
             ANNOTATIONS,
-            "give a clone of the dataset repository, or point at them with --annotations",
+            "give a clone of the dataset repository, or the path with --annotations",
             id="no annotations",
         ),
         pytest.param(
             lambda world: shutil.rmtree(world / BOXES),
             "missing-input",
             BOXES,
-            "point at them with --boxes",
+            "or the path with --boxes",
             id="no boxes",
         ),
         pytest.param(
             lambda world: shutil.rmtree(world / CONNECTIVITY),
             "missing-input",
             CONNECTIVITY,
-            "point at them with --connectivity",
+            "or the path with --connectivity",
             id="no graphs",
         ),
         pytest.param(
@@ -461,9 +461,9 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _tasks(lambda tasks: [task.pop("instructions") for task in tasks[:5]]),
             "malformed-task",
             ANNOTATIONS,
-            "5 of 32 records that are not tasks of the published form: [0]: instructions: Field "
+            "5 of 32 records that do not have the published form: [0]: instructions: Field "
             "required, [1]: instructions: Field required, [2]: instructions: Field required and 2 "
-            "more. They",
+            "more. All other",
             id="instructions missing",
         ),
         pytest.param(
@@ -477,7 +477,7 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _tasks(lambda tasks: tasks.append(tasks[0])),
             "duplicate-episode",
             ANNOTATIONS,
-            "instr_ids of more than one episode",
+            "instr_ids used by more than one episode",
             id="task given twice",
         ),
         pytest.param(
@@ -498,8 +498,8 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _end_on_the_balcony,
             "unreachable-goal",
             ANNOTATIONS,
-            "1 of 32 tasks with a viewpoint on their path that no route leads to",
-            id="goal that no route leads to",
+            "1 of 32 tasks with a viewpoint on their path that cannot be reached",
+            id="goal that cannot be reached",
         ),
         pytest.param(
             _tasks(lambda tasks: [task.update(objId=999) for task in tasks[:4]]),
@@ -512,7 +512,7 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _hide_first_target,
             "target-not-visible",
             ANNOTATIONS,
-            "Annotations and boxes of different releases look like this",
+            "Annotations and boxes are probably from different releases",
             id="target listed and not visible",
         ),
         pytest.param(
@@ -576,7 +576,7 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _name_as_in_the_rectory,
             "duplicate-viewpoint",
             CONNECTIVITY,
-            "1 of 49 ids of more than one included viewpoint",
+            "1 of 49 ids used by more than one included viewpoint",
             id="viewpoint id in two scans",
         ),
         pytest.param(
@@ -597,7 +597,7 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _box_at_first_goal(visible_pos=[3, 4]),
             "unequal-lists",
             BOXES,
-            "listed objects with more views than boxes, or fewer",
+            "listed objects with different numbers of views and boxes",
             id="view without a box",
         ),
         pytest.param(

@@ -149,7 +149,7 @@ def test_a_target_that_is_listed_nowhere_has_no_category(tmp_path: Path) -> None
 # Faults.
 
 
-def test_faults_of_all_splits_are_told_at_once(dataset: Path, run: Run) -> None:
+def test_errors_of_all_splits_are_reported_at_once(dataset: Path, run: Run) -> None:
     data = dataset / "tasks" / "REVERIE" / "data"
     (data / "REVERIE_val_seen.json").write_text(json.dumps([task("1_1", "hut-a hut-z", 1, "go")]))
     (data / "REVERIE_test.json").write_text(json.dumps([*SPLITS["test"], *SPLITS["test"]]))
@@ -160,7 +160,7 @@ def test_faults_of_all_splits_are_told_at_once(dataset: Path, run: Run) -> None:
         "reverie-eval: dataset rejected, 3 problems",
         (
             f"{data}/BBox: 1 of 6 included viewpoints without a box file: hut_hut-c. A viewpoint "
-            "that sees nothing has an empty one: copy the whole box folder."
+            "that sees no object has an empty file: copy the whole box folder."
         ),
         (
             f"{data}/REVERIE_val_seen.json: 1 of 1 tasks with a viewpoint on their path that is "
@@ -168,8 +168,8 @@ def test_faults_of_all_splits_are_told_at_once(dataset: Path, run: Run) -> None:
             "different datasets."
         ),
         (
-            f"{data}/REVERIE_test.json: 1 of 1 instr_ids of more than one episode: 9_0. A "
-            "submission has one prediction per instr_id: give every task an id of its own."
+            f"{data}/REVERIE_test.json: 1 of 1 instr_ids used by more than one episode: 9_0. A "
+            "submission has one prediction per instr_id: give every task its own id."
         ),
     ]
 
@@ -272,7 +272,7 @@ def test_v1_agrees_with_the_paper(
 
 
 @pytest.mark.dataset
-def test_the_documented_table_is_that_of_v1(published: Path, run: Run) -> None:
+def test_the_documented_table_is_the_one_of_v1(published: Path, run: Run) -> None:
     status, out, _ = run("describe", str(published / "reverie-v1"))
     page = (REPOSITORY / "docs" / "dataset-description.md").read_text()
     assert status == 0

@@ -24,7 +24,7 @@ from tests.support.processes import COMMAND
 
 def test_a_process_that_is_ended_from_outside() -> None:
     with pytest.raises(ReverieEvalError, match="try fewer --jobs"):
-        list(build._results(_end, [Scan("x", Path(), Path())], 2))  # noqa: SLF001
+        list(build._build_all(_end, [Scan("x", Path(), Path())], 2))  # noqa: SLF001
 
 
 def _end(_: Scan) -> Any:
@@ -47,7 +47,7 @@ def test_an_interrupt_does_not_wait_for_scans() -> None:
     try:
         with (
             pytest.raises(KeyboardInterrupt),
-            closing(build._results(_linger, TWO_SCANS, 2)) as results,  # noqa: SLF001
+            closing(build._build_all(_linger, TWO_SCANS, 2)) as results,  # noqa: SLF001
         ):
             list(results)
     finally:
@@ -60,10 +60,10 @@ def test_processes_end_with_their_scan_if_their_parent_is_killed(tmp_path: Path)
     program = """if True:
         import sys
         from pathlib import Path
-        from reverie_eval.dataset._box_builder import Scan, _results
+        from reverie_eval.dataset._box_builder import Scan, _build_all
         from tests.dataset.test_ended_builds import _work_until_told
         scans = [Scan(name, Path(sys.argv[1], name), Path()) for name in "wxyz"]
-        list(_results(_work_until_told, scans, 2))
+        list(_build_all(_work_until_told, scans, 2))
     """
     files = [tmp_path / name for name in "wxyz"]
     for file in files:

@@ -187,19 +187,19 @@ def test_files_that_are_not_of_this_version(first: str, message: str) -> None:
         pytest.param(
             10,
             "O 3 -1 -1 1 2 3 0 0 1 1 0 0 1 1 1",
-            "object 3 was given in line 9 already",
+            "object 3 already has line 9",
             id="object twice",
         ),
         pytest.param(
             8,
             "C 0 7 table 41 unlabeled 0 0 0 0 0",
-            "category 0 was given in line 7 already",
+            "category 0 already has line 7",
             id="category twice",
         ),
         pytest.param(
             2,
             H.replace("4 2", "5 2"),
-            "the header counts 5 object lines, the file has 4; fetch it again",
+            "the header announces 5 object lines, the file has 4; fetch it again",
             id="count",
         ),
         pytest.param(
@@ -257,7 +257,7 @@ def test_every_malformed_line_is_named_in_order() -> None:
 def test_a_file_that_ends_early_lacks_objects(tmp_path: Path) -> None:
     file = tmp_path / "x.house"
     file.write_text("\n".join(LINES[:-2]))
-    with pytest.raises(DatasetError, match="the header counts 4 object lines, the file has 2"):
+    with pytest.raises(DatasetError, match="the header announces 4 object lines, the file has 2"):
         read_house(file)
 
 

@@ -1,7 +1,7 @@
-"""Checking REVERIE v1: what is known about the released files, number by number.
+"""Checking REVERIE v1: every known number about the released files.
 
-Every number was measured on them by other code first: structure, ranges, agreement of views,
-distances, targets and graphs.
+Each number was first measured by other code: structure, ranges, agreement of views, distances,
+targets and graphs.
 """
 
 from itertools import chain
@@ -75,7 +75,7 @@ def test_the_release_is_sound(report: LintReport) -> None:
         ("seen-twice", 5_229, 17_289),
         ("seen-thrice", 1_603, 17_289),
         ("in-all-views", 7, 28_060),
-        # Ranges: always inside the picture; no smallest size.
+        # Ranges: always inside the image; there is no minimum size.
         ("view-out-of-range", 0, 210_198),
         ("box-without-area", 0, 210_198),
         ("box-outside", 0, 210_198),
@@ -106,7 +106,7 @@ def test_the_release_is_sound(report: LintReport) -> None:
         ("graph-in-parts", 6, 90),
     ],
 )
-def test_how_many_there_are(code: str, number: int, of: int | None, report: LintReport) -> None:
+def test_counts(code: str, number: int, of: int | None, report: LintReport) -> None:
     found = count_of(report, code, split=None).found
     assert (found.number, found.of) == (number, of)
 
@@ -137,7 +137,7 @@ def test_how_many_there_are(code: str, number: int, of: int | None, report: Lint
         ("test", "shared-episode", 0, 6_292),
     ],
 )
-def test_how_many_there_are_in_a_split(
+def test_counts_of_a_split(
     split: str, code: str, number: int, of: int | None, report: LintReport
 ) -> None:
     found = count_of(report, code, split).found
@@ -197,7 +197,7 @@ def test_how_many_there_are_in_a_split(
         ("edge-length", 21_468, {"0": 0.000}),
     ],
 )
-def test_how_values_are_spread(
+def test_distributions(
     code: str, number: int, percentiles: dict[str, float], report: LintReport
 ) -> None:
     spread = spread_of(report, code, split=None)
@@ -225,7 +225,7 @@ def test_the_shortest_edge_is_a_fraction_of_a_millimetre_and_an_edge(report: Lin
         ("val_unseen", "boxes-at-goal", 53.83, {"0": 8}),
     ],
 )
-def test_how_values_of_a_split_are_spread(
+def test_distributions_of_a_split(
     split: str, code: str, mean: float, percentiles: dict[str, float], report: LintReport
 ) -> None:
     spread = spread_of(report, code, split)

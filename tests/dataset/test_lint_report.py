@@ -1,4 +1,4 @@
-"""``reverie-eval lint`` as it is called and read: status, table, JSON, documentation."""
+"""The command ``reverie-eval lint``: exit status, tables, JSON and documentation."""
 
 import io
 import json
@@ -21,7 +21,7 @@ PAGE = REPOSITORY / "docs" / "lint.md"
 
 @pytest.fixture
 def flat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Work beside a folder with the flat's published files."""
+    """Work in a folder with the flat's published files."""
     write_published_flat(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -39,7 +39,7 @@ def test_a_sound_dataset_in_a_pipe(flat: Path, run: Run) -> None:
         "    code            number  of  %  description",
         "    files                5         files read",
         "ok  malformed-file       0   5     files that do not have the published form",
-        "ok  duplicate-key        0         names given twice in one JSON object",
+        "ok  duplicate-key        0         keys that occur twice in one JSON object",
     ]
     assert sections[1].splitlines()[-2:] == [
         "code         number  min   5 %  median  mean  95 %  max  description",
@@ -48,15 +48,15 @@ def test_a_sound_dataset_in_a_pipe(flat: Path, run: Run) -> None:
     assert sections[-1] == "passed: 23 checks, no errors, 0 warnings\n"
 
 
-def test_a_fault_is_told_with_its_meaning_and_its_places(flat: Path, run: Run) -> None:
+def test_an_error_is_shown_with_advice_and_examples(flat: Path, run: Run) -> None:
     HIDDEN_TARGET(flat)
     status, out, err = run("lint", ".")
     assert (status, err) == (1, "")
     assert out.endswith(
         "\n\nerror target-not-visible, annotations of val_unseen: 1 of 1 tasks whose target is "
         "listed where the path ends, but not visible in any view\n"
-        "Annotations and boxes of different releases look like this (v2 annotations of val_seen "
-        "with v1 boxes: 3 of 501): fetch both from one.\n"
+        "Annotations and boxes are probably from different releases (v2 annotations of val_seen "
+        "with v1 boxes give 3 of 501): fetch both from the same one.\n"
         "  7_1\n\n"
         "failed: 1 of 23 checks found errors, 2 warnings\n"
     )
@@ -92,7 +92,7 @@ def test_json_is_the_report_that_the_library_gives(flat: Path, run: Run) -> None
 
 
 @pytest.mark.usefixtures("flat")
-def test_files_that_lie_elsewhere(run: Run) -> None:
+def test_files_at_other_paths(run: Run) -> None:
     elsewhere = ["--annotations", DATA, "--boxes", DATA / "BBox", "--connectivity", "connectivity"]
     assert run("lint", *map(str, elsewhere)) == run("lint", ".")
 
@@ -101,7 +101,7 @@ def test_files_that_lie_elsewhere(run: Run) -> None:
     ("words", "reasons"),
     [
         pytest.param(["nowhere"], ["REVERIE_*.json", "BBox", "nowhere/connectivity"], id="all"),
-        pytest.param([".", "--boxes", "nowhere"], ["nowhere: no boxes found here"], id="boxes"),
+        pytest.param([".", "--boxes", "nowhere"], ["nowhere: no boxes found"], id="boxes"),
         pytest.param(
             [".", "--annotations", "connectivity"],
             ["connectivity/REVERIE_*.json"],
@@ -110,11 +110,11 @@ def test_files_that_lie_elsewhere(run: Run) -> None:
         pytest.param(
             [".", "--object-positions", "nowhere"], ["nowhere: no object-positions"], id="positions"
         ),
-        pytest.param([], ["annotations: no annotations found here"], id="nothing given"),
+        pytest.param([], ["annotations: no annotations found"], id="nothing given"),
     ],
 )
 @pytest.mark.usefixtures("flat")
-def test_what_cannot_be_tried(words: list[str], reasons: list[str], run: Run) -> None:
+def test_missing_files(words: list[str], reasons: list[str], run: Run) -> None:
     status, out, err = run("lint", *words)
     assert (status, out) == (2, "")
     assert all(reason in err for reason in reasons)

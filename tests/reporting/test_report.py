@@ -514,7 +514,7 @@ def test_one_cluster_has_a_report_without_intervals(by: str, run: Run) -> None:
     [
         pytest.param([], "one submission or two; got 0", id="none"),
         pytest.param(["a", "b", "c"], "one submission or two; got 3", id="three"),
-        pytest.param([1], "names of submissions are text; got 1", id="a number"),
+        pytest.param([1], "names of submissions must be text; got 1", id="a number"),
     ],
 )
 def test_a_report_is_about_one_or_two(names: list[str], says: str, home: rv.Scores) -> None:

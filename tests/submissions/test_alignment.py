@@ -1,4 +1,4 @@
-"""What the ground truth finds in a submission, and what a sound one becomes.
+"""The problems that alignment finds in a submission, and the result for a valid one.
 
 The house has a hall, 3 m further a kitchen, 4 m further a pantry, and an attic without a way up;
 the barn has a stall and a loft. Two episodes go to the pantry, one to the loft.
@@ -30,7 +30,7 @@ BARN = {"stall": (0.0, 0.0, 0.0), "loft": (0.0, 0.0, 2.0)}
 
 
 def world(to_house: Task, to_barn: Task) -> World:
-    """Return house and barn, where each target is seen from the end of its path only."""
+    """Return house and barn, where each target is visible only from the end of its path."""
     seen = {task.path[-1]: {task.target: [12]} for task in (to_house, to_barn)}
     house, barn = (
         {name: Viewpoint(position, views=seen.get(name, {})) for name, position in places.items()}
@@ -51,7 +51,7 @@ OTHER_ANSWERS = world(
     Task("7_1", "house", ["hall", "kitchen"], HAY, instructions=2),
     Task("8_2", "barn", ["stall"], SPOON),
 )
-"""The same episodes in the same buildings, with no answer in common."""
+"""The same episodes in the same buildings, with entirely different answers."""
 
 
 def record(instr_id: str, *viewpoint_ids: str, answer: int = -1) -> Record:
@@ -73,7 +73,7 @@ def farm() -> GroundTruth:
 
 
 def problems_of(submission: Submission, truth: GroundTruth) -> Sequence[Problem]:
-    """Return everything that is wrong with a submission."""
+    """Return all problems of a submission."""
     with pytest.raises(SubmissionError) as rejected:
         validate(submission, split=SPLIT, ground_truth=truth)
     return rejected.value.problems
@@ -83,7 +83,11 @@ faults = pytest.mark.parametrize(
     ("submission", "code", "where", "fragment"),
     [
         pytest.param(
-            [], "missing-episode", "file", "no prediction for any of the 3 episodes", id="no record"
+            [],
+            "missing-episode",
+            "file",
+            "no prediction for any of the 3 episodes",
+            id="no records",
         ),
         pytest.param(
             [SECOND, THIRD],
@@ -145,7 +149,7 @@ faults = pytest.mark.parametrize(
             [FIRST, record("7_1_1", "hall", "kitchen", "attic"), THIRD],
             "unreachable",
             "[1].trajectory[2][0]",
-            "no route leads from the start to viewpoint attic",
+            "viewpoint attic cannot be reached from the start",
             id="viewpoint that cannot be reached",
         ),
     ],
@@ -213,7 +217,7 @@ CODES = {
 
 
 def test_the_broken_sample(demo: GroundTruth) -> None:
-    """Two episodes are missing; of the records, the first and the last are wrong."""
+    """Two episodes are missing; the first and the last records are faulty."""
     missing, also_missing, *of_records = problems_of(SAMPLES / "broken.json", demo)
     assert {missing.code, also_missing.code} == {"missing-episode"}
     assert [problem.code for problem in of_records] == [
@@ -233,11 +237,11 @@ def test_a_submission_for_another_split(demo: GroundTruth) -> None:
     assert f"any of the {len(episodes_of(SPLIT))} episodes" in missing.message
     assert (other.code, other.where) == ("other-split", "[0].instr_id")
     assert f"{len(others)} ids look like val_seen ids" in other.message
-    assert f"the first is {others[0].instr_id}; score them as val_seen" in other.message
+    assert f"the first is {others[0].instr_id}; score the file as val_seen" in other.message
 
 
 def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:
-    """Whoever has not compiled the real data yet learns how."""
+    """The message explains how to compile the real data."""
     submission = [record("4774_267_1", "a68b5ae6571e4a66a4727573b88227e4"), record("2_3_0", "c1")]
     (problem,) = problems_of(submission, demo)
     assert (problem.code, problem.where) == ("not-the-demo-world", "file")
@@ -247,7 +251,7 @@ def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:
     assert "--ground-truth val_unseen.npz" in problem.message
 
 
-def test_only_so_many_problems_are_looked_for(
+def test_checking_stops_after_too_many_problems(
     farm: GroundTruth, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("reverie_eval.submissions._problems.MAX_PROBLEMS", 3)
@@ -300,7 +304,7 @@ def test_the_order_of_records_does_not_matter(
     assert aligned.predicted_object.tolist() == [-1, 7, 9]
 
 
-def test_a_jump_is_priced_at_the_shortest_route_and_counted(farm: GroundTruth) -> None:
+def test_a_jump_counts_at_shortest_path_distance(farm: GroundTruth) -> None:
     jumps_twice = record("7_1_0", "hall", "pantry", "pantry", "hall", "kitchen")
     scores = evaluate([jumps_twice, SECOND, THIRD], split=SPLIT, ground_truth=farm)
     assert scores.episodes["path_length"].tolist() == [7.0 + 0.0 + 7.0 + 3.0, 0.0, 4.0]
@@ -311,7 +315,7 @@ def test_a_jump_is_priced_at_the_shortest_route_and_counted(farm: GroundTruth) -
     )
 
 
-def test_validating_tells_of_jumps_and_abstentions(farm: GroundTruth) -> None:
+def test_validating_reports_jumps_and_abstentions(farm: GroundTruth) -> None:
     submission = [record("7_1_0", "hall", "pantry"), SECOND, record("8_2_0", "stall")]
     checked = validate(submission, split=SPLIT, ground_truth=farm)
     assert checked.jumps.tolist() == [1, 0, 0]

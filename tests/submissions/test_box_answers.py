@@ -1,4 +1,4 @@
-"""Reading an answer that is a box: where it is, in which picture, and what is said of it."""
+"""Reading an answer by box: its position, its camera, and the notes about it."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from tests.support.drawings import BOX, POSE_ANGLES, WITHOUT, Record, answer
 
 
 def read(*records: Record) -> Predictions:
-    """Read records in which nothing is wrong, from Python objects."""
+    """Read valid records from Python objects."""
     predictions = read_predictions(records)
     assert predictions.problems == []
     return predictions
@@ -42,7 +42,7 @@ CARRIED_OVER = "{} boxes from cameras that are not one of the 36 views, warped t
         pytest.param({"predView": 35}, [11 * math.pi / 6, math.pi / 6], id="last view"),
         pytest.param({"predView": np.int64(14)}, [math.pi / 3, 0], id="numpy"),
         pytest.param({"predView": WITHOUT}, POSE_ANGLES, id="camera of the last pose"),
-        pytest.param({"predView": None}, POSE_ANGLES, id="null is no view"),
+        pytest.param({"predView": None}, POSE_ANGLES, id="null means no view"),
         pytest.param(
             {"predView": None, "trajectory": [["hall", 9, 9], ["bath", -7, 1, 8, 8]]},
             [-7, 1],
@@ -86,14 +86,14 @@ def test_a_pose_that_looks_where_a_view_does_is_that_view(view: int, turns: int)
         ),
     ],
 )
-def test_a_camera_off_the_grid_is_said(off: float, phrases: list[str]) -> None:
+def test_a_camera_off_the_grid_is_reported(off: float, phrases: list[str]) -> None:
     for angles in ([off, 0], [math.tau - off, 0], [0, off], [math.pi, -math.pi / 6 - off]):
         record = answer(predView=WITHOUT, trajectory=[["bath", *angles]])
         assert read(record).read_as == phrases
 
 
-def test_a_camera_far_off_the_grid_is_said() -> None:
-    """Both ways off come to more than 15 degrees where each is less."""
+def test_a_camera_far_off_the_grid_is_reported() -> None:
+    """Both angles together are more than 15 degrees off, although each alone is less."""
     far = "{} of these warped by more than 15 degrees, where exact boxes fail more often"
     angles = np.deg2rad(np.array([[14.9, 0], [345.1, 0], [9, 9], [14, 14], [100, 46]]))
     poses = [["bath", *pair] for pair in angles.tolist()]
@@ -105,7 +105,7 @@ def test_a_camera_far_off_the_grid_is_said() -> None:
 
 SCALED = "1 boxes scaled from another image size to 640 x 480"
 CUT = "1 boxes that reach beyond the image, cut to it"
-OUTSIDE = "1 boxes wholly outside the image, which match nothing"
+OUTSIDE = "1 boxes entirely outside the image, which match nothing"
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_the_box(fields: Mapping[str, Any], xywh: list[float], phrases: list[str
     ],
     ids=["right", "left", "below", "above", "far right", "far left"],
 )
-def test_a_box_outside_the_picture(box: list[float]) -> None:
+def test_a_box_outside_the_image(box: list[float]) -> None:
     boxes = box_of(answer(predBox=box))
     assert (boxes.xywh[0, 2:].min(), boxes.is_cut.tolist()) == (0, [True])
     assert ((boxes.xywh >= 0) & (boxes.xywh <= [640, 480, 640, 480])).all()
@@ -223,7 +223,7 @@ def test_boxes_of_a_file_are_counted() -> None:
         "1 answers that predict no object, not written as -1",
         "1 boxes scaled from another image size to 640 x 480",
         "2 boxes that reach beyond the image, cut to it",
-        "2 boxes wholly outside the image, which match nothing",
+        "2 boxes entirely outside the image, which match nothing",
         CARRIED_OVER.format(2),
     ]
     assert predictions.boxes.row.tolist() == [0, 1, 2, 3, 6]
@@ -247,7 +247,7 @@ def test_boxes_in_another_order() -> None:
 
 @pytest.mark.parametrize("named", [-1, None, "None", "-1", "", np.int64(-1)], ids=repr)
 @pytest.mark.parametrize("key", ["predObjId", "pred_objid", "pred_obj_id"])
-def test_a_box_beside_an_abstention(key: str, named: object) -> None:
+def test_a_box_together_with_an_abstention(key: str, named: object) -> None:
     predictions = read(answer(**{key: named}))
     assert predictions.boxes.xywh.tolist() == [BOX]
     assert (predictions.predicted_object.tolist(), predictions.read_as) == ([-1], [])
@@ -259,16 +259,16 @@ def test_a_box_beside_an_abstention(key: str, named: object) -> None:
         pytest.param({"predObjId": 3}, 3, id="beside an object"),
         pytest.param({"pred_objid": "3"}, 3, id="beside an object under another key"),
         pytest.param({"predObjId": -1}, -1, id="beside an abstention"),
-        pytest.param({"predView": "no view"}, -1, id="alone; the view is not looked at"),
+        pytest.param({"predView": "no view"}, -1, id="alone; the view is ignored"),
     ],
 )
-def test_a_box_that_is_null_is_no_answer(fields: Mapping[str, Any], named: int) -> None:
+def test_a_null_box_is_not_an_answer(fields: Mapping[str, Any], named: int) -> None:
     predictions = read(answer(predBox=None, **fields))
     assert (predictions.predicted_object.tolist(), len(predictions.boxes.row)) == ([named], 0)
 
 
-def test_a_file_of_nulls_is_answered() -> None:
-    """It is no navigation alone: every record says that the agent draws nothing."""
+def test_a_file_of_null_boxes_has_answers() -> None:
+    """It is not navigation only: every record says that the agent predicts no box."""
     assert read(answer(predBox=None)).read_as == [
         "1 answers that predict no object, not written as -1"
     ]

@@ -1,4 +1,4 @@
-"""Answers by box that are none: every fault with its code, its place and its words, at once."""
+"""Invalid answers by box: every fault with its code, location and message, all at once."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from tests.support.worlds import SPLIT, ground_truth_by_hand
 
 
 def problems_of(records: Sequence[Record], *, answers_only: bool = False) -> Sequence[Problem]:
-    """Return what is wrong, in the order in which it is told."""
+    """Return the problems in the order in which they are reported."""
     found = read_predictions(records, answers_only=answers_only).problems
     return SubmissionError(found).problems if found else ()
 
@@ -48,7 +48,7 @@ class Fault(NamedTuple):
 
 
 def wrong_box(box: object, found: str, form: str = BOX_FORM, code: str = "wrong-type") -> Fault:
-    """Return the fault of a box that is none."""
+    """Return the fault of a malformed box."""
     return Fault({"predBox": box}, code, ".predBox", f"got {found}; {form}")
 
 
@@ -63,35 +63,35 @@ def empty(box: object, found: str) -> Fault:
 
 
 def wrong_view(view: object, found: str) -> Fault:
-    """Return the fault of a view that is none."""
+    """Return the fault of a view that does not exist."""
     return Fault({"predView": view}, "wrong-view", ".predView", f"got {found}; {VIEW_FORM}")
 
 
 def wrong_size(size: object, found: str) -> Fault:
-    """Return the fault of a size that no picture has."""
+    """Return the fault of an impossible image size."""
     fields = {"predImageSize": size}
     return Fault(fields, "wrong-type", ".predImageSize", f"got {found}; {SIZE_FORM}")
 
 
 def also_named(key: str, named: object) -> Fault:
-    """Return the fault of a record that names an object too."""
+    """Return the fault of a record that also predicts an object."""
     message = (
-        f"got {named!r} beside predBox; an episode has one answer: leave one out, "
+        f"got {named!r} together with predBox; an episode has one answer: remove one, "
         f"or set {key} to -1"
     )
     return Fault({key: named}, "two-answers", f".{key}", message)
 
 
 def no_view(*trajectory: object, view: object = WITHOUT) -> Fault:
-    """Return the fault of a record that tells no camera."""
+    """Return the fault of a record without a camera."""
     fields = {"predView": view, "trajectory": trajectory}
     return Fault(fields, "missing-field", "", NO_VIEW + OR_POSE)
 
 
 def wrong_camera(elevation: float, found: str) -> Fault:
-    """Return the fault of a box by a camera that is turned beyond straight up or down."""
+    """Return the fault of a camera that is turned beyond straight up or down."""
     message = (
-        f"the box is in the image of a camera with an elevation of {found}, beyond straight up or "
+        f"the camera of the box has an elevation of {found}, beyond straight up or "
         "down (pi / 2); give radians, or the view index in predView (0-35)"
     )
     fields = {"predView": WITHOUT, "trajectory": [["hall", 0, 0], ["bath", 1, elevation]]}
@@ -126,7 +126,7 @@ WRONG = {
     "negative height": empty((1, 2, 3, -4), "[1, 2, 3, -4]"),
     "view 36": wrong_view(36, "36"),
     "view -1": wrong_view(-1, "-1"),
-    "view 10**8000": wrong_view(HUGE**20, "an integer of thousands of digits"),
+    "view 10**8000": wrong_view(HUGE**20, "an integer with thousands of digits"),
     "view 3.0": wrong_view(3.0, "3.0"),
     "view NaN": wrong_view(math.nan, "nan"),
     "view true": wrong_view(view=True, found="true"),
@@ -203,7 +203,7 @@ def test_every_fault_of_one_record_is_found_at_once() -> None:
     ]
 
 
-def test_a_field_that_is_there_twice() -> None:
+def test_a_repeated_field() -> None:
     text = json.dumps([answer()]).replace('"predView": 14', '"predView": 14, "predView": 15')
     (problem,) = read_predictions(text.encode()).problems
     assert (problem.code, problem.where) == ("repeated-field", "[0]")
@@ -211,19 +211,19 @@ def test_a_field_that_is_there_twice() -> None:
 
 @pytest.mark.parametrize("trajectory", [[], 7, WITHOUT], ids=["empty", "a number", "missing"])
 def test_a_box_without_a_trajectory_has_one_problem(trajectory: object) -> None:
-    """That there is no camera to take it by, then goes without saying."""
+    """The missing camera is not reported again."""
     (problem,) = problems_of([answer(predView=WITHOUT, trajectory=trajectory)])
     assert "predView" not in problem.message
 
 
-def test_where_trajectories_are_not_looked_at_a_view_is_needed() -> None:
+def test_without_trajectories_a_view_is_needed() -> None:
     (problem,) = problems_of([answer(predView=WITHOUT)], answers_only=True)
     assert (problem.code, problem.where, problem.message) == ("missing-field", "[0]", NO_VIEW)
     assert problems_of([answer(trajectory=WITHOUT)], answers_only=True) == ()
 
 
-def test_a_box_answers_beside_records_without_an_answer() -> None:
-    """So the file is no navigation alone, and the answer is missing."""
+def test_a_box_among_records_without_an_answer() -> None:
+    """So the file is not navigation only, and the answers are missing."""
     (problem,) = problems_of([answer(), answer(predBox=WITHOUT)])
     assert (problem.code, problem.message) == ("missing-field", NO_ANSWER)
 
@@ -262,7 +262,7 @@ poses = st.tuples(st.just("bath"), numbers, numbers).map(list)
 def test_any_values_are_scored_or_rejected(
     box: object, view: object, size: object, pose: object
 ) -> None:
-    """Anything else would be an error of ours, and a warning of numpy's fails here too."""
+    """Anything else would be our own error; a numpy warning fails here too."""
     record = answer(trajectory=[pose], predBox=box, predView=view, predImageSize=size)
     if not problems_of([record]):
         evaluate([record], split=SPLIT, ground_truth=TRUTH)
@@ -288,7 +288,7 @@ elevations = st.floats(-math.pi / 2, math.pi / 2)
 @example(box=(1e308, 1e308, 1e308, 1e308), view=3, size=(1, 1), pose=("bath", 0, 0))
 @example(box=(0, 0, 5e-324, 5e-324), view=None, size=None, pose=("bath", 0.2, 0.2))
 @example(box=(300, 300, 1e-300, 1), view=None, size=(1e308, 1), pose=("bath", 1e308, -math.pi / 2))
-def test_any_sound_numbers_are_scored(
+def test_any_valid_numbers_are_scored(
     box: object, view: object, size: object, pose: object
 ) -> None:
     record = answer(trajectory=[pose], predBox=box, predView=view, predImageSize=size)

@@ -1,4 +1,4 @@
-"""Converting: any form becomes the official one with the same scores, and what is lost is said."""
+"""Converting any form to the official one: the scores stay, and what is lost is reported."""
 
 import gzip
 import io
@@ -28,7 +28,7 @@ every_form = pytest.mark.parametrize("form", FORMS.values(), ids=list(FORMS))
 
 @pytest.fixture
 def result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return where a result file is, in the folder to work in."""
+    """Return the path of a result file in the working folder."""
     monkeypatch.chdir(tmp_path)
     return Path("result.json")
 
@@ -50,7 +50,7 @@ def test_every_form_becomes_the_official_one(
 
 
 @every_form
-def test_what_is_read_dropped_and_invented_is_said(form: Form, result: Path, run: Run) -> None:
+def test_the_notes_say_what_was_read_dropped_and_added(form: Form, result: Path, run: Run) -> None:
     result.write_bytes(form.bytes())
     has_angles = form.trajectory in (forms.poses, forms.with_zeros)
     count = sum(len(record["trajectory"]) for record in OFFICIAL)
@@ -145,7 +145,7 @@ def test_a_converted_record(record: dict[str, Any], expected: dict[str, Any]) ->
 @settings(max_examples=20)
 @given(case=cases_with_boxes)
 def test_converted_boxes_score_the_same(case: Case, *, keyed: bool) -> None:
-    """To the last digit, and every box comes to the same."""
+    """To the last digit, and every box has the same outcome."""
     truth, records = ground_truth_by_hand(case.world), records_of(case.predictions)
     original = {record["instr_id"]: record for record in records} if keyed else records
     converted = json.dumps(convert(original).records).encode()
@@ -165,15 +165,15 @@ def test_records_that_differ_in_what_is_dropped() -> None:
 
 
 @pytest.mark.parametrize("content", [b"[]", b"{}"], ids=["list", "keyed"])
-def test_nothing_becomes_nothing(content: bytes, result: Path, run: Run) -> None:
-    """No split is asked for, so no episode can be missing."""
+def test_an_empty_file_is_converted_to_an_empty_one(content: bytes, result: Path, run: Run) -> None:
+    """There is no split, so no episode can be missing."""
     result.write_bytes(content)
     status, out, err = run("convert", "result.json")
     assert (status, json.loads(out), err) == (0, [], "")
 
 
-def test_no_id_is_checked(result: Path, run: Run) -> None:
-    """Ids of any split and any building will do."""
+def test_ids_are_not_checked(result: Path, run: Run) -> None:
+    """Ids of any split and any building are accepted."""
     records = [{"instr_id": "who?", "trajectory": [["nowhere", 0.5, 0.25]], "predObjId": 2**31 - 1}]
     result.write_text(json.dumps(records))
     assert json.loads(run("convert", "result.json").out) == records
@@ -188,7 +188,7 @@ def test_a_gzip_from_standard_input(monkeypatch: pytest.MonkeyPatch, run: Run) -
 
 
 def problems_of_reading(content: bytes) -> Sequence[object]:
-    """Return what reading finds in a file, in the order in which it is told."""
+    """Return the problems that reading finds in a file, in the order of reporting."""
     return SubmissionError(read_predictions(content).problems).problems
 
 
@@ -213,7 +213,7 @@ def test_the_broken_sample_is_rejected_with_its_reading_problems(result: Path, r
     ("content", "code"),
     [
         pytest.param(b'{"instr_id": "a", "trajectory": []}', "not-a-list", id="record alone"),
-        pytest.param(b"[", "not-json", id="no JSON"),
+        pytest.param(b"[", "not-json", id="not JSON"),
         pytest.param(b'{"a": {}, "a": {}}', "repeated-field", id="id twice"),
         pytest.param(b'[{"instr_id": "a", "instr_id": "b"}]', "repeated-field", id="field twice"),
     ],
@@ -250,7 +250,7 @@ BOX = [1, 2, 3, 4]
         pytest.param({"predObjId": 2**31}, False, id="object 2**31"),
     ],
 )
-def test_the_published_schema_takes_the_answers_that_reading_takes(
+def test_the_published_schema_accepts_the_answers_that_reading_accepts(
     answer: dict[str, Any], *, is_one: bool
 ) -> None:
     where = {"instr_id": "7_1_1", "trajectory": [["hall", 1.5, 0.0]]}
@@ -277,7 +277,7 @@ RIGHT = {"instr_id": "7_1_0", "trajectory": [["hall", 1.5, 0.0]], "predObjId": 3
         pytest.param({"predBox": [1, 2, 3, 4]}, id="box and object"),
     ],
 )
-def test_the_schema_is_of_the_official_form_alone(changes: dict[str, Any]) -> None:
+def test_the_schema_describes_only_the_official_form(changes: dict[str, Any]) -> None:
     SCHEMA.validate([RIGHT])
     assert not SCHEMA.is_valid([RIGHT | changes])
 
@@ -302,7 +302,7 @@ BOXED = {
         pytest.param({"predBox": None}, id="no box"),
     ],
 )
-def test_a_box_has_the_schema(changes: dict[str, Any]) -> None:
+def test_a_converted_box_has_the_schema(changes: dict[str, Any]) -> None:
     records = [BOXED | changes]
     SCHEMA.validate(records)
     assert not read_predictions(json.dumps(records).encode()).problems

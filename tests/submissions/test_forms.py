@@ -77,7 +77,7 @@ def _unsaid(form: Form, protocol: str) -> set[str]:
 
 
 @every_form
-def test_what_was_read_differently_is_said(form: Form, demo: GroundTruth) -> None:
+def test_differences_from_the_official_form_are_reported(form: Form, demo: GroundTruth) -> None:
     silent = "no answer predicts an object: RGS will be 0"
     remarks = [silent] if not form.answer(1) else []
     read_as = [f"read as: {'; '.join(form.read_as)}"] if form.read_as else []
@@ -128,7 +128,7 @@ def test_of_several_answers_the_first_known_key_counts(
 ) -> None:
     predictions = read_predictions([{"instr_id": "7_1_0", "trajectory": [["hall"]], **answers}])
     assert predictions.predicted_object.tolist() == [expected]
-    said = "1 records whose answers differ from key to key, the first one used"
+    said = "1 records with different answers under several keys, the first one used"
     assert (said in predictions.read_as) == (len(answers) > 1)
 
 
@@ -337,7 +337,7 @@ NO_ANSWER = {"instr_id": "7_1_1", "trajectory": [["a", 0, 0]]}
             b'{"7_1_0": %b, "7_1_0": %b}' % ((json.dumps(RECORD).encode(),) * 2),
             "repeated-field",
             "file",
-            "has '7_1_0' twice; keep the one that is meant",
+            "has '7_1_0' twice; keep the right one",
             id="keyed, id twice",
         ),
         pytest.param(
@@ -516,7 +516,7 @@ def test_object_0_everywhere(demo: GroundTruth) -> None:
     named = [record if record in few_zeros else {**record, "predObjId": 0} for record in OFFICIAL]
     (zero,) = evaluate(named, split=SPLIT, ground_truth=demo).notes
     assert zero.startswith(ZERO)
-    assert "where the agent predicts none" in zero
+    assert "where the agent predicts no object" in zero
 
 
 def test_agents_that_stay(demo: GroundTruth) -> None:

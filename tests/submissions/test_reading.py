@@ -475,9 +475,7 @@ def _written(path: Path, content: bytes) -> Path:
         pytest.param(lambda _: tuple(RECORDS), id="tuple"),
     ],
 )
-def test_whatever_a_submission_comes_in(
-    submission: Callable[[Path], Submission], tmp_path: Path
-) -> None:
+def test_every_kind_of_source(submission: Callable[[Path], Submission], tmp_path: Path) -> None:
     assert columns_of(read_predictions(submission(tmp_path))) == COLUMNS
 
 
@@ -508,7 +506,7 @@ def test_python_objects_with_tuples_and_numpy_scalars() -> None:
 @pytest.mark.parametrize(
     "value", [np.bool_(1), np.float64(3), np.int64(-2), float("nan"), {3}, b"3"], ids=repr
 )
-def test_python_objects_that_are_no_object_id(value: object) -> None:
+def test_python_objects_that_are_not_object_ids(value: object) -> None:
     (problem,) = problems_of([{"instr_id": "7_1_0", "trajectory": [["hall"]], "predObjId": value}])
     assert (problem.code, problem.where) == ("wrong-type", "[0].predObjId")
 
@@ -603,7 +601,7 @@ def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
 @settings(max_examples=500)
 @given(content=damaged_documents() | st.binary())
 def test_bytes_are_read_or_rejected(content: bytes) -> None:
-    """Anything but a rejection would be an error of ours, and fail here."""
+    """Anything but a rejection would be our own error, and fail here."""
     for problem in problems_of(content):
         assert problem.message
 
@@ -611,7 +609,7 @@ def test_bytes_are_read_or_rejected(content: bytes) -> None:
 @settings(max_examples=500)
 @given(content=documents | damaged_documents(), answers_only=st.booleans())
 def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
-    """Whatever is read: a value for each record, and a place for each pose."""
+    """Whatever is read has a value for each record and a location for each pose."""
     try:
         predictions = read_predictions(content, answers_only=answers_only)
     except SubmissionError:
@@ -631,7 +629,7 @@ def test_columns_fit_together(content: bytes, *, answers_only: bool) -> None:
 @settings(max_examples=500)
 @given(content=documents)
 def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> None:
-    """But for angles that the file does not give, which become 0."""
+    """Except for missing angles, which become 0."""
     told = problems_of(content)
     try:
         converted = json.dumps(convert(content).records).encode()
@@ -650,7 +648,7 @@ def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> Non
 
 
 @pytest.mark.parametrize("name", ["good.json", "mediocre.json"])
-def test_the_fast_lane_takes_what_agents_write(name: str) -> None:
+def test_the_fast_lane_accepts_what_agents_write(name: str) -> None:
     assert decode_official((SAMPLES / name).read_bytes()) is not None
 
 
@@ -663,7 +661,7 @@ def test_more_records_than_any_split_could_need(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("content", [b"[[], [], []]", b"[1, 2, 3, 4, 5]", b'[{"a": 1, "b": [2]}]'])
 def test_more_values_than_can_be_read(content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each takes many times its letters once it is read, so they are counted before."""
+    """A parsed value takes many times its bytes, so values are counted before parsing."""
     monkeypatch.setattr("reverie_eval.submissions._document.MAX_VALUES", 3)
     (problem,) = problems_of(content)
     assert (problem.code, problem.where) == ("too-large", "file")
@@ -686,7 +684,7 @@ def test_a_trajectory_longer_than_any_agent_walks(
     assert "holds 3 elements, more than the 2" in problem.message
 
 
-def test_only_so_many_problems_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reading_stops_after_too_many_problems(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("reverie_eval.submissions._problems.MAX_PROBLEMS", 3)
     poses = b'[{"instr_id": "1_0", "predObjId": 1, "trajectory": [1, 2, 3, 4, 5, 6]}, {}]'
     for content, places in (

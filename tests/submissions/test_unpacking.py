@@ -1,4 +1,4 @@
-"""Unpacking: what comes plain, gzipped or in a zip archive, and what is refused."""
+"""Unpacking plain, gzipped and zipped files, and refusing others."""
 
 import gzip
 import io
@@ -39,7 +39,7 @@ def encrypted() -> bytes:
 
 
 def claiming(size: int, *, is_zip64: bool = False, offset: int = 0) -> bytes:
-    """Return an archive whose directory claims another size and place of its file."""
+    """Return an archive whose directory gives a wrong size and offset of its file."""
     name, checksum = b"submit.json", zlib.crc32(TEXT)
     local = struct.pack("<HHHHHIIIHH", 20, 0, 0, 0, 0, checksum, 23, 23, len(name), 0)
     member = b"PK\x03\x04" + local + name + TEXT
@@ -54,7 +54,7 @@ def claiming(size: int, *, is_zip64: bool = False, offset: int = 0) -> bytes:
 
 
 def of_many_entries(number: int) -> bytes:
-    """Return an archive with a directory of the same name again and again, and no file."""
+    """Return an archive whose directory repeats the same name, without any file."""
     entry = b"PK\x01\x02" + struct.pack("<HHHHHHIIIHHHHHII", *(0,) * 8, 0, 1, *(0,) * 6) + b"a"
     directory = entry * number
     end = struct.pack("<HHHHIIH", 0, 0, 0xFFFF, 0xFFFF, len(directory), 0, 0)
@@ -80,7 +80,7 @@ def of_many_entries(number: int) -> bytes:
         pytest.param(claiming(23), id="zip made by hand"),
     ],
 )
-def test_what_is_packed_comes_out(packed: bytes) -> None:
+def test_packed_content_is_unpacked(packed: bytes) -> None:
     assert unpack(packed, LIMIT) == TEXT
 
 
@@ -95,7 +95,7 @@ def test_what_is_packed_comes_out(packed: bytes) -> None:
         pytest.param(b"BZh91AY&SY", id="bzip2"),
     ],
 )
-def test_what_is_not_known_as_packed_is_left_as_it_is(content: bytes) -> None:
+def test_other_content_is_left_unchanged(content: bytes) -> None:
     assert unpack(content, LIMIT) == content
 
 
@@ -128,15 +128,13 @@ def test_what_is_not_known_as_packed_is_left_as_it_is(content: bytes) -> None:
         pytest.param(
             zipped({"b.json": TEXT, "a\x1b[2J": TEXT}),
             "several-files",
-            r"2 files: 'b.json', 'a\x1b[2J'; pack the result file alone",
+            r"2 files: 'b.json', 'a\x1b[2J'; pack only the result file",
             id="several files",
         ),
         pytest.param(of_many_entries(1001), "damaged-zip", "more than 1,000", id="1,001 entries"),
     ],
 )
-def test_what_does_not_unpack_to_one_file_is_refused(
-    packed: bytes, code: str, message: str
-) -> None:
+def test_anything_but_a_single_file_is_refused(packed: bytes, code: str, message: str) -> None:
     with pytest.raises(SubmissionError) as rejected:
         unpack(packed, LIMIT)
     (problem,) = rejected.value.problems
@@ -144,14 +142,14 @@ def test_what_does_not_unpack_to_one_file_is_refused(
     assert message in problem.message
 
 
-def test_a_thousand_entries_are_looked_at() -> None:
+def test_a_thousand_entries_are_accepted() -> None:
     with pytest.raises(SubmissionError, match="1,000 files: 'a'"):
         unpack(of_many_entries(1000), LIMIT)
 
 
 @pytest.mark.parametrize("pack", [bytes, gzip.compress, lambda text: zipped({"a": text})])
 @pytest.mark.parametrize(("size", "fits"), [(999, True), (1000, True), (1001, False)])
-def test_the_limit_is_of_what_comes_out(pack: type[bytes], size: int, *, fits: bool) -> None:
+def test_the_limit_holds_for_the_unpacked_size(pack: type[bytes], size: int, *, fits: bool) -> None:
     packed = pack(b" " * size)
     if fits:
         assert len(unpack(packed, 1000)) == size
@@ -181,7 +179,7 @@ def test_a_bomb_is_not_unpacked_further_than_the_limit(pack: type[bytes]) -> Non
         tracemalloc.stop()
 
 
-def test_what_an_archive_claims_is_not_believed() -> None:
+def test_the_size_that_an_archive_claims_is_not_trusted() -> None:
     assert unpack(claiming(2**40, is_zip64=True), LIMIT) == TEXT
 
 
@@ -207,9 +205,7 @@ SPOILED = [
 
 
 @given(st.sampled_from(SPOILED), st.integers(0, 3), st.randoms(use_true_random=False))
-def test_whatever_was_damaged_comes_out_or_is_refused(
-    packed: bytes, times: int, random: Random
-) -> None:
+def test_a_damaged_file_is_unpacked_or_refused(packed: bytes, times: int, random: Random) -> None:
     spoiled = bytearray(packed)
     for place in random.sample(range(4, len(packed)), times):
         spoiled[place] = random.choice([0, 1, 0x7F, 0x80, 0xFF])

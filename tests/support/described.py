@@ -91,9 +91,9 @@ objects at the goal    all             1.6       7  without train, test
 boxes at the goal      all             3.4      50  without train, test
 
 paper: Qi et al., REVERIE, CVPR 2020, section 3
-note: test has no targets: its goals and paths are not known
-note: val_unseen: the target is not visible at the goal in 1 of 2 tasks; `reverie-eval lint` says \
-which
+note: test has no targets: its goals and paths are unknown
+note: val_unseen: the target is not visible at the goal in 1 of 2 tasks; `reverie-eval lint` lists \
+them
 """
 
 

@@ -132,13 +132,13 @@ _LONG = sum(len(hop) > 1 for nested in _NESTED for hop in nested)
 _WALKING = sum(any(len(hop) > 1 for hop in nested) for nested in _NESTED)
 _NONE = sum(record["predObjId"] == -1 for record in OFFICIAL)
 
-_OTHER_KEY = f"{_RECORDS} answers under another key than predObjId"
+_OTHER_KEY = f"{_RECORDS} answers under a key other than predObjId"
 _TEXT = f"{_RECORDS - _NONE} object ids written as text"
 _ABSTAIN = f"{_NONE} answers that predict no object, not written as -1"
 _SINGLE = f"{_POSES} poses without heading and elevation"
 _HOPS = (
     f"{_WALKING} trajectories of nested hops",
-    f"{_LONG} hops with more than one viewpoint, all of them walked",
+    f"{_LONG} hops with more than one viewpoint, every viewpoint counted",
     f"{_POSES} poses without heading and elevation",
 )
 _EMPTY_HOPS = (f"{_RECORDS} trajectories of nested hops", *_HOPS[1:])

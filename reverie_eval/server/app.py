@@ -44,7 +44,7 @@ def create_app(server: ServerState) -> FastAPI:
         description="Scores submissions to the REVERIE benchmark.",
         version=__version__,
         lifespan=lifespan,
-        openapi_url=f"{API}/openapi.json",
+        openapi_url=None,
         docs_url=None,
         redoc_url=None,
     )

@@ -9,11 +9,13 @@ from functools import cache
 from http import HTTPStatus
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 from fastapi.openapi.utils import get_openapi
+from fastapi.responses import JSONResponse
 
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.callers import CSRF_HEADER
+from reverie_eval.server.edge.labels import API
 from reverie_eval.server.examples import DETAILS, EXAMPLES
 from reverie_eval.server.problems import FAULT, MEDIA_TYPE, NO_SPACE, STATUS_OF
 
@@ -54,7 +56,10 @@ def _problem(code: str) -> Document:
 
 
 def describe(app: FastAPI) -> None:
-    """Let an application describe itself so."""
+    """Let an application describe itself so.
+
+    FastAPI's own route would do it on the event loop, and everybody else would wait.
+    """
 
     @cache
     def description() -> Document:
@@ -79,7 +84,10 @@ def describe(app: FastAPI) -> None:
             _complete(method, operation)
         return document
 
-    app.openapi = description  # type: ignore[method-assign]  # as FastAPI documents it
+    def show_description(_: Request) -> JSONResponse:
+        return JSONResponse(description())
+
+    app.add_route(f"{API}/openapi.json", show_description, include_in_schema=False)
 
 
 def _operations(document: Document) -> Iterator[tuple[str, Document]]:

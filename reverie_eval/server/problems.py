@@ -62,7 +62,11 @@ def add_error_handlers(app: FastAPI) -> None:
 
 
 def reply_to(request: Request, error: Exception) -> Response:
-    """Return the reply to a request that ended in an error, whatever error it was."""
+    """Return the reply to a request that ended outside the routes, whatever the error was.
+
+    The database is not asked: it may be what failed, and a refusal must cost little.
+    """
+    exchange_of(request.scope).asks_database = False
     is_ours = isinstance(error, ReverieEvalError)
     return _on_error(request, error) if is_ours else _on_fault(request, error)
 
@@ -129,7 +133,8 @@ def _on_unreadable(request: Request, error: Exception) -> Response:
 def _on_fault(request: Request, error: Exception) -> Response:
     """Say that it was our fault, and to the log alone what it was."""
     log_fault(request, error)
-    identity = exchange_of(request.scope).id
+    exchange = exchange_of(request.scope)
+    exchange.asks_database, identity = False, exchange.id
     if is_full(error):
         status = HTTPStatus.INSUFFICIENT_STORAGE
         return _reply(request, status, NO_SPACE, errors.NO_ROOM, request_id=identity)
@@ -150,7 +155,7 @@ def _reply(
 ) -> Response:
     exchange = exchange_of(request.scope)
     exchange.outcome = code
-    if quota is None and exchange.quota and status < HTTPStatus.INTERNAL_SERVER_ERROR:
+    if quota is None and exchange.quota and exchange.asks_database:
         quota = exchange.quota()
     document = ProblemDocument(
         title=status.phrase,

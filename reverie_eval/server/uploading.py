@@ -4,6 +4,7 @@ The body is the result file itself, plain, gzipped or in a zip archive, or a for
 ``file``. What it is, its content says.
 """
 
+import asyncio
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -17,6 +18,8 @@ from reverie_eval.server.settings import Limits
 
 _FORM_OVERHEAD = 64 << 10
 """Bytes of a form that are not the file."""
+_PIECE = 64 << 10
+"""Bytes of a form that are parsed before other requests have their turn."""
 
 
 class Upload(NamedTuple):
@@ -64,9 +67,13 @@ async def _upload(form: FormData) -> Upload:
 
 
 def _replay(body: bytes) -> Any:
-    """Return what gives a body that has been read once more."""
+    """Return what gives a body that has been read once more, piece by piece."""
+    starts = iter(range(0, len(body), _PIECE))
 
     async def receive() -> Mapping[str, Any]:
-        return {"type": "http.request", "body": body, "more_body": False}
+        await asyncio.sleep(0)  # parsing is done on the event loop
+        start = next(starts, 0)
+        end = start + _PIECE
+        return {"type": "http.request", "body": body[start:end], "more_body": end < len(body)}
 
     return receive

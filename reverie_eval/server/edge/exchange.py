@@ -36,6 +36,8 @@ class Exchange:
     """Whether the upload was scored before."""
     quota: Callable[[], QuotaReport] | None = None
     """Tells what the caller has left, where a problem document is to say so."""
+    asks_database: bool = True
+    """Whether a problem's reply may; not outside the routes, nor where the server has failed."""
 
     @property
     def seconds(self) -> float:

@@ -1,11 +1,13 @@
 """Following a request from its first byte to its last: an id, a line in the log, the metrics.
 
 What goes wrong on the way ends here, as a problem document; nothing is left for the server to
-print.
+print. The reply is made in a thread of its own, so a refusal never delays another request.
 """
 
 import logging
 
+from anyio import CapacityLimiter
+from anyio.to_thread import run_sync
 from fastapi import Request
 from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
@@ -31,6 +33,9 @@ class Following:
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app
         self._metrics = metrics
+        # Not one of the threads that answer requests: a flood of refusals cannot occupy those, and
+        # refusals do not wait while all of those wait for the database.
+        self._thread = CapacityLimiter(1)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request and write down what came of it."""
@@ -60,9 +65,10 @@ class Following:
             exchange.outcome = HUNG_UP
         except Exception as error:  # noqa: BLE001  # the last place where it can become a reply
             if exchange.status is None:
-                await reply_to(Request(scope), error)(scope, receive, send)
+                reply = await run_sync(reply_to, Request(scope), error, limiter=self._thread)
+                await reply(scope, receive, send)
             else:
-                log_fault(Request(scope), error)
+                await run_sync(log_fault, Request(scope), error, limiter=self._thread)
 
 
 def _line(exchange: Exchange, scope: Scope) -> dict[str, object]:

@@ -8,13 +8,13 @@ from fastapi.responses import RedirectResponse, Response
 
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.callers import COOKIE, session_if_any
+from reverie_eval.server.edge.exchange import exchange_of
 from reverie_eval.server.edge.labels import API
 from reverie_eval.server.pages.rendering import STATIC, Place, page
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.tables import BrowserSession
 
 _NO_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
-_OUR_FAULT = 500
 
 
 def is_page(request: Request) -> bool:
@@ -31,7 +31,7 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response:
     """Show a problem; who has to sign in is led to where they can, and back again."""
     if problem.code == "not-signed-in":
         return RedirectResponse(f"/sign-in?back={quote(_came_from(request))}", 303)
-    if problem.status >= _OUR_FAULT:
+    if not exchange_of(request.scope).asks_database:
         return _fault(request, None, problem)
     if hasattr(request.state, "draw_fault"):
         drawn: Response = request.state.draw_fault(problem)

@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.server.edge.exchange import exchange_of
 from reverie_eval.server.pages.files import SHELVES
 from reverie_eval.server.pages.headings import heading
 from reverie_eval.server.service.people import CALLED
@@ -31,8 +32,6 @@ HEADERS = {
     "Referrer-Policy": "same-origin",
 }
 """What a page may do: nothing comes from another host, nothing runs that is written in the page."""
-_OUR_FAULT = 500
-"""The first status of those that say so; then the database may be what failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +68,15 @@ def page(
     **content: Any,
 ) -> HTMLResponse:
     """Render a page for whoever is signed in."""
-    site = _site(request, session, is_well=status < _OUR_FAULT)
+    site = _site(request, session)
     html = _environment().get_template(template).render(site=site, **content)
     return HTMLResponse(html, status, HEADERS)
 
 
-def _site(request: Request, session: BrowserSession | None, *, is_well: bool) -> Site:
+def _site(request: Request, session: BrowserSession | None) -> Site:
     server = state_of(request)
-    standing = server.notices.now() if is_well else server.notices.settled
+    asks_database = exchange_of(request.scope).asks_database
+    standing = server.notices.now() if asks_database else server.notices.settled
     boards = [Place(name, f"/boards/{name}") for name in server.boards]
     person = None if session is None else session.token.person
     own = [] if person is None else [Place("Submit", "/submit")]

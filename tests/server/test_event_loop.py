@@ -1,0 +1,164 @@
+"""Nothing slow runs on the event loop: what takes long for one request delays no other."""
+
+import asyncio
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from ipaddress import ip_network
+from pathlib import Path
+from threading import Event
+from types import ModuleType
+from typing import NamedTuple
+
+import httpx
+import pytest
+from starlette.requests import Request
+
+from reverie_eval.server import openapi, problems
+from reverie_eval.server.callers import COOKIE
+from reverie_eval.server.edge.bodies import BodyLimits
+from reverie_eval.server.edge.exchange import begin
+from reverie_eval.server.pages import faults
+from reverie_eval.server.settings import Limits
+from reverie_eval.server.uploading import receive
+from tests.support.serving import OpenServer, Serving, settings_of
+
+PATIENCE = 20
+"""Seconds after which a test takes it that an answer will not come."""
+PER_MINUTE = 30
+FLOODING, ANOTHER = "192.0.2.1", "192.0.2.2"
+LATIN = "application/x-www-form-urlencoded; charset=latin-1"
+
+
+@dataclass
+class Standstill:
+    """A function that does not go on until it may, and then does what it always did."""
+
+    real: Callable[..., object]
+    reached: Event = field(default_factory=Event)
+    over: Event = field(default_factory=Event)
+
+    def __call__(self, *given: object, **named: object) -> object:
+        """Wait, then go on."""
+        self.reached.set()
+        self.over.wait(PATIENCE)
+        return self.real(*given, **named)
+
+
+@pytest.fixture
+def flooded(folder: Path, open_server: OpenServer) -> Serving:
+    """Return a server that refuses whatever else comes from one address."""
+    limits = Limits(requests_per_minute=PER_MINUTE)
+    changes = {"limits": limits, "trusted_proxies": (ip_network("127.0.0.1"),)}
+    server = open_server(settings_of(folder).model_copy(update=changes))
+    for _ in range(PER_MINUTE):
+        get(server, "/api/v1/splits", FLOODING)
+    return server
+
+
+def get(
+    server: Serving, path: str, address: str, headers: Mapping[str, str] | None = None
+) -> httpx.Response:
+    return server.client.get(path, headers={"X-Forwarded-For": address, **(headers or {})})
+
+
+@pytest.fixture
+def standing_still(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Standstill]]:
+    """Return what makes a function stand still; at the end all of them go on."""
+    with ExitStack() as end:
+
+        def stand_still(owner: object, name: str) -> Standstill:
+            stopped = Standstill(getattr(owner, name))
+            monkeypatch.setattr(owner, name, stopped)
+            end.callback(stopped.over.set)
+            return stopped
+
+        yield stand_still
+
+
+class Slow(NamedTuple):
+    """A request, and the step of its reply that takes long."""
+
+    module: ModuleType
+    step: str
+    path: str
+    status: int
+    address: str = ANOTHER
+    headers: Mapping[str, str] = {}
+
+
+SLOW = {
+    "a page that refuses": Slow(faults, "page", "/episodes", 429, FLOODING),
+    "a refusal": Slow(problems, "_document", "/api/v1/me", 429, FLOODING),
+    "a charset": Slow(faults, "page", "/words", 400, headers={"Content-Type": LATIN}),
+    "a fault": Slow(problems, "log_fault", "/words/rules", 500),
+    "the description": Slow(openapi, "get_openapi", "/api/v1/openapi.json", 200),
+}
+
+
+@pytest.mark.parametrize("slow", SLOW.values(), ids=SLOW)
+def test_others_are_answered_while_one_reply_is_made(
+    slow: Slow,
+    flooded: Serving,
+    standing_still: Callable[..., Standstill],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if slow.status == 500:
+        monkeypatch.setattr(type(flooded.state.clock), "__call__", None)
+    stopped = standing_still(slow.module, slow.step)
+    order: list[object] = []
+    with ThreadPoolExecutor(1) as other:
+        late = other.submit(get, flooded, slow.path, slow.address, slow.headers)
+        late.add_done_callback(lambda done: order.append(done.result().status_code))
+        assert stopped.reached.wait(PATIENCE)
+        for _ in range(20):
+            assert flooded.client.get("/static/style.css").status_code == 200
+            order.append("another")
+        stopped.over.set()
+    assert order == ["another"] * 20 + [slow.status]
+
+
+@pytest.mark.parametrize("path", ["/episodes", "/api/v1/me"], ids=["a page", "the API"])
+def test_a_refusal_does_not_ask_the_database(
+    path: str, flooded: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(type(flooded.state.database), "reading", None)
+    reply = get(flooded, path, FLOODING, {"Cookie": f"{COOKIE}=anybody.s"})
+    assert reply.status_code == 429
+    assert "too many requests" in reply.text.lower()
+
+
+def test_a_large_form_is_parsed_piece_by_piece() -> None:
+    head = b'--x\r\nContent-Disposition: form-data; name="file"; filename="f"\r\n\r\n'
+    pieces = 15  # which is too little to be put on disk, where every write takes turns
+    content = b"\r\n--" * (pieces << 14)
+    messages = [{"type": "http.request", "body": head + content + b"\r\n--x--\r\n"}]
+    turns = 0
+
+    async def others() -> None:
+        nonlocal turns
+        while True:
+            await asyncio.sleep(0)
+            turns += 1
+
+    async def upload() -> bytes:
+        found = b""
+
+        async def app(scope: object, receive_body: object, _: object) -> None:
+            nonlocal found
+            found = (await receive(Request(scope, receive_body), Limits())).packed  # type: ignore[arg-type]
+
+        async def body() -> Mapping[str, object]:
+            return messages.pop()
+
+        scope = {"type": "http", "method": "POST", "path": "/"}
+        scope["headers"] = [(b"content-type", b"multipart/form-data; boundary=x")]  # type: ignore[assignment]
+        begin(scope)
+        waiting = asyncio.create_task(others())
+        await BodyLimits(app, PATIENCE)(scope, body, None)  # type: ignore[arg-type]
+        waiting.cancel()
+        return found
+
+    assert asyncio.run(upload()) == content
+    assert turns >= pieces

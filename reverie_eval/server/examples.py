@@ -1,7 +1,6 @@
 """Examples for the API's description: one exchange, told through."""
 
 from datetime import UTC, datetime
-from typing import Any
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
 from reverie_eval.schemas.organising import (
@@ -23,7 +22,7 @@ from reverie_eval.schemas.organising import (
     TeamReport,
     TokenReport,
 )
-from reverie_eval.schemas.report import ProblemReport, ScoreReport
+from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,
@@ -48,17 +47,16 @@ from reverie_eval.schemas.service import (
 )
 from reverie_eval.schemas.wire import Https
 from reverie_eval.scoring import DEFAULT_PROTOCOL
-from reverie_eval.server import errors
+from reverie_eval.server.errors import EXAMPLE_NOW
 from reverie_eval.version import __version__
 
-_NOON = datetime(2027, 6, 1, 12, tzinfo=UTC)
+_NOON = EXAMPLE_NOW
 _TOMORROW = datetime(2027, 6, 2, 12, tzinfo=UTC)
 _NEXT_MONTH = datetime(2027, 7, 1, 12, tzinfo=UTC)
 _NEXT_YEAR = datetime(2028, 5, 31, 12, tzinfo=UTC)
 _TOKEN = "rv_" + "3Zk0b9Xw" + 35 * "."  # nobody's
 _INVITATION = "rv_" + "Yq71mPaa" + 35 * "."
 _ID = "5f2b0c9a4d7e1f36"
-_REQUEST_ID = "5f0c1be2a97d4e36"
 _SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
 _FINGERPRINT = "6f9511abdb3f6c1d8e0a2b4c5d7f9e1032547698badcfe10f0e1d2c3b4a59687"
 _SIGNATURE = (
@@ -66,8 +64,19 @@ _SIGNATURE = (
 )
 _PEOPLE = {"person": "Ada", "team": "Blue"}
 
-_HEADLINE = [key for key, metric in CATALOGUE.items() if metric.headline]
-_SCORES = dict(zip(_HEADLINE, (13.47, 0.5451, 0.6198, 0.4712, 0.3605, 0.3102), strict=True))
+_FIGURES = {
+    "path_length": 13.47,
+    "success": 0.5451,
+    "oracle_success": 0.6198,
+    "spl": 0.4712,
+    "rgs": 0.3605,
+    "rgspl": 0.3102,
+}
+_SCORES = {
+    key: _FIGURES.get(key, 0.5)  # within the bounds of any metric
+    for key, metric in CATALOGUE.items()
+    if metric.headline
+}
 
 _QUOTA = QuotaReport(
     remaining=1,
@@ -77,16 +86,6 @@ _QUOTA = QuotaReport(
         QuotaWindow(name="day", limit=2, remaining=1, resets_at=_TOMORROW),
         QuotaWindow(name="month", limit=10, remaining=9, resets_at=_NEXT_MONTH),
         QuotaWindow(name="year", limit=40, remaining=39, resets_at=_NEXT_YEAR),
-    ],
-)
-_SPENT = QuotaReport(
-    remaining=0,
-    next_at=_TOMORROW,
-    seconds_to_next=24 * 3600,
-    windows=[
-        QuotaWindow(name="day", limit=2, remaining=0, resets_at=_TOMORROW),
-        QuotaWindow(name="month", limit=10, remaining=8, resets_at=_NEXT_MONTH),
-        QuotaWindow(name="year", limit=40, remaining=38, resets_at=_NEXT_YEAR),
     ],
 )
 _METHOD = Method(
@@ -287,51 +286,3 @@ SUBMISSION = [
 ]
 
 FORM = {"file": "(the result file)", "name": "Walker", "extra_data": True}
-
-DETAILS: dict[str, dict[str, Any]] = {
-    "submission-rejected": {
-        "detail": "1 problem; nothing was scored and nothing was spent",
-        "problems": [
-            ProblemReport(
-                code="unknown-viewpoint",
-                where="[3].trajectory[0]",
-                message="there is no viewpoint 0c0f3d11 in this building; see connectivity/",
-            )
-        ],
-    },
-    "malformed-request": {
-        "detail": "the request is not of the documented form",
-        "problems": [ProblemReport(code="wrong-value", where="name", message="is missing")],
-    },
-    "not-signed-in": {"detail": "send your token: `Authorization: Bearer rv_...`"},
-    "not-allowed": {"detail": "only the organiser may do this"},
-    "csrf": {
-        "detail": "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session tells it"
-    },
-    "not-found": {"detail": f"there is no submission '{_ID}' of your team"},
-    "method-not-allowed": {"detail": errors.NO_SUCH_METHOD},
-    "conflict": {"detail": "a withdrawn submission is not published; restore it first"},
-    "not-open": {
-        "detail": "test takes no submissions now; the next phase opens 2027-07-01T12:00:00+00:00"
-    },
-    "quota-spent": {
-        "detail": "no submission is left; the next is possible from 2027-06-02T12:00:00+00:00. "
-        "Nothing was scored, and `validate` stays free",
-        "quota": _SPENT,
-    },
-    "too-many-requests": {"detail": "too many requests; try again in 7 seconds"},
-    "too-large": {
-        "detail": "the upload is larger than 32 MiB; gzip it, and send instr_id, trajectory and "
-        "the answer only"
-    },
-    "too-slow": {
-        "detail": "the upload did not arrive within 60 seconds; gzip it, or try again: nothing was "
-        "spent"
-    },
-    "busy": {
-        "detail": "too many uploads at once; nothing was spent, send yours again in 10 seconds"
-    },
-    "storage-full": {"detail": errors.NO_ROOM, "request_id": _REQUEST_ID},
-    "internal": {"detail": errors.FAILED.format(id=_REQUEST_ID), "request_id": _REQUEST_ID},
-}
-"""What is said beside the code of a problem, by the code."""

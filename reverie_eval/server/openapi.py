@@ -4,7 +4,7 @@ FastAPI describes what it knows of. What it does not: that problems are document
 type, which of them everything can come to, and that a cookie needs the CSRF token beside it.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from http import HTTPStatus
 from typing import Any
@@ -16,20 +16,23 @@ from fastapi.responses import JSONResponse
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.callers import CSRF_HEADER
 from reverie_eval.server.edge.labels import API
-from reverie_eval.server.examples import DETAILS, EXAMPLES
-from reverie_eval.server.problems import FAULT, MEDIA_TYPE, NO_SPACE, STATUS_OF
+from reverie_eval.server.errors import (
+    ERRORS,
+    EXAMPLE_NOW,
+    FaultError,
+    ForgedError,
+    MalformedError,
+    StorageFullError,
+    TooManyError,
+)
+from reverie_eval.server.examples import EXAMPLES
 
 Document = dict[str, Any]
 
-CODES: Mapping[str, HTTPStatus] = {code: status for status, code in STATUS_OF.values()} | {
-    "method-not-allowed": HTTPStatus.METHOD_NOT_ALLOWED,
-    NO_SPACE: HTTPStatus.INSUFFICIENT_STORAGE,
-    FAULT: HTTPStatus.INTERNAL_SERVER_ERROR,
-}
-"""Every code of a problem document, with its status."""
+MEDIA_TYPE = "application/problem+json"
 
 _MODELS = "#/components/schemas/"
-_EVERYWHERE: tuple[str, ...] = ("too-many-requests", FAULT)
+_EVERYWHERE: tuple[str, ...] = (TooManyError.code, FaultError.code)
 _OF_FASTAPI = ("HTTPValidationError", "ValidationError")
 _CHANGING = frozenset({"post", "patch", "put", "delete"})
 
@@ -38,21 +41,17 @@ def problems(*codes: str) -> dict[int | str, Document]:
     """Declare the problems that a route can come to, by their codes."""
     declared: dict[int | str, Document] = {}
     for code in codes:
-        status = CODES[code]
+        status = ERRORS[code].status
         reply = declared.setdefault(status.value, _reply(status))
-        reply["content"][MEDIA_TYPE]["examples"][code] = {"value": _problem(code)}
+        reply["content"][MEDIA_TYPE]["examples"][code] = {
+            "value": ERRORS[code].example().document(EXAMPLE_NOW).model_dump(mode="json")
+        }
     return declared
 
 
 def _reply(status: HTTPStatus) -> Document:
     content = {"schema": {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}, "examples": {}}
     return {"description": status.phrase, "content": {MEDIA_TYPE: content}}
-
-
-def _problem(code: str) -> Document:
-    status = CODES[code]
-    example = ProblemDocument(title=status.phrase, status=status, code=code, **DETAILS[code])
-    return example.model_dump(mode="json")
 
 
 def describe(app: FastAPI) -> None:
@@ -101,14 +100,14 @@ def _complete(method: str, operation: Document) -> None:
     everywhere = _EVERYWHERE
     if "HTTPValidationError" in str(replies.get("422")):
         del replies["422"]
-        everywhere += ("malformed-request",)
+        everywhere += (MalformedError.code,)
     if method in _CHANGING:
-        everywhere += (NO_SPACE,)
+        everywhere += (StorageFullError.code,)
     if method in _CHANGING and any("APIKeyCookie" in way for way in operation.get("security", ())):
         operation["security"] = [
             {**way, "csrf": []} if "APIKeyCookie" in way else way for way in operation["security"]
         ]
-        everywhere += ("csrf",)
+        everywhere += (ForgedError.code,)
     for status, reply in problems(*everywhere).items():
         known = replies.setdefault(str(status), reply)
         known["content"][MEDIA_TYPE]["examples"] |= reply["content"][MEDIA_TYPE]["examples"]

@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 from reverie_eval.schemas.service import Method, SubmissionChange
-from reverie_eval.server.openapi import CODES
+from reverie_eval.server.errors import ERRORS
 from tests.conftest import REPOSITORY, unavailable
 from tests.support.participants import RealServer, private_submission
 
@@ -31,7 +31,7 @@ def first_column(above: str) -> list[str]:
 def test_every_code_is_explained_with_its_status() -> None:
     table = PAGE.partition("| code | status |")[2]
     rows = re.findall(r"^\| `([a-z-]+)` \| (\d+) \|", table, re.MULTILINE)
-    assert dict(rows) == {code: str(status.value) for code, status in CODES.items()}
+    assert dict(rows) == {code: str(kind.status.value) for code, kind in ERRORS.items()}
 
 
 def test_every_field_of_a_method_and_of_a_change_is_explained() -> None:

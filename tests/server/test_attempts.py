@@ -7,9 +7,8 @@ from typing import Never
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from reverie_eval.server.problems import STATUS_OF
 from reverie_eval.server.service import attempts
-from reverie_eval.server.service.attempts import OUTCOMES, Attempts, latest_attempts
+from reverie_eval.server.service.attempts import Attempts, latest_attempts
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.overview import last_day
 from reverie_eval.server.store.tables import Attempt
@@ -101,10 +100,6 @@ def test_a_check_is_no_upload_and_neither_is_one_to_nowhere(server: Serving) -> 
     server.ask(OWNER, "POST", f"/splits/{OPEN}/validate", content=GOOD)
     server.upload(OWNER, split="nowhere")
     assert noted(server) == []
-
-
-def test_the_codes_are_those_of_the_problems() -> None:
-    assert {kind: STATUS_OF[kind][1] for kind in OUTCOMES} == OUTCOMES
 
 
 def test_our_own_faults_are_noted_too(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:

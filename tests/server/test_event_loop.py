@@ -19,7 +19,7 @@ from reverie_eval.server import openapi, problems
 from reverie_eval.server.callers import COOKIE
 from reverie_eval.server.edge.bodies import BodyLimits
 from reverie_eval.server.edge.exchange import begin
-from reverie_eval.server.pages import faults
+from reverie_eval.server.pages import faults, words
 from reverie_eval.server.settings import Limits
 from reverie_eval.server.uploading import receive
 from tests.support.serving import OpenServer, Serving, settings_of
@@ -92,7 +92,7 @@ SLOW = {
     "a page that refuses": Slow(faults, "page", "/episodes", 429, FLOODING),
     "a refusal": Slow(problems, "_document", "/api/v1/me", 429, FLOODING),
     "a charset": Slow(faults, "page", "/words", 400, headers={"Content-Type": LATIN}),
-    "a fault": Slow(problems, "log_fault", "/words/rules", 500),
+    "a fault": Slow(problems, "log_fault", "/words/protocols", 500),
     "the description": Slow(openapi, "get_openapi", "/api/v1/openapi.json", 200),
 }
 
@@ -105,7 +105,7 @@ def test_others_are_answered_while_one_reply_is_made(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if slow.status == 500:
-        monkeypatch.setattr(type(flooded.state.clock), "__call__", None)
+        monkeypatch.setattr(words, "PROTOCOLS", None)
     stopped = standing_still(slow.module, slow.step)
     order: list[object] = []
     with ThreadPoolExecutor(1) as other:

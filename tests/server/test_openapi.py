@@ -1,5 +1,7 @@
 """The description of the API: sound, complete, and with examples that are what it says."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -7,9 +9,9 @@ import pytest
 from openapi_spec_validator import validate
 
 from reverie_eval.schemas.service import Method
-from reverie_eval.server.openapi import CODES
+from reverie_eval.server.errors import ERRORS, RequestError
 from tests.support.description import Description
-from tests.support.serving import Serving
+from tests.support.serving import NOON, Serving
 
 BINARY = {"type": "string", "format": "binary"}
 
@@ -74,7 +76,36 @@ def test_every_code_of_a_request_s_problems_is_declared_somewhere(
         for body in bodies(operation)
         for code in body.get("examples", {})
     }
-    assert declared == set(CODES) - {"method-not-allowed"}  # which is of no operation
+    assert declared == set(ERRORS) - {"method-not-allowed"}  # which is of no operation
+
+
+@pytest.mark.parametrize("error", ERRORS.values(), ids=ERRORS)
+def test_every_error_says_how_it_is_shown(error: type[RequestError]) -> None:
+    document = error.example().document(NOON)
+    assert (document.code, document.status) == (error.code, error.status)
+    assert document.detail == str(error.example())
+    assert error.heading[0].isupper()
+
+
+def test_every_error_has_its_own_code_and_heading() -> None:
+    kinds = RequestError.__subclasses__()
+    assert len(ERRORS) == len(kinds) == len({kind.heading for kind in kinds})
+
+
+ANOTHER_METRIC = """
+import gc
+from dataclasses import replace
+from reverie_eval.metrics import CATALOGUE
+another = replace(CATALOGUE["rgs"], key="another", headline=True)
+gc.get_referents(CATALOGUE)[0]["another"] = another
+import reverie_eval.server.app
+from reverie_eval.server.examples import EXAMPLES
+assert EXAMPLES["Receipt"]["scores"].keys() >= {"rgs", "another"}
+"""
+
+
+def test_a_new_headline_metric_is_in_the_examples() -> None:
+    subprocess.run([sys.executable, "-c", ANOTHER_METRIC], check=True)
 
 
 def test_what_changes_something_needs_the_csrf_token_beside_the_cookie(

@@ -9,14 +9,14 @@ from fastapi.responses import Response
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.operations import Upkeep
 from reverie_eval.server.pages.desk_forms import Here
-from reverie_eval.server.service.attempts import OUR_FAULT, OUTCOMES, latest_attempts
+from reverie_eval.server.service.attempts import FAILURES, latest_attempts
 from reverie_eval.server.service.audit import altered, broken_links, latest_entries
 from reverie_eval.server.service.overview import counts_of_splits, last_day, totals
 
 router = APIRouter()
 
 A_FEW, ON_A_PAGE = 8, 50
-ALL_OUTCOMES = ("scored", "repeat", *OUTCOMES.values(), OUR_FAULT)
+ALL_OUTCOMES = ("scored", "repeat", *(kind.code for kind in FAILURES))
 _LARGEST = 2**31 - 1
 Before = Annotated[int | None, Query(ge=1, le=_LARGEST)]
 Sought = Annotated[str, Query(max_length=200)]

@@ -10,6 +10,7 @@ from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.callers import COOKIE, session_if_any
 from reverie_eval.server.edge.exchange import exchange_of
 from reverie_eval.server.edge.labels import API
+from reverie_eval.server.errors import MalformedError, NotSignedInError
 from reverie_eval.server.pages.rendering import STATIC, Place, page
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.tables import BrowserSession
@@ -29,7 +30,7 @@ def show_faults_with(request: Request, draw: Callable[[ProblemDocument], Respons
 
 def fault_page(request: Request, problem: ProblemDocument) -> Response:
     """Show a problem; who has to sign in is led to where they can, and back again."""
-    if problem.code == "not-signed-in":
+    if problem.code == NotSignedInError.code:
         return RedirectResponse(f"/sign-in?back={quote(_came_from(request))}", 303)
     if not exchange_of(request.scope).asks_database:
         return _fault(request, None, problem)
@@ -47,7 +48,7 @@ def _fault(request: Request, session: BrowserSession | None, problem: ProblemDoc
 
 def _way_on(request: Request, problem: ProblemDocument) -> Place:
     """Return where to go on: to the very board, if it is what was asked of it that was wrong."""
-    if problem.code == "malformed-request" and request.url.path.startswith("/boards/"):
+    if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
         split = request.path_params["split"]
         return Place(f"To the whole leaderboard of {split}", f"/boards/{quote(split)}")
     return Place("To the leaderboard", "/")

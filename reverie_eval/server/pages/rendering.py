@@ -16,8 +16,8 @@ from markupsafe import Markup
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.edge.exchange import exchange_of
+from reverie_eval.server.errors import ERRORS
 from reverie_eval.server.pages.files import SHELVES
-from reverie_eval.server.pages.headings import heading
 from reverie_eval.server.service.people import CALLED
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.tables import BrowserSession, Person
@@ -109,7 +109,7 @@ def _environment() -> Environment:
     environment.filters |= {
         "category": category_text,
         "counted": count_text,
-        "heading": heading,
+        "heading": lambda problem: ERRORS[problem.code].heading,
         "instant": instant,
         "metric": lambda value, key: CATALOGUE[key].display(value),
         "number": "{:,}".format,

@@ -20,7 +20,7 @@ from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.callers import Server
 from reverie_eval.server.dependencies import content_of, method_from
 from reverie_eval.server.edge.exchange import exchange_of
-from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.errors import MalformedError, RejectedFileError
 from reverie_eval.server.operations import Upkeep
 from reverie_eval.server.pages.faults import show_faults_with
 from reverie_eval.server.pages.quotas import split_quotas
@@ -65,7 +65,7 @@ class UploadForm:
 
     def draw_fault(self, typed: Mapping[str, str], problem: ProblemDocument) -> Response:
         """Show the form with what is wrong; what is found by a check is what was asked for."""
-        is_answer = typed.get("what") == "check" and problem.code == "submission-rejected"
+        is_answer = typed.get("what") == "check" and problem.code == RejectedFileError.code
         return self.draw(typed, OK if is_answer else problem.status, problem=problem)
 
 

@@ -9,7 +9,8 @@ from reverie_eval.geometry import HEIGHT, WIDTH
 from reverie_eval.schemas.service import Method
 from reverie_eval.scoring import ALIASES, PROTOCOLS
 from reverie_eval.server.callers import Server
-from reverie_eval.server.examples import DETAILS, SUBMISSION
+from reverie_eval.server.errors import ERRORS
+from reverie_eval.server.examples import SUBMISSION
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.schema_words import fields_of
 from reverie_eval.server.pages.visitors import Visitor
@@ -78,17 +79,13 @@ def show_rules(request: Request, server: Server, visitor: Visitor) -> Response:
 @router.get("/api")
 def show_api(request: Request, server: Server, visitor: Visitor) -> Response:
     """Tell how programs ask."""
-    # Problems become pages, so what knows their codes cannot be asked for before pages are there.
-    from reverie_eval.server.openapi import CODES
-
     return page(
         request,
         "words/api.html",
         visitor,
         address=_address(request),
         split=next(iter(server.boards)),
-        codes=CODES,
-        details=DETAILS,
+        errors=ERRORS,
         limits=server.settings.limits,
         key_id=server.signer.key_id,
     )

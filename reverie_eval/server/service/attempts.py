@@ -15,8 +15,15 @@ from datetime import datetime, timedelta
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.errors import RejectedError, SubmissionError
-from reverie_eval.server import errors
+from reverie_eval.server.errors import (
+    ConflictError,
+    FaultError,
+    MalformedError,
+    NotOpenError,
+    QuotaSpentError,
+    RejectedFileError,
+    request_error,
+)
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Attempt, Person
 
@@ -24,15 +31,15 @@ DAYS_KEPT = 90
 MOST_KEPT = 50_000
 """However many come in that time: rejected files cost nothing, so anybody can send many."""
 
-OUTCOMES = {
-    SubmissionError: "submission-rejected",
-    errors.QuotaSpentError: "quota-spent",
-    errors.NotOpenError: "not-open",
-    errors.ConflictError: "conflict",
-    errors.MalformedError: "malformed-request",
-}
-"""The codes of what an upload can come to besides a score."""
-OUR_FAULT = "internal"
+FAILURES = (
+    RejectedFileError,
+    QuotaSpentError,
+    NotOpenError,
+    ConflictError,
+    MalformedError,
+    FaultError,
+)
+"""What an upload can come to besides a score."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 
@@ -60,8 +67,9 @@ class Attempts:
         try:
             yield noted
         except Exception as error:
-            noted.outcome = _outcome(error)
-            problems = len(error.problems) if isinstance(error, RejectedError) else 0
+            known = request_error(error)
+            noted.outcome = known.code if isinstance(known, FAILURES) else FaultError.code
+            problems = len(known.problems) if isinstance(known, RejectedFileError) else 0
             raise
         finally:
             milliseconds = round(1000 * (time.perf_counter() - began))
@@ -107,10 +115,6 @@ def attempts_since(session: Session, since: datetime) -> Sequence[Attempt]:
     return session.scalars(
         select(Attempt).where(Attempt.at >= since).order_by(Attempt.id.desc())
     ).all()
-
-
-def _outcome(error: Exception) -> str:
-    return next((code for kind, code in OUTCOMES.items() if isinstance(error, kind)), OUR_FAULT)
 
 
 def _forget(session: Session, latest: Attempt) -> None:

@@ -1,6 +1,7 @@
 """Room for uploads: to each person a share, which is free again before the reply is read."""
 
 import asyncio
+import os
 from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack
 from dataclasses import replace
@@ -125,6 +126,21 @@ def test_one_person_holds_no_more_than_a_quarter_of_the_places(
         return [await held_by_five(), await held_by_five()]
 
     assert asyncio.run(twice()) == [expected, expected], "all places were given back"
+
+
+@pytest.mark.parametrize("at_once", [1, 1000])
+def test_no_more_are_scored_at_once_than_there_are_cores(at_once: int) -> None:
+    admission = Admission(at_once, waiting=0, seconds=PATIENCE)
+
+    async def scored_at_once() -> int:
+        async with AsyncExitStack() as turns:
+            for count in range(at_once + 1):
+                if admission.score().locked():
+                    return count
+                await turns.enter_async_context(admission.score())
+        pytest.fail("more are scored than are let in")
+
+    assert asyncio.run(scored_at_once()) == min(at_once, os.cpu_count() or 1)
 
 
 def test_who_has_their_share_waits_and_nobody_else() -> None:

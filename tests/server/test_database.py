@@ -2,7 +2,8 @@
 
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
@@ -59,6 +60,23 @@ def test_a_row_that_refers_to_nothing_is_refused(opened: Database) -> None:
         session.add(Person(team_id=999, name="Ben", role="participant", created_at=NOON))
     with opened.reading() as session:
         assert [person.name for person in session.scalars(select(Person))] == ["Ada"]
+
+
+def test_a_failed_statement_does_not_quote_its_values(opened: Database) -> None:
+    with pytest.raises(IntegrityError) as refused, opened.writing() as session:
+        session.add(Person(team_id=999, name="1999999937", role="participant", created_at=NOON))
+    assert "1999999937" not in str(refused.value)
+
+
+def test_a_connection_that_broke_is_replaced(postgresql: Callable[[], str]) -> None:
+    database, other = (Database(url) for url in [postgresql()] * 2)
+    with closing(database), closing(other):
+        with database.reading() as session:
+            number = session.scalar(text("SELECT pg_backend_pid()"))
+        with other.reading() as session:
+            session.execute(text(f"SELECT pg_terminate_backend({number}, 10000)"))
+        with database.reading() as session:
+            assert session.scalar(text("SELECT 1")) == 1
 
 
 def test_what_others_refer_to_stays(opened: Database) -> None:

@@ -5,6 +5,7 @@ import re
 import signal
 import socket
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
@@ -93,6 +94,19 @@ def test_health_is_looked_at_once_for_many_who_ask(
     monkeypatch.setattr(Board, "read", counting)
     assert [health_of(server) for _ in range(5)] == [WELL] * 5
     assert len(reads) == 3
+
+
+def test_health_is_looked_at_again_after_ten_seconds(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seconds = 1000.0
+    monkeypatch.setattr(health, "time", SimpleNamespace(monotonic=lambda: seconds))
+    assert health_of(server) == WELL
+    monkeypatch.setattr(Board, "score", fail)
+    seconds += 9.9
+    assert health_of(server) == WELL
+    seconds += 0.1
+    assert health_of(server)[0] == 503
 
 
 def test_health_does_not_wait_for_what_hangs(

@@ -30,7 +30,7 @@ from fixtures.servers import make_folder
 from reverie_eval.server import run
 from reverie_eval.server.app import create_app
 from reverie_eval.server.edge import patience
-from reverie_eval.server.edge.bodies import SMALL, BodyLimits
+from reverie_eval.server.edge.bodies import BodyLimits
 from reverie_eval.server.edge.exchange import begin, exchange_of
 from reverie_eval.server.listening import listen
 from reverie_eval.server.service.people import add_person, add_team, mint
@@ -43,6 +43,8 @@ SECONDS = 3
 PATIENCE = 30
 """Seconds after which a test takes it that nothing will come any more."""
 MEBIBYTE = 1 << 20
+SMALL = MEBIBYTE // 4
+"""What a request may send that is no upload."""
 
 
 class Small:
@@ -226,6 +228,38 @@ def test_what_is_no_http_is_told_so(small: Small) -> None:
     with small.connect() as connection:
         connection.sendall(b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" * 9)
         assert reply_on(connection)[0] == 400
+
+
+def test_a_broken_form_is_not_quoted_in_the_log(small: Small) -> None:
+    body = b"1999999937 is in no part of the form"
+    headers = (f"{FORM}; boundary=1999999937", f"Content-Length: {len(body)}")
+    with small.connect() as connection:
+        connection.sendall(small.upload(*headers) + body)
+        assert reply_on(connection) == (400, "malformed-request")
+    logged = [json.loads(line) for line in small.log.read_text().splitlines()]
+    assert {line["logger"] for line in logged} <= {"reverie_eval.server.requests", "uvicorn.error"}
+
+
+def test_nobody_is_believed_about_an_address_unless_a_setting_says_so(small: Small) -> None:
+    with small.connect() as connection:
+        head = small.head("/api/v1/nothing", "X-Forwarded-For: 192.0.2.7", method="GET")
+        connection.sendall(
+            head.replace(small.token.encode(), b"rv_wrong").replace(b"nothing", b"me")
+        )
+        assert reply_on(connection) == (401, "not-signed-in")
+    wait_until_held(small)
+    lines = [json.loads(line) for line in small.log.read_text().splitlines()]
+    assert {line["address"] for line in lines if "address" in line} == {"127.0.0.1"}
+
+
+def test_a_connection_sends_what_it_has_at_once() -> None:
+    """Else a reply's body would wait until the receipt of its head."""
+    with (
+        listen("127.0.0.1", 0) as listening,
+        socket.create_connection(listening.getsockname()),
+        listening.accept()[0] as accepted,
+    ):
+        assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def test_a_connection_goes_on_after_head(small: Small) -> None:

@@ -100,6 +100,16 @@ def test_head_is_get_without_a_body(path: str, status: int, server: Serving) -> 
     assert head.headers == got.headers
 
 
+@pytest.mark.parametrize(("query", "is_kept"), [("", False), ("?", False), ("?0123456789ab", True)])
+def test_only_a_file_at_the_address_of_its_content_is_kept(
+    query: str,
+    is_kept: bool,  # noqa: FBT001  # a column of the table
+    server: Serving,
+) -> None:
+    reply = server.client.get(f"/static/style.css{query}")
+    assert ("immutable" in reply.headers["cache-control"]) is is_kept
+
+
 def test_a_method_that_is_not_allowed_says_which_are(server: Serving) -> None:
     assert server.ask(OWNER, "PUT", "/me").headers["allow"] == "GET"
 

@@ -11,6 +11,7 @@ import httpx
 import pytest
 from sqlalchemy import delete, select, update
 
+from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.service.audit import broken_links, entries, record
 from reverie_eval.server.service.people import Minted, add_person, add_team, mint, revoke
@@ -41,9 +42,19 @@ def accept(server: Serving, invitation: str) -> httpx.Response:
 
 
 def test_a_token_is_long_and_of_a_form_of_its_own(server: Serving) -> None:
-    texts = {minted(server).text for _ in range(20)}
-    assert len(texts) == 20
+    with server.state.database.writing() as session:
+        owner = session.merge(server.person(OWNER))
+        texts = {mint(session, owner, "access", now=NOON, actor="test").text for _ in range(64)}
+    assert len(texts) == 64
     assert all(re.fullmatch(r"rv_[\w-]{43}", text) for text in texts)  # 32 bytes in base64
+    for letters in zip(*(text[3:] for text in texts), strict=True):
+        assert len(set(letters)) > 8  # of 64, but the last, which carries 4 bits, of 16
+
+
+def test_the_log_tells_which_token_was_made(server: Serving) -> None:
+    made = minted(server)
+    last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
+    assert (last["action"], last["details"]) == ("access token minted", {"hint": made.text[:11]})
 
 
 def test_only_a_token_s_digest_is_kept(server: Serving) -> None:
@@ -228,11 +239,18 @@ def test_a_grant_raises_a_team_s_quota_until_a_date_and_says_why(server: Serving
     assert left(server, OWNER) == 2
 
 
+@pytest.mark.parametrize("extra", [1, MOST_EXTRA])
+def test_the_least_and_the_most_that_a_grant_gives(server: Serving, extra: int) -> None:
+    organise(server, "grants", {**GRANT, "extra": extra})
+    assert left(server, OWNER) == 2 + extra
+
+
 @pytest.mark.parametrize(
     ("change", "status"),
     [
         pytest.param({"extra": 0}, 400, id="nothing"),
         pytest.param({"extra": -1}, 400, id="less than nothing"),
+        pytest.param({"extra": MOST_EXTRA + 1}, 400, id="one too many"),
         pytest.param({"extra": 10**30}, 400, id="more than a database can count"),
         pytest.param({"reason": ""}, 400, id="no reason"),
         pytest.param({"reason": "  "}, 400, id="a blank reason"),

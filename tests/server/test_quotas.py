@@ -1,20 +1,23 @@
 """Quotas: what is left for a team and a person, when there will be more, and what costs nothing."""
 
-from collections.abc import Mapping, Sequence
+import secrets
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from sqlalchemy import func, select
 
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.grants import grant
-from reverie_eval.server.service.quotas import WINDOWS, QuotaUsage
+from reverie_eval.server.service.people import person_named
+from reverie_eval.server.service.quotas import WINDOWS, QuotaUsage, quota_usage
 from reverie_eval.server.settings import Quota
-from reverie_eval.server.store.tables import Submission, Team
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Base, Grant, Submission, Team
 from tests.support.serving import (
     BROKEN,
     GOOD,
@@ -23,10 +26,12 @@ from tests.support.serving import (
     OPEN,
     OTHER,
     OWNER,
+    PEOPLE,
     PRIVATE,
     OpenServer,
     Serving,
     adjusted,
+    populate,
     settings_of,
 )
 
@@ -150,8 +155,43 @@ _whens = st.lists(st.integers(-1, 750), max_size=8)
 _grants = st.lists(st.tuples(st.integers(1, 3), st.integers(-2, 800)), max_size=3)
 
 
-@given(_whens, _whens, _grants, st.lists(st.integers(0, 4), min_size=3, max_size=3))
+@pytest.fixture(scope="module")
+def counted() -> Iterator[Database]:
+    """Return a database in memory with everybody in it."""
+    database = Database("sqlite://")
+    Base.metadata.create_all(database.engine)
+    populate(database, PEOPLE, NOON)
+    yield database
+    database.close()
+
+
+def submitted(team_id: int, person_id: int, whens: Sequence[int]) -> Iterator[Submission]:
+    """Return submissions of so many half days ago."""
+    for ago in whens:
+        number = secrets.token_hex(16)
+        yield Submission(
+            id=number,
+            split=OPEN,
+            team_id=team_id,
+            person_id=person_id,
+            sha256=number,
+            size=1,
+            received_at=NOON - ago * UNIT,
+            method={},
+            report={},
+            receipt={},
+        )
+
+
+@given(
+    team=_whens,
+    person=_whens,
+    grants=_grants,
+    limits=st.lists(st.integers(0, 4), min_size=3, max_size=3),
+)
+@example(team=[3], person=[], grants=[], limits=[4, 4, 4])  # which counts for all but the day
 def test_quotas_agree_with_counting_every_half_day(
+    counted: Database,
     team: Sequence[int],
     person: Sequence[int],
     grants: Sequence[tuple[int, int]],
@@ -170,10 +210,25 @@ def test_quotas_agree_with_counting_every_half_day(
         rises = (at for at in range(1, 740) if min(left(window, at) for window in windows) > now)
         return next(rises, None)
 
-    received = [sorted(NOON - ago * UNIT for ago in whose) for whose in (team, person)]
-    until = [(extra, NOON + ends * UNIT) for extra, ends in grants]
     quota = Quota(**dict(zip(WINDOWS, limits, strict=True)))
-    state = QuotaUsage(quota, received, until).state(NOON)
+    with counted.reading() as session:  # and nothing is kept
+        ada = person_named(session, OWNER)
+        red = session.scalars(select(Team.id).where(Team.name == "Red")).one()
+        ben = person_named(session, MATE)
+        session.add_all(submitted(ada.team_id, ben.id, team))
+        session.add_all(submitted(red, ada.id, person))
+        session.add_all(
+            Grant(
+                team_id=ada.team_id,
+                split=OPEN,
+                extra=extra,
+                reason="",
+                created_at=NOON,
+                expires_at=NOON + ends * UNIT,
+            )
+            for extra, ends in grants
+        )
+        state = quota_usage(session, quota, OPEN, ada, NOON).state(NOON)
 
     def units(instant: datetime | None) -> float | None:
         return None if instant is None else (instant - NOON) / UNIT

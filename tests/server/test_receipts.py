@@ -54,6 +54,17 @@ def test_a_receipt_says_everything_that_was_given_and_is_genuine() -> None:
     verify(RECEIPT, SIGNER.public_pem)
 
 
+def test_each_purpose_and_each_key_has_a_secret_of_its_own() -> None:
+    secrets = [
+        signer.secret_for(purpose)
+        for signer in (SIGNER, Signer(OTHER_KEY, "REVERIE"))
+        for purpose in ("cookies", "something else")
+    ]
+    assert len(set(secrets)) == 4
+    assert {len(secret) for secret in secrets} == {32}
+    assert SIGNER.secret_for("cookies") == secrets[0]
+
+
 def test_what_is_signed_is_canonical_json() -> None:
     """Pinned: another program must come to the same bytes."""
     assert canonical(RECEIPT).decode() == (

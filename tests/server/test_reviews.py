@@ -151,6 +151,17 @@ def test_nothing_is_said_of_what_is_not_there(submission_id: str, server_on: Ser
         say(server_on, submission_id, "verified")
 
 
+def test_reviews_are_listed_the_latest_first_and_shown_the_earliest_first(server: Serving) -> None:
+    submission_id = sent(server)
+    say(server, submission_id, "verified")
+    say(server, submission_id, "baseline")
+    listed = server.ask(ORGANISER, "GET", "/organiser/reviews").json()
+    assert [said["verdict"] for said in listed] == ["baseline", "verified"]
+    with server.state.database.reading() as session:
+        shown = reviews_of(session, OPEN)[submission_id]
+    assert [said.verdict for said in shown] == ["verified", "baseline"]
+
+
 def test_a_split_s_reviews_are_its_own_and_those_that_stand(server_on: Serving) -> None:
     here, there = sent(server_on), sent(server_on, PRIVATE)
     say(server_on, here, "verified")

@@ -1,8 +1,9 @@
 """Browser sessions: what begins them, what ends them, and which requests they count for."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -11,6 +12,7 @@ from sqlalchemy import func, select
 
 from reverie_eval.server.callers import COOKIE
 from reverie_eval.server.service.people import mint, revoke
+from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.store.tables import BrowserSession
 from tests.support.description import Description
 from tests.support.serving import (
@@ -104,6 +106,17 @@ def test_a_session_says_whose_it_is_and_when_it_ends(server: Serving) -> None:
     }
     again = server.ask(None, "GET", "/session")  # httpx has kept the cookie
     assert again.json() == {**said, "csrf_token": token}
+
+
+def test_a_session_ends_when_the_server_has_another_key(
+    browser: Browser, folder: Path, open_server: OpenServer
+) -> None:
+    settings = settings_of(folder)
+    assert browser.ask("GET", "/me").status_code == 200
+    settings.path(settings.signing_key).unlink()
+    make_key(settings.path(settings.signing_key))
+    restarted = replace(browser, server=open_server(settings, browser.server.tokens))
+    assert restarted.ask("GET", "/me").status_code == 401
 
 
 def test_a_session_can_do_what_its_person_can(browser: Browser) -> None:

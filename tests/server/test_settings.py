@@ -434,6 +434,12 @@ def test_a_phase_closes_with_the_end_of_a_second(moment: str, *, is_open: bool) 
             id="between two",
         ),
         pytest.param(
+            (Phase(name="a", opens=NOON + 2 * HOUR), Phase(name="b", opens=NOON + HOUR)),
+            409,
+            "the next phase opens 2026-03-02T13:00:00+00:00",
+            id="before two",
+        ),
+        pytest.param(
             (Phase(name="a", closes=PAST), Phase(name="b", opens=NOON)), 201, "", id="second"
         ),
     ],

@@ -26,7 +26,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from http import HTTPStatus
 from types import MappingProxyType
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from reverie_eval.errors import Problem, ReverieEvalError, SubmissionError
 from reverie_eval.schemas.report import ProblemReport
@@ -37,6 +37,7 @@ from reverie_eval.server.service.reports import quota_report
 EXAMPLE_NOW = datetime(2027, 6, 1, 12, tzinfo=UTC)
 """When the examples happen."""
 _EXAMPLE_REQUEST = "5f0c1be2a97d4e36"
+WRONG_FORM = "the request is not of the documented form"
 
 
 class RequestError(ReverieEvalError):
@@ -47,7 +48,8 @@ class RequestError(ReverieEvalError):
     """Stable, for programs."""
     heading: ClassVar[str]
     """Of a page, in place of HTTP's words."""
-    example_message: ClassVar[str]
+    example_arguments: ClassVar[tuple[Any, ...]]
+    """What :meth:`example` is made with."""
 
     problems: Sequence[Problem | ProblemReport] = ()
     """What is wrong, each with its place."""
@@ -58,7 +60,7 @@ class RequestError(ReverieEvalError):
     @classmethod
     def example(cls) -> Self:
         """Return such an error, for documentation."""
-        return cls(cls.example_message)
+        return cls(*cls.example_arguments)
 
     def document(self, now: datetime) -> ProblemDocument:
         """Return what is sent to whoever asked."""
@@ -82,6 +84,15 @@ class RejectedFileError(RequestError):
     status = HTTPStatus.UNPROCESSABLE_ENTITY
     code = "submission-rejected"
     heading = "The file was rejected"
+    example_arguments = (
+        [
+            Problem(
+                "unknown-viewpoint",
+                "[3].trajectory[0]",
+                "there is no viewpoint 0c0f3d11 in this building; see connectivity/",
+            )
+        ],
+    )
 
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = problems
@@ -90,12 +101,6 @@ class RejectedFileError(RequestError):
             f"{count} problem{'s' * (count != 1)}; nothing was scored and nothing was spent"
         )
 
-    @classmethod
-    def example(cls) -> Self:
-        """Return such an error, for documentation."""
-        message = "there is no viewpoint 0c0f3d11 in this building; see connectivity/"
-        return cls([Problem("unknown-viewpoint", "[3].trajectory[0]", message)])
-
 
 class NotSignedInError(RequestError):
     """There is no such token, or it is not valid any more."""
@@ -103,7 +108,7 @@ class NotSignedInError(RequestError):
     status = HTTPStatus.UNAUTHORIZED
     code = "not-signed-in"
     heading = "Sign in first"
-    example_message = "send your token: `Authorization: Bearer rv_...`"
+    example_arguments = ("send your token: `Authorization: Bearer rv_...`",)
 
 
 class NotAllowedError(RequestError):
@@ -112,7 +117,7 @@ class NotAllowedError(RequestError):
     status = HTTPStatus.FORBIDDEN
     code = "not-allowed"
     heading = "Not allowed"
-    example_message = "only the organiser may do this"
+    example_arguments = ("only the organiser may do this",)
 
 
 class ForgedError(RequestError):
@@ -121,7 +126,9 @@ class ForgedError(RequestError):
     status = HTTPStatus.FORBIDDEN
     code = "csrf"
     heading = "This form is out of date"
-    example_message = "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session tells it"
+    example_arguments = (
+        "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session tells it",
+    )
 
 
 class NotFoundError(RequestError):
@@ -130,7 +137,7 @@ class NotFoundError(RequestError):
     status = HTTPStatus.NOT_FOUND
     code = "not-found"
     heading = "Nothing is here"
-    example_message = "there is no submission '5f2b0c9a4d7e1f36' of your team"
+    example_arguments = ("there is no submission '5f2b0c9a4d7e1f36' of your team",)
 
 
 class NotOpenError(RequestError):
@@ -139,8 +146,8 @@ class NotOpenError(RequestError):
     status = HTTPStatus.CONFLICT
     code = "not-open"
     heading = "Not open now"
-    example_message = (
-        "test takes no submissions now; the next phase opens 2027-07-01T12:00:00+00:00"
+    example_arguments = (
+        "test takes no submissions now; the next phase opens 2027-07-01T12:00:00+00:00",
     )
 
 
@@ -150,7 +157,7 @@ class ConflictError(RequestError):
     status = HTTPStatus.CONFLICT
     code = "conflict"
     heading = "Something stands against it"
-    example_message = "a withdrawn submission is not published; restore it first"
+    example_arguments = ("a withdrawn submission is not published; restore it first",)
 
 
 class MalformedError(RequestError):
@@ -159,22 +166,14 @@ class MalformedError(RequestError):
     status = HTTPStatus.BAD_REQUEST
     code = "malformed-request"
     heading = "Something is not as it should be"
+    example_arguments = (
+        WRONG_FORM,
+        [ProblemReport(code="wrong-value", where="name", message="is missing")],
+    )
 
     def __init__(self, message: str, problems: Sequence[ProblemReport] = ()) -> None:
         self.problems = problems
         super().__init__(message)
-
-    @classmethod
-    def of_values(cls, problems: Sequence[ProblemReport]) -> Self:
-        """Return the error of a request with wrong values in it."""
-        return cls("the request is not of the documented form", problems)
-
-    @classmethod
-    def example(cls) -> Self:
-        """Return such an error, for documentation."""
-        return cls.of_values(
-            [ProblemReport(code="wrong-value", where="name", message="is missing")]
-        )
 
 
 class QuotaSpentError(RequestError):
@@ -183,22 +182,22 @@ class QuotaSpentError(RequestError):
     status = HTTPStatus.TOO_MANY_REQUESTS
     code = "quota-spent"
     heading = "No try is left"
+    example_arguments = (
+        QuotaState(
+            [
+                Window("day", 2, 0, EXAMPLE_NOW + timedelta(days=1)),
+                Window("month", 10, 8, EXAMPLE_NOW + timedelta(days=30)),
+                Window("year", 40, 38, EXAMPLE_NOW + timedelta(days=365)),
+            ],
+            next_at=EXAMPLE_NOW + timedelta(days=1),
+        ),
+    )
 
     def __init__(self, state: QuotaState) -> None:
         self.state = state
         super().__init__(
             f"no submission is left; {_next(state)}. Nothing was scored, and `validate` stays free"
         )
-
-    @classmethod
-    def example(cls) -> Self:
-        """Return such an error, for documentation."""
-        limits = (("day", 2, 0, 1), ("month", 10, 8, 30), ("year", 40, 38, 365))
-        windows = [
-            Window(name, limit, remaining, EXAMPLE_NOW + timedelta(days=days))
-            for name, limit, remaining, days in limits
-        ]
-        return cls(QuotaState(windows, windows[0].resets_at))
 
     def _quota(self, now: datetime) -> QuotaReport:
         return quota_report(self.state, now)
@@ -217,15 +216,11 @@ class TooManyError(RequestError):
     status = HTTPStatus.TOO_MANY_REQUESTS
     code = "too-many-requests"
     heading = "Too many requests"
+    example_arguments = (7,)
 
     def __init__(self, seconds: int) -> None:
         self.seconds = seconds
         super().__init__(f"too many requests; try again in {seconds} seconds")
-
-    @classmethod
-    def example(cls) -> Self:
-        """Return such an error, for documentation."""
-        return cls(7)
 
 
 class TooLargeError(RequestError):
@@ -234,9 +229,11 @@ class TooLargeError(RequestError):
     status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
     code = "too-large"
     heading = "Too large"
-    example_message = (
-        "the upload is larger than 32 MiB; gzip it, and send instr_id, trajectory and the answer "
-        "only"
+    example_arguments = (
+        (
+            "the upload is larger than 32 MiB; gzip it, and send instr_id, trajectory and the "
+            "answer only"
+        ),
     )
 
 
@@ -246,8 +243,8 @@ class TooSlowError(RequestError):
     status = HTTPStatus.REQUEST_TIMEOUT
     code = "too-slow"
     heading = "Too slow"
-    example_message = (
-        "the upload did not arrive within 60 seconds; gzip it, or try again: nothing was spent"
+    example_arguments = (
+        "the upload did not arrive within 60 seconds; gzip it, or try again: nothing was spent",
     )
 
 
@@ -257,17 +254,13 @@ class BusyError(RequestError):
     status = HTTPStatus.SERVICE_UNAVAILABLE
     code = "busy"
     heading = "Too many uploads at once"
+    example_arguments = (10,)
 
     def __init__(self, seconds: int) -> None:
         self.seconds = seconds
         super().__init__(
             f"too many uploads at once; nothing was spent, send yours again in {seconds} seconds"
         )
-
-    @classmethod
-    def example(cls) -> Self:
-        """Return such an error, for documentation."""
-        return cls(10)
 
 
 class WrongMethodError(RequestError):
@@ -276,14 +269,10 @@ class WrongMethodError(RequestError):
     status = HTTPStatus.METHOD_NOT_ALLOWED
     code = "method-not-allowed"
     heading = "Nothing can be sent here"
+    example_arguments = ()
 
     def __init__(self) -> None:
         super().__init__("this address is there for other methods; look at Allow")
-
-    @classmethod
-    def example(cls) -> Self:
-        """Return such an error, for documentation."""
-        return cls()
 
 
 class StorageFullError(RequestError):
@@ -292,6 +281,7 @@ class StorageFullError(RequestError):
     status = HTTPStatus.INSUFFICIENT_STORAGE
     code = "storage-full"
     heading = "No room is left"
+    example_arguments = (_EXAMPLE_REQUEST,)
 
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id
@@ -300,11 +290,6 @@ class StorageFullError(RequestError):
             "and send it again when there is room"
         )
 
-    @classmethod
-    def example(cls) -> Self:
-        """Return such an error, for documentation."""
-        return cls(_EXAMPLE_REQUEST)
-
 
 class FaultError(RequestError):
     """The server failed, and nobody else."""
@@ -312,6 +297,7 @@ class FaultError(RequestError):
     status = HTTPStatus.INTERNAL_SERVER_ERROR
     code = "internal"
     heading = "The server failed"
+    example_arguments = (_EXAMPLE_REQUEST,)
 
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id
@@ -319,11 +305,6 @@ class FaultError(RequestError):
             "the server failed, not your file. Send it again, no file is counted twice; if it "
             f"fails again, tell the organiser this request's id: {request_id}"
         )
-
-    @classmethod
-    def example(cls) -> Self:
-        """Return such an error, for documentation."""
-        return cls(_EXAMPLE_REQUEST)
 
 
 ERRORS: Mapping[str, type[RequestError]] = MappingProxyType(

@@ -16,6 +16,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.edge.exchange import exchange_of
 from reverie_eval.server.errors import (
+    WRONG_FORM,
     FaultError,
     MalformedError,
     NotFoundError,
@@ -59,9 +60,8 @@ def log_fault(request: Request, error: Exception) -> None:
 
 def _on_error(request: Request, error: Exception) -> Response:
     if isinstance(error, RequestValidationError):
-        known: RequestError | None = MalformedError.of_values(
-            [wrong_value(detail) for detail in error.errors()]
-        )
+        values = [wrong_value(detail) for detail in error.errors()]
+        known: RequestError | None = MalformedError(WRONG_FORM, values)
     elif isinstance(error, HTTPException):
         known = _of_framework(error)
     else:

@@ -57,7 +57,7 @@ def main() -> int:
         figures = [
             ("bytes to score table / orjson.loads", in_process_ratio(submission, bundle), 3.0),
             ("with path fidelity / score table", fidelity_ratio(submission, bundle), 10.0),
-            ("command / import numpy, pydantic", command_ratio(submission, bundle), 1.6),
+            ("command / import numpy, pydantic", command_ratio(submission, bundle), 1.4),
             ("bundle load, ms", 1000 * load_seconds(bundle), 20.0),
             ("peak memory / file size", peak_memory_ratio(submission, bundle), 8.0),
             ("compile three splits, s", compile_seconds, 15.0),

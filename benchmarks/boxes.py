@@ -65,7 +65,7 @@ def write_scan(folder: Path, rng: np.random.Generator) -> Scan:
             "image_id": f"{index:032x}",
             "pose": [1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, z, 0, 0, 0, 1],
             "included": True,
-            "unobstructed": [],
+            "unobstructed": [False] * VIEWPOINTS,
         }
         for index, (x, y, z) in enumerate(rng.uniform(0, HOUSE, (VIEWPOINTS, 3)).tolist())
     ]

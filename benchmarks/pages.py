@@ -58,7 +58,7 @@ MOST_TO_USE = 1000.0
 SERVER = """
 import sys
 from pathlib import Path
-from reverie_eval.server.run import run_server
+from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 state = ServerState.open(load_settings(Path(sys.argv[1])))

@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.dataset import DatasetFiles, compile_split
-from reverie_eval.server.folder import upgrade_folder
+from reverie_eval.server.operations.folder import upgrade_folder
 from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.settings import load_settings
@@ -60,7 +60,7 @@ requests_per_minute = 1000000
 SERVER = """
 import sys
 from pathlib import Path
-from reverie_eval.server.run import run_server
+from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 state = ServerState.open(load_settings(Path(sys.argv[1])))
@@ -71,8 +71,8 @@ BARE = """
 import orjson
 import uvicorn
 from fastapi import FastAPI, Request
-from reverie_eval.server.listening import listen, url_of
-from reverie_eval.server.run import configuration
+from reverie_eval.server.operations.listening import listen, url_of
+from reverie_eval.server.operations.run import configuration
 app = FastAPI()
 @app.post("/")
 async def read(request: Request) -> int:

@@ -14,7 +14,7 @@ from reverie_eval_cli.output import show
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
-    from reverie_eval.server.checks import Finding
+    from reverie_eval.server.operations.checks import Finding
 
 
 def actor() -> str:
@@ -39,7 +39,7 @@ def after(days: int | None) -> datetime | None:
 @contextmanager
 def writing(folder: Path) -> Iterator["Session"]:
     """Open a server's database to change it; a server may be serving meanwhile."""
-    from reverie_eval.server.checks import opened
+    from reverie_eval.server.operations.checks import opened
     from reverie_eval.server.settings import load_settings
 
     with opened(load_settings(folder)) as database, database.writing() as session:
@@ -49,7 +49,7 @@ def writing(folder: Path) -> Iterator["Session"]:
 @contextmanager
 def reading(folder: Path) -> Iterator["Session"]:
     """Open a server's database to read it."""
-    from reverie_eval.server.checks import opened
+    from reverie_eval.server.operations.checks import opened
     from reverie_eval.server.settings import load_settings
 
     with opened(load_settings(folder)) as database, database.reading() as session:

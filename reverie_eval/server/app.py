@@ -6,17 +6,16 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from reverie_eval.server.edge.bodies import BodyLimits
-from reverie_eval.server.edge.following import Following
-from reverie_eval.server.edge.forms import FormCharsets
-from reverie_eval.server.edge.headers import SecurityHeaders
-from reverie_eval.server.edge.heads import Heads
-from reverie_eval.server.edge.labels import API
-from reverie_eval.server.edge.rates import RateLimits
-from reverie_eval.server.openapi import describe
-from reverie_eval.server.operations import Operations
+from reverie_eval.server.http.bodies import BodyLimits, FormCharsets
+from reverie_eval.server.http.following import Following
+from reverie_eval.server.http.headers import Heads, SecurityHeaders
+from reverie_eval.server.http.labels import API
+from reverie_eval.server.http.openapi import describe
+from reverie_eval.server.http.problems import add_error_handlers
+from reverie_eval.server.http.rates import RateLimits
+from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.pages import add_pages
-from reverie_eval.server.problems import add_error_handlers
+from reverie_eval.server.pages.faults import fault_page
 from reverie_eval.server.routes import (
     access,
     judging,
@@ -49,12 +48,12 @@ def create_app(server: ServerState) -> FastAPI:
         redoc_url=None,
     )
     app.state.server = server
-    app.state.operations = Operations.of(server)
+    app.state.runtime = RuntimeState.of(server)
     for part in (access, sessions, splits, submissions, organising, judging):
         app.include_router(part.router, prefix=API)
     app.include_router(operations.router)
     add_pages(app)
-    add_error_handlers(app)
+    add_error_handlers(app, fault_page)
     add_edge(app, server.settings)
     describe(app)
     return app
@@ -67,7 +66,7 @@ def add_edge(app: FastAPI, settings: Settings) -> None:
     app.add_middleware(FormCharsets)
     app.add_middleware(BodyLimits, seconds=limits.seconds_for_body)
     app.add_middleware(RateLimits, per_minute=limits.requests_per_minute)
-    app.add_middleware(Following, metrics=app.state.operations.metrics)
+    app.add_middleware(Following, metrics=app.state.runtime.metrics)
     app.add_middleware(SecurityHeaders)
     if settings.trusted_proxies:
         trusted = [str(network) for network in settings.trusted_proxies]

@@ -30,9 +30,7 @@ from typing import Any, ClassVar, Self
 
 from reverie_eval.errors import Problem, ReverieEvalError, SubmissionError
 from reverie_eval.schemas.report import ProblemReport
-from reverie_eval.schemas.service import ProblemDocument, QuotaReport
-from reverie_eval.server.service.quotas import QuotaState, Window
-from reverie_eval.server.service.reports import quota_report
+from reverie_eval.schemas.service import ProblemDocument, QuotaReport, QuotaWindow
 
 EXAMPLE_NOW = datetime(2027, 6, 1, 12, tzinfo=UTC)
 """When the examples happen."""
@@ -55,6 +53,8 @@ class RequestError(ReverieEvalError):
     """What is wrong, each with its place."""
     seconds: int | None = None
     """After which to try again."""
+    quota: QuotaReport | None = None
+    """What is left, where that is what stopped the request."""
     request_id: str | None = None
 
     @classmethod
@@ -62,7 +62,7 @@ class RequestError(ReverieEvalError):
         """Return such an error, for documentation."""
         return cls(*cls.example_arguments)
 
-    def document(self, now: datetime) -> ProblemDocument:
+    def document(self) -> ProblemDocument:
         """Return what is sent to whoever asked."""
         return ProblemDocument(
             title=self.status.phrase,
@@ -70,12 +70,9 @@ class RequestError(ReverieEvalError):
             detail=str(self),
             code=self.code,
             problems=[ProblemReport.model_validate(problem) for problem in self.problems],
-            quota=self._quota(now),
+            quota=self.quota,
             request_id=self.request_id,
         )
-
-    def _quota(self, _: datetime) -> QuotaReport | None:
-        return None
 
 
 class RejectedFileError(RequestError):
@@ -183,30 +180,32 @@ class QuotaSpentError(RequestError):
     code = "quota-spent"
     heading = "No try is left"
     example_arguments = (
-        QuotaState(
-            [
-                Window("day", 2, 0, EXAMPLE_NOW + timedelta(days=1)),
-                Window("month", 10, 8, EXAMPLE_NOW + timedelta(days=30)),
-                Window("year", 40, 38, EXAMPLE_NOW + timedelta(days=365)),
-            ],
+        QuotaReport(
+            remaining=0,
             next_at=EXAMPLE_NOW + timedelta(days=1),
+            seconds_to_next=24 * 60 * 60,
+            windows=[
+                QuotaWindow(name=name, limit=limit, remaining=limit - 2, resets_at=resets_at)
+                for name, limit, resets_at in (
+                    ("day", 2, EXAMPLE_NOW + timedelta(days=1)),
+                    ("month", 10, EXAMPLE_NOW + timedelta(days=30)),
+                    ("year", 40, EXAMPLE_NOW + timedelta(days=365)),
+                )
+            ],
         ),
     )
 
-    def __init__(self, state: QuotaState) -> None:
-        self.state = state
+    def __init__(self, quota: QuotaReport) -> None:
+        self.quota = quota
         super().__init__(
-            f"no submission is left; {_next(state)}. Nothing was scored, and `validate` stays free"
+            f"no submission is left; {_next(quota)}. Nothing was scored, and `validate` stays free"
         )
 
-    def _quota(self, now: datetime) -> QuotaReport:
-        return quota_report(self.state, now)
 
-
-def _next(state: QuotaState) -> str:
-    if state.next_at is None:
+def _next(quota: QuotaReport) -> str:
+    if quota.next_at is None:
         return "the organiser's quota allows none"
-    whole = state.next_at + timedelta(microseconds=999_999)  # rounded up, not down
+    whole = quota.next_at + timedelta(microseconds=999_999)  # rounded up, not down
     return f"the next is possible from {whole.isoformat(timespec='seconds')}"
 
 

@@ -12,16 +12,21 @@ PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
 NAMES = re.findall(r"`((?:\w+\.)+\w+)`", PAGE.partition("## The walk")[2].partition("## A new")[0])
 
 
-def test_the_picture_shows_the_rooms_of_the_contract() -> None:
+def contracts() -> dict[str, list[str]]:
     settings = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
-    (contract,) = [
-        each for each in settings["tool"]["importlinter"]["contracts"] if "layers" in each
-    ]
-    picture = PAGE.partition("```")[2].partition("```")[0].splitlines()
-    for layer in contract["layers"]:
+    found = settings["tool"]["importlinter"]["contracts"]
+    return {each["name"]: each["layers"] for each in found if "layers" in each}
+
+
+PICTURES = dict(zip(contracts(), PAGE.split("```")[1::2], strict=False))
+
+
+@pytest.mark.parametrize("name", contracts())
+def test_the_picture_shows_the_rooms_of_the_contract(name: str) -> None:
+    for layer in contracts()[name]:
         rooms = [room for room in layer.split(" | ") if room != "__main__"]
         if rooms:
-            assert any(set(rooms) <= set(line.split()) for line in picture)
+            assert any(set(rooms) <= set(line.split()) for line in PICTURES[name].splitlines())
 
 
 @pytest.mark.parametrize(

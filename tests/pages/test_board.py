@@ -121,7 +121,7 @@ def test_every_column_is_explained_below_the_table(five: Serving) -> None:
     meanings = re.findall(
         r"<summary>What the columns mean</summary>(.*?)</details>", page, re.DOTALL
     )
-    explained = re.findall(r'<dt><a href="/words/metrics#(\w+)">(.*?) \S+</a></dt>', meanings[0])
+    explained = re.findall(r'<dt><a href="/guide/metrics#(\w+)">(.*?) \S+</a></dt>', meanings[0])
     assert [label for _, label in explained] == headings(get(five, "?metric=navigation_error"))[2:9]
     for key, _ in explained:
         assert CATALOGUE[key].definition in unescape(meanings[0])

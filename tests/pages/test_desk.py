@@ -7,8 +7,8 @@ import httpx
 import pytest
 from sqlalchemy import update
 
-from reverie_eval.server.health import Canary, UnhealthyError
-from reverie_eval.server.pages.desk import ON_A_PAGE
+from reverie_eval.server.http.health import Canary, UnhealthyError
+from reverie_eval.server.pages.desk.overview import ON_A_PAGE
 from reverie_eval.server.service.attempts import latest_attempts
 from reverie_eval.server.service.audit import entries, record
 from reverie_eval.server.service.grants import all_grants

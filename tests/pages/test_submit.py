@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
-from reverie_eval.server.callers import COOKIE
+from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.pages.signing import own_path
 from reverie_eval.server.service.notices import post_notice
 from reverie_eval.server.service.people import add_person, add_team, mint

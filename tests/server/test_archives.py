@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from reverie_eval.server.restore import BackupError, restore_backup
+from reverie_eval.server.operations.restore import BackupError, restore_backup
 from tests.support.flat import Run
 from tests.support.kept import faults, rows_of
 

@@ -8,8 +8,8 @@ from threading import Event
 import httpx
 import pytest
 
-from reverie_eval.server.backup import write_backup
-from reverie_eval.server.restore import restore_backup
+from reverie_eval.server.operations.backup import write_backup
+from reverie_eval.server.operations.restore import restore_backup
 from reverie_eval.server.service.people import add_team
 from reverie_eval.server.settings import SettingsError
 from reverie_eval.server.store.dump import dump

@@ -14,8 +14,8 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.service import Method
-from reverie_eval.server import doctor
-from reverie_eval.server.doctor import examine
+from reverie_eval.server.operations import doctor
+from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.grants import grant
 from reverie_eval.server.service.notices import post_notice

@@ -15,13 +15,13 @@ import httpx
 import pytest
 from starlette.requests import Request
 
-from reverie_eval.server import openapi, problems
-from reverie_eval.server.callers import COOKIE
-from reverie_eval.server.edge.bodies import BodyLimits
-from reverie_eval.server.edge.exchange import begin
-from reverie_eval.server.pages import faults, words
+from reverie_eval.server.http import openapi, problems
+from reverie_eval.server.http.bodies import BodyLimits
+from reverie_eval.server.http.callers import COOKIE
+from reverie_eval.server.http.exchange import begin
+from reverie_eval.server.http.uploading import receive
+from reverie_eval.server.pages import faults, guide
 from reverie_eval.server.settings import Limits
-from reverie_eval.server.uploading import receive
 from tests.support.serving import OpenServer, Serving, settings_of
 
 PATIENCE = 20
@@ -91,8 +91,8 @@ class Slow(NamedTuple):
 SLOW = {
     "a page that refuses": Slow(faults, "page", "/episodes", 429, FLOODING),
     "a refusal": Slow(problems, "_document", "/api/v1/me", 429, FLOODING),
-    "a charset": Slow(faults, "page", "/words", 400, headers={"Content-Type": LATIN}),
-    "a fault": Slow(problems, "log_fault", "/words/protocols", 500),
+    "a charset": Slow(faults, "page", "/guide", 400, headers={"Content-Type": LATIN}),
+    "a fault": Slow(problems, "log_fault", "/guide/protocols", 500),
     "the description": Slow(openapi, "get_openapi", "/api/v1/openapi.json", 200),
 }
 
@@ -105,7 +105,7 @@ def test_others_are_answered_while_one_reply_is_made(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if slow.status == 500:
-        monkeypatch.setattr(words, "PROTOCOLS", None)
+        monkeypatch.setattr(guide, "PROTOCOLS", None)
     stopped = standing_still(slow.module, slow.step)
     order: list[object] = []
     with ThreadPoolExecutor(1) as other:

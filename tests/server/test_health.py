@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from reverie_eval.server import health
+from reverie_eval.server.http import health
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.database import Database

@@ -27,12 +27,12 @@ import uvicorn
 from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
-from reverie_eval.server import run
 from reverie_eval.server.app import create_app
-from reverie_eval.server.edge import patience
-from reverie_eval.server.edge.bodies import BodyLimits
-from reverie_eval.server.edge.exchange import begin, exchange_of
-from reverie_eval.server.listening import listen
+from reverie_eval.server.http import patience
+from reverie_eval.server.http.bodies import BodyLimits
+from reverie_eval.server.http.exchange import begin, exchange_of
+from reverie_eval.server.operations import run
+from reverie_eval.server.operations.listening import listen
 from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database

@@ -11,7 +11,7 @@ from openapi_spec_validator import validate
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import ERRORS, RequestError
 from tests.support.description import Description
-from tests.support.serving import NOON, Serving
+from tests.support.serving import Serving
 
 BINARY = {"type": "string", "format": "binary"}
 
@@ -81,7 +81,7 @@ def test_every_code_of_a_request_s_problems_is_declared_somewhere(
 
 @pytest.mark.parametrize("error", ERRORS.values(), ids=ERRORS)
 def test_every_error_says_how_it_is_shown(error: type[RequestError]) -> None:
-    document = error.example().document(NOON)
+    document = error.example().document()
     assert (document.code, document.status) == (error.code, error.status)
     assert document.detail == str(error.example())
     assert error.heading[0].isupper()
@@ -99,7 +99,7 @@ from reverie_eval.metrics import CATALOGUE
 another = replace(CATALOGUE["rgs"], key="another", headline=True)
 gc.get_referents(CATALOGUE)[0]["another"] = another
 import reverie_eval.server.app
-from reverie_eval.server.examples import EXAMPLES
+from reverie_eval.server.http.examples import EXAMPLES
 assert EXAMPLES["Receipt"]["scores"].keys() >= {"rgs", "another"}
 """
 

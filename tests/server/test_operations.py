@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from reverie_eval.server.logs import JsonLines
-from reverie_eval.server.operations import Operations
+from reverie_eval.server.http.runtime import RuntimeState
+from reverie_eval.server.operations.logs import JsonLines
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.submissions import SubmissionService
 from tests.support.serving import (
@@ -330,7 +330,7 @@ def test_metrics_tell_of_nobody(server: Serving) -> None:
 
 
 def test_applications_in_one_process_count_for_themselves(server: Serving) -> None:
-    other = Operations.of(server.state)
+    other = RuntimeState.of(server.state)
     server.ask(OWNER, "GET", "/me")
     assert ("reverie_eval_requests_total", "GET", "/api/v1/me", "200") in metrics_of(server)
     assert b"/api/v1/me" not in other.metrics.text()

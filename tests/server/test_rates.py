@@ -7,8 +7,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from reverie_eval.server.callers import COOKIE
-from reverie_eval.server.edge.rates import FAILED_COST, site_of
+from reverie_eval.server.http.callers import COOKIE
+from reverie_eval.server.http.rates import FAILED_COST, site_of
 from reverie_eval.server.settings import Limits
 from tests.support.serving import GOOD, OPEN, OTHER, OWNER, OpenServer, Serving, settings_of
 

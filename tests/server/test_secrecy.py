@@ -20,8 +20,8 @@ from reverie_eval import GroundTruth, SubmissionError, evaluate
 from reverie_eval.arrays import IntArray
 from reverie_eval.ground_truth import Answers, Bundle
 from reverie_eval.server.app import create_app
-from reverie_eval.server.backup import write_backup
-from reverie_eval.server.checks import check_folder
+from reverie_eval.server.operations.backup import write_backup
+from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.settings import SETTINGS_FILE, Split
 from tests.support.page_routes import page_routes

@@ -10,7 +10,7 @@ import httpx
 import pytest
 from sqlalchemy import func, select
 
-from reverie_eval.server.callers import COOKIE
+from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.service.people import mint, revoke
 from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.store.tables import BrowserSession

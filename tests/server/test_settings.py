@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import make_url
 
-from reverie_eval.server.checks import demand_sound
+from reverie_eval.server.operations.checks import demand_sound
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
     Metadata,

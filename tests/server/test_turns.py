@@ -42,7 +42,7 @@ class Watched:
 @pytest.fixture
 def server(open_server: OpenServer, monkeypatch: pytest.MonkeyPatch) -> Serving:
     """Return a server on a machine with one processor."""
-    monkeypatch.setattr("reverie_eval.server.edge.admission._SCORED_AT_ONCE", 1)
+    monkeypatch.setattr("reverie_eval.server.http.admission._SCORED_AT_ONCE", 1)
     return open_server()
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.server.backup import write_backup
-from reverie_eval.server.doctor import examine
+from reverie_eval.server.operations.backup import write_backup
+from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.dump import Row, dump

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 
-from reverie_eval.server.edge.labels import API
+from reverie_eval.server.http.labels import API
 from tests.support.demo_site import (
     BOLD,
     ENDLESS,
@@ -70,13 +70,13 @@ EXAMPLES = (
         ORGANISER,
         "?submission={submission_id}&other={other_id}",
     ),
-    Example("/words"),
-    Example("/words/submitting"),
-    Example("/words/metrics"),
-    Example("/words/protocols"),
-    Example("/words/rules"),
-    Example("/words/api"),
-    Example("/words/privacy"),
+    Example("/guide"),
+    Example("/guide/submitting"),
+    Example("/guide/metrics"),
+    Example("/guide/protocols"),
+    Example("/guide/rules"),
+    Example("/guide/api"),
+    Example("/guide/privacy"),
     Example("/desk", ORGANISER),
     Example("/desk/uploads", ORGANISER),
     Example("/desk/reviews", ORGANISER),

@@ -194,7 +194,7 @@ SERVE = """
 import sys
 from functools import partial
 from pathlib import Path
-from reverie_eval.server.run import run_server
+from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 state = ServerState.open(load_settings(Path(sys.argv[1])))

@@ -7,7 +7,7 @@ from html import unescape
 
 import httpx
 
-from reverie_eval.server.callers import COOKIE
+from reverie_eval.server.http.callers import COOKIE
 from tests.support.serving import GOOD, OPEN, Serving
 
 FIELD = re.compile(r'name="csrf_token" value="([^"]+)"')

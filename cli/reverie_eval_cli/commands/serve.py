@@ -34,8 +34,8 @@ def serve(*, folder: Path | None, host: str, port: int) -> None:
 
     Exit status: 0 stopped, 1 settings or data are not sound, 2 usage or system error.
     """
-    from reverie_eval.server.checks import demand_sound
-    from reverie_eval.server.run import run_server
+    from reverie_eval.server.operations.checks import demand_sound
+    from reverie_eval.server.operations.run import run_server
     from reverie_eval.server.state import ServerState
 
     gc.enable()  # off in this command, which pays off in short lives only
@@ -51,8 +51,8 @@ def _make_demo() -> str:
     """Make a server with the demo world and a sample submission; return its first token."""
     from reverie_eval.agents import run_agent
     from reverie_eval.ground_truth import find_ground_truth
-    from reverie_eval.server.checks import database_errors
-    from reverie_eval.server.folder import make_server
+    from reverie_eval.server.operations.checks import database_errors
+    from reverie_eval.server.operations.folder import make_server
     from reverie_eval_cli.organising import actor, now
 
     with database_errors():

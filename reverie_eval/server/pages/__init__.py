@@ -6,27 +6,20 @@ from starlette.middleware.gzip import GZipMiddleware
 from reverie_eval.server.pages import (
     boards,
     desk,
-    desk_notice,
-    desk_people,
-    desk_quotas,
-    desk_reported,
-    desk_reviews,
     episodes,
+    guide,
     signing,
     submissions,
     submitting,
     teams,
-    words,
 )
 from reverie_eval.server.pages.files import StaticPages
 from reverie_eval.server.pages.rendering import STATIC
 
-_DESK = (desk, desk_notice, desk_people, desk_quotas, desk_reported, desk_reviews)
-
 
 def add_pages(app: FastAPI) -> None:
     """Add the pages, which are not of the API and so not in its description."""
-    for part in (boards, *_DESK, episodes, signing, submitting, submissions, teams, words):
+    for part in (boards, desk, episodes, signing, submitting, submissions, teams, guide):
         app.include_router(part.router, include_in_schema=False)
     # Pages are not packed: beside what somebody else chose to have in them, their length would
     # tell of the CSRF token. What is in no way secret is.

@@ -12,7 +12,7 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
-from reverie_eval.server.callers import Server
+from reverie_eval.server.http.callers import Server
 from reverie_eval.server.pages.board_query import BoardQuery
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Visitor

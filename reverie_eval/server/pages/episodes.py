@@ -14,8 +14,8 @@ from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._map_svg import interactive_map_svg, map_key
 from reverie_eval.reporting._maps import EpisodeMap, Step
 from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST
-from reverie_eval.server.callers import Server
-from reverie_eval.server.dependencies import Turn
+from reverie_eval.server.http.callers import Server
+from reverie_eval.server.http.dependencies import Turn
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Visitor
 from reverie_eval.server.service.episodes import Browsing, Run, Wanted

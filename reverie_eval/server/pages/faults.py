@@ -7,20 +7,15 @@ from fastapi import Request
 from fastapi.responses import RedirectResponse, Response
 
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.callers import COOKIE, session_if_any
-from reverie_eval.server.edge.exchange import exchange_of
-from reverie_eval.server.edge.labels import API
 from reverie_eval.server.errors import MalformedError, NotSignedInError
+from reverie_eval.server.http.callers import COOKIE, session_if_any
+from reverie_eval.server.http.exchange import exchange_of
+from reverie_eval.server.http.labels import API
 from reverie_eval.server.pages.rendering import STATIC, Place, page
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.tables import BrowserSession
 
-_NO_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
-
-
-def is_page(request: Request) -> bool:
-    """Whether a person asked, and not a program."""
-    return not request.url.path.startswith(_NO_PAGES)
+_NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
 def show_faults_with(request: Request, draw: Callable[[ProblemDocument], Response]) -> None:
@@ -28,8 +23,16 @@ def show_faults_with(request: Request, draw: Callable[[ProblemDocument], Respons
     request.state.draw_fault = draw
 
 
-def fault_page(request: Request, problem: ProblemDocument) -> Response:
-    """Show a problem; who has to sign in is led to where they can, and back again."""
+def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
+    """Show a problem; who has to sign in is led to where they can, and back again.
+
+    Returns
+    -------
+    Response or None
+        None if a program asked, and not a person.
+    """
+    if request.url.path.startswith(_NOT_PAGES):
+        return None
     if problem.code == NotSignedInError.code:
         return RedirectResponse(f"/sign-in?back={quote(_came_from(request))}", 303)
     if not exchange_of(request.scope).asks_database:

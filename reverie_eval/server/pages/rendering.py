@@ -15,8 +15,8 @@ from markupsafe import Markup
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
-from reverie_eval.server.edge.exchange import exchange_of
 from reverie_eval.server.errors import ERRORS
+from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.pages.files import SHELVES
 from reverie_eval.server.service.people import CALLED
 from reverie_eval.server.state import state_of
@@ -84,7 +84,7 @@ def _site(request: Request, session: BrowserSession | None) -> Site:
     return Site(
         title=server.settings.title,
         banner=standing.banner,
-        places=[*boards, Place("Episodes", "/episodes"), *own, Place("Guide", "/words"), *desk],
+        places=[*boards, Place("Episodes", "/episodes"), *own, Place("Guide", "/guide"), *desk],
         here=request.url.path,
         person=person,
         csrf_token="" if session is None else server.sessions.csrf_token(session),

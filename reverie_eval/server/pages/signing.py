@@ -6,8 +6,8 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
-from reverie_eval.server.callers import Server, drop_cookie, own_page, set_cookie
 from reverie_eval.server.errors import NotSignedInError
+from reverie_eval.server.http.callers import Server, drop_cookie, own_page, set_cookie
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Member, Posted, Visitor
 from reverie_eval.server.service.people import exchange

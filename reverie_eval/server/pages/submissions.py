@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange
-from reverie_eval.server.callers import Server
-from reverie_eval.server.dependencies import Turn
 from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.http.callers import Server
+from reverie_eval.server.http.dependencies import Turn
 from reverie_eval.server.pages.faults import show_faults_with
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Member, Posted, Visitor

@@ -17,11 +17,12 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import RedirectResponse, Response
 
 from reverie_eval.schemas.service import Method, ProblemDocument
-from reverie_eval.server.callers import Server
-from reverie_eval.server.dependencies import content_of, method_from
-from reverie_eval.server.edge.exchange import exchange_of
 from reverie_eval.server.errors import MalformedError, RejectedFileError
-from reverie_eval.server.operations import Upkeep
+from reverie_eval.server.http.callers import Server
+from reverie_eval.server.http.dependencies import content_of, method_from
+from reverie_eval.server.http.exchange import exchange_of
+from reverie_eval.server.http.runtime import Runtime
+from reverie_eval.server.http.uploading import Upload, receive
 from reverie_eval.server.pages.faults import show_faults_with
 from reverie_eval.server.pages.quotas import split_quotas
 from reverie_eval.server.pages.rendering import page
@@ -29,7 +30,6 @@ from reverie_eval.server.pages.visitors import Member
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import BrowserSession
-from reverie_eval.server.uploading import Upload, receive
 
 router = APIRouter()
 OK = 200
@@ -70,7 +70,7 @@ class UploadForm:
 
 
 async def posted_upload(
-    request: Request, found: Member, server: Server, upkeep: Upkeep
+    request: Request, found: Member, server: Server, runtime: Runtime
 ) -> AsyncIterator[Upload]:
     """Take the form off the wire once there is room for it; faults keep what was typed.
 
@@ -81,7 +81,7 @@ async def posted_upload(
     """
     exchange = exchange_of(request.scope)
     exchange.uploaded_to = ""
-    async with upkeep.admission.hold(found.token.person_id):
+    async with runtime.admission.hold(found.token.person_id):
         upload = await receive(request, server.settings.limits)
         is_to_be_scored = upload.fields.get("what") == "score"
         exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None
@@ -91,7 +91,7 @@ async def posted_upload(
         show_faults_with(request, lambda problem: form.draw_fault(upload.fields, problem))
         if not upload.filename:
             raise MalformedError("choose a file first")
-        async with upkeep.admission.score():
+        async with runtime.admission.score():
             yield upload
 
 

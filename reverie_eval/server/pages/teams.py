@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
-from reverie_eval.server.callers import Server
+from reverie_eval.server.http.callers import Server
 from reverie_eval.server.pages.quotas import split_quotas
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Member

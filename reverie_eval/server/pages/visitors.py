@@ -5,8 +5,8 @@ from typing import Annotated, Any
 from fastapi import Depends, Request
 from starlette.datastructures import FormData
 
-from reverie_eval.server.callers import Server, session_if_any
 from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
+from reverie_eval.server.http.callers import Server, session_if_any
 from reverie_eval.server.store.tables import BrowserSession
 
 Visitor = Annotated[BrowserSession | None, Depends(session_if_any)]

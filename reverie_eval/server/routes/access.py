@@ -4,9 +4,9 @@ from fastapi import APIRouter
 from fastapi.responses import PlainTextResponse
 
 from reverie_eval.schemas.service import Invitation, Me, ServerReport, Welcome
-from reverie_eval.server.callers import Caller, Server
-from reverie_eval.server.examples import KEY_PEM
-from reverie_eval.server.openapi import problems
+from reverie_eval.server.http.callers import Caller, Server
+from reverie_eval.server.http.examples import KEY_PEM
+from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.service.people import exchange
 from reverie_eval.version import __version__
 

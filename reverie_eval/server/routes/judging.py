@@ -13,8 +13,8 @@ from reverie_eval.schemas.organising import (
     ReportedEntry,
     ReviewEntry,
 )
-from reverie_eval.server.callers import Organiser, Server, organiser
-from reverie_eval.server.openapi import problems
+from reverie_eval.server.http.callers import Organiser, Server, organiser
+from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.service import attempts, notices, reported, reviews
 from reverie_eval.server.store.tables import Attempt
 

@@ -5,14 +5,14 @@ import ipaddress
 from fastapi import APIRouter, Depends, Request, Response, status
 
 from reverie_eval.schemas.service import HealthReport
-from reverie_eval.server.callers import Anybody, Server
-from reverie_eval.server.callers import organiser as demand_organiser
-from reverie_eval.server.edge.labels import address_of
 from reverie_eval.server.errors import NotSignedInError
-from reverie_eval.server.examples import METRICS
-from reverie_eval.server.metrics import MEDIA_TYPE
-from reverie_eval.server.openapi import problems
-from reverie_eval.server.operations import Upkeep
+from reverie_eval.server.http.callers import Anybody, Server
+from reverie_eval.server.http.callers import organiser as demand_organiser
+from reverie_eval.server.http.examples import METRICS
+from reverie_eval.server.http.labels import address_of
+from reverie_eval.server.http.metrics import MEDIA_TYPE
+from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.runtime import Runtime
 
 router = APIRouter(tags=["operations"])
 
@@ -26,9 +26,9 @@ def metrics_reader(request: Request, server: Server, person: Anybody) -> None:
 
 
 @router.get("/healthz", responses={503: {"model": HealthReport}})
-async def show_health(upkeep: Upkeep, response: Response) -> HealthReport:
+async def show_health(runtime: Runtime, response: Response) -> HealthReport:
     """Say whether the server can score, keep and sign: it has just tried."""
-    report = await upkeep.health.report()
+    report = await runtime.health.report()
     if report.status != "ok":
         response.status_code = status.HTTP_503_SERVICE_UNAVAILABLE
     return report
@@ -43,9 +43,9 @@ async def show_health(upkeep: Upkeep, response: Response) -> HealthReport:
         **problems("not-signed-in", "not-allowed"),
     },
 )
-def show_metrics(upkeep: Upkeep) -> Response:
+def show_metrics(runtime: Runtime) -> Response:
     """Return what the server counts, for Prometheus."""
-    return Response(upkeep.metrics.text(), media_type=MEDIA_TYPE)
+    return Response(runtime.metrics.text(), media_type=MEDIA_TYPE)
 
 
 def _is_named(

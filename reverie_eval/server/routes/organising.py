@@ -16,8 +16,8 @@ from reverie_eval.schemas.organising import (
     TeamReport,
     TokenReport,
 )
-from reverie_eval.server.callers import Organiser, Server, organiser
-from reverie_eval.server.openapi import problems
+from reverie_eval.server.http.callers import Organiser, Server, organiser
+from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.service import audit, grants, people
 from reverie_eval.server.store.tables import Grant, Person, Team, Token
 

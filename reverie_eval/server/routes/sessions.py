@@ -3,8 +3,8 @@
 from fastapi import APIRouter, Depends, Request, Response
 
 from reverie_eval.schemas.service import SessionReport, SignIn
-from reverie_eval.server.callers import OwnSession, Server, drop_cookie, own_page, set_cookie
-from reverie_eval.server.openapi import problems
+from reverie_eval.server.http.callers import OwnSession, Server, drop_cookie, own_page, set_cookie
+from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.store.tables import BrowserSession
 
 router = APIRouter(prefix="/session", tags=["access"])

@@ -7,10 +7,16 @@ from fastapi.responses import PlainTextResponse
 
 from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.schemas.service import Accepted, Checked, Leaderboard, PhaseReport, SplitReport
-from reverie_eval.server.callers import Anybody, Caller, Server
-from reverie_eval.server.dependencies import FILE_BODY, METHOD_PARAMETERS, Content, Counted, Entered
-from reverie_eval.server.examples import BOARD_CSV
-from reverie_eval.server.openapi import problems
+from reverie_eval.server.http.callers import Anybody, Caller, Server
+from reverie_eval.server.http.dependencies import (
+    FILE_BODY,
+    METHOD_PARAMETERS,
+    Content,
+    Counted,
+    Entered,
+)
+from reverie_eval.server.http.examples import BOARD_CSV
+from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.leaderboard import SORTABLE, as_csv, as_json
 from reverie_eval.server.state import ServerState

@@ -8,10 +8,10 @@ from fastapi.responses import StreamingResponse
 
 from reverie_eval.reporting._scores import write_episodes
 from reverie_eval.schemas.service import Receipt, SubmissionChange, SubmissionReport
-from reverie_eval.server.callers import Caller, Server
-from reverie_eval.server.dependencies import Turn
-from reverie_eval.server.examples import EPISODES_CSV, SUBMISSION
-from reverie_eval.server.openapi import problems
+from reverie_eval.server.http.callers import Caller, Server
+from reverie_eval.server.http.dependencies import Turn
+from reverie_eval.server.http.examples import EPISODES_CSV, SUBMISSION
+from reverie_eval.server.http.openapi import problems
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
 

@@ -217,9 +217,9 @@ class Intake:
         self, session: Session, person: Person, board: Board, now: datetime
     ) -> QuotaUsage:
         usage = self._usage(session, person, board, now)
-        state = usage.state(now)
-        if not state.remaining:
-            raise QuotaSpentError(state)
+        left = quota_report(usage.state(now), now)
+        if not left.remaining:
+            raise QuotaSpentError(left)
         return usage
 
     def _left(self, session: Session, person: Person, board: Board) -> QuotaReport:

@@ -23,7 +23,7 @@ def backup(*, folder: Path, output: Path) -> int:
 
     Exit status: 0 complete, 1 an upload was missing or damaged, 2 usage or system error.
     """
-    from reverie_eval.server.backup import write_backup
+    from reverie_eval.server.operations.backup import write_backup
     from reverie_eval.server.settings import variables_set
 
     report = write_backup(folder, output)
@@ -52,8 +52,8 @@ def restore(*, file: Path, folder: Path) -> int:
     Exit status: 0 the server can start, 1 backup rejected or faults to fix, 2 usage or system
     error.
     """
-    from reverie_eval.server.checks import check_folder
-    from reverie_eval.server.restore import restore_backup
+    from reverie_eval.server.operations.checks import check_folder
+    from reverie_eval.server.operations.restore import restore_backup
 
     print(f"{folder}: restored, {_counts(restore_backup(file, folder).rows)}")
     return show_findings(check_folder(folder))

@@ -18,8 +18,8 @@ def init(*, folder: Path) -> None:
     It gets settings, a signing key, a database and, until you add your own, the demo world as its
     ground truth.
     """
-    from reverie_eval.server.checks import database_errors
-    from reverie_eval.server.folder import make_server
+    from reverie_eval.server.operations.checks import database_errors
+    from reverie_eval.server.operations.folder import make_server
 
     with database_errors():
         token = make_server(folder, now=now(), actor=actor())
@@ -40,7 +40,7 @@ def check(*, folder: Path) -> int:
 
     Exit status: 0 the server can start, 1 it cannot, 2 usage or system error.
     """
-    from reverie_eval.server.checks import check_folder
+    from reverie_eval.server.operations.checks import check_folder
 
     return show_findings(check_folder(folder))
 
@@ -54,7 +54,7 @@ def doctor(*, folder: Path) -> int:
 
     Exit status: 0 no faults, 1 faults to fix, 2 usage or system error.
     """
-    from reverie_eval.server.doctor import examine
+    from reverie_eval.server.operations.doctor import examine
 
     return show_findings(list(examine(folder, with_progress)))
 
@@ -66,8 +66,8 @@ def upgrade(*, folder: Path) -> None:
 
     Back it up first.
     """
-    from reverie_eval.server.checks import database_errors
-    from reverie_eval.server.folder import upgrade_folder
+    from reverie_eval.server.operations.checks import database_errors
+    from reverie_eval.server.operations.folder import upgrade_folder
 
     with database_errors():
         upgrade_folder(folder)

@@ -1,0 +1,125 @@
+"""The API's description, OpenAPI 3.1: what the routes declare, with examples and all problems.
+
+FastAPI describes what it knows of. What it does not: that problems are documents of their own media
+type, which of them everything can come to, and that a cookie needs the CSRF token beside it.
+"""
+
+from collections.abc import Iterator
+from functools import cache
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.openapi.utils import get_openapi
+from fastapi.responses import JSONResponse
+
+from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.errors import (
+    ERRORS,
+    FaultError,
+    ForgedError,
+    MalformedError,
+    StorageFullError,
+    TooManyError,
+)
+from reverie_eval.server.http.callers import CSRF_HEADER
+from reverie_eval.server.http.examples import EXAMPLES
+from reverie_eval.server.http.labels import API
+
+Document = dict[str, Any]
+
+MEDIA_TYPE = "application/problem+json"
+
+_MODELS = "#/components/schemas/"
+_EVERYWHERE: tuple[str, ...] = (TooManyError.code, FaultError.code)
+_OF_FASTAPI = ("HTTPValidationError", "ValidationError")
+_CHANGING = frozenset({"post", "patch", "put", "delete"})
+
+
+def problems(*codes: str) -> dict[int | str, Document]:
+    """Declare the problems that a route can come to, by their codes."""
+    declared: dict[int | str, Document] = {}
+    for code in codes:
+        status = ERRORS[code].status
+        reply = declared.setdefault(status.value, _reply(status))
+        reply["content"][MEDIA_TYPE]["examples"][code] = {
+            "value": ERRORS[code].example().document().model_dump(mode="json")
+        }
+    return declared
+
+
+def _reply(status: HTTPStatus) -> Document:
+    content = {"schema": {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}, "examples": {}}
+    return {"description": status.phrase, "content": {MEDIA_TYPE: content}}
+
+
+def describe(app: FastAPI) -> None:
+    """Let an application describe itself so.
+
+    FastAPI's own route would do it on the event loop, and everybody else would wait.
+    """
+
+    @cache
+    def description() -> Document:
+        document = get_openapi(
+            title=app.title, version=app.version, description=app.description, routes=app.routes
+        )
+        models = document["components"]["schemas"]
+        for name in _OF_FASTAPI:
+            models.pop(name, None)
+        models[ProblemDocument.__name__] = ProblemDocument.model_json_schema(
+            mode="serialization", ref_template=f"{_MODELS}{{model}}"
+        )
+        models |= models[ProblemDocument.__name__].pop("$defs")
+        document["components"]["securitySchemes"]["csrf"] = {
+            "type": "apiKey",
+            "in": "header",
+            "name": CSRF_HEADER,
+            "description": "The `csrf_token` of the session: with the cookie, for what changes "
+            "something.",
+        }
+        for method, operation in _operations(document):
+            _complete(method, operation)
+        return document
+
+    def show_description(_: Request) -> JSONResponse:
+        return JSONResponse(description())
+
+    app.add_route(f"{API}/openapi.json", show_description, include_in_schema=False)
+
+
+def _operations(document: Document) -> Iterator[tuple[str, Document]]:
+    for operations in document["paths"].values():
+        yield from operations.items()
+
+
+def _complete(method: str, operation: Document) -> None:
+    """Add what is the same for all operations, and examples."""
+    replies = operation["responses"]
+    everywhere = _EVERYWHERE
+    if "HTTPValidationError" in str(replies.get("422")):
+        del replies["422"]
+        everywhere += (MalformedError.code,)
+    if method in _CHANGING:
+        everywhere += (StorageFullError.code,)
+    if method in _CHANGING and any("APIKeyCookie" in way for way in operation.get("security", ())):
+        operation["security"] = [
+            {**way, "csrf": []} if "APIKeyCookie" in way else way for way in operation["security"]
+        ]
+        everywhere += (ForgedError.code,)
+    for status, reply in problems(*everywhere).items():
+        known = replies.setdefault(str(status), reply)
+        known["content"][MEDIA_TYPE]["examples"] |= reply["content"][MEDIA_TYPE]["examples"]
+    operation["responses"] = dict(sorted(replies.items()))
+    for content in (operation.get("requestBody", {}), *replies.values()):
+        for media in content.get("content", {}).values():
+            _illustrate(media)
+
+
+def _illustrate(media: Document) -> None:
+    """Give a body whose schema is a model, or a list of it, the model's example."""
+    schema = media.get("schema", {})
+    many = schema.get("type") == "array"
+    name = (schema.get("items", {}) if many else schema).get("$ref", "").removeprefix(_MODELS)
+    if name in EXAMPLES:
+        media["example"] = [EXAMPLES[name]] if many else EXAMPLES[name]

@@ -1,0 +1,125 @@
+"""From errors to replies.
+
+Every reply that is no success is a problem document (RFC 9457) with a stable ``code``; a page says
+the same in words. Status and code of an error stand on its class.
+"""
+
+import logging
+from collections.abc import Callable
+from http import HTTPStatus
+from typing import TypeAlias
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response
+from starlette.exceptions import HTTPException
+
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.errors import (
+    WRONG_FORM,
+    FaultError,
+    MalformedError,
+    NotFoundError,
+    NotSignedInError,
+    QuotaSpentError,
+    RequestError,
+    StorageFullError,
+    WrongMethodError,
+    request_error,
+)
+from reverie_eval.server.http.exchange import exchange_of
+from reverie_eval.server.http.openapi import MEDIA_TYPE
+from reverie_eval.server.http.wrong_values import unreadable_json, wrong_value
+from reverie_eval.server.store.space import is_full
+
+LOGGER = logging.getLogger("reverie_eval.server")
+
+FaultPage: TypeAlias = Callable[[Request, ProblemDocument], Response | None]
+"""Shows a problem as a page; None where no page was asked for."""
+
+
+def add_error_handlers(app: FastAPI, fault_page: FaultPage) -> None:
+    """Turn whatever is raised into a problem document, or into a page for whoever looks at one."""
+    app.state.fault_page = fault_page
+    for kind in (ReverieEvalError, RequestValidationError, HTTPException):
+        app.add_exception_handler(kind, _on_error)
+
+
+def reply_to(request: Request, error: Exception) -> Response:
+    """Return the reply to a request that ended outside the routes, whatever the error was.
+
+    The database is not asked: it may be what failed, and a refusal must cost little.
+    """
+    exchange_of(request.scope).asks_database = False
+    return _on_error(request, error)
+
+
+def log_fault(request: Request, error: Exception) -> None:
+    """Tell the log alone what went wrong."""
+    exchange = exchange_of(request.scope)
+    exchange.outcome = FaultError.code
+    LOGGER.error("fault", exc_info=error, extra={"fields": {"id": exchange.id}})
+
+
+def _on_error(request: Request, error: Exception) -> Response:
+    if isinstance(error, RequestValidationError):
+        values = [wrong_value(detail) for detail in error.errors()]
+        known: RequestError | None = MalformedError(WRONG_FORM, values)
+    elif isinstance(error, HTTPException):
+        known = _of_framework(error)
+    else:
+        known = request_error(error)
+    reply = _reply(request, known or _fault(request, error))
+    if isinstance(error, HTTPException):
+        reply.headers.update(error.headers or {})
+    return reply
+
+
+def _of_framework(error: HTTPException) -> RequestError | None:
+    """Say what the framework refused, as whoever asked should read it."""
+    cause = error.__cause__
+    if isinstance(cause, RequestError):
+        return cause  # the framework says of whatever stops a body that it could not be read
+    match error.status_code:
+        case HTTPStatus.NOT_FOUND:
+            return NotFoundError("there is nothing at this address")
+        case HTTPStatus.METHOD_NOT_ALLOWED:
+            return WrongMethodError()
+        case HTTPStatus.BAD_REQUEST if cause is None:
+            return MalformedError(f"the form cannot be read: {error.detail}")
+        case HTTPStatus.BAD_REQUEST if isinstance(cause, RecursionError | ValueError):
+            return MalformedError("the body cannot be read", [unreadable_json(cause)])
+        case HTTPStatus.BAD_REQUEST if cause is not None:
+            raise cause
+    return None
+
+
+def _fault(request: Request, error: Exception) -> RequestError:
+    """Say that it was our fault, and to the log alone what it was."""
+    log_fault(request, error)
+    exchange = exchange_of(request.scope)
+    exchange.asks_database = False
+    return (StorageFullError if is_full(error) else FaultError)(exchange.id)
+
+
+def _reply(request: Request, error: RequestError) -> Response:
+    exchange = exchange_of(request.scope)
+    exchange.outcome = error.code
+    document = error.document()
+    if document.quota is None and exchange.quota and exchange.asks_database:
+        document = document.model_copy(update={"quota": exchange.quota()})
+    show: FaultPage = request.app.state.fault_page
+    reply = show(request, document) or _document(document)
+    wait = error.seconds
+    if isinstance(error, QuotaSpentError) and document.quota is not None:
+        wait = document.quota.seconds_to_next or None
+    if wait is not None:
+        reply.headers["Retry-After"] = str(wait)
+    return reply
+
+
+def _document(document: ProblemDocument) -> Response:
+    is_unknown = document.code == NotSignedInError.code
+    headers = {"WWW-Authenticate": "Bearer"} if is_unknown else {}
+    return JSONResponse(document.model_dump(mode="json"), document.status, headers, MEDIA_TYPE)

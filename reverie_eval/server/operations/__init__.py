@@ -1,0 +1,1 @@
+"""The organiser's commands: set up, check, run, back up and restore a server."""

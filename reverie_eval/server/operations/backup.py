@@ -1,0 +1,186 @@
+"""Backups: a server's folder, its database and its uploads in one archive, made while it serves.
+
+::
+
+    reverie-eval.toml, signing-key.pem, bundles/...    as they are
+    database.jsonl        every row at one moment, for any database
+    uploads/SHA-256.json  every upload that a row speaks of
+    manifest.json         what is in the archive, with its SHA-256
+
+An upload is kept before the row that speaks of it, and never changed or deleted. So what the rows
+of one moment speak of is there whenever it is read later.
+"""
+
+import hashlib
+import io
+import json
+import os
+import tarfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.ground_truth import bundle_name
+from reverie_eval.server.operations.checks import database_errors, demand_known
+from reverie_eval.server.operations.folder import SIGNING_KEY
+from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.dump import Row, dump
+from reverie_eval.server.store.uploads import Uploads, open_uploads
+from reverie_eval.version import __version__
+
+DATABASE = "database.jsonl"
+MANIFEST = "manifest.json"
+UPLOADS = "uploads/"
+FORMAT = 1
+
+
+class Manifest(BaseModel):
+    """What is in an archive."""
+
+    model_config = ConfigDict(frozen=True)
+
+    format: int
+    version: str
+    """Of reverie-eval."""
+    revision: str
+    """The migration that the rows are of."""
+    rows: dict[str, int]
+    """Of each table that has any."""
+    lacking: tuple[str, ...]
+    """Uploads that were missing or damaged, by their SHA-256."""
+    sha256: dict[str, str]
+    """Of every other file of the archive."""
+
+
+@dataclass(frozen=True, slots=True)
+class BackupReport:
+    """What a backup holds."""
+
+    manifest: Manifest
+    size: int
+    """Bytes of the archive."""
+    moved: Mapping[str, str]
+    """Files from outside of the folder, by their settings: where a restore puts them in it."""
+
+
+def write_backup(folder: Path, output: Path) -> BackupReport:
+    """Write a backup; a server may go on serving meanwhile.
+
+    Raises
+    ------
+    ReverieEvalError
+        If the archive would lie in the server's folder or in none or in place of what it backs
+        up, or there is no database, or one of a later version.
+    """
+    settings = load_settings(folder)
+    if output.resolve().is_relative_to(settings.folder):
+        raise ReverieEvalError(f"{output} is in the server's folder; keep backups elsewhere")
+    if output.resolve() in {path.resolve() for _, path in _files(settings).values()}:
+        raise ReverieEvalError(f"{output} is to be backed up; choose another file to write to")
+    if output.is_dir() or not output.parent.is_dir():
+        raise ReverieEvalError(f"{output} cannot be written; name a file in a folder that is there")
+    # NamedTemporaryFile lets nobody else read: the archive holds answers and the signing key.
+    with NamedTemporaryFile(dir=output.parent, prefix=f".{output.name}-", delete=False) as file:
+        try:
+            with tarfile.open(fileobj=file, mode="w:gz") as archive:
+                manifest = _write(settings, archive)
+            file.flush()
+            os.fsync(file.fileno())
+            Path(file.name).replace(output)
+        except BaseException:
+            Path(file.name).unlink(missing_ok=True)
+            raise
+    return BackupReport(manifest, output.stat().st_size, _moved(settings))
+
+
+def _write(settings: Settings, archive: tarfile.TarFile) -> Manifest:
+    contents = _Contents(archive)
+    contents.add(SETTINGS_FILE, (settings.folder / SETTINGS_FILE).read_bytes())
+    for name, path in _files(settings).values():
+        contents.add(name, path.read_bytes())
+    revision, rows = _rows(settings)
+    contents.add(DATABASE, "".join(f"{json.dumps(row)}\n" for row in rows).encode())
+    uploads = open_uploads(settings.uploads, settings.folder)
+    expected = sorted({columns["sha256"] for table, columns in rows if table == "submission"})
+    lacking = tuple(name for name in expected if not contents.add_upload(uploads, name))
+    manifest = Manifest(
+        format=FORMAT,
+        version=__version__,
+        revision=revision,
+        rows=Counter(table for table, _ in rows),
+        lacking=lacking,
+        sha256=contents.digests,
+    )
+    contents.add(MANIFEST, manifest.model_dump_json(indent=2).encode())
+    return manifest
+
+
+def _rows(settings: Settings) -> tuple[str, Sequence[Row]]:
+    """Return every row, and the migration that they are of."""
+    with database_errors(), closing(Database(settings.database_url)) as database:
+        revision = demand_known(database)
+        if revision is None:
+            raise ReverieEvalError("there is no database to back up; `reverie-eval server check`")
+        return revision, list(dump(database))
+
+
+class _Contents:
+    """What is put into an archive, with its digests."""
+
+    def __init__(self, archive: tarfile.TarFile) -> None:
+        self._archive = archive
+        self.digests: dict[str, str] = {}
+
+    def add(self, name: str, content: bytes) -> None:
+        member = tarfile.TarInfo(name)
+        member.size, member.mode = len(content), 0o600
+        self._archive.addfile(member, io.BytesIO(content))
+        self.digests[name] = hashlib.sha256(content).hexdigest()
+
+    def add_upload(self, uploads: Uploads, sha256: str) -> bool:
+        """Add an upload if it is there and whole."""
+        try:
+            content = uploads.get(sha256)
+        except FileNotFoundError:
+            return False
+        is_whole = hashlib.sha256(content).hexdigest() == sha256
+        if is_whole:
+            self.add(f"{UPLOADS}{sha256}.json", content)
+        return is_whole
+
+
+def _files(settings: Settings) -> Mapping[str, tuple[str, Path]]:
+    """Return the files that the settings name, and their names in the archive, by the setting."""
+    bundles: dict[str, Any] = {
+        f"splits.{name}.bundle": (split.bundle, f"bundles/{bundle_name(name, public=False)}")
+        for name, split in settings.splits.items()
+    }
+    named = {"signing_key": (settings.signing_key, SIGNING_KEY), **bundles}
+    return {
+        setting: (_name(settings, path) or otherwise, settings.path(path))
+        for setting, (path, otherwise) in named.items()
+    }
+
+
+def _name(settings: Settings, path: Path) -> str | None:
+    """Return a file's name below the folder, if it lies there."""
+    place = Path(os.path.normpath(settings.path(path)))
+    if not place.is_relative_to(settings.folder):
+        return None
+    return place.relative_to(settings.folder).as_posix()
+
+
+def _moved(settings: Settings) -> Mapping[str, str]:
+    return {
+        setting: name
+        for setting, (name, path) in _files(settings).items()
+        if _name(settings, path) is None
+    }

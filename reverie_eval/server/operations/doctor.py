@@ -1,0 +1,205 @@
+"""Everything that can be found out about a server by looking at what it has kept."""
+
+import hashlib
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+
+from sqlalchemy import select, text
+from sqlalchemy.orm import Session
+
+from reverie_eval.receipts import ReceiptError, verify
+from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folder, said_by
+from reverie_eval.server.service.audit import broken_links, entries
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.deeds import unmatched
+from reverie_eval.server.service.reports import submission_report
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.uploads import Uploads, UploadsError, open_uploads
+from reverie_eval.text import count_text, first_few
+
+Track = Callable[[Sequence[str], str], Iterable[str]]
+"""Shows progress while items are worked on."""
+
+_LITTLE_SPACE = 1 << 30
+"""Bytes; a thousand uploads of the largest split's usual size, unpacked, are a few times that."""
+
+
+def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Finding]:
+    """Check what a server needs to start, then all that it has kept."""
+    first = check_folder(folder)
+    yield from first
+    if any(finding.kind == "fault" for finding in first):
+        told = "what the server has kept was not looked at; mend the above first"
+        yield Finding("the rest", "note", told)
+        return
+    state = ServerState.open(load_settings(folder))
+    with closing(state.database), state.database.reading() as session:
+        _see_one_moment(state.database, session)
+        yield from _guarded("database", _at_the_file(state.database, session))
+        yield from _guarded("submissions", _at_submissions(session, state, track))
+        yield from _guarded("audit log", _at_audit_log(session))
+    yield from _at_disk(state.settings.folder)
+
+
+def _see_one_moment(database: Database, session: Session) -> None:
+    """Keep what is written meanwhile from looking as if it was amiss; SQLite does so always."""
+    if not database.is_sqlite:
+        session.connection(execution_options={"isolation_level": "REPEATABLE READ"})
+
+
+def _guarded(check: str, findings: Iterator[Finding]) -> Iterator[Finding]:
+    """Look as far as the database lets one."""
+    try:
+        yield from findings
+    except REFUSALS as error:
+        yield Finding(check, "fault", f"{said_by(error)}; restore the last backup")
+
+
+def _at_the_file(database: Database, session: Session) -> Iterator[Finding]:
+    if not database.is_sqlite:
+        return
+    for (said,) in session.execute(text("PRAGMA integrity_check")):
+        if said != "ok":
+            told = f"the file is damaged ({' '.join(said.split())}); restore the last backup"
+            yield Finding("database", "fault", told)
+    for table, row, parent, _ in session.execute(text("PRAGMA foreign_key_check")):
+        told = f"row {row} of {table} has lost its {parent}; restore the last backup"
+        yield Finding("database", "fault", told)
+
+
+def _at_submissions(session: Session, state: ServerState, track: Track) -> Iterator[Finding]:
+    uploads = open_uploads(state.settings.uploads, state.settings.folder)
+    reports: list[SubmissionReport] = []
+    for name in session.scalars(select(Submission.id).order_by(Submission.received_at)).all():
+        try:
+            reports.append(submission_report(session.get_one(Submission, name)))
+        except REFUSALS:
+            told = f"the row of {name} cannot be read; restore the last backup"
+            yield Finding("submissions", "fault", told)
+    yield from _at_uploads(reports, uploads, track)
+    yield from _at_strays(session, uploads)
+    yield from _at_reports(reports, state.boards)
+    yield from _at_receipts(reports, state.signer.public_pem)
+
+
+def _at_uploads(
+    reports: Sequence[SubmissionReport], uploads: Uploads, track: Track
+) -> Iterator[Finding]:
+    sound = 0
+    expected = sorted({report.sha256 for report in reports})
+    for sha256 in track(expected, "uploads"):
+        trouble = _trouble(uploads, sha256)
+        sound += not trouble
+        if trouble:
+            whose = first_few([report.id for report in reports if report.sha256 == sha256])
+            remedy = f"put uploads/{sha256}.json of a backup in its place"
+            told = f"{sha256[:2]}/{sha256}.json of submission {whose} {trouble}; {remedy}"
+            yield Finding("uploads", "fault", told)
+    yield Finding("uploads", "ok", f"{count_text(sound, 'upload')} whole, of {len(expected):,}")
+
+
+def _trouble(uploads: Uploads, sha256: str) -> str:
+    """Return what is wrong with an upload, or nothing."""
+    try:
+        found = hashlib.sha256(uploads.get(sha256)).hexdigest()
+    except FileNotFoundError:
+        return "is missing"
+    except (OSError, UploadsError) as error:
+        return f"cannot be read ({error})"
+    return "" if found == sha256 else "is not what was sent"
+
+
+def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
+    expected = {f"{sha256}.json" for sha256 in session.scalars(select(Submission.sha256))}
+    strays = sorted(name for name in uploads.names() if name not in expected)
+    if strays:
+        told = (
+            f"{count_text(len(strays), 'file')} of no submission: {first_few(strays)}; left by a "
+            "crash, or about to be accepted. Without a server running, they can be deleted"
+        )
+        yield Finding("uploads", "note", told)
+
+
+def _at_reports(
+    submissions: Sequence[SubmissionReport], boards: Mapping[str, Board]
+) -> Iterator[Finding]:
+    older: Counter[tuple[str, str]] = Counter()
+    current = 0
+    for submission in submissions:
+        fingerprint, board = submission.report.fingerprint, boards.get(submission.split)
+        if f"|data:{fingerprint[:12]}|" not in submission.report.signature:
+            told = f"{submission.id} does not name its ground truth as it is signed"
+            yield Finding("reports", "fault", f"{told}; restore the last backup")
+        elif board is None or board.truth.fingerprint != fingerprint:
+            older[submission.split, fingerprint] += 1
+        else:
+            current += 1
+    for (split, fingerprint), number in older.items():
+        told = (
+            f"{count_text(number, 'submission')} to {split} scored by ground truth "
+            f"{fingerprint[:12]}, which is not that of now: these scores do not compare"
+        )
+        yield Finding("reports", "note", told)
+    yield Finding("reports", "ok", f"{count_text(current, 'report')} by the ground truth of now")
+
+
+def _at_receipts(submissions: Sequence[SubmissionReport], public_pem: str) -> Iterator[Finding]:
+    sound = 0
+    for submission in submissions:
+        try:
+            verify(submission.receipt, public_pem)
+        except ReceiptError as error:
+            trouble = str(error)
+        else:
+            is_said = _says_what_is_kept(submission)
+            trouble = "" if is_said else "the submission's row says something else"
+        sound += not trouble
+        if trouble:
+            remedy = "put back the key or the database of the last backup"
+            yield Finding("receipts", "fault", f"{submission.id}: {trouble}; {remedy}")
+    yield Finding("receipts", "ok", f"{count_text(sound, 'receipt')} verified")
+
+
+def _says_what_is_kept(kept: SubmissionReport) -> bool:
+    said = kept.receipt
+    return (
+        (said.submission_id, said.team, said.split) == (kept.id, kept.team, kept.split)
+        and (said.sha256, said.received_at) == (kept.sha256, kept.received_at)
+        and (said.signature, said.scores) == (kept.report.signature, kept.report.scores)
+    )
+
+
+def _at_audit_log(session: Session) -> Iterator[Finding]:
+    broken = list(broken_links(session))
+    for number in broken:
+        told = f"entry {number} was changed, or one before it was removed; compare with a backup"
+        yield Finding("audit log", "fault", told)
+    recorded = entries(session)
+    lost, unknown = unmatched(session)
+    for deed in lost:
+        told = f"{deed}: an entry tells of it, and it is not there any more; compare with a backup"
+        yield Finding("audit log", "fault", told)
+    for deed in unknown:
+        told = (
+            f"{deed}: no entry tells of it; the entry was removed, or the row written by other "
+            "means: compare with a backup"
+        )
+        yield Finding("audit log", "fault", told)
+    if not broken:
+        yield Finding("audit log", "ok", f"{len(recorded):,} entries in an unbroken chain")
+
+
+def _at_disk(folder: Path) -> Iterator[Finding]:
+    free = shutil.disk_usage(folder).free
+    told = f"{free / (1 << 30):,.1f} GiB free"
+    if free < _LITTLE_SPACE:
+        yield Finding("disk", "fault", f"{told}; make room before uploads fail")
+    else:
+        yield Finding("disk", "ok", told)

@@ -1,0 +1,131 @@
+"""A server's folder: everything it is, to be handed on as one thing.
+
+::
+
+    reverie-eval.toml     what the organiser decides
+    signing-key.pem       signs receipts
+    bundles/              ground truth, readable by its owner alone
+    server.db             SQLite's file, unless the database is elsewhere
+    uploads/              every accepted file, by its SHA-256
+"""
+
+import shutil
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from datetime import datetime
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from reverie_eval.errors import Problem
+from reverie_eval.files import staged_folder
+from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_name
+from reverie_eval.server.operations.checks import demand_known
+from reverie_eval.server.service.people import add_person, add_team, mint
+from reverie_eval.server.service.receipts import make_key
+from reverie_eval.server.settings import SETTINGS_FILE, Settings, SettingsError, load_settings
+from reverie_eval.server.store.database import Database
+
+SIGNING_KEY = "signing-key.pem"
+FIRST_TEAM = "Organisers"
+FIRST_PERSON = "Organiser"
+
+_OWNER_ONLY = 0o600
+_DEMO_SPLITS = {
+    "val_seen": DEMO_BUNDLES / bundle_name("val_seen", public=False),
+    "val_unseen": DEMO_BUNDLES / bundle_name("val_unseen", public=False),
+    "test": DEMO_BUNDLES / "private" / bundle_name("test", public=False),
+}
+
+
+def make_server(folder: Path, *, now: datetime, actor: str) -> str:
+    """Make a server's folder with an organiser in it, and return the organiser's token.
+
+    Raises
+    ------
+    SettingsError
+        If something is in the folder already, or in the database that a variable names.
+    """
+    with building(folder) as aside:
+        fill(aside)
+        return _add_first_organiser(aside, now=now, actor=actor)
+
+
+def fill(folder: Path) -> None:
+    """Fill a folder with what a server is made of, on the demo world; nobody is in it."""
+    bundles = folder / "bundles"
+    bundles.mkdir(mode=0o700)
+    for split, bundle in _DEMO_SPLITS.items():
+        target = bundles / bundle_name(split, public=False)
+        shutil.copyfile(bundle, target)
+        target.chmod(_OWNER_ONLY)
+    make_key(folder / SIGNING_KEY)
+    with as_file(files("reverie_eval.server") / "template.toml") as template:
+        shutil.copyfile(template, folder / SETTINGS_FILE)
+    (folder / SETTINGS_FILE).chmod(_OWNER_ONLY)  # a database's URL may hold a password
+    demand_empty(load_settings(folder))
+    upgrade_folder(folder)
+
+
+def _add_first_organiser(folder: Path, *, now: datetime, actor: str) -> str:
+    with (
+        closing(Database(load_settings(folder).database_url)) as database,
+        database.writing() as session,
+    ):
+        add_team(session, FIRST_TEAM, now=now, actor=actor)
+        organiser = add_person(session, FIRST_TEAM, FIRST_PERSON, "organiser", now=now, actor=actor)
+        return mint(session, organiser, "access", now=now, actor=actor).text
+
+
+def demand_empty(settings: Settings) -> None:
+    """Make sure that a database is nobody's yet.
+
+    Raises
+    ------
+    SettingsError
+        If there is something in it.
+    """
+    with closing(Database(settings.database_url)) as database:
+        if database.revision() is not None:
+            remedy = "is not empty; make a new one, and name it in REVERIE_EVAL_DATABASE"
+            raise SettingsError([Problem("database-taken", "database", remedy)])
+
+
+@contextmanager
+def building(folder: Path) -> Iterator[Path]:
+    """Build a server's folder aside; it is put in its place when it is whole, or never was.
+
+    Raises
+    ------
+    SettingsError
+        If something is in the folder already.
+    """
+    place = folder.absolute()
+    if place.exists() and any(place.iterdir()):
+        kind = "is a server's already" if (place / SETTINGS_FILE).exists() else "is not empty"
+        remedy = f"{kind}; choose a new or an empty folder"
+        raise SettingsError([Problem("folder-taken", str(folder), remedy)])
+    # The settings come last: with them, it is a server's folder.
+    with staged_folder(folder, mode=0o700, last=SETTINGS_FILE) as aside:
+        yield aside
+        if place.exists():
+            place.chmod(0o700)
+
+
+def upgrade_folder(folder: Path) -> None:
+    """Bring a server's database to what this version needs.
+
+    Raises
+    ------
+    FolderError
+        If it is of a later version.
+    """
+    with closing(Database(load_settings(folder).database_url)) as database:
+        demand_known(database)
+        make_private(database)
+        database.upgrade()
+
+
+def make_private(database: Database) -> None:
+    """Make the file of SQLite, if it is not there, so that nobody else can read it."""
+    if database.is_sqlite:
+        Path(str(database.engine.url.database)).touch(_OWNER_ONLY)

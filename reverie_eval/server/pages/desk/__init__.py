@@ -1,0 +1,9 @@
+"""``/desk``: the pages of the organiser."""
+
+from fastapi import APIRouter
+
+from reverie_eval.server.pages.desk import notice, overview, people, quotas, reported, reviews
+
+router = APIRouter()
+for part in (overview, people, quotas, reviews, reported, notice):
+    router.include_router(part.router)

@@ -1,0 +1,134 @@
+"""``/desk/reported``: results that papers report, put on the boards."""
+
+from collections.abc import Mapping
+from decimal import Decimal, InvalidOperation
+from math import isfinite
+
+from fastapi import APIRouter
+from fastapi.responses import Response
+
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.schemas.organising import NewReported
+from reverie_eval.schemas.service import Method, ProblemDocument
+from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.pages.desk.forms import (
+    AtDesk,
+    Done,
+    Here,
+    Number,
+    Typed,
+    done,
+    is_confirmed,
+    read,
+    typed_into,
+)
+from reverie_eval.server.pages.visitors import Posted
+from reverie_eval.server.service import reported
+
+router = APIRouter()
+
+PAGE = "/desk/reported"
+_PER_CENT = 100
+
+
+def draw(
+    here: AtDesk, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+) -> Response:
+    """Show the reported results on the boards, and the form for another."""
+    with here.server.database.reading() as session:
+        results = reported.all_reported(session)
+    return here.draw(
+        "desk/reported.html",
+        problem,
+        results=results,
+        splits=list(here.server.boards),
+        catalogue=CATALOGUE.values(),
+        said=Method.model_fields,
+        typed=typed,
+        done=what,
+    )
+
+
+@router.get(PAGE)
+def show_reported(here: Here, done: Done = "") -> Response:
+    """Show the reported results on the boards."""
+    return draw(here, {}, what=done)
+
+
+@router.post(PAGE)
+def add(here: Here, form: Posted) -> Response:
+    """Put a result on a board that a paper reports."""
+    typed = typed_into(form)
+    here.keep(typed, draw)
+    method = {
+        "name": typed.get("name", ""),
+        "paper": typed.get("source", ""),
+        "code": typed.get("code") or None,
+        **{name: True for name in METHOD_FLAGS if name in typed},
+    }
+    new = read(
+        NewReported,
+        {
+            "split": typed.get("split", ""),
+            "team": typed.get("team", ""),
+            "source": typed.get("source", ""),
+            "method": method,
+            "scores": scores_of(typed),
+        },
+    )
+    with here.server.database.writing() as session:
+        reported.add_reported(
+            session,
+            new.split,
+            new.method,
+            team=new.team,
+            scores=new.scores,
+            source=str(new.source),
+            splits=here.server.boards,
+            now=here.now(),
+            actor=here.name,
+        )
+    return done(PAGE, "added")
+
+
+def scores_of(typed: Typed) -> Mapping[str, float]:
+    """Return the scores that were typed as papers print them: percent, metres.
+
+    Raises
+    ------
+    MalformedError
+        Naming what is no number, or none that the metric can have.
+
+    Examples
+    --------
+    >>> scores_of({"success": "52.51", "path_length": "12.3", "spl": "", "name": "Walker"})
+    {'path_length': 12.3, 'success': 0.5251}
+    """
+    scores = {}
+    for metric in CATALOGUE.values():
+        text = typed.get(metric.key, "").removesuffix("%").strip()
+        if not text:
+            continue
+        try:
+            value = float(Decimal(text) / (_PER_CENT if metric.unit == "fraction" else 1))
+        except InvalidOperation:
+            raise MalformedError(f"{metric.label}: {text!r} is no number") from None
+        if not isfinite(value) or not 0 <= value <= metric.upper_bound:
+            expected = "from 0 to 100" if metric.unit == "fraction" else "0 or more"
+            raise MalformedError(f"{metric.heading}: {text} is not {expected}")
+        scores[metric.key] = value
+    return scores
+
+
+@router.post(f"{PAGE}/{{result_id}}/remove")
+def remove(result_id: Number, here: Here, form: Posted) -> Response:
+    """Take a reported result off its board."""
+    here.keep({}, draw)
+    if not is_confirmed(form):
+        question = "Take this reported result off its board?"
+        remark = "It can be entered again. That it stood there stays in the audit log."
+        return here.ask({}, question=question, remark=remark, yes="Remove it", back=PAGE)
+    with here.server.database.writing() as session:
+        reported.remove_reported(session, result_id, now=here.now(), actor=here.name)
+    return done(PAGE, "removed")

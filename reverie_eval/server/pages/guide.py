@@ -1,0 +1,176 @@
+"""What there is to read: how to submit, what is measured, by which rules, and what is kept."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+
+from reverie_eval.geometry import HEIGHT, WIDTH
+from reverie_eval.schemas.service import Method
+from reverie_eval.scoring import ALIASES, PROTOCOLS
+from reverie_eval.server.errors import ERRORS
+from reverie_eval.server.http.callers import Server
+from reverie_eval.server.http.examples import SUBMISSION
+from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.visitors import Visitor
+from reverie_eval.server.service.attempts import DAYS_KEPT
+from reverie_eval.server.service.sessions import LIFETIME
+from reverie_eval.submissions import submission_schema
+
+router = APIRouter(prefix="/guide")
+
+_PLAIN = {
+    "string": "text",
+    "number": "number",
+    "integer": "whole number",
+    "boolean": "true or false",
+}
+
+
+@router.get("")
+def show_guide(request: Request, visitor: Visitor) -> Response:
+    """List what there is to read."""
+    return page(request, "guide/index.html", visitor)
+
+
+@router.get("/submitting")
+def show_submitting(request: Request, server: Server, visitor: Visitor) -> Response:
+    """Tell how a submission is made, from the very schema that it is checked by."""
+    return page(
+        request,
+        "guide/submitting.html",
+        visitor,
+        fields=fields_of(submission_schema()["$defs"]["Prediction"]),
+        example=_example(),
+        picture=(WIDTH, HEIGHT),
+        limits=server.settings.limits,
+        address=_address(request),
+        split=next(iter(server.boards)),
+    )
+
+
+@router.get("/metrics")
+def show_metrics(request: Request, visitor: Visitor) -> Response:
+    """Tell what each metric means."""
+    return page(request, "guide/metrics.html", visitor)
+
+
+@router.get("/protocols")
+def show_protocols(request: Request, server: Server, visitor: Visitor) -> Response:
+    """Tell the rules that published evaluators score by."""
+    used = {name: board.split.protocol for name, board in server.boards.items()}
+    aliases = {
+        name: [alias for alias, canonical in ALIASES.items() if canonical == name]
+        for name in PROTOCOLS
+    }
+    return page(
+        request, "guide/protocols.html", visitor, protocols=PROTOCOLS, used=used, aliases=aliases
+    )
+
+
+@router.get("/rules")
+def show_rules(request: Request, server: Server, visitor: Visitor) -> Response:
+    """Tell this server's splits, quotas and phases."""
+    return page(
+        request,
+        "guide/rules.html",
+        visitor,
+        boards=server.boards,
+        now=server.clock(),
+        required=server.settings.required_metadata,
+        said=Method.model_fields,
+    )
+
+
+@router.get("/api")
+def show_api(request: Request, server: Server, visitor: Visitor) -> Response:
+    """Tell how programs ask."""
+    return page(
+        request,
+        "guide/api.html",
+        visitor,
+        address=_address(request),
+        split=next(iter(server.boards)),
+        errors=ERRORS,
+        limits=server.settings.limits,
+        key_id=server.signer.key_id,
+    )
+
+
+@router.get("/privacy")
+def show_privacy(request: Request, server: Server, visitor: Visitor) -> Response:
+    """Tell what is kept, and who sees it."""
+    return page(
+        request,
+        "guide/privacy.html",
+        visitor,
+        boards=server.boards,
+        hours=int(LIFETIME.total_seconds()) // 3600,
+        days=DAYS_KEPT,
+    )
+
+
+def _example() -> str:
+    """Return the example, a field a line, as people would write it."""
+    records = [
+        ",\n   ".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in record.items())
+        for record in SUBMISSION
+    ]
+    return "[\n  {" + "},\n  {".join(records) + "}\n]"
+
+
+def _address(request: Request) -> str:
+    return str(request.base_url).rstrip("/")
+
+
+class Field(NamedTuple):
+    """A field of a submission, as a table shows it."""
+
+    name: str
+    takes: str
+    is_required: bool
+    meaning: str
+
+
+def fields_of(schema: Mapping[str, Any]) -> Sequence[Field]:
+    """Return the fields of an object's schema, in its order."""
+    required = schema.get("required", ())
+    return [
+        Field(name, in_words(field), name in required, field.get("description", ""))
+        for name, field in schema["properties"].items()
+    ]
+
+
+def in_words(schema: Mapping[str, Any]) -> str:
+    """Say what a value is.
+
+    >>> in_words({"type": "integer", "minimum": 0, "exclusiveMaximum": 36})
+    'whole number, at least 0, below 36'
+    >>> in_words({"type": "array", "prefixItems": [{"type": "string"}, {"type": "number"}]})
+    'list of [text, number]'
+    """
+    if "anyOf" in schema:
+        kinds = [kind for kind in schema["anyOf"] if kind.get("type") != "null"]
+        return " or ".join(map(in_words, kinds))
+    if schema["type"] == "array":
+        return _list_in_words(schema)
+    return ", ".join([_PLAIN[schema["type"]], *_bounds(schema)])
+
+
+def _list_in_words(schema: Mapping[str, Any]) -> str:
+    if "prefixItems" in schema:
+        return f"list of [{', '.join(_PLAIN[item['type']] for item in schema['prefixItems'])}]"
+    least = f"{schema['minItems']} or more of " if "minItems" in schema else ""
+    return f"list of {least}{in_words(schema['items']).removeprefix('list of ')}"
+
+
+def _bounds(schema: Mapping[str, Any]) -> Sequence[str]:
+    said = {
+        "minimum": "at least",
+        "exclusiveMinimum": "above",
+        "maximum": "at most",
+        "exclusiveMaximum": "below",
+    }
+    return [f"{words} {schema[key]:,}" for key, words in said.items() if key in schema]

@@ -31,12 +31,12 @@ from sqlalchemy import insert, select
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fixtures.servers import make_folder
+from reverie_eval.schemas.organising import NewPerson, NewTeam
 from reverie_eval.schemas.service import Method
-from reverie_eval.server.service.audit import record
+from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.service.people import add_person, add_team
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState, utc_now
-from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
 from tests.support.browser import browsing, chromium_path
 
@@ -104,12 +104,12 @@ def fill(folder: Path) -> None:
     board = state.board(SPLIT)
     report = board.score(board.read(SAMPLE.read_bytes())).with_intervals().to_report()
     random, now = Random(0), utc_now()  # noqa: S311  # figures, no secrets
-    said: Any = {"now": now, "actor": "benchmark"}
-    with state.database.writing() as session:
+    with state.transactions.begin("benchmark") as transaction:
+        session = transaction.session
         for number in range(TEAMS):
-            add_team(session, f"Team {number} of the University", **said)
             name = f"Team {number} of the University"
-            add_person(session, name, f"P {number}", "participant", **said)
+            add_team(transaction, NewTeam(name=name))
+            add_person(transaction, NewPerson(team=name, name=f"P {number}"))
         people = session.scalars(select(Person)).all()
         rows = [
             _row(number, people[number % TEAMS], _varied(report.model_dump(mode="json"), random))
@@ -152,10 +152,9 @@ def _row(number: int, person: Person, report: dict[str, Any]) -> dict[str, Any]:
 
 def touch(folder: Path) -> None:
     """Record something that may change a board, from another process than the server's."""
-    database = Database(load_settings(folder).database_url)
-    with database.writing() as session:
-        record(session, utc_now(), "benchmark", "changed", "a submission")
-    database.close()
+    with acting(load_settings(folder), "benchmark") as transaction:
+        submission = transaction.session.scalars(select(Submission).limit(1)).one()
+        transaction.record("changed", submission, submission.id)
 
 
 @contextmanager

@@ -23,19 +23,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import local
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.dataset import DatasetFiles, compile_split
+from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
+from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.folder import upgrade_folder
-from reverie_eval.server.service.people import add_person, add_team, mint
+from reverie_eval.server.service.people import add_person, add_team
 from reverie_eval.server.service.receipts import make_key
+from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import utc_now
-from reverie_eval.server.store.database import Database
 
 SPLIT = "val_unseen"
 SUBMISSION = f"{SPLIT}.mixed1"
@@ -181,15 +182,13 @@ def make_server(folder: Path, visibility: str) -> Sequence[str]:
     (folder / f"{SPLIT}.npz").chmod(0o600)
     make_key(folder / "signing-key.pem")
     upgrade_folder(folder)
-    database = Database(load_settings(folder).database_url)
-    said: Any = {"now": utc_now(), "actor": "benchmark"}
     tokens = []
-    with database.writing() as session:
+    with acting(load_settings(folder), "benchmark") as transaction:
         for number in range(TEAMS):
-            add_team(session, f"Team {number}", **said)
-            person = add_person(session, f"Team {number}", f"P {number}", "participant", **said)
-            tokens.append(mint(session, person, "access", **said).text)
-    database.close()
+            team, name = f"Team {number}", f"P {number}"
+            add_team(transaction, NewTeam(name=team))
+            add_person(transaction, NewPerson(team=team, name=name))
+            tokens.append(create_token(transaction, NewToken(person=name, kind="access")).token)
     return tokens
 
 

@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from reverie_eval import ReverieEvalError
 from reverie_eval.reporting._table import Table, print_table
 from reverie_eval_cli.output import show
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
     from reverie_eval.server.operations.checks import Finding
+    from reverie_eval.server.service.transactions import Transaction
 
 
 def actor() -> str:
@@ -37,13 +39,28 @@ def after(days: int | None) -> datetime | None:
 
 
 @contextmanager
-def writing(folder: Path) -> Iterator["Session"]:
-    """Open a server's database to change it; a server may be serving meanwhile."""
-    from reverie_eval.server.operations.checks import opened
+def acting(folder: Path) -> Iterator["Transaction"]:
+    """Change something on a server, as the user; it may be serving meanwhile.
+
+    Raises
+    ------
+    ReverieEvalError
+        Also in place of pydantic's error, if what is asked for is not well-formed.
+    """
+    from pydantic import ValidationError
+
+    from reverie_eval.server.http.wrong_values import wrong_value
+    from reverie_eval.server.operations.checks import acting as acting_on
     from reverie_eval.server.settings import load_settings
 
-    with opened(load_settings(folder)) as database, database.writing() as session:
-        yield session
+    try:
+        with acting_on(load_settings(folder), actor()) as transaction:
+            yield transaction
+    except ValidationError as error:
+        found = [wrong_value(detail) for detail in error.errors()]
+        raise ReverieEvalError(
+            "; ".join(f"{each.where} {each.message}" for each in found)
+        ) from None
 
 
 @contextmanager

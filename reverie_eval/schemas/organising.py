@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from reverie_eval.schemas.service import Method, PublicReview
-from reverie_eval.schemas.wire import LONGEST_LINE, Https, Instant, Name, WireModel
+from reverie_eval.schemas.wire import Https, Instant, Line, Name, Reason, WireModel
 
 
 class NewTeam(WireModel):
@@ -62,7 +62,7 @@ class TokenReport(WireModel):
     """When it was revoked, or when an invitation was used."""
 
 
-class MintedReport(TokenReport):
+class NewTokenReport(TokenReport):
     """A new token, shown only this once."""
 
     token: str
@@ -79,7 +79,7 @@ class NewGrant(WireModel):
     split: str
     extra: Annotated[int, Field(ge=1, le=MOST_EXTRA)]
     """By how much each limit is raised, the team's and that of each person in it."""
-    reason: Annotated[str, Field(min_length=1, max_length=LONGEST_LINE)]
+    reason: Reason
     """For the audit log; one line."""
     expires_at: Instant
 
@@ -114,7 +114,7 @@ class NewReview(WireModel):
     submission_id: Annotated[str, Field(max_length=32)]
     verdict: Literal["verified", "baseline", "flagged", "disqualified"]
     """Verified, flagged and disqualified replace each other; baseline is independent of them."""
-    reason: Annotated[str, Field(min_length=1, max_length=LONGEST_LINE)]
+    reason: Reason
     """Public; one line."""
 
 
@@ -154,7 +154,7 @@ class ReportedEntry(WireModel):
 class NewNotice(WireModel):
     """A message to everyone, and whether submissions are paused."""
 
-    banner: Annotated[str, Field(max_length=500)] = ""
+    banner: Line = ""
     """One line; if empty, the banner in the settings is shown."""
     paused: bool = False
 

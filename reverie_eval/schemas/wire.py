@@ -85,6 +85,9 @@ Name = Annotated[
     str, StringConstraints(min_length=1, max_length=LONGEST_NAME), BeforeValidator(_line)
 ]
 Line = Annotated[str, Field(max_length=LONGEST_LINE), BeforeValidator(_line)]
+Reason = Annotated[
+    str, StringConstraints(min_length=1, max_length=LONGEST_LINE), BeforeValidator(_line)
+]
 Text = Annotated[str, Field(max_length=2000), BeforeValidator(_lines)]
 Https = Annotated[
     HttpUrl,

@@ -18,7 +18,6 @@ from reverie_eval.server.pages import add_pages
 from reverie_eval.server.pages.faults import fault_page
 from reverie_eval.server.routes import (
     access,
-    judging,
     operations,
     organising,
     sessions,
@@ -49,7 +48,7 @@ def create_app(server: ServerState) -> FastAPI:
     )
     app.state.server = server
     app.state.runtime = RuntimeState.of(server)
-    for part in (access, sessions, splits, submissions, organising, judging):
+    for part in (access, sessions, splits, submissions, organising):
         app.include_router(part.router, prefix=API)
     app.include_router(operations.router)
     add_pages(app)

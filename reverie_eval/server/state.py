@@ -6,18 +6,21 @@ from datetime import UTC, datetime
 from typing import Self
 
 from fastapi import Request
+from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem
 from reverie_eval.server.service.attempts import Attempts
+from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, board_named, load_boards
 from reverie_eval.server.service.episodes import EpisodeService
 from reverie_eval.server.service.intake import Clock, Intake
 from reverie_eval.server.service.leaderboard import Ranking, leaderboard
-from reverie_eval.server.service.notices import Notices, Standing
+from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.service.sessions import Sessions
 from reverie_eval.server.service.standings import Standings
 from reverie_eval.server.service.submissions import SubmissionService
+from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.uploads import Uploads, open_uploads
@@ -37,6 +40,8 @@ class ServerState:
     database: Database
     uploads: Uploads
     signer: Signer
+    audit_log: AuditLog
+    transactions: Transactions
     intake: Intake
     submissions: SubmissionService
     notices: Notices
@@ -63,20 +68,23 @@ class ServerState:
             remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
             raise SettingsError([Problem("old-database", "database", remedy)])
         uploads = open_uploads(settings.uploads, settings.folder)
-        notices = Notices(database, Standing(settings.banner, settings.paused))
+        notices = Notices(settings.banner, paused=settings.paused)
+        audit_log = AuditLog.of(signer)
+        transactions = Transactions(database, audit_log, clock)
         intake = Intake(
             boards,
             database,
             uploads,
             signer,
             clock,
+            transactions=transactions,
             notices=notices,
             attempts=Attempts(database, clock),
             required_metadata=settings.required_metadata,
             most_bytes=settings.limits.unpacked_mebibytes << 20,
         )
         submissions = SubmissionService(
-            boards, database, uploads, clock, required_metadata=settings.required_metadata
+            boards, database, uploads, transactions, required_metadata=settings.required_metadata
         )
         sessions = Sessions(signer.secret_for("browser sessions"))
         return cls(
@@ -85,6 +93,8 @@ class ServerState:
             database,
             uploads,
             signer,
+            audit_log,
+            transactions,
             intake,
             submissions,
             notices,
@@ -98,7 +108,7 @@ class ServerState:
         """Return a split's board; errors are those of :func:`board_named`."""
         return board_named(self.boards, split)
 
-    def ranking(self, split: str, metric: str) -> Ranking:
+    def ranking(self, session: Session, split: str, metric: str) -> Ranking:
         """Return a split's board as it is now; errors are those of :func:`leaderboard`.
 
         Raises
@@ -106,9 +116,7 @@ class ServerState:
         NotFoundError
             If the server has no such split.
         """
-        board = self.board(split)
-        with self.database.reading() as session:
-            return leaderboard(session, self.standings, board, metric, self.clock())
+        return leaderboard(session, self.standings, self.board(split), metric, self.clock())
 
 
 def state_of(request: Request) -> ServerState:

@@ -8,11 +8,19 @@ import pytest
 
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
-from reverie_eval.server.service.people import mint
-from reverie_eval.server.service.reviews import review
 from reverie_eval.server.store.tables import ReportedResult
+from tests.support.acting import NOON, create_token, review
 from tests.support.page_routes import page_routes
-from tests.support.serving import GOOD, MATE, NOON, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+from tests.support.serving import (
+    GOOD,
+    MATE,
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    Serving,
+)
 
 ROLES = {
     "anonymous": None,
@@ -63,6 +71,7 @@ POST /desk/quotas                   sign-in    403       403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
 POST /desk/people/teams             sign-in    403       403       403       303
+POST /desk/people/teams/rename      sign-in    403       403       403       303
 POST /desk/people/tokens            sign-in    403       403       403       200
 POST /desk/people/tokens/{hint}/revoke sign-in 403       403       403       303
 GET  /desk/notice                   sign-in    403       403       403       200
@@ -94,6 +103,7 @@ FORMS: Mapping[str, dict[str, str]] = {
     },
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
     "POST /desk/people/teams": {"name": "Green"},
+    "POST /desk/people/teams/rename": {"team": "Red", "name": "Azure"},
     "POST /desk/people/tokens": {"person": OWNER, "kind": "invite"},
     "POST /desk/notice": {"banner": "Soon"},
 }
@@ -109,22 +119,19 @@ def parts(server: Serving) -> Mapping[str, str]:
         split: server.upload(OWNER, server.distinct(split), split).json()["submission"]["id"]
         for split in (OPEN, PRIVATE)
     }
-    now, actor = NOON, "test"
-    with server.state.database.writing() as session:
-        owner = session.merge(server.person(OWNER))
-        spare = mint(session, owner, "access", now=now, actor=actor).token.hint
-        said = review(session, ids[OPEN], "verified", "ran", now=now, actor=actor).id
+    with server.acting() as transaction:
+        spare = create_token(transaction, OWNER).hint
+        said = review(transaction, ids[OPEN], "verified").id
         result = ReportedResult(
             split=OPEN,
             method=Method(name="Earlier").model_dump(mode="json"),
             team="Them",
             scores={"spl": 0.07},
             source="https://example.org/",
-            added_by=actor,
-            created_at=now,
+            added_by="test",
+            created_at=NOON,
         )
-        session.add(result)
-        session.flush()
+        transaction.add(result)
     return {
         "hint": spare,
         "review_id": str(said),

@@ -8,12 +8,16 @@ from urllib.parse import parse_qsl, urlsplit
 import html5lib
 import httpx
 import pytest
+from pydantic import HttpUrl
 
 from reverie_eval import CATALOGUE
+from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.service.reported import add_reported
-from reverie_eval.server.service.reviews import lift, review
+from reverie_eval.server.service.reviews import lift_review
+from reverie_eval.server.service.submissions import submission_of
 from reverie_eval.server.store.tables import Verdict
+from tests.support.acting import review
 from tests.support.entries import BOARD, HTML, entered, get, named, tables
 from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
 
@@ -33,24 +37,20 @@ def headings(reply: httpx.Response) -> list[str]:
 
 
 def judge(server: Serving, submission: str, verdict: Verdict, reason: str = "checked") -> int:
-    with server.state.database.writing() as session:
-        said = review(session, submission, verdict, reason, now=server.clock(), actor=ORGANISER)
-        return said.id
+    with server.acting(ORGANISER) as transaction:
+        return review(transaction, submission, verdict, reason).id
 
 
 def report_result(server: Serving, name: str, **scores: float) -> None:
-    with server.state.database.writing() as session:
-        add_reported(
-            session,
-            OPEN,
-            Method(name=name),
-            team="Qi et al.",
-            scores=scores,
-            source="https://example.org/paper.pdf",
-            splits=[OPEN],
-            now=server.clock(),
-            actor=ORGANISER,
-        )
+    new = NewReported(
+        split=OPEN,
+        method=Method(name=name),
+        team="Qi et al.",
+        scores=scores,
+        source=HttpUrl("https://example.org/paper.pdf"),
+    )
+    with server.acting(ORGANISER) as transaction:
+        add_reported(transaction, new, [OPEN])
 
 
 @pytest.fixture
@@ -237,8 +237,8 @@ def test_reviews_are_shown_with_who_and_when(five: Serving) -> None:
     assert ranking(five)[0] == ("1", "Bee")
     assert 'title="run again from the code (Olga, 2026-03-02)">verified</a>' in page
     assert re.search(r"a question is open.*Olga.*2026-03-02", page, re.DOTALL)
-    with five.state.database.writing() as session:
-        lift(session, number, now=five.clock(), actor=ORGANISER)
+    with five.acting(ORGANISER) as transaction:
+        lift_review(transaction, number)
     assert "a question is open" not in get(five).text
 
 
@@ -249,8 +249,8 @@ def test_what_is_disqualified_is_not_ranked(five: Serving) -> None:
     (row,) = tables(get(five))[1]
     assert row[0] == "disqualified trained on the split (Olga, 2026-03-02)"
     assert row[1].startswith("Bee")
-    with five.state.database.writing() as session:
-        lift(session, number, now=five.clock(), actor=ORGANISER)
+    with five.acting(ORGANISER) as transaction:
+        lift_review(transaction, number)
     assert ranking(five)[0] == ("1", "Bee")
 
 
@@ -303,7 +303,9 @@ def test_intervals_of_open_splits_alone(server: Serving) -> None:
 def test_intervals_are_those_of_the_command_line(server: Serving) -> None:
     submission = entered(server)
     report = server.ask(OWNER, "GET", f"/submissions/{submission}").json()["report"]
-    scores = server.state.submissions.episodes(server.person(OWNER), submission)
+    with server.state.database.reading() as session:
+        known = submission_of(session, server.person(OWNER), submission)
+    scores = server.state.submissions.episodes(known)
     expected = scores.with_intervals().intervals
     assert expected is not None
     assert report["intervals"]["resamples"] == 10_000

@@ -10,13 +10,14 @@ from sqlalchemy import update
 from reverie_eval.server.http.health import Canary, UnhealthyError
 from reverie_eval.server.pages.desk.overview import ON_A_PAGE
 from reverie_eval.server.service.attempts import latest_attempts
-from reverie_eval.server.service.audit import entries, record
-from reverie_eval.server.service.grants import all_grants
-from reverie_eval.server.service.people import all_tokens, person_named
-from reverie_eval.server.service.reported import all_reported
+from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.people import person_named, team_named
+from reverie_eval.server.service.quotas import list_grants
+from reverie_eval.server.service.reported import list_reported
 from reverie_eval.server.service.reviews import standing_reviews
+from reverie_eval.server.service.tokens import list_tokens
 from reverie_eval.server.store.tables import AuditEntry
-from tests.support.serving import BROKEN, NOON, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+from tests.support.serving import BROKEN, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
 from tests.support.visiting import Visitor, said, signed_in
 
 MARKUP = "<script>alert(1)</script>"
@@ -83,6 +84,7 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/reported/1/remove",
         "/desk/people",
         "/desk/people/teams",
+        "/desk/people/teams/rename",
         "/desk/people/tokens",
         "/desk/people/tokens/rv_12345678/revoke",
         "/desk/quotas",
@@ -186,9 +188,9 @@ def test_a_reported_result_is_entered_as_papers_print_it(desk: Visitor) -> None:
     assert "Pointer Qi et al." in words
     assert "TL 12.30 SR 11.53 SPL 9.47 example.org/paper Olga" in words
     with desk.server.state.database.reading() as session:
-        (result,) = all_reported(session)
+        (result,) = list_reported(session)
     assert result.scores == {"path_length": 12.3, "success": 0.1153, "spl": 0.0947}
-    assert (result.method["extra_data"], result.method["paper"]) == (True, PAPER)
+    assert (result.method.extra_data, str(result.method.paper)) == (True, PAPER)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +228,7 @@ def test_a_notice_is_looked_at_before_it_is_posted(desk: Visitor) -> None:
     asked = sending(desk, "/desk/notice", **form)
     assert MARKUP not in asked.text
     assert "Submissions are paused from then on" in said(asked)
-    assert not desk.server.state.notices.now().paused
+    assert not desk.server.ask(None, "GET", "/server").json()["paused"]
     words = told(desk, "/desk/notice", **form, **YES)
     assert f"Down {MARKUP}" in words
     assert "Submissions are paused; Olga posted this 2026-03-02 12:00 UTC" in words
@@ -262,7 +264,7 @@ def test_a_token_is_shown_once(kind: str, desk: Visitor) -> None:
     assert "worthless after 2026-03-31 23:59 UTC" in said(page)
     assert "at http://server/sign-in" in said(page)
     with desk.server.state.database.reading() as session:
-        token = all_tokens(session)[-1]
+        token = list_tokens(session)[-1]
     assert (token.kind, token.hint) == (kind, text[:11])
     assert text not in desk.get("/desk/people").text
     assert text[:11] in desk.get("/desk/people").text
@@ -287,7 +289,7 @@ def test_an_invitation_is_not_over_before_it_is_made(desk: Visitor) -> None:
 def test_a_token_is_revoked_once_it_was_asked_twice(desk: Visitor) -> None:
     hint = desk.server.tokens[OWNER][:11]
     path = f"/desk/people/tokens/{hint}/revoke"
-    assert f"begins with {hint} worthless?" in said(sending(desk, path))
+    assert f"Revoke the token that begins with {hint}?" in said(sending(desk, path))
     assert desk.server.ask(OWNER, "GET", "/me").status_code == 200
     assert "The token is worthless now." in told(desk, path, **YES)
     assert desk.server.ask(OWNER, "GET", "/me").status_code == 401
@@ -303,13 +305,14 @@ def test_more_is_given_with_the_reason_on_record(desk: Visitor) -> None:
         page = sending(desk, "/desk/quotas", **form, until=until)
         assert (page.status_code, 'value="our disk was full"' in page.text) == (status, True)
     with desk.server.state.database.reading() as session:
-        assert len(all_grants(session)) == 1
+        assert len(list_grants(session)) == 1
 
 
 def test_the_audit_log_is_paged_and_searched(desk: Visitor) -> None:
-    with desk.server.state.database.writing() as session:
+    with desk.server.acting("Zoe") as transaction:
+        team = team_named(transaction.session, "Blue")
         for number in range(ON_A_PAGE):
-            record(session, NOON, "Zoe", "did", f"thing {number}", found={"a": MARKUP})
+            transaction.record("did", team, f"thing {number}", found={"a": MARKUP})
     first = desk.get("/desk/audit?actor=Zoe")
     assert first.text.count(">did</td>") == ON_A_PAGE
     assert 'rel="next"' not in first.text
@@ -331,10 +334,13 @@ def test_the_audit_log_says_whether_it_is_whole(desk: Visitor) -> None:
 
 
 def test_what_is_on_another_page_of_the_log_is_checked_with_the_whole(desk: Visitor) -> None:
-    with desk.server.state.database.writing() as session:
+    with desk.server.acting("Zoe") as transaction:
+        team = team_named(transaction.session, "Blue")
         for number in range(ON_A_PAGE):
-            record(session, NOON, "Zoe", "did", f"thing {number}")
-        session.execute(update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody"))
+            transaction.record("did", team, f"thing {number}")
+        transaction.session.execute(
+            update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody")
+        )
     assert "as they were written" in said(desk.get("/desk/audit"))
     assert "the first of them 2:" in said(desk.get("/desk/audit?whole=yes"))
 

@@ -18,7 +18,15 @@ from reverie_eval.server.pages.board_query import BoardQuery
 from reverie_eval.server.pages.guide import in_words
 from reverie_eval.server.settings import Limits, Phase, Quota
 from reverie_eval.submissions import submission_schema
-from tests.support.serving import NOON, OWNER, PRIVATE, OpenServer, Serving, adjusted, settings_of
+from tests.support.acting import NOON
+from tests.support.serving import (
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
 from tests.support.visiting import Visitor, said
 
 CHAPTERS = ("", "/submitting", "/metrics", "/protocols", "/rules", "/api", "/privacy")

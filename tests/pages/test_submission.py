@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import timedelta
 from html import unescape
 from pathlib import Path
 
@@ -13,14 +12,13 @@ import pytest
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Receipt
-from reverie_eval.server.service.people import add_person, add_team, mint
-from reverie_eval.server.service.reviews import lift, review
+from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.settings import Quota
 from tests.conftest import SAMPLES
+from tests.support.acting import add_person, add_team, create_token, review
 from tests.support.serving import (
     GOOD,
     MATE,
-    NOON,
     OPEN,
     ORGANISER,
     OTHER,
@@ -269,17 +267,16 @@ def test_a_forged_form_changes_nothing(
 
 def test_what_people_wrote_is_escaped(owner: Visitor) -> None:
     server = owner.server
-    with server.state.database.writing() as session:
-        add_team(session, MARKUP, now=NOON, actor="test")
-        eve = add_person(session, MARKUP, f"Eve {MARKUP}", "participant", now=NOON, actor="test")
-        token = mint(session, eve, "access", now=NOON, actor="test").text
+    with server.acting() as transaction:
+        add_team(transaction, MARKUP)
+        add_person(transaction, MARKUP, f"Eve {MARKUP}")
+        token = create_token(transaction, f"Eve {MARKUP}").token
     visitor = signed_in(replace(server, tokens={"Eve": token}), "Eve")
     location = visitor.upload(name=MARKUP, description=MARKUP).headers["location"]
     submission = location.partition("?")[0]
     visitor.send(submission, {"published": "true"})
-    with server.state.database.writing() as session:
-        identity = submission.rpartition("/")[2]
-        review(session, identity, "flagged", MARKUP, now=NOON, actor=f"Olga {MARKUP}")
+    with server.acting(f"Olga {MARKUP}") as transaction:
+        review(transaction, submission.rpartition("/")[2], "flagged", MARKUP)
     for page in (visitor.get(location), visitor.get("/team"), Visitor(server).get(submission)):
         assert page.status_code == 200
         assert MARKUP not in page.text
@@ -289,11 +286,10 @@ def test_what_people_wrote_is_escaped(owner: Visitor) -> None:
 def test_reviews_stand_with_who_when_and_why(owner: Visitor) -> None:
     submission = sent(owner.server)
     changed(owner, submission, published="true")
-    now = NOON + timedelta(hours=2)
-    with owner.server.state.database.writing() as session:
-        review(session, submission, "verified", "We ran its code.", now=now, actor=ORGANISER)
-        doubt = review(session, submission, "baseline", "Not so.", now=now, actor=ORGANISER)
-        lift(session, doubt.id, now=now, actor=ORGANISER)
+    owner.server.clock.turn(hours=2)
+    with owner.server.acting(ORGANISER) as transaction:
+        review(transaction, submission, "verified", "We ran its code.")
+        lift_review(transaction, review(transaction, submission, "baseline", "Not so.").id)
     for visitor in (owner, Visitor(owner.server)):
         page = said(visitor.get(f"/submissions/{submission}"))
         assert "verified We ran its code. Olga, 2026-03-02 14:00 UTC" in page
@@ -306,8 +302,8 @@ def test_reviews_stand_with_who_when_and_why(owner: Visitor) -> None:
 def test_a_disqualified_submission_cannot_be_taken_off_the_board(owner: Visitor) -> None:
     submission = sent(owner.server)
     changed(owner, submission, published="true")
-    with owner.server.state.database.writing() as session:
-        review(session, submission, "disqualified", "Copied.", now=NOON, actor=ORGANISER)
+    with owner.server.acting(ORGANISER) as transaction:
+        review(transaction, submission, "disqualified", "Copied.")
     page = owner.get(f"/submissions/{submission}")
     assert "it cannot be withdrawn or taken off the board" in said(page)
     assert 'name="withdrawn"' not in page.text

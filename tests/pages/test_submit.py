@@ -9,17 +9,16 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
+from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.pages.signing import own_path
-from reverie_eval.server.service.notices import post_notice
-from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.settings import Limits, Phase, Quota
 from reverie_eval.server.store.tables import BrowserSession, Submission
+from tests.support.acting import NOON, add_person, add_team, create_token
 from tests.support.serving import (
     BROKEN,
     GOOD,
     MATE,
-    NOON,
     OPEN,
     ORGANISER,
     OTHER,
@@ -287,8 +286,9 @@ def test_a_spent_quota_says_when_the_next_is(open_server: OpenServer, folder: Pa
 
 
 def test_while_paused_files_are_checked_and_not_scored(owner: Visitor) -> None:
-    with owner.server.state.database.writing() as session:
-        post_notice(session, "The disk is full.", paused=True, now=NOON, actor=ORGANISER)
+    with owner.server.acting(ORGANISER) as transaction:
+        new = NewNotice(banner="The disk is full.", paused=True)
+        owner.server.state.notices.post(transaction, new)
     assert "The organiser has paused submissions." in said(owner.get("/submit"))
     assert owner.upload(what="check").status_code == 200
     reply = owner.upload()
@@ -353,10 +353,10 @@ def test_an_invitation_becomes_a_token_once(server: Serving) -> None:
 
 def invitation(server: Serving) -> str:
     """Invite Dora."""
-    with server.state.database.writing() as session:
-        add_team(session, "Green", now=NOON, actor="test")
-        dora = add_person(session, "Green", "Dora", "participant", now=NOON, actor="test")
-        return mint(session, dora, "invite", now=NOON, actor="test").text
+    with server.acting() as transaction:
+        add_team(transaction, "Green")
+        add_person(transaction, "Green", "Dora")
+        return create_token(transaction, "Dora", "invite").token
 
 
 def test_signing_out_ends_the_session(owner: Visitor) -> None:

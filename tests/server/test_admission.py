@@ -48,7 +48,7 @@ def crowded(
         limits = Limits(uploads_at_once=at_once, uploads_waiting=0)
         opened = open_server(settings_of(folder).model_copy(update={"limits": limits}))
         app = create_app(opened.state)
-        admission: Admission = app.state.operations.admission
+        admission: Admission = app.state.runtime.admission
         transport = InProcess(around(app, admission), portal)
         clients.append(httpx.Client(transport=transport, base_url="http://server"))
         return replace(opened, client=clients[-1]), admission

@@ -12,10 +12,10 @@ from reverie_eval.server.service.attempts import Attempts, latest_attempts
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.overview import last_day
 from reverie_eval.server.store.tables import Attempt
+from tests.support.acting import NOON
 from tests.support.serving import (
     BROKEN,
     GOOD,
-    NOON,
     OPEN,
     ORGANISER,
     OTHER,

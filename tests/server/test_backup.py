@@ -9,15 +9,16 @@ import httpx
 import pytest
 
 from reverie_eval.server.operations.backup import write_backup
+from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.restore import restore_backup
-from reverie_eval.server.service.people import add_team
-from reverie_eval.server.settings import SettingsError
+from reverie_eval.server.settings import SettingsError, load_settings
 from reverie_eval.server.store.dump import dump
 from reverie_eval.server.store.uploads import open_uploads
+from tests.support.acting import add_team
 from tests.support.flat import Run
-from tests.support.kept import faults, opened, rows_of
+from tests.support.kept import faults, rows_of
 from tests.support.processes import TOKEN, Laptop
-from tests.support.serving import GOOD, NOON, OWNER, Serving
+from tests.support.serving import GOOD, OWNER, Serving
 
 MANY = {"REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
 
@@ -105,8 +106,8 @@ def test_a_server_moves_between_databases(
         restore_backup(archive, tmp_path / "there")
         assert rows_of(tmp_path / "there") == original
         assert faults(tmp_path / "there") == []
-        with opened(tmp_path / "there") as database, database.writing() as session:
-            add_team(session, "Newcomers", now=NOON, actor="test")
+        with acting(load_settings(tmp_path / "there"), "test") as transaction:
+            add_team(transaction, "Newcomers")
         write_backup(tmp_path / "there", tmp_path / "again.tar.gz")
     restore_backup(tmp_path / "again.tar.gz", tmp_path / "back")
     returned = rows_of(tmp_path / "back")

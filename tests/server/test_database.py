@@ -15,11 +15,11 @@ from sqlalchemy.exc import IntegrityError, StatementError
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.server.errors import ConflictError
-from reverie_eval.server.service.people import add_person, add_team, mint, person_named
+from reverie_eval.server.service.people import person_named
 from reverie_eval.server.store import database as database_module
 from reverie_eval.server.store.database import MIGRATIONS, Database
 from reverie_eval.server.store.tables import Base, Person, Team
-from tests.support.serving import NOON
+from tests.support.acting import NOON, acting, add_person, add_team, create_token
 
 
 def test_every_connection_to_sqlite_is_durable_and_strict(tmp_path: Path) -> None:
@@ -47,10 +47,10 @@ def test_every_connection_to_sqlite_is_durable_and_strict(tmp_path: Path) -> Non
 def opened(database: str) -> Iterator[Database]:
     """Open a database of each kind, with a team and a person in it."""
     opened = Database(database)
-    with opened.writing() as session:
-        add_team(session, "Blue", now=NOON, actor="test")
-        person = add_person(session, "Blue", "Ada", "participant", now=NOON, actor="test")
-        mint(session, person, "access", now=NOON, actor="test")
+    with acting(opened) as transaction:
+        add_team(transaction, "Blue")
+        add_person(transaction, "Blue", "Ada")
+        create_token(transaction, "Ada")
     yield opened
     opened.close()
 
@@ -86,8 +86,8 @@ def test_what_others_refer_to_stays(opened: Database) -> None:
 
 def test_writing_leaves_all_or_nothing(opened: Database) -> None:
     twice = "there is a team"
-    with pytest.raises(ConflictError, match=twice), opened.writing() as session:
-        _ = [add_team(session, name, now=NOON, actor="test") for name in ("Red", "Blue")]
+    with pytest.raises(ConflictError, match=twice), acting(opened) as transaction:
+        _ = [add_team(transaction, name) for name in ("Red", "Blue")]  # type: ignore[func-returns-value]
     with opened.reading() as session:
         assert [team.name for team in session.scalars(select(Team))] == ["Blue"]
 
@@ -105,19 +105,19 @@ def test_writers_of_two_processes_take_turns(opened: Database) -> None:
 
     thread = threading.Thread(target=second)
     thread.start()
-    with opened.writing() as session:
+    with acting(opened) as transaction:
         inside.set()
         thread.join(timeout=0.3)
         assert thread.is_alive()
-        add_team(session, "Red", now=NOON, actor="test")
+        add_team(transaction, "Red")
     thread.join()
     other.close()
     assert seen == ["Blue", "Red"]
 
 
 def test_readers_do_not_wait_for_a_writer(opened: Database) -> None:
-    with opened.writing() as session:
-        add_team(session, "Red", now=NOON, actor="test")
+    with acting(opened) as transaction:
+        add_team(transaction, "Red")
         with opened.reading() as reading:
             assert [team.name for team in reading.scalars(select(Team))] == ["Blue"]
 

@@ -104,7 +104,7 @@ def test_there_is_no_other_setting_in_the_guide() -> None:
 
 def test_everything_the_doctor_looks_at_is_in_the_guide() -> None:
     source = [
-        (REPOSITORY / "reverie_eval" / "server" / f"{name}.py").read_text()
+        (REPOSITORY / "reverie_eval" / "server" / "operations" / f"{name}.py").read_text()
         for name in ("checks", "doctor")
     ]
     looked_at = set(re.findall(r'(?:Finding|_guarded)\(\s*"([a-z ]+)"', "".join(source)))

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import event, select
 
 from reverie_eval.server.service import intake
-from reverie_eval.server.service.audit import broken_links, entries
+from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.tables import Submission
@@ -23,7 +23,7 @@ def upload(server: Serving) -> Any:
 def kept(server: Serving) -> tuple[int, int]:
     """Return how many submissions there are, and how many the audit log knows of."""
     with server.state.database.reading() as session:
-        assert not list(broken_links(session))
+        assert not list(server.state.audit_log.broken_links(session))
         recorded = [entry for entry in entries(session) if entry.action == "submitted"]
         return len(session.scalars(select(Submission)).all()), len(recorded)
 
@@ -41,9 +41,9 @@ def left(server: Serving) -> int:
         pytest.param(Board, "score", id="scoring"),
         pytest.param(Board, "report", id="rounding"),
         pytest.param(FolderUploads, "put", id="keeping the file"),
-        pytest.param(intake, "quota_usage", id="counting the quota"),
+        pytest.param(intake, "quota_usages", id="counting the quota"),
         pytest.param(Signer, "sign", id="signing"),
-        pytest.param(intake, "record", id="the audit log"),
+        pytest.param(AuditLog, "append", id="the audit log"),
         pytest.param(intake, "submission_report", id="wording the reply"),
     ],
 )

@@ -8,9 +8,16 @@ from typing import Any
 import pytest
 
 from reverie_eval import CATALOGUE
+from tests.support.acting import NOON
 from tests.support.description import Description
 from tests.support.entries import entered
-from tests.support.serving import NOON, OPEN, OTHER, OWNER, PRIVATE, Serving
+from tests.support.serving import (
+    OPEN,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    Serving,
+)
 
 BOARD = f"/splits/{OPEN}/leaderboard"
 

@@ -13,9 +13,8 @@ import pkgutil
 import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from time import sleep
 from typing import Any
@@ -32,10 +31,10 @@ from reverie_eval.server.http import patience
 from reverie_eval.server.http.bodies import BodyLimits
 from reverie_eval.server.http.exchange import begin, exchange_of
 from reverie_eval.server.operations import run
+from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.listening import listen
-from reverie_eval.server.service.people import add_person, add_team, mint
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.store.database import Database
+from tests.support.acting import add_person, add_team, create_token
 from tests.support.serving import GOOD, OPEN, OWNER, Serving, running
 
 SECONDS = 3
@@ -75,12 +74,10 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Small]:
     """Run the server."""
     folder = tmp_path_factory.mktemp("small") / "server"
     make_folder(folder)
-    database = Database(load_settings(folder).database_url)
-    with closing(database), database.writing() as session:
-        said = {"now": datetime.now(UTC), "actor": "test"}
-        add_team(session, "Blue", **said)  # type: ignore[arg-type]
-        person = add_person(session, "Blue", "Ada", "participant", **said)  # type: ignore[arg-type]
-        token = mint(session, person, "access", **said).text  # type: ignore[arg-type]
+    with acting(load_settings(folder), "test") as transaction:
+        add_team(transaction, "Blue")
+        add_person(transaction, "Blue", "Ada")
+        token = create_token(transaction, "Ada").token
     log = folder / "log"
     limits = {
         "SECONDS_FOR_BODY": SECONDS,

@@ -13,8 +13,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.operations.logs import JsonLines
+from reverie_eval.server.routes import submissions
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.submissions import SubmissionService
 from tests.support.serving import (
     BROKEN,
     GOOD,
@@ -71,7 +71,7 @@ def test_every_reply_has_the_headers(
     server: Serving,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(SubmissionService, "mine", fail)
+    monkeypatch.setattr(submissions, "submissions_of", fail)
     reply = server.ask(who, method, path)
     assert reply.status_code == status
     assert {name: reply.headers.get_list(name) for name in HEADERS} == {

@@ -12,7 +12,7 @@ from sqlalchemy import select
 
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Receipt
-from reverie_eval.server.service.audit import broken_links, entries
+from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
 from tests.support.participants import RealServer, private_submission
@@ -44,13 +44,13 @@ def receipts(replies: Sequence[httpx.Response]) -> list[Any]:
     return [accepted["submission"]["receipt"] for accepted in scored]
 
 
-def kept(database: Database, team: str) -> Sequence[str]:
+def kept(database: Database, audit_log: AuditLog, team: str) -> Sequence[str]:
     """Return a team's submissions, and see that each is in the audit log, which is whole."""
     with database.reading() as session:
         rows = [row.id for row in session.scalars(select(Submission)) if row.team.name == team]
         submitted = {each.subject for each in entries(session) if each.action == "submitted"}
         assert submitted >= set(rows)
-        assert not list(broken_links(session))
+        assert not list(audit_log.broken_links(session))
     return rows
 
 
@@ -69,7 +69,9 @@ def test_of_many_files_as_many_are_scored_as_the_quota_allows(
     for receipt in signed:
         verify(receipt, server_on.state.signer.public_pem)
     assert sorted(receipt.quota.remaining for receipt in signed) == [0, 1]
-    assert set(kept(server_on.state.database, "Blue")) == {each.submission_id for each in signed}
+    assert set(kept(server_on.state.database, server_on.state.audit_log, "Blue")) == {
+        each.submission_id for each in signed
+    }
 
 
 @pytest.mark.parametrize("with_key", [False, True], ids=["the same file", "the same key"])
@@ -79,7 +81,9 @@ def test_of_the_same_upload_many_times_one_is_scored(server_on: Serving, *, with
     assert statuses(replies) == {201: 1, 200: MANY - 1}
     first, *others = receipts(replies)
     assert all(receipt == first for receipt in others)
-    assert kept(server_on.state.database, "Blue") == [first["submission_id"]]
+    assert kept(server_on.state.database, server_on.state.audit_log, "Blue") == [
+        first["submission_id"]
+    ]
     assert {reply.json()["quota"]["remaining"] for reply in replies} == {ALLOWED - 1}
 
 
@@ -87,7 +91,7 @@ def test_of_one_key_with_many_files_one_is_scored(server_on: Serving) -> None:
     files = [server_on.distinct(OPEN) for _ in range(MANY)]
     replies = at_once(lambda number: server_on.upload(OWNER, files[number], key="mine"))
     assert statuses(replies) == {201: 1, 409: MANY - 1}
-    assert len(kept(server_on.state.database, "Blue")) == 1
+    assert len(kept(server_on.state.database, server_on.state.audit_log, "Blue")) == 1
 
 
 def test_teams_do_not_take_each_others_turns(server_on: Serving) -> None:
@@ -110,6 +114,6 @@ def test_a_real_process_scores_as_many_as_the_quota_allows(real_server: RealServ
         replies = at_once(lambda n: client.post(address, content=content + b" " * n))
         assert statuses(replies) == {201: ALLOWED, 429: MANY - ALLOWED}
         again = at_once(lambda _: client.post(address, content=content))
-    assert len(kept(real_server.database, f"Team of {name}")) == ALLOWED
+    assert len(kept(real_server.database, real_server.audit_log, f"Team of {name}")) == ALLOWED
     is_first_scored = any(reply.status_code == 201 for reply in replies[:1])
     assert statuses(again) == {200 if is_first_scored else 429: MANY}

@@ -9,27 +9,36 @@ from typing import Any
 
 import httpx
 import pytest
+from pydantic import ValidationError
 from sqlalchemy import delete, select, update
 
-from reverie_eval.schemas.organising import MOST_EXTRA
-from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
-from reverie_eval.server.service.audit import broken_links, entries, record
-from reverie_eval.server.service.people import Minted, add_person, add_team, mint, revoke
+from reverie_eval.schemas.organising import MOST_EXTRA, NewTeam, NewTokenReport
+from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.people import team_named
+from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import AuditEntry, Token, TokenKind
+from tests.support.acting import AUDIT_LOG, NOON, acting, add_person, add_team, create_token
 from tests.support.description import Description
-from tests.support.serving import NOON, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+from tests.support.serving import (
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    Serving,
+)
 
 TOMORROW = NOON + timedelta(days=1)
 
 
-def minted(
+def created(
     server: Serving, kind: TokenKind = "access", expires_at: datetime | None = None
-) -> Minted:
-    """Make a token of the owner's."""
-    with server.state.database.writing() as session:
-        owner = session.merge(server.person(OWNER))
-        return mint(session, owner, kind, now=NOON, actor="test", expires_at=expires_at)
+) -> NewTokenReport:
+    """Create a token of the owner's."""
+    with server.acting() as transaction:
+        return create_token(transaction, OWNER, kind, expires_at)
 
 
 def status_of(server: Serving, token: str) -> int:
@@ -42,9 +51,7 @@ def accept(server: Serving, invitation: str) -> httpx.Response:
 
 
 def test_a_token_is_long_and_of_a_form_of_its_own(server: Serving) -> None:
-    with server.state.database.writing() as session:
-        owner = session.merge(server.person(OWNER))
-        texts = {mint(session, owner, "access", now=NOON, actor="test").text for _ in range(64)}
+    texts = {created(server).token for _ in range(64)}
     assert len(texts) == 64
     assert all(re.fullmatch(r"rv_[\w-]{43}", text) for text in texts)  # 32 bytes in base64
     for letters in zip(*(text[3:] for text in texts), strict=True):
@@ -52,19 +59,19 @@ def test_a_token_is_long_and_of_a_form_of_its_own(server: Serving) -> None:
 
 
 def test_the_log_tells_which_token_was_made(server: Serving) -> None:
-    made = minted(server)
+    made = created(server)
     last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
-    assert (last["action"], last["details"]) == ("access token minted", {"hint": made.text[:11]})
+    assert (last["action"], last["details"]) == ("access token created", {"hint": made.token[:11]})
 
 
 def test_only_a_token_s_digest_is_kept(server: Serving) -> None:
-    made = minted(server)
+    made = created(server)
     with server.state.database.reading() as session:
-        row = session.scalars(select(Token).where(Token.hint == made.text[:11])).one()
+        row = session.scalars(select(Token).where(Token.hint == made.token[:11])).one()
         log = str([(entry.details, entry.subject) for entry in entries(session)])
-    assert row.digest == hashlib.sha256(made.text.encode()).hexdigest()
+    assert row.digest == hashlib.sha256(made.token.encode()).hexdigest()
     kept = " ".join(str(value) for value in vars(row).values()) + log
-    assert made.text[11:] not in kept
+    assert made.token[11:] not in kept
 
 
 def test_digests_are_compared_in_constant_time(
@@ -90,21 +97,21 @@ def test_digests_are_compared_in_constant_time(
     ],
 )
 def test_a_token_expires(server: Serving, seconds: float, expected: int) -> None:
-    access, invitation = (minted(server, kind, TOMORROW) for kind in ("access", "invite"))
+    access, invitation = (created(server, kind, TOMORROW) for kind in ("access", "invite"))
     server.clock.turn(seconds=seconds)
-    assert status_of(server, access.text) == expected
-    assert accept(server, invitation.text).status_code == (201 if expected == 200 else 401)
+    assert status_of(server, access.token) == expected
+    assert accept(server, invitation.token).status_code == (201 if expected == 200 else 401)
 
 
 def test_a_revoked_token_is_worth_nothing_and_others_are(server: Serving) -> None:
-    one, other = minted(server), minted(server)
-    with server.state.database.writing() as session:
-        revoke(session, one.token.hint, now=NOON, actor="test")
-    assert [status_of(server, one.text), status_of(server, other.text)] == [401, 200]
+    one, other = created(server), created(server)
+    with server.acting() as transaction:
+        revoke_token(transaction, one.hint)
+    assert [status_of(server, one.token), status_of(server, other.token)] == [401, 200]
 
 
 def test_an_invitation_is_turned_into_a_token_once(server: Serving) -> None:
-    invitation = minted(server, "invite").text
+    invitation = created(server, "invite").token
     first, second = accept(server, invitation), accept(server, invitation)
     assert (first.status_code, second.status_code) == (201, 401)
     said = first.json()
@@ -114,14 +121,14 @@ def test_an_invitation_is_turned_into_a_token_once(server: Serving) -> None:
 
 
 def test_an_invitation_that_was_revoked_is_none(server: Serving) -> None:
-    invitation = minted(server, "invite")
-    with server.state.database.writing() as session:
-        revoke(session, invitation.token.hint, now=NOON, actor="test")
-    assert accept(server, invitation.text).status_code == 401
+    invitation = created(server, "invite")
+    with server.acting() as transaction:
+        revoke_token(transaction, invitation.hint)
+    assert accept(server, invitation.token).status_code == 401
 
 
 def test_of_many_who_accept_an_invitation_at_once_one_gets_a_token(server_on: Serving) -> None:
-    invitation = minted(server_on, "invite").text
+    invitation = created(server_on, "invite").token
     with ThreadPoolExecutor(8) as pool:
         replies = list(pool.map(lambda _: accept(server_on, invitation), range(8)))
     assert sorted(reply.status_code for reply in replies) == [201] + 7 * [401]
@@ -131,26 +138,22 @@ NAMES = ["", "  ", "x" * 101, "two\nlines", "a\x00b", "a\u202eb", "a\u200bb", "a
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_no_name(server: Serving, name: str) -> None:
-    with (
-        server.state.database.writing() as session,
-        pytest.raises(MalformedError, match="is no name of a team"),
-    ):
-        add_team(session, name, now=NOON, actor="test")
+def test_what_is_no_name(name: str) -> None:
+    with pytest.raises(ValidationError):
+        NewTeam(name=name)
 
 
 def test_names_that_look_alike_are_alike(server: Serving) -> None:
-    with server.state.database.writing() as session:
-        add_team(session, "E\u0301quipe", now=NOON, actor="test")
-        with pytest.raises(ConflictError, match="there is a team"):
-            add_team(session, " \u00c9quipe ", now=NOON, actor="test")
+    with server.acting() as transaction:
+        add_team(transaction, "E\u0301quipe")
+    with server.acting() as transaction, pytest.raises(ConflictError, match="there is a team"):
+        add_team(transaction, " \u00c9quipe ")
 
 
 def test_nobody_is_added_twice_or_to_no_team(server: Serving) -> None:
-    with server.state.database.writing() as session:
-        for team, error in (("Red", ConflictError), ("Nobody's", NotFoundError)):
-            with pytest.raises(error):
-                add_person(session, team, OWNER, "participant", now=NOON, actor="test")
+    for team, error in (("Red", ConflictError), ("Nobody's", NotFoundError)):
+        with pytest.raises(error), server.acting() as transaction:
+            add_person(transaction, team, OWNER)
 
 
 def organise(server: Serving, path: str, said: Any, status: int = 201) -> Any:
@@ -188,8 +191,8 @@ def test_an_organiser_brings_a_team_in_without_the_command_line(server: Serving)
     assert [(entry["actor"], entry["action"]) for entry in listed("audit")[-6:]] == [
         (ORGANISER, "team added"),
         (ORGANISER, "person added"),
-        (ORGANISER, "invite token minted"),
-        ("Dora", "access token minted"),
+        (ORGANISER, "invite token created"),
+        ("Dora", "access token created"),
         ("Dora", "submitted"),
         (ORGANISER, "token revoked"),
     ]
@@ -326,12 +329,14 @@ def test_what_was_changed_in_the_log_is_found(
     database: str, tampering: Any, expected: list[int]
 ) -> None:
     opened = Database(database)
-    with opened.writing() as session:
-        for number in range(4):
-            record(session, NOON, "Olga", "granted", "Blue", extra=number, reason="Ä")
-        assert list(broken_links(session)) == []
+    with acting(opened, "Olga") as transaction:
+        add_team(transaction, "Blue")
+        team = team_named(transaction.session, "Blue")
+        for number in range(3):
+            transaction.record("granted", team, "Blue", extra=number, reason="Ä")
+        assert list(AUDIT_LOG.broken_links(transaction.session)) == []
     with opened.writing() as session:
         session.execute(tampering)
     with opened.reading() as session:
-        assert list(broken_links(session)) == expected
+        assert list(AUDIT_LOG.broken_links(session)) == expected
     opened.close()

@@ -11,18 +11,18 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from sqlalchemy import func, select
 
+from reverie_eval.schemas.organising import NewGrant
 from reverie_eval.server.service.audit import entries
-from reverie_eval.server.service.grants import grant
 from reverie_eval.server.service.people import person_named
-from reverie_eval.server.service.quotas import WINDOWS, QuotaUsage, quota_usage
+from reverie_eval.server.service.quotas import WINDOWS, QuotaUsage, grant, quota_usages
 from reverie_eval.server.settings import Quota
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Base, Grant, Submission, Team
+from tests.support.acting import NOON, acting
 from tests.support.serving import (
     BROKEN,
     GOOD,
     MATE,
-    NOON,
     OPEN,
     OTHER,
     OWNER,
@@ -160,7 +160,8 @@ def counted() -> Iterator[Database]:
     """Return a database in memory with everybody in it."""
     database = Database("sqlite://")
     Base.metadata.create_all(database.engine)
-    populate(database, PEOPLE, NOON)
+    with acting(database) as transaction:
+        populate(transaction, PEOPLE)
     yield database
     database.close()
 
@@ -228,7 +229,7 @@ def test_quotas_agree_with_counting_every_half_day(
             )
             for extra, ends in grants
         )
-        state = quota_usage(session, quota, OPEN, ada, NOON).state(NOON)
+        state = quota_usages(session, {OPEN: quota}, ada, NOON)[OPEN].state(NOON)
 
     def units(instant: datetime | None) -> float | None:
         return None if instant is None else (instant - NOON) / UNIT
@@ -376,18 +377,16 @@ def test_validating_is_possible_when_nothing_is_left(narrow: Serving) -> None:
 def test_a_grant_lets_a_team_submit_more_and_is_on_record(narrow: Serving) -> None:
     for _ in range(2):
         narrow.upload(OWNER, narrow.distinct())
-    with narrow.state.database.writing() as session:
-        grant(
-            session,
-            "Blue",
-            OPEN,
-            1,
-            splits=narrow.state.boards,
-            reason="our disk was full",
-            now=NOON,
-            expires_at=NOON + timedelta(hours=2),
-            actor="Olga",
-        )
+    new = NewGrant(
+        team="Blue",
+        split=OPEN,
+        extra=1,
+        reason="our disk was full",
+        expires_at=NOON + timedelta(hours=2),
+    )
+    with narrow.acting("Olga") as transaction:
+        grant(transaction, new, narrow.state.boards)
+        session = transaction.session
         assert [entry.action for entry in entries(session)][-1] == "granted"
         assert entries(session)[-1].details["reason"] == "our disk was full"
     assert quota_of(narrow, OTHER)["windows"][0]["limit"] == 2

@@ -23,7 +23,14 @@ from hypothesis import strategies as st
 from reverie_eval.receipts import NotGenuineError, ReceiptError, canonical, key_id_of, verify
 from reverie_eval.schemas.service import QuotaReport, QuotaWindow, Receipt
 from reverie_eval.server.service.receipts import Signer, load_key, make_key, public_pem_of
-from tests.support.serving import GOOD, NOON, OWNER, PRIVATE, Serving, submission_for
+from tests.support.acting import NOON
+from tests.support.serving import (
+    GOOD,
+    OWNER,
+    PRIVATE,
+    Serving,
+    submission_for,
+)
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 OTHER_KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))

@@ -5,14 +5,16 @@ from typing import Any
 
 import httpx
 import pytest
+from pydantic import ValidationError
 
 from reverie_eval.schemas.wire import LONGEST_LINE
-from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
-from reverie_eval.server.service.audit import broken_links, entries
+from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.reported import reported_of
-from reverie_eval.server.service.reviews import lift, review, reviews_of, standing_reviews
+from reverie_eval.server.service.reviews import lift_review, reviews_of, standing_reviews
 from reverie_eval.server.store.tables import Verdict
-from tests.support.serving import NOON, OPEN, ORGANISER, OWNER, PRIVATE, Serving
+from tests.support.acting import review
+from tests.support.serving import OPEN, ORGANISER, OWNER, PRIVATE, Serving
 
 WHY = "we ran its code"
 PAPER = "https://example.org/paper"
@@ -26,9 +28,8 @@ def sent(server: Serving, split: str = OPEN) -> str:
 
 def say(server: Serving, submission_id: str, verdict: Verdict, reason: str = WHY) -> int:
     """Say something of a submission and return the review's number."""
-    with server.state.database.writing() as session:
-        said = review(session, submission_id, verdict, reason, now=server.clock(), actor=ORGANISER)
-        return said.id
+    with server.acting(ORGANISER) as transaction:
+        return review(transaction, submission_id, verdict, reason).id
 
 
 def standing(server: Serving, submission_id: str) -> Sequence[str]:
@@ -38,7 +39,7 @@ def standing(server: Serving, submission_id: str) -> Sequence[str]:
 
 def logged(server: Serving, subject: str) -> Sequence[tuple[str, str, Mapping[str, Any]]]:
     with server.state.database.reading() as session:
-        assert list(broken_links(session)) == []
+        assert list(server.state.audit_log.broken_links(session)) == []
         return [
             (entry.actor, entry.action, entry.details)
             for entry in entries(session)
@@ -72,17 +73,13 @@ def test_a_lifted_review_does_not_stand_and_is_not_lifted_twice(server: Serving)
     submission_id = sent(server)
     number = say(server, submission_id, "flagged")
     server.clock.turn(hours=1)
-    with server.state.database.writing() as session:
-        said = lift(session, number, now=server.clock(), actor=ORGANISER)
-        assert said.lifted_at == server.clock()
+    with server.acting(ORGANISER) as transaction:
+        assert lift_review(transaction, number).lifted_at == server.clock()
     assert standing(server, submission_id) == []
-    with (
-        pytest.raises(ConflictError, match="lifted already"),
-        server.state.database.writing() as session,
-    ):
-        lift(session, number, now=NOON, actor=ORGANISER)
-    with pytest.raises(NotFoundError), server.state.database.writing() as session:
-        lift(session, number + 1, now=NOON, actor=ORGANISER)
+    with pytest.raises(ConflictError, match="lifted already"), server.acting() as transaction:
+        lift_review(transaction, number)
+    with pytest.raises(NotFoundError), server.acting() as transaction:
+        lift_review(transaction, number + 1)
 
 
 DISAPPEARING = [
@@ -106,8 +103,8 @@ def test_what_is_disqualified_does_not_disappear(
     assert server.ask(OWNER, "GET", path).json()["status"] == "published"
     hidden = {"anonymous_until": "2026-12-31T00:00:00Z", "published": True}
     assert server.ask(OWNER, "PATCH", path, json=hidden).status_code == 200
-    with server.state.database.writing() as session:
-        lift(session, number, now=server.clock(), actor=ORGANISER)
+    with server.acting(ORGANISER) as transaction:
+        lift_review(transaction, number)
     assert server.ask(OWNER, "PATCH", path, json=change).status_code == 200
 
 
@@ -134,7 +131,7 @@ def test_whatever_is_said_is_written_down_also_what_it_takes_the_place_of(server
 )
 def test_a_reason_is_a_line(reason: str, server: Serving) -> None:
     submission_id = sent(server)
-    with pytest.raises(MalformedError, match="say why"):
+    with pytest.raises(ValidationError, match="reason"):
         say(server, submission_id, "verified", reason)
     assert standing(server, submission_id) == []
 

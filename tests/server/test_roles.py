@@ -5,14 +5,16 @@ from typing import Any
 
 import pytest
 from fastapi.routing import iter_route_contexts
+from pydantic import HttpUrl
 
+from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
-from reverie_eval.server.service.people import mint, revoke
 from reverie_eval.server.service.reported import add_reported
-from reverie_eval.server.service.reviews import review
+from reverie_eval.server.service.tokens import revoke_token
+from tests.support.acting import create_token, review
 from tests.support.description import API, Description
-from tests.support.serving import GOOD, NOON, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+from tests.support.serving import GOOD, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
 
 ROLES = ("anonymous", "other team", "team mate", "owner", "organiser", "revoked", "invitation")
 """The last two: a token of the owner's that was revoked, and an invitation shown as a token."""
@@ -44,6 +46,7 @@ GET    /submissions/{submission_id}/episodes      401    404   200    200       
 GET    /submissions/{private_id}/episodes         401    404   404    404        404      401         401
 GET    /organiser/teams                           401    403   403    403        200      401         401
 POST   /organiser/teams                           401    403   403    403        201      401         401
+PATCH  /organiser/teams/{name:path}              401    403   403    403        200      401         401
 GET    /organiser/people                          401    403   403    403        200      401         401
 POST   /organiser/people                          401    403   403    403        201      401         401
 GET    /organiser/tokens                          401    403   403    403        200      401         401
@@ -71,6 +74,7 @@ BODIES: Mapping[str, dict[str, Any]] = {
     "POST /splits/{split}/submissions": {"content": GOOD, "params": {"name": "Walker"}},
     "PATCH /submissions/{submission_id}": {"json": {"published": True}},
     "POST /organiser/teams": {"json": {"name": "Green"}},
+    "PATCH /organiser/teams/{name:path}": {"json": {"name": "Azure"}},
     "POST /organiser/people": {"json": {"name": "Dora", "team": "Red"}},
     "POST /organiser/tokens": {"json": {"person": OWNER}},
     "POST /organiser/grants": {
@@ -98,13 +102,12 @@ BODIES: Mapping[str, dict[str, Any]] = {
 @pytest.fixture
 def tokens(server: Serving) -> Mapping[str, str | None]:
     """Return what everybody shows."""
-    with server.state.database.writing() as session:
-        owner = server.person(OWNER)
-        revoked = mint(session, session.merge(owner), "access", now=NOON, actor="test")
-        revoke(session, revoked.token.hint, now=NOON, actor="test")
-        invitation = mint(session, session.merge(owner), "invite", now=NOON, actor="test")
+    with server.acting() as transaction:
+        revoked = create_token(transaction, OWNER)
+        revoke_token(transaction, revoked.hint)
+        invitation = create_token(transaction, OWNER, "invite")
     shown = [None, *(server.tokens[name] for name in (OTHER, "Ben", OWNER, ORGANISER))]
-    return dict(zip(ROLES, [*shown, revoked.text, invitation.text], strict=True))
+    return dict(zip(ROLES, [*shown, revoked.token, invitation.token], strict=True))
 
 
 @pytest.fixture
@@ -115,26 +118,23 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         for split in (OPEN, PRIVATE)
     }
     server.upload(OWNER)
-    with server.state.database.writing() as session:
-        owner = session.merge(server.person(OWNER))
-        spare = mint(session, owner, "access", now=NOON, actor="test")
-        said = review(session, ids[OPEN], "verified", "we ran it", now=NOON, actor="test")
-        result = add_reported(
-            session,
-            OPEN,
-            Method(name="Navigator"),
-            team="Qi et al.",
-            scores={"success": 0.1},
-            source="https://example.org/paper",
-            splits=[OPEN],
-            now=NOON,
-            actor="test",
-        )
+    reported = NewReported(
+        split=OPEN,
+        method=Method(name="Navigator"),
+        team="Qi et al.",
+        scores={"success": 0.1},
+        source=HttpUrl("https://example.org/paper"),
+    )
+    with server.acting() as transaction:
+        spare = create_token(transaction, OWNER)
+        said = review(transaction, ids[OPEN], "verified")
+        result = add_reported(transaction, reported, [OPEN])
     return {
         "split": OPEN,
+        "name": "Red",
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],
-        "hint": spare.token.hint,
+        "hint": spare.hint,
         "review_id": str(said.id),
         "result_id": str(result.id),
     }
@@ -158,7 +158,7 @@ def test_who_may_do_what(
             body = {"json": {"token": token or "rv_none"}}
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         server.client.cookies.clear()
-        place = path if path in OUTSIDE else API + path.format(**path_parts)
+        place = path if path in OUTSIDE else API + path.replace(":path", "").format(**path_parts)
         reply = server.client.request(method, place, headers=headers, **body)
         if path != "/openapi.json":
             description.check(reply)

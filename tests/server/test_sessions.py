@@ -11,13 +11,13 @@ import pytest
 from sqlalchemy import func, select
 
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.service.people import mint, revoke
 from reverie_eval.server.service.receipts import make_key
+from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.store.tables import BrowserSession
+from tests.support.acting import NOON, create_token
 from tests.support.description import Description
 from tests.support.serving import (
     GOOD,
-    NOON,
     OPEN,
     ORGANISER,
     OWNER,
@@ -74,11 +74,9 @@ def submission(server: Serving) -> str:
 
 def minted(server: Serving, **lifetime: float) -> tuple[str, str]:
     """Make a token of the owner's with a lifetime; return its text and what shows of it."""
-    with server.state.database.writing() as session:
-        owner = session.merge(server.person(OWNER))
-        ends = NOON + timedelta(**lifetime)
-        made = mint(session, owner, "access", now=NOON, actor="test", expires_at=ends)
-        return made.text, made.token.hint
+    with server.acting() as transaction:
+        made = create_token(transaction, OWNER, "access", NOON + timedelta(**lifetime))
+    return made.token, made.hint
 
 
 @pytest.mark.parametrize(("scheme", "is_secure"), [("http", False), ("https", True)])
@@ -240,8 +238,8 @@ def test_a_session_ends_with_its_token(server: Serving, minutes: float, *, expec
 def test_to_revoke_a_token_ends_its_sessions_and_no_others(server: Serving) -> None:
     token, hint = minted(server, days=1)
     one, other = signed_in(server, token), signed_in(server, server.tokens[OWNER])
-    with server.state.database.writing() as session:
-        revoke(session, hint, now=NOON, actor="test")
+    with server.acting() as transaction:
+        revoke_token(transaction, hint)
     assert [is_alive(one), is_alive(other)] == [False, True]
 
 

@@ -19,7 +19,15 @@ from reverie_eval.server.settings import (
     Split,
     load_settings,
 )
-from tests.support.serving import GOOD, NOON, OPEN, OWNER, OpenServer, adjusted, settings_of
+from tests.support.acting import NOON
+from tests.support.serving import (
+    GOOD,
+    OPEN,
+    OWNER,
+    OpenServer,
+    adjusted,
+    settings_of,
+)
 
 UNKNOWN = ": is no setting; look for a spelling mistake"
 SPLIT = '[splits.test]\nbundle = "bundles/test.npz"\n'

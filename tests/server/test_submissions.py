@@ -19,10 +19,10 @@ from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.settings import Phase
 from tests.conftest import SAMPLES
+from tests.support.acting import NOON
 from tests.support.serving import (
     BROKEN,
     GOOD,
-    NOON,
     OPEN,
     ORGANISER,
     OWNER,

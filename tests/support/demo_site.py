@@ -14,6 +14,7 @@ from reverie_eval import CATALOGUE, GroundTruth
 from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.schemas.service import Method
+from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Attempt, Person, ReportedResult, Review, Submission
@@ -108,8 +109,10 @@ class Site:
 def furnish(url: str, folder: Path) -> Site:
     """Add people to a running server, send in what they have, and judge some of it."""
     now = datetime.now(UTC)
+    with acting(load_settings(folder), "test") as transaction:
+        tokens = populate(transaction, PEOPLE)
     with closing(Database(load_settings(folder).database_url)) as database:
-        site = Site(url, folder, populate(database, PEOPLE, now), {})
+        site = Site(url, folder, tokens, {})
         site.ask(ORGANISER, "PUT", "/organiser/notice", json={"banner": BANNER})
         ids = {(each.split, each.said["name"]): _send(site, each) for each in _SENT}
         with database.writing() as session:

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from itertools import count
 from pathlib import Path
 from time import sleep
@@ -22,10 +22,13 @@ from reverie_eval import GroundTruth
 from reverie_eval.agents import run_agent
 from reverie_eval.client._logins import login_path
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.server.service.people import add_person, add_team, mint, person_named
-from reverie_eval.server.settings import load_settings
+from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.service.audit import AuditLog
+from reverie_eval.server.service.receipts import Signer, load_key
+from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Role, TokenKind
+from tests.support.acting import add_person, add_team, create_token
 from tests.support.flat import Outcome
 from tests.support.serving import running
 from tests.support.terminals import COMMAND
@@ -39,27 +42,31 @@ class RealServer:
     """A server that listens, and a way to its database behind its back."""
 
     url: str
+    settings: Settings
     database: Database
     log: Path
     serial: Iterator[int] = field(default_factory=count)
 
+    @property
+    def audit_log(self) -> AuditLog:
+        """What checks its audit log."""
+        key = load_key(self.settings.path(self.settings.signing_key))
+        return AuditLog.of(Signer(key, self.settings.title))
+
     def newcomer(self, role: Role = "participant") -> str:
         """Add a team with a person in it, and return the person's name."""
         name = f"Person {next(self.serial)}"
-        now = datetime.now(UTC)
-        with self.database.writing() as session:
-            add_team(session, f"Team of {name}", now=now, actor="test")
-            add_person(session, f"Team of {name}", name, role, now=now, actor="test")
+        with acting(self.settings, "test") as transaction:
+            add_team(transaction, f"Team of {name}")
+            add_person(transaction, f"Team of {name}", name, role)
         return name
 
     def mint(
         self, name: str, kind: TokenKind = "access", expires_at: datetime | None = None
     ) -> str:
         """Return a new token of somebody's."""
-        with self.database.writing() as session:
-            person, now = person_named(session, name), datetime.now(UTC)
-            made = mint(session, person, kind, now=now, actor="test", expires_at=expires_at)
-            return made.text
+        with acting(self.settings, "test") as transaction:
+            return create_token(transaction, name, kind, expires_at).token
 
 
 @pytest.fixture
@@ -83,7 +90,7 @@ def real_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer
         running(folder, REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE="1000000") as (_, url),
         closing(Database(load_settings(folder).database_url)) as database,
     ):
-        yield RealServer(url, database, folder / "log")
+        yield RealServer(url, load_settings(folder), database, folder / "log")
 
 
 def private_submission(seed: int = 0) -> bytes:

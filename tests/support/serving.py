@@ -12,9 +12,9 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from functools import cache
 from importlib import import_module
 from itertools import count
@@ -34,15 +34,16 @@ from reverie_eval.agents import run_agent
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.server.app import create_app
-from reverie_eval.server.service.people import add_person, add_team, mint, person_named
+from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.service.people import person_named
+from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Limits, Settings, load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Role
 from tests.conftest import SAMPLES, unavailable
+from tests.support.acting import NOON, add_person, add_team, create_token
 
-NOON = datetime(2026, 3, 2, 12, tzinfo=UTC)
-"""When every test begins."""
 PEOPLE = {"Ada": "Blue", "Ben": "Blue", "Carl": "Red", "Olga": "Organisers"}
 """Everybody's team; Olga is the organiser."""
 OWNER, MATE, OTHER, ORGANISER = PEOPLE
@@ -123,6 +124,10 @@ class Serving:
         """Return a submission that nobody has sent yet."""
         return submission_for(split) + b" " * (1 + next(self.serial))
 
+    def acting(self, actor: str = "test") -> AbstractContextManager[Transaction]:
+        """Change something as somebody."""
+        return self.state.transactions.begin(actor)
+
     def person(self, name: str) -> Person:
         """Return who has this name, with their team."""
         with self.state.database.reading() as session:
@@ -177,16 +182,15 @@ def settings_of(folder: Path, database: str = "sqlite:///server.db") -> Settings
     return load_settings(folder).model_copy(update={"limits": limits, "database": database})
 
 
-def populate(database: Database, people: Mapping[str, str], now: datetime) -> Mapping[str, str]:
+def populate(transaction: Transaction, people: Mapping[str, str]) -> Mapping[str, str]:
     """Add people, given by their teams, and return their tokens."""
     tokens = {}
-    with database.writing() as session:
-        for team in dict.fromkeys(people.values()):
-            add_team(session, team, now=now, actor="test")
-        for name, team in people.items():
-            role: Role = "organiser" if name == ORGANISER else "participant"
-            person = add_person(session, team, name, role, now=now, actor="test")
-            tokens[name] = mint(session, person, "access", now=now, actor="test").text
+    for team in dict.fromkeys(people.values()):
+        add_team(transaction, team)
+    for name, team in people.items():
+        role: Role = "organiser" if name == ORGANISER else "participant"
+        add_person(transaction, team, name, role)
+        tokens[name] = create_token(transaction, name).token
     return tokens
 
 
@@ -263,9 +267,9 @@ def populated(made_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Po
     """Add everybody to the database of a server's folder."""
     before = made_folder / "server.db"
     copy = Path(shutil.copy(before, tmp_path_factory.mktemp("populated")))
-    database = Database(f"sqlite:///{copy}")
-    tokens = populate(database, PEOPLE, NOON)
-    database.close()
+    settings = load_settings(made_folder).model_copy(update={"database": f"sqlite:///{copy}"})
+    with acting(settings, "test", lambda: NOON) as transaction:
+        tokens = populate(transaction, PEOPLE)
     return Populated(copy, before, tokens)
 
 
@@ -297,7 +301,9 @@ def open_server(folder: Path, portal: BlockingPortal, populated: Populated) -> I
         if tokens is None and populated.replace(settings):
             tokens = populated.tokens
         state = ServerState.open(settings, clock)
-        tokens = tokens or populate(state.database, PEOPLE, clock())
+        if tokens is None:
+            with state.transactions.begin("test") as transaction:
+                tokens = populate(transaction, PEOPLE)
         transport = InProcess(create_app(state), portal)
         client = httpx.Client(transport=transport, base_url="http://server")
         opened.append(Serving(state, clock, client, tokens))

@@ -5,17 +5,22 @@ made the page: so it counts for requests of our own pages only, and what changes
 session's CSRF token as well.
 """
 
-from datetime import timedelta
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from typing import Annotated
 from urllib.parse import urlsplit
 
 from fastapi import Depends, Request, Response
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
+from sqlalchemy.orm import Session
 
 from reverie_eval.server.errors import NotAllowedError, NotSignedInError
-from reverie_eval.server.service.people import who_shows
+from reverie_eval.server.service.tokens import person_with_token
+from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.state import ServerState, state_of
-from reverie_eval.server.store.tables import BrowserSession, Person
+from reverie_eval.server.store.tables import BrowserSession, Person, Role
 
 COOKIE = "reverie_eval_session"
 CSRF_HEADER = "X-CSRF-Token"
@@ -24,11 +29,110 @@ _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 _OWN_PAGES = frozenset({"same-origin", "none"})
 """Of Sec-Fetch-Site; ``none`` is what somebody typed into the address bar."""
 
-Server = Annotated[ServerState, Depends(state_of)]
 _Bearer = HTTPBearer(auto_error=False, description="A token of the organiser's: `rv_...`")
 _Cookie = APIKeyCookie(
     name=COOKIE, auto_error=False, description="A browser's session, from `POST /api/v1/session`"
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """What a request sees of the database: one state of it, and who is calling."""
+
+    session: Session
+    now: datetime
+    browser: BrowserSession | None
+    """Of whoever has signed in with a browser."""
+    caller: Person | None
+
+    @property
+    def person(self) -> Person:
+        """Who is calling.
+
+        Raises
+        ------
+        NotSignedInError
+            If nobody says so.
+        """
+        if self.caller is None:
+            raise NotSignedInError("send your token: `Authorization: Bearer rv_...`")
+        return self.caller
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A request that may ask the database, and who must have sent it.
+
+    It is asked where the route runs, in one thread: a request that held a connection, or its turn
+    to write, while it waited for another thread could keep all others waiting.
+    """
+
+    request: Request
+    server: ServerState
+    token: str | None
+    session_id: str | None
+    """Of a browser's session, which may be over."""
+    csrf_token: str | None = None
+    """That was shown in a header; None where a form shows it."""
+    required: Role | None = None
+    """Who must be calling, at least; None if it may be anybody."""
+
+    @contextmanager
+    def snapshot(self) -> Iterator[Snapshot]:
+        """Look at one state of the database, once it is known who is calling.
+
+        Raises
+        ------
+        NotSignedInError
+            If nobody is, and somebody must be; or the token is wrong, which is not nobody.
+        NotAllowedError
+            If an organiser must be.
+        ForgedError
+            If something is to be changed from a browser without the session's CSRF token.
+        """
+        with self.server.database.reading() as session:
+            browser, caller = self._sender(session)
+            snapshot = Snapshot(session, self.server.clock(), browser, caller)
+            if self.required is not None:
+                self._demand_allowed(snapshot.person)
+            yield snapshot
+
+    def person(self) -> Person:
+        """Return who is calling; errors are those of :meth:`snapshot`."""
+        with self.snapshot() as snapshot:
+            return snapshot.person
+
+    @contextmanager
+    def transaction(self) -> Iterator[Transaction]:
+        """Change something as whoever is calling; errors are those of :meth:`snapshot`."""
+        actor = self.person().name
+        with self.server.transactions.begin(actor) as transaction:
+            yield transaction
+
+    def _sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
+        """Return who has sent the request, looked up once."""
+        state = self.request.state
+        if not hasattr(state, "sender"):
+            state.sender = self._looked_up(session)
+        sender: tuple[BrowserSession | None, Person | None] = state.sender
+        return sender
+
+    def _looked_up(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
+        now, sessions = self.server.clock(), self.server.sessions
+        if self.token is not None:
+            return None, person_with_token(session, self.token, now)
+        if self.session_id is None:
+            return None, None
+        browser = sessions.find(session, self.session_id, now)
+        if browser is None:
+            return None, None
+        if self.csrf_token is not None and self.request.method not in _SAFE_METHODS:
+            sessions.demand_csrf_token(browser.id, self.csrf_token)
+        return browser, browser.token.person
+
+    def _demand_allowed(self, person: Person) -> None:
+        if self.required == "organiser" and person.role != "organiser":
+            raise NotAllowedError("only the organiser may do this")
 
 
 def is_of_another_site(request: Request) -> bool:
@@ -48,63 +152,52 @@ def is_of_another_site(request: Request) -> bool:
     return origin is not None and urlsplit(origin).netloc != request.headers.get("host")
 
 
-def session_if_any(
-    request: Request, server: Server, cookie: Annotated[str | None, Depends(_Cookie)]
-) -> BrowserSession | None:
-    """Return the browser session that a request is part of."""
-    if cookie is None or is_of_another_site(request):
-        return None
-    with server.database.reading() as session:
-        return server.sessions.find(session, cookie, server.clock())
-
-
-_Session = Annotated[BrowserSession | None, Depends(session_if_any)]
-_Credentials = Annotated[HTTPAuthorizationCredentials | None, Depends(_Bearer)]
-
-
-def own_session(request: Request, server: Server, found: _Session) -> BrowserSession:
-    """Return the browser session; what changes something must show its CSRF token."""
-    if found is None:
-        raise NotSignedInError("there is no session; sign in with POST /api/v1/session")
-    if request.method not in _SAFE_METHODS:
-        server.sessions.demand_csrf_token(found, request.headers.get(CSRF_HEADER, ""))
-    return found
-
-
-def caller_if_any(
-    request: Request, server: Server, credentials: _Credentials, found: _Session
-) -> Person | None:
-    """Return who is calling, if anybody says so; a wrong token is an error, not nobody."""
-    if credentials is not None:
-        with server.database.reading() as session:
-            return who_shows(session, credentials.credentials, server.clock())
-    return own_session(request, server, found).token.person if found else None
-
-
-def caller(person: Annotated[Person | None, Depends(caller_if_any)]) -> Person:
-    """Return who is calling."""
-    if person is None:
-        raise NotSignedInError("send your token: `Authorization: Bearer rv_...`")
-    return person
-
-
-def organiser(person: Annotated[Person, Depends(caller)]) -> Person:
-    """Return who is calling, an organiser."""
-    if person.role != "organiser":
-        raise NotAllowedError("only the organiser may do this")
-    return person
-
-
 def own_page(request: Request) -> None:
     """Refuse what another site's page has made: it would sign somebody in as somebody else."""
     if is_of_another_site(request):
         raise NotAllowedError("another site may not sign you in; do it on this server's own pages")
 
 
-Anybody = Annotated[Person | None, Depends(caller_if_any)]
-Caller = Annotated[Person, Depends(caller)]
-Organiser = Annotated[Person, Depends(organiser)]
-OwnSession = Annotated[BrowserSession, Depends(own_session)]
+def session_id_of(request: Request, cookie: str | None) -> str | None:
+    """Return the id of the browser session that a request of our own pages is part of."""
+    if cookie is None or is_of_another_site(request):
+        return None
+    return state_of(request).sessions.id_in(cookie)
+
+
+# Dependencies without anything slow in them are asynchronous: the others cost a thread each.
+async def server_of(request: Request) -> ServerState:
+    """Return the server that answers a request."""
+    return state_of(request)
+
+
+Server = Annotated[ServerState, Depends(server_of)]
+
+
+async def anybody(
+    request: Request,
+    credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_Bearer)],
+    cookie: Annotated[str | None, Depends(_Cookie)],
+) -> Call:
+    """Return a call that anybody may make."""
+    token = None if credentials is None else credentials.credentials
+    shown = request.headers.get(CSRF_HEADER, "")
+    return Call(request, state_of(request), token, session_id_of(request, cookie), shown)
+
+
+async def caller(call: Annotated[Call, Depends(anybody)]) -> Call:
+    """Return a call that only people with a token or a session may make."""
+    return replace(call, required="participant")
+
+
+async def organiser(call: Annotated[Call, Depends(anybody)]) -> Call:
+    """Return a call that only organisers may make."""
+    return replace(call, required="organiser")
+
+
+Anybody = Annotated[Call, Depends(anybody)]
+Caller = Annotated[Call, Depends(caller)]
+Organiser = Annotated[Call, Depends(organiser)]
 
 
 def set_cookie(request: Request, response: Response, cookie: str, lifetime: timedelta) -> None:

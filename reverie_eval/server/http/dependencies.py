@@ -5,15 +5,18 @@ from functools import partial
 from typing import Annotated, Any, NamedTuple
 
 from fastapi import Depends, Header, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.service import Method, QuotaReport
 from reverie_eval.server.http.callers import Caller, Server
 from reverie_eval.server.http.examples import FORM, SUBMISSION
 from reverie_eval.server.http.exchange import Exchange, exchange_of
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.http.uploading import Upload, receive
+from reverie_eval.server.state import ServerState
+from reverie_eval.server.store.tables import Person
 from reverie_eval.submissions._sources import unpack
 
 _SAID: dict[str, Any] = Method.model_json_schema()["properties"]
@@ -63,8 +66,16 @@ async def counted(request: Request) -> Exchange:
 Counted = Annotated[Exchange, Depends(counted)]
 
 
+async def sender(caller: Caller) -> Person:
+    """Return who sends an upload, before any of it is taken."""
+    return await run_in_threadpool(caller.person)
+
+
+Sender = Annotated[Person, Depends(sender)]
+
+
 async def received(
-    request: Request, server: Server, runtime: Runtime, person: Caller
+    request: Request, server: Server, runtime: Runtime, person: Sender
 ) -> AsyncIterator[Upload]:
     """Take the upload off the wire, once it is known who sends it and there is room for it.
 
@@ -72,11 +83,16 @@ async def received(
     """
     split = request.path_params["split"]
     if split in server.boards:
-        exchange_of(request.scope).quota = partial(server.intake.quota, person, split)
+        exchange_of(request.scope).quota = partial(_quota_left, server, person, split)
     async with runtime.admission.hold(person.id):
         upload = await receive(request, server.settings.limits)
         async with runtime.admission.score():
             yield upload
+
+
+def _quota_left(server: ServerState, person: Person, split: str) -> QuotaReport:
+    with server.database.reading() as session:
+        return server.intake.quotas(session, person, split)[split]
 
 
 # Whoever reads the reply slowly keeps nobody waiting: what was taken is given back before it.
@@ -98,7 +114,7 @@ def content_of(upload: Received, server: Server) -> bytes:
     return unpack(upload.packed, server.settings.limits.unpacked_mebibytes << 20)
 
 
-def method_of(request: Request, upload: Received) -> Method:
+async def method_of(request: Request, upload: Received) -> Method:
     """Return what was said of the method, in the query or in the form, which wins."""
     said = {**request.query_params, **upload.fields}
     return method_from({name: value for name, value in said.items() if name != "file"})
@@ -130,7 +146,7 @@ class Entry(NamedTuple):
     """The Idempotency-Key, if there was one."""
 
 
-def entry_of(
+async def entry_of(
     upload: Received,
     method: Annotated[Method, Depends(method_of)],
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,

@@ -7,7 +7,6 @@ from reverie_eval.schemas.organising import (
     AttemptReport,
     AuditReport,
     GrantReport,
-    MintedReport,
     NewGrant,
     NewNotice,
     NewPerson,
@@ -15,6 +14,7 @@ from reverie_eval.schemas.organising import (
     NewReview,
     NewTeam,
     NewToken,
+    NewTokenReport,
     NoticeReport,
     PersonReport,
     ReportedEntry,
@@ -208,7 +208,7 @@ _SAID = (
     PersonReport(name="Ada", team="Blue", role="participant", created_at=_NOON),
     NewToken(person="Ada", expires_at=_NEXT_MONTH),
     _TOKEN_REPORT,
-    MintedReport(**_TOKEN_REPORT.model_dump(), token=_INVITATION),
+    NewTokenReport(**_TOKEN_REPORT.model_dump(), token=_INVITATION),
     NewGrant(
         team="Blue", split="test", extra=2, reason="our disk was full", expires_at=_NEXT_MONTH
     ),

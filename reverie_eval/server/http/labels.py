@@ -6,8 +6,8 @@ from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.service.people import HINT_LENGTH, PREFIX
 from reverie_eval.server.service.sessions import name_in
+from reverie_eval.server.service.tokens import HINT_LENGTH, PREFIX
 
 UNMATCHED = "unmatched"
 """The route of a request that none of ours answers."""

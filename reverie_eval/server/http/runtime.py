@@ -30,7 +30,7 @@ class RuntimeState:
         return cls(admission, metrics, Health(server))
 
 
-def runtime_of(request: Request) -> RuntimeState:
+async def runtime_of(request: Request) -> RuntimeState:
     """Return that of the application that answers a request."""
     runtime: RuntimeState = request.app.state.runtime
     return runtime

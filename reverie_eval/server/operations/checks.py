@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
@@ -14,8 +15,10 @@ from sqlalchemy.orm import Session
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, load_boards
-from reverie_eval.server.service.receipts import load_key, public_pem_of
+from reverie_eval.server.service.receipts import Signer, load_key, public_pem_of
+from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
     Settings,
@@ -23,6 +26,7 @@ from reverie_eval.server.settings import (
     load_settings,
     variables_ignored,
 )
+from reverie_eval.server.state import utc_now
 from reverie_eval.server.store.database import Database, known_revisions
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
@@ -160,6 +164,26 @@ def opened(settings: Settings) -> Iterator[Database]:
         raise FolderError([Problem("unsound", "database", fault)])
     with database_errors(), closing(Database(settings.database_url)) as database:
         yield database
+
+
+@contextmanager
+def acting(
+    settings: Settings, actor: str, clock: Callable[[], datetime] = utc_now
+) -> Iterator[Transaction]:
+    """Change something on a server from its own machine, whether or not it is serving.
+
+    Raises
+    ------
+    FolderError
+        If the database is not of this version.
+    ReceiptError
+        If the signing key, which the audit log's is derived from, cannot be used.
+    """
+    signer = Signer(load_key(settings.path(settings.signing_key)), settings.title)
+    with opened(settings) as database:
+        transactions = Transactions(database, AuditLog.of(signer), clock)
+        with transactions.begin(actor) as transaction:
+            yield transaction
 
 
 def reason_of(error: Exception) -> str:

@@ -3,7 +3,7 @@
 import hashlib
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -13,9 +13,9 @@ from sqlalchemy.orm import Session
 from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folder, said_by
-from reverie_eval.server.service.audit import broken_links, entries
+from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.deeds import unmatched
+from reverie_eval.server.service.records import mismatches, names_of_teams
 from reverie_eval.server.service.reports import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
@@ -41,17 +41,10 @@ def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Fin
         return
     state = ServerState.open(load_settings(folder))
     with closing(state.database), state.database.reading() as session:
-        _see_one_moment(state.database, session)
         yield from _guarded("database", _at_the_file(state.database, session))
         yield from _guarded("submissions", _at_submissions(session, state, track))
-        yield from _guarded("audit log", _at_audit_log(session))
+        yield from _guarded("audit log", _at_audit_log(session, state.audit_log))
     yield from _at_disk(state.settings.folder)
-
-
-def _see_one_moment(database: Database, session: Session) -> None:
-    """Keep what is written meanwhile from looking as if it was amiss; SQLite does so always."""
-    if not database.is_sqlite:
-        session.connection(execution_options={"isolation_level": "REPEATABLE READ"})
 
 
 def _guarded(check: str, findings: Iterator[Finding]) -> Iterator[Finding]:
@@ -86,7 +79,7 @@ def _at_submissions(session: Session, state: ServerState, track: Track) -> Itera
     yield from _at_uploads(reports, uploads, track)
     yield from _at_strays(session, uploads)
     yield from _at_reports(reports, state.boards)
-    yield from _at_receipts(reports, state.signer.public_pem)
+    yield from _at_receipts(reports, state.signer.public_pem, names_of_teams(session))
 
 
 def _at_uploads(
@@ -150,7 +143,11 @@ def _at_reports(
     yield Finding("reports", "ok", f"{count_text(current, 'report')} by the ground truth of now")
 
 
-def _at_receipts(submissions: Sequence[SubmissionReport], public_pem: str) -> Iterator[Finding]:
+def _at_receipts(
+    submissions: Sequence[SubmissionReport],
+    public_pem: str,
+    names: Mapping[str, Collection[str]],
+) -> Iterator[Finding]:
     sound = 0
     for submission in submissions:
         try:
@@ -158,7 +155,7 @@ def _at_receipts(submissions: Sequence[SubmissionReport], public_pem: str) -> It
         except ReceiptError as error:
             trouble = str(error)
         else:
-            is_said = _says_what_is_kept(submission)
+            is_said = _says_what_is_kept(submission, names[submission.team])
             trouble = "" if is_said else "the submission's row says something else"
         sound += not trouble
         if trouble:
@@ -167,33 +164,30 @@ def _at_receipts(submissions: Sequence[SubmissionReport], public_pem: str) -> It
     yield Finding("receipts", "ok", f"{count_text(sound, 'receipt')} verified")
 
 
-def _says_what_is_kept(kept: SubmissionReport) -> bool:
+def _says_what_is_kept(kept: SubmissionReport, names: Collection[str]) -> bool:
     said = kept.receipt
     return (
-        (said.submission_id, said.team, said.split) == (kept.id, kept.team, kept.split)
+        (said.submission_id, said.split) == (kept.id, kept.split)
+        and said.team in names
         and (said.sha256, said.received_at) == (kept.sha256, kept.received_at)
         and (said.signature, said.scores) == (kept.report.signature, kept.report.scores)
     )
 
 
-def _at_audit_log(session: Session) -> Iterator[Finding]:
-    broken = list(broken_links(session))
-    for number in broken:
-        told = f"entry {number} was changed, or one before it was removed; compare with a backup"
+def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
+    broken, count = list(audit_log.broken_links(session)), len(entries(session))
+    if len(broken) == count > 1:
+        told = "no entry was written with this signing key; put back the key of the last backup"
         yield Finding("audit log", "fault", told)
-    recorded = entries(session)
-    lost, unknown = unmatched(session)
-    for deed in lost:
-        told = f"{deed}: an entry tells of it, and it is not there any more; compare with a backup"
-        yield Finding("audit log", "fault", told)
-    for deed in unknown:
-        told = (
-            f"{deed}: no entry tells of it; the entry was removed, or the row written by other "
-            "means: compare with a backup"
-        )
-        yield Finding("audit log", "fault", told)
+    else:
+        for number in broken:
+            told = f"entry {number} was changed, or one before it was removed"
+            yield Finding("audit log", "fault", f"{told}; compare with a backup")
+    for told in mismatches(session):
+        yield Finding("audit log", "fault", f"{told}; compare with a backup")
     if not broken:
-        yield Finding("audit log", "ok", f"{len(recorded):,} entries in an unbroken chain")
+        told = f"{count:,} entries, none changed or removed since it was written"
+        yield Finding("audit log", "ok", told)
 
 
 def _at_disk(folder: Path) -> Iterator[Finding]:

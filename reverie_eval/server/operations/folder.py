@@ -19,9 +19,11 @@ from pathlib import Path
 from reverie_eval.errors import Problem
 from reverie_eval.files import staged_folder
 from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_name
-from reverie_eval.server.operations.checks import demand_known
-from reverie_eval.server.service.people import add_person, add_team, mint
+from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
+from reverie_eval.server.operations.checks import acting, demand_known
+from reverie_eval.server.service.people import add_person, add_team
 from reverie_eval.server.service.receipts import make_key
+from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, SettingsError, load_settings
 from reverie_eval.server.store.database import Database
 
@@ -67,13 +69,10 @@ def fill(folder: Path) -> None:
 
 
 def _add_first_organiser(folder: Path, *, now: datetime, actor: str) -> str:
-    with (
-        closing(Database(load_settings(folder).database_url)) as database,
-        database.writing() as session,
-    ):
-        add_team(session, FIRST_TEAM, now=now, actor=actor)
-        organiser = add_person(session, FIRST_TEAM, FIRST_PERSON, "organiser", now=now, actor=actor)
-        return mint(session, organiser, "access", now=now, actor=actor).text
+    with acting(load_settings(folder), actor, lambda: now) as transaction:
+        add_team(transaction, NewTeam(name=FIRST_TEAM))
+        add_person(transaction, NewPerson(team=FIRST_TEAM, name=FIRST_PERSON, role="organiser"))
+        return create_token(transaction, NewToken(person=FIRST_PERSON, kind="access")).token
 
 
 def demand_empty(settings: Settings) -> None:

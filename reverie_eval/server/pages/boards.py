@@ -6,7 +6,7 @@ from math import ceil, inf
 from typing import Annotated
 
 import msgspec
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
@@ -26,6 +26,15 @@ PER_PAGE = 100
 router = APIRouter()
 
 Asked = Annotated[BoardQuery, Query()]
+
+
+def ranked(split: str, server: Server, query: Asked) -> Ranking:
+    """Return the board that is asked for."""
+    with server.database.reading() as session:
+        return server.ranking(session, split, query.ranked_by)
+
+
+Ranked = Annotated[Ranking, Depends(ranked)]
 
 
 @router.get("/")
@@ -56,53 +65,51 @@ class Packed(Response):
 
 
 @router.get("/boards/{split}")
-def show_board(
-    split: str, request: Request, server: Server, visitor: Visitor, query: Asked
-) -> Response:
+def show_board(split: str, visitor: Visitor, query: Asked) -> Response:
     """Rank what teams have published."""
-    ranking = server.ranking(split, query.ranked_by)
-    part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
-    return page(
-        request,
-        "board.html",
-        visitor,
-        board=ranking.board,
-        ranking=ranking,
-        query=query,
-        columns=_columns(query, [*part.rows, *apart]),
-        offered=[m for m in CATALOGUE.values() if m.key in {*ranking.metrics, query.x, query.y}],
-        primary=PRIMARY_METRIC,
-        part=part,
-        rows=part.rows,
-        apart=apart[:PER_PAGE],
-        reviewed=[row for row in part.rows if row.entry.reviews],
-        has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
-        counts={"ranked": len(ranking.rows), "apart": len(apart)},
-        numbers=_numbers(part.number, part.pages),
-    )
+    with visitor.snapshot() as snapshot:
+        ranking = visitor.server.ranking(snapshot.session, split, query.ranked_by)
+        part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
+        return page(
+            visitor.request,
+            "board.html",
+            snapshot,
+            board=ranking.board,
+            ranking=ranking,
+            query=query,
+            columns=_columns(query, [*part.rows, *apart]),
+            offered=[
+                m for m in CATALOGUE.values() if m.key in {*ranking.metrics, query.x, query.y}
+            ],
+            primary=PRIMARY_METRIC,
+            part=part,
+            rows=part.rows,
+            apart=apart[:PER_PAGE],
+            reviewed=[row for row in part.rows if row.entry.reviews],
+            has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
+            counts={"ranked": len(ranking.rows), "apart": len(apart)},
+            numbers=_numbers(part.number, part.pages),
+        )
 
 
-@router.get("/boards/{split}/chart")
-def show_chart(split: str, server: Server, query: Asked) -> Response:
+@router.get("/boards/{split}/chart")  # noqa: FAST003  # of Ranked
+def show_chart(ranking: Ranked, query: Asked) -> Response:
     """Return what the charts draw."""
-    ranking = server.ranking(split, query.ranked_by)
     drawn = chart_of(ranking, query.shown.of(ranking.rows, ranking), query.x, query.y)
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
-@router.get("/boards/{split}/latex")
-def show_latex(split: str, request: Request, server: Server, query: Asked) -> Response:
+@router.get("/boards/{split}/latex")  # noqa: FAST003  # of Ranked
+def show_latex(ranking: Ranked, request: Request, query: Asked) -> Response:
     """Return the rows of a page as a table for LaTeX."""
-    ranking = server.ranking(split, query.ranked_by)
     rows = _part(ranking, query).rows
     metrics = [metric for metric in _columns(query, rows) if _is_scored(metric, rows)]
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
 
 
-@router.get("/boards/{split}/bibtex")
-def show_bibtex(split: str, request: Request, server: Server, query: Asked) -> Response:
+@router.get("/boards/{split}/bibtex")  # noqa: FAST003  # of Ranked
+def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Asked) -> Response:
     """Return entries for BibTeX: the board's, and one for each row of a page."""
-    ranking = server.ranking(split, query.ranked_by)
     rows = _part(ranking, query).rows
     address = _address(request, query)
     return PlainTextResponse(as_bibtex(ranking, rows, server.settings.title, address))

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import quote, urlencode
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Depends, Query
 from fastapi.responses import Response
 from markupsafe import Markup
 
@@ -14,12 +14,11 @@ from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._map_svg import interactive_map_svg, map_key
 from reverie_eval.reporting._maps import EpisodeMap, Step
 from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST
-from reverie_eval.server.http.callers import Server
+from reverie_eval.server.http.callers import Call, Snapshot
 from reverie_eval.server.http.dependencies import Turn
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Visitor
 from reverie_eval.server.service.episodes import Browsing, Run, Wanted
-from reverie_eval.server.store.tables import BrowserSession, Person
 
 router = APIRouter()
 
@@ -48,14 +47,6 @@ class Selection(Wanted):
 
 
 Selected = Annotated[Selection, Depends()]
-
-
-def browsed(split: str, server: Server, visitor: Visitor, selection: Selected, _: Turn) -> Browsing:
-    """Return what the address asks for, of what the visitor may see."""
-    return server.episodes.browse(_person(visitor), split, selection.submissions)
-
-
-Browsed = Annotated[Browsing, Depends(browsed)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,55 +86,68 @@ class Walk:
 
 
 @router.get("/episodes")
-def show_splits(request: Request, server: Server, visitor: Visitor) -> Response:
+def show_splits(visitor: Visitor) -> Response:
     """List the splits whose episodes can be browsed."""
-    person = _person(visitor)
-    splits = [
-        (board, server.episodes.choices(person, board.name)) for board in server.episodes.boards
-    ]
-    return page(request, "episodes.html", visitor, splits=splits)
+    episodes = visitor.server.episodes
+    with visitor.snapshot() as snapshot:
+        splits = [
+            (board, episodes.choices(snapshot.session, snapshot.caller, board.name))
+            for board in episodes.boards
+        ]
+        return page(visitor.request, "episodes.html", snapshot, splits=splits)
 
 
-@router.get("/episodes/{split}")  # noqa: FAST003  # of Browsed
+@router.get("/episodes/{split}")
 def show_episodes(
-    browsing: Browsed,
-    request: Request,
+    split: str,
     visitor: Visitor,
     selection: Selected,
+    _: Turn,
     number: Annotated[int, Query(alias="page", ge=1)] = 1,
 ) -> Response:
     """List the episodes of an open split, with their outcomes."""
-    rows = browsing.rows(selection)
-    pages = max(1, -(-len(rows) // PER_PAGE))
-    number = min(number, pages)
-    return page(
-        request,
-        "episodes-list.html",
-        visitor,
-        browsing=browsing,
-        selection=selection,
-        names=_names(browsing.runs),
-        rows=rows[(number - 1) * PER_PAGE : number * PER_PAGE].tolist(),
-        count=len(rows),
-        number=number,
-        pages=pages,
-        funnels=_funnels(browsing, selection),
-        parts=_parts(browsing, selection),
-        outcomes=BEST_OUTCOME_FIRST,
-        scans=sorted(set(browsing.annotations.scan)),
-        categories=sorted(set(browsing.annotations.category)),
-    )
+    with visitor.snapshot() as snapshot:
+        browsing = _browsing(visitor, snapshot, split, selection)
+        rows = browsing.rows(selection)
+        pages = max(1, -(-len(rows) // PER_PAGE))
+        number = min(number, pages)
+        return page(
+            visitor.request,
+            "episodes-list.html",
+            snapshot,
+            browsing=browsing,
+            selection=selection,
+            names=_names(browsing.runs),
+            rows=rows[(number - 1) * PER_PAGE : number * PER_PAGE].tolist(),
+            count=len(rows),
+            number=number,
+            pages=pages,
+            funnels=_funnels(browsing, selection),
+            parts=_parts(browsing, selection),
+            outcomes=BEST_OUTCOME_FIRST,
+            scans=sorted(set(browsing.annotations.scan)),
+            categories=sorted(set(browsing.annotations.category)),
+        )
 
 
-@router.get("/episodes/{split}/{instr_id}")  # noqa: FAST003  # of Browsed
+@router.get("/episodes/{split}/{instr_id}")
 def show_episode(
-    instr_id: str,
-    browsing: Browsed,
-    request: Request,
-    visitor: Visitor,
-    selection: Selected,
+    split: str, instr_id: str, visitor: Visitor, selection: Selected, _: Turn
 ) -> Response:
     """Show an episode on the map of its scan, with the routes of up to two submissions."""
+    with visitor.snapshot() as snapshot:
+        browsing = _browsing(visitor, snapshot, split, selection)
+        content = _episode_content(browsing, selection, instr_id)
+        return page(visitor.request, "episode.html", snapshot, **content)
+
+
+def _browsing(visitor: Call, snapshot: Snapshot, split: str, selection: Selection) -> Browsing:
+    """Return what the address asks for, of what the visitor may see."""
+    episodes, submissions = visitor.server.episodes, selection.submissions
+    return episodes.browse(snapshot.session, snapshot.caller, split, submissions)
+
+
+def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) -> Mapping[str, Any]:
     episode = browsing.episode(instr_id)
     names = _names(browsing.runs)
     keys = list(browsing.runs[0].scores if browsing.runs else ())
@@ -151,29 +155,22 @@ def show_episode(
         name: run.scores.episode(instr_id) for name, run in zip(names, browsing.runs, strict=True)
     }
     shown = EpisodeMap.of(walked) if walked else EpisodeMap.of({"": episode}).without_routes()
-    return page(
-        request,
-        "episode.html",
-        visitor,
-        browsing=browsing,
-        selection=selection,
-        episode=episode,
-        map=shown,
-        picture=_markup(interactive_map_svg(shown)),
-        key=_markup(map_key(names)),
-        walks=_walks(browsing.runs, walked, shown),
-        neighbours=_neighbours(browsing, selection, instr_id),
-        goals=_goals(episode, shown),
-        levels=range(1, int(shown.storey.max()) + 2),
-        outcomes=BEST_OUTCOME_FIRST,
-        headline=[key for key in keys if CATALOGUE[key].headline],
-        further=[key for key in keys if not CATALOGUE[key].headline],
-        kept={field.name: getattr(selection, field.name) for field in fields(Wanted)},
-    )
-
-
-def _person(visitor: BrowserSession | None) -> Person | None:
-    return visitor.token.person if visitor else None
+    return {
+        "browsing": browsing,
+        "selection": selection,
+        "episode": episode,
+        "map": shown,
+        "picture": _markup(interactive_map_svg(shown)),
+        "key": _markup(map_key(names)),
+        "walks": _walks(browsing.runs, walked, shown),
+        "neighbours": _neighbours(browsing, selection, instr_id),
+        "goals": _goals(episode, shown),
+        "levels": range(1, int(shown.storey.max()) + 2),
+        "outcomes": BEST_OUTCOME_FIRST,
+        "headline": [key for key in keys if CATALOGUE[key].headline],
+        "further": [key for key in keys if not CATALOGUE[key].headline],
+        "kept": {field.name: getattr(selection, field.name) for field in fields(Wanted)},
+    }
 
 
 def _markup(drawn: str) -> Markup:

@@ -8,12 +8,11 @@ from fastapi.responses import RedirectResponse, Response
 
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import MalformedError, NotSignedInError
-from reverie_eval.server.http.callers import COOKIE, session_if_any
+from reverie_eval.server.http.callers import COOKIE, Call, Snapshot, session_id_of
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.labels import API
 from reverie_eval.server.pages.rendering import STATIC, Place, page
 from reverie_eval.server.state import state_of
-from reverie_eval.server.store.tables import BrowserSession
 
 _NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
@@ -40,13 +39,15 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
     if hasattr(request.state, "draw_fault"):
         drawn: Response = request.state.draw_fault(problem)
         return drawn
-    session = session_if_any(request, state_of(request), request.cookies.get(COOKIE))
-    return _fault(request, session, problem)
+    cookie = request.cookies.get(COOKIE)
+    visit = Call(request, state_of(request), None, session_id_of(request, cookie))
+    with visit.snapshot() as snapshot:
+        return _fault(request, snapshot, problem)
 
 
-def _fault(request: Request, session: BrowserSession | None, problem: ProblemDocument) -> Response:
+def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument) -> Response:
     way_on = _way_on(request, problem)
-    return page(request, "fault.html", session, problem.status, problem=problem, way_on=way_on)
+    return page(request, "fault.html", snapshot, problem.status, problem=problem, way_on=way_on)
 
 
 def _way_on(request: Request, problem: ProblemDocument) -> Place:

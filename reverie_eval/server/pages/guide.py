@@ -11,7 +11,7 @@ from reverie_eval.geometry import HEIGHT, WIDTH
 from reverie_eval.schemas.service import Method
 from reverie_eval.scoring import ALIASES, PROTOCOLS
 from reverie_eval.server.errors import ERRORS
-from reverie_eval.server.http.callers import Server
+from reverie_eval.server.http.callers import Call
 from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Visitor
@@ -30,86 +30,85 @@ _PLAIN = {
 
 
 @router.get("")
-def show_guide(request: Request, visitor: Visitor) -> Response:
+def show_guide(visitor: Visitor) -> Response:
     """List what there is to read."""
-    return page(request, "guide/index.html", visitor)
+    return _page(visitor, "guide/index.html")
 
 
 @router.get("/submitting")
-def show_submitting(request: Request, server: Server, visitor: Visitor) -> Response:
+def show_submitting(visitor: Visitor) -> Response:
     """Tell how a submission is made, from the very schema that it is checked by."""
-    return page(
-        request,
-        "guide/submitting.html",
+    return _page(
         visitor,
+        "guide/submitting.html",
         fields=fields_of(submission_schema()["$defs"]["Prediction"]),
         example=_example(),
         picture=(WIDTH, HEIGHT),
-        limits=server.settings.limits,
-        address=_address(request),
-        split=next(iter(server.boards)),
+        limits=visitor.server.settings.limits,
+        address=_address(visitor.request),
+        split=next(iter(visitor.server.boards)),
     )
 
 
 @router.get("/metrics")
-def show_metrics(request: Request, visitor: Visitor) -> Response:
+def show_metrics(visitor: Visitor) -> Response:
     """Tell what each metric means."""
-    return page(request, "guide/metrics.html", visitor)
+    return _page(visitor, "guide/metrics.html")
 
 
 @router.get("/protocols")
-def show_protocols(request: Request, server: Server, visitor: Visitor) -> Response:
+def show_protocols(visitor: Visitor) -> Response:
     """Tell the rules that published evaluators score by."""
-    used = {name: board.split.protocol for name, board in server.boards.items()}
+    used = {name: board.split.protocol for name, board in visitor.server.boards.items()}
     aliases = {
         name: [alias for alias, canonical in ALIASES.items() if canonical == name]
         for name in PROTOCOLS
     }
-    return page(
-        request, "guide/protocols.html", visitor, protocols=PROTOCOLS, used=used, aliases=aliases
-    )
+    return _page(visitor, "guide/protocols.html", protocols=PROTOCOLS, used=used, aliases=aliases)
 
 
 @router.get("/rules")
-def show_rules(request: Request, server: Server, visitor: Visitor) -> Response:
+def show_rules(visitor: Visitor) -> Response:
     """Tell this server's splits, quotas and phases."""
-    return page(
-        request,
-        "guide/rules.html",
+    return _page(
         visitor,
-        boards=server.boards,
-        now=server.clock(),
-        required=server.settings.required_metadata,
+        "guide/rules.html",
+        boards=visitor.server.boards,
+        now=visitor.server.clock(),
+        required=visitor.server.settings.required_metadata,
         said=Method.model_fields,
     )
 
 
 @router.get("/api")
-def show_api(request: Request, server: Server, visitor: Visitor) -> Response:
+def show_api(visitor: Visitor) -> Response:
     """Tell how programs ask."""
-    return page(
-        request,
-        "guide/api.html",
+    return _page(
         visitor,
-        address=_address(request),
-        split=next(iter(server.boards)),
+        "guide/api.html",
+        address=_address(visitor.request),
+        split=next(iter(visitor.server.boards)),
         errors=ERRORS,
-        limits=server.settings.limits,
-        key_id=server.signer.key_id,
+        limits=visitor.server.settings.limits,
+        key_id=visitor.server.signer.key_id,
     )
 
 
 @router.get("/privacy")
-def show_privacy(request: Request, server: Server, visitor: Visitor) -> Response:
+def show_privacy(visitor: Visitor) -> Response:
     """Tell what is kept, and who sees it."""
-    return page(
-        request,
-        "guide/privacy.html",
+    return _page(
         visitor,
-        boards=server.boards,
+        "guide/privacy.html",
+        boards=visitor.server.boards,
         hours=int(LIFETIME.total_seconds()) // 3600,
         days=DAYS_KEPT,
     )
+
+
+def _page(visitor: Call, template: str, **content: Any) -> Response:
+    with visitor.snapshot() as snapshot:
+        return page(visitor.request, template, snapshot, **content)
 
 
 def _example() -> str:

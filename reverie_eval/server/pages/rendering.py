@@ -16,11 +16,11 @@ from markupsafe import Markup
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.errors import ERRORS
-from reverie_eval.server.http.exchange import exchange_of
+from reverie_eval.server.http.callers import Snapshot
 from reverie_eval.server.pages.files import SHELVES
-from reverie_eval.server.service.people import CALLED
+from reverie_eval.server.service.tokens import TOKEN_NAMES
 from reverie_eval.server.state import state_of
-from reverie_eval.server.store.tables import BrowserSession, Person
+from reverie_eval.server.store.tables import Person
 from reverie_eval.text import category_text, count_text
 from reverie_eval.version import __version__
 
@@ -63,31 +63,32 @@ class Site:
 def page(
     request: Request,
     template: str,
-    session: BrowserSession | None = None,
+    snapshot: Snapshot | None,
     status: int = 200,
     **content: Any,
 ) -> HTMLResponse:
-    """Render a page for whoever is signed in."""
-    site = _site(request, session)
+    """Render a page for whoever is signed in; without a snapshot, the database is not asked."""
+    site = _site(request, snapshot)
     html = _environment().get_template(template).render(site=site, **content)
     return HTMLResponse(html, status, HEADERS)
 
 
-def _site(request: Request, session: BrowserSession | None) -> Site:
+def _site(request: Request, snapshot: Snapshot | None) -> Site:
     server = state_of(request)
-    asks_database = exchange_of(request.scope).asks_database
-    standing = server.notices.now() if asks_database else server.notices.settled
+    notices, person, csrf_token = server.notices, None, ""
+    notice = notices.current(snapshot.session) if snapshot else notices.of_settings
+    if snapshot is not None and snapshot.browser is not None:
+        person, csrf_token = snapshot.caller, server.sessions.csrf_token(snapshot.browser.id)
     boards = [Place(name, f"/boards/{name}") for name in server.boards]
-    person = None if session is None else session.token.person
     own = [] if person is None else [Place("Submit", "/submit")]
     desk = [Place("Desk", "/desk")] if person is not None and person.role == "organiser" else []
     return Site(
         title=server.settings.title,
-        banner=standing.banner,
+        banner=notice.banner,
         places=[*boards, Place("Episodes", "/episodes"), *own, Place("Guide", "/guide"), *desk],
         here=request.url.path,
         person=person,
-        csrf_token="" if session is None else server.sessions.csrf_token(session),
+        csrf_token=csrf_token,
     )
 
 
@@ -101,7 +102,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.globals |= {
-        "called": CALLED,
+        "called": TOKEN_NAMES,
         "flags": METHOD_FLAGS,
         "metrics": CATALOGUE,
         "static": static_url,

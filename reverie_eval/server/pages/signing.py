@@ -7,44 +7,42 @@ from fastapi import APIRouter, Depends, Form, Request
 from fastapi.responses import RedirectResponse, Response
 
 from reverie_eval.server.errors import NotSignedInError
-from reverie_eval.server.http.callers import Server, drop_cookie, own_page, set_cookie
+from reverie_eval.server.http.callers import Call, Snapshot, drop_cookie, own_page, set_cookie
 from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.pages.visitors import Member, Posted, Visitor
-from reverie_eval.server.service.people import exchange
+from reverie_eval.server.pages.visitors import Posted, Visitor
 from reverie_eval.server.service.sessions import Begun
+from reverie_eval.server.service.tokens import accept_invitation
 
 router = APIRouter()
 SEE_OTHER = 303
 
 
 @router.get("/sign-in")
-def show_sign_in(request: Request, visitor: Visitor, back: str = "/team") -> Response:
+def show_sign_in(visitor: Visitor, back: str = "/team") -> Response:
     """Ask for a token, or an invitation."""
-    return page(request, "sign-in.html", visitor, fault=None, wrong="", back=own_path(back))
+    return _form(visitor, own_path(back))
 
 
 @router.post("/sign-in", dependencies=[Depends(own_page)])
 def sign_in(
-    request: Request,
-    server: Server,
+    visitor: Visitor,
     token: Annotated[str, Form(max_length=200)] = "",
     back: Annotated[str, Form()] = "/team",
 ) -> Response:
     """Begin a session, or say what is wrong with the token."""
-    now = server.clock()
+    server, now = visitor.server, visitor.server.clock()
     try:
         with server.database.writing() as session:
             begun = server.sessions.begin(session, token.strip(), now)
     except NotSignedInError as error:
-        return _refused(request, "token", error, back)
+        return _form(visitor, own_path(back), 401, wrong="token", fault=str(error))
     reply = RedirectResponse(own_path(back), SEE_OTHER)
-    return _with_cookie(request, reply, begun, now)
+    return _with_cookie(visitor.request, reply, begun, now)
 
 
 @router.post("/sign-in/invitation", dependencies=[Depends(own_page)])
-def accept_invitation(
-    request: Request,
-    server: Server,
+def use_invitation(
+    visitor: Visitor,
     invitation: Annotated[str, Form(max_length=200)] = "",
     back: Annotated[str, Form()] = "/team",
 ) -> Response:
@@ -52,22 +50,24 @@ def accept_invitation(
 
     The token is in this reply and nowhere else: not in an address, and not in what a browser keeps.
     """
-    now = server.clock()
+    request, server = visitor.request, visitor.server
     try:
-        with server.database.writing() as session:
-            minted = exchange(session, invitation.strip(), now)
-            begun = server.sessions.begin(session, minted.text, now)
+        with server.transactions.begin("") as transaction:
+            session, now = transaction.session, transaction.now
+            token = accept_invitation(transaction, invitation.strip()).token
+            begun = server.sessions.begin(session, token, now)
+            own = Snapshot(session, now, begun.session, begun.session.token.person)
+            reply = page(request, "welcome.html", own, token=token, back=own_path(back))
     except NotSignedInError as error:
-        return _refused(request, "invitation", error, back)
-    reply = page(request, "welcome.html", begun.session, token=minted.text, back=own_path(back))
+        return _form(visitor, own_path(back), 401, wrong="invitation", fault=str(error))
     return _with_cookie(request, reply, begun, now)
 
 
 @router.post("/sign-out")
-def sign_out(server: Server, member: Member, _: Posted) -> Response:
+def sign_out(visitor: Visitor, _: Posted) -> Response:
     """End the session."""
-    with server.database.writing() as session:
-        server.sessions.end(session, member)
+    with visitor.server.database.writing() as session:
+        visitor.server.sessions.end(session, visitor.session_id or "")
     reply = RedirectResponse("/", SEE_OTHER)
     drop_cookie(reply)
     return reply
@@ -79,9 +79,12 @@ def own_path(path: str) -> str:
     return path if is_own else "/team"
 
 
-def _refused(request: Request, wrong: str, error: NotSignedInError, back: str) -> Response:
-    fault, target = str(error), own_path(back)
-    return page(request, "sign-in.html", status=401, fault=fault, wrong=wrong, back=target)
+def _form(
+    visitor: Call, back: str, status: int = 200, *, wrong: str = "", fault: str | None = None
+) -> Response:
+    with visitor.snapshot() as snapshot:
+        request, content = visitor.request, {"fault": fault, "wrong": wrong, "back": back}
+        return page(request, "sign-in.html", snapshot, status, **content)
 
 
 def _with_cookie(request: Request, reply: Response, begun: Begun, now: datetime) -> Response:

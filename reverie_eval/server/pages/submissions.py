@@ -1,10 +1,10 @@
 """``/submissions/{id}``: all of it for its team, what was published for everybody else."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Query
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import RedirectResponse, Response
 from pydantic import ValidationError
@@ -13,7 +13,7 @@ from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.http.callers import Server
+from reverie_eval.server.http.callers import Call, Snapshot
 from reverie_eval.server.http.dependencies import Turn
 from reverie_eval.server.pages.faults import show_faults_with
 from reverie_eval.server.pages.rendering import page
@@ -22,8 +22,7 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.history import history
 from reverie_eval.server.service.publications import publication
 from reverie_eval.server.service.reviews import standing_reviews
-from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.tables import BrowserSession
+from reverie_eval.server.service.submissions import submission_of
 
 router = APIRouter()
 SEE_OTHER = 303
@@ -31,95 +30,82 @@ SEE_OTHER = 303
 _EMPTY_IS_NONE = frozenset({"paper", "code"})
 
 
-@dataclass(frozen=True)
-class OwnPage:
-    """A submission's page for its team, and for the organiser."""
-
-    request: Request
-    server: ServerState
-    member: BrowserSession
-    submission_id: str
-
-    def draw(
-        self,
-        done: str = "",
-        typed: Mapping[str, Any] | None = None,
-        problem: ProblemDocument | None = None,
-    ) -> Response:
-        """Show it, with what was typed into its forms, if that came to nothing.
-
-        Raises
-        ------
-        NotFoundError
-            If it is another team's, or there is none.
-        """
-        person = self.member.token.person
-        shown = self.server.submissions.one(person, self.submission_id)
-        board = self.server.boards.get(shown.split)
-        is_mine = board is not None and shown.team == person.team.name
-        with self.server.database.reading() as session:
-            events = history(session, shown.id)
-            reviews = standing_reviews(session, shown.id)
+@router.get("/submissions/{submission_id}")
+def show_submission(
+    submission_id: str, visitor: Visitor, done: Annotated[str, Query(max_length=20)] = ""
+) -> Response:
+    """Show a submission: to its team, or to whoever reads the board."""
+    with visitor.snapshot() as snapshot:
+        if snapshot.caller is not None:
+            try:
+                return _own_page(visitor, snapshot, submission_id, done)
+            except NotFoundError:
+                pass  # it may be published
         return page(
-            self.request,
-            "submission.html",
-            self.member,
-            problem.status if problem else 200,
-            shown=shown,
-            quota=self.server.intake.quota(person, shown.split) if is_mine else None,
-            has_episodes=_has_episodes(board, shown.report),
-            events=events,
-            reviews=reviews,
-            now=self.server.clock(),
-            typed={**_texts(shown.method), **(typed or {})},
+            visitor.request,
+            "publication.html",
+            snapshot,
+            shown=publication(snapshot.session, submission_id, snapshot.now),
             said=Method.model_fields,
             primary=PRIMARY_METRIC,
-            required=self.server.settings.required_metadata,
-            done=done,
-            problem=problem,
         )
 
 
-@router.get("/submissions/{submission_id}")
-def show_submission(
-    submission_id: str,
-    request: Request,
-    server: Server,
-    visitor: Visitor,
-    done: Annotated[str, Query(max_length=20)] = "",
-) -> Response:
-    """Show a submission: to its team, or to whoever reads the board."""
-    if visitor is not None:
-        try:
-            return OwnPage(request, server, visitor, submission_id).draw(done)
-        except NotFoundError:
-            pass  # it may be published
-    with server.database.reading() as session:
-        published = publication(session, submission_id, server.clock())
-    return page(
-        request,
-        "publication.html",
-        visitor,
-        shown=published,
-        said=Method.model_fields,
-        primary=PRIMARY_METRIC,
-    )
-
-
 @router.post("/submissions/{submission_id}")
-def change_submission(
-    submission_id: str, request: Request, server: Server, member: Member, form: Posted, _: Turn
-) -> Response:
+def change_submission(submission_id: str, member: Member, form: Posted, _: Turn) -> Response:
     """Change what one of the page's small forms is about: each sends its own fields only."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}
-    server.submissions.one(member.token.person, submission_id)
-    own = OwnPage(request, server, member, submission_id)
-    is_of_method = "name" in typed
-    show_faults_with(
-        request, lambda problem: own.draw(typed=typed if is_of_method else None, problem=problem)
-    )
-    server.submissions.change(member.token.person, submission_id, change_of(typed))
+    with member.snapshot() as snapshot:
+        submission_of(snapshot.session, snapshot.person, submission_id)
+
+    def draw(problem: ProblemDocument) -> Response:
+        with member.snapshot() as snapshot:
+            kept = typed if "name" in typed else {}  # of the form about the method alone
+            return _own_page(member, snapshot, submission_id, typed=kept, problem=problem)
+
+    show_faults_with(member.request, draw)
+    member.server.submissions.change(member.person(), submission_id, change_of(typed))
     return RedirectResponse(f"/submissions/{submission_id}?done=changed", SEE_OTHER)
+
+
+def _own_page(
+    visit: Call,
+    snapshot: Snapshot,
+    submission_id: str,
+    done: str = "",
+    *,
+    typed: Mapping[str, Any] = MappingProxyType({}),
+    problem: ProblemDocument | None = None,
+) -> Response:
+    """Show a submission to its team, with what was typed into its forms if that was wrong.
+
+    Raises
+    ------
+    NotFoundError
+        If it is another team's, or there is none.
+    """
+    server, session, person = visit.server, snapshot.session, snapshot.person
+    shown = submission_of(session, person, submission_id)
+    board = server.boards.get(shown.split)
+    is_mine = board is not None and shown.team == person.team.name
+    return page(
+        visit.request,
+        "submission.html",
+        snapshot,
+        problem.status if problem else 200,
+        shown=shown,
+        quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
+        has_episodes=_has_episodes(board, shown.report),
+        events=history(session, shown.id),
+        reviews=standing_reviews(session, shown.id),
+        now=snapshot.now,
+        typed={**_texts(shown.method), **typed},
+        said=Method.model_fields,
+        primary=PRIMARY_METRIC,
+        required=server.settings.required_metadata,
+        done=done,
+        problem=problem,
+    )
 
 
 def change_of(typed: Mapping[str, str]) -> SubmissionChange:

@@ -10,15 +10,16 @@ is known before its body is read.
 """
 
 from collections.abc import AsyncIterator, Mapping
-from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import RedirectResponse, Response
 
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.errors import MalformedError, RejectedFileError
-from reverie_eval.server.http.callers import Server
+from reverie_eval.server.http.callers import Call, Server
 from reverie_eval.server.http.dependencies import content_of, method_from
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.runtime import Runtime
@@ -27,9 +28,6 @@ from reverie_eval.server.pages.faults import show_faults_with
 from reverie_eval.server.pages.quotas import split_quotas
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Member
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.tables import BrowserSession
 
 router = APIRouter()
 OK = 200
@@ -38,39 +36,33 @@ SEE_OTHER = 303
 _NOTHING = dict.fromkeys(("split", *Method.model_fields), "")
 
 
-@dataclass(frozen=True)
-class UploadForm:
-    """The page with the form, for somebody who is signed in."""
-
-    request: Request
-    server: ServerState
-    member: BrowserSession
-
-    def draw(self, typed: Mapping[str, str], status: int = OK, **outcome: Any) -> Response:
-        """Show the form with what was typed into it, and what came of it."""
-        found = {"problem": None, "report": None, **outcome}
+def draw(member: Call, typed: Mapping[str, str], status: int = OK, **outcome: Any) -> Response:
+    """Show the form with what was typed into it, and what came of it."""
+    server = member.server
+    with member.snapshot() as snapshot:
         return page(
-            self.request,
+            member.request,
             "submit.html",
-            self.member,
+            snapshot,
             status,
             typed={**_NOTHING, **typed},
-            splits=split_quotas(self.server, self.member.token.person),
-            required=self.server.settings.required_metadata,
+            splits=split_quotas(server, snapshot),
+            required=server.settings.required_metadata,
             said=Method.model_fields,
-            is_paused=self.server.notices.now().paused,
-            limit=self.server.settings.limits.upload_mebibytes,
-            **found,
+            is_paused=server.notices.current(snapshot.session).paused,
+            limit=server.settings.limits.upload_mebibytes,
+            **{"problem": None, "report": None, **outcome},
         )
 
-    def draw_fault(self, typed: Mapping[str, str], problem: ProblemDocument) -> Response:
-        """Show the form with what is wrong; what is found by a check is what was asked for."""
-        is_answer = typed.get("what") == "check" and problem.code == RejectedFileError.code
-        return self.draw(typed, OK if is_answer else problem.status, problem=problem)
+
+def draw_fault(member: Call, typed: Mapping[str, str], problem: ProblemDocument) -> Response:
+    """Show the form with what is wrong; what is found by a check is what was asked for."""
+    is_answer = typed.get("what") == "check" and problem.code == RejectedFileError.code
+    return draw(member, typed, OK if is_answer else problem.status, problem=problem)
 
 
 async def posted_upload(
-    request: Request, found: Member, server: Server, runtime: Runtime
+    request: Request, member: Member, server: Server, runtime: Runtime
 ) -> AsyncIterator[Upload]:
     """Take the form off the wire once there is room for it; faults keep what was typed.
 
@@ -81,14 +73,14 @@ async def posted_upload(
     """
     exchange = exchange_of(request.scope)
     exchange.uploaded_to = ""
-    async with runtime.admission.hold(found.token.person_id):
+    person = await run_in_threadpool(member.person)
+    async with runtime.admission.hold(person.id):
         upload = await receive(request, server.settings.limits)
         is_to_be_scored = upload.fields.get("what") == "score"
         exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None
-        server.sessions.demand_csrf_token(found, upload.fields.get("csrf_token", ""))
-        form = UploadForm(request, server, found)
-
-        show_faults_with(request, lambda problem: form.draw_fault(upload.fields, problem))
+        shown = upload.fields.get("csrf_token", "")
+        server.sessions.demand_csrf_token(member.session_id or "", shown)
+        show_faults_with(request, partial(draw_fault, member, upload.fields))
         if not upload.filename:
             raise MalformedError("choose a file first")
         async with runtime.admission.score():
@@ -99,33 +91,22 @@ PostedUpload = Annotated[Upload, Depends(posted_upload, scope="function")]
 
 
 @router.get("/submit")
-def show_submit(
-    request: Request,
-    server: Server,
-    member: Member,
-    split: Annotated[str, Query(max_length=64)] = "",
-) -> Response:
+def show_submit(member: Member, split: Annotated[str, Query(max_length=64)] = "") -> Response:
     """Show the form; a link may choose the split."""
-    return UploadForm(request, server, member).draw({"split": split})
+    return draw(member, {"split": split})
 
 
 @router.post("/submit")
-def submit(request: Request, server: Server, member: Member, upload: PostedUpload) -> Response:
+def submit(member: Member, upload: PostedUpload) -> Response:
     """Check a file, or score it and lead to its page; the same file leads to the same page."""
-    typed = upload.fields
+    server, person, typed = member.server, member.person(), upload.fields
     board = server.board(typed.get("split", ""))
     if typed.get("what") != "score":
-        return _checked(UploadForm(request, server, member), board, upload)
+        report = server.intake.validate(person, board.name, content_of(upload, server))
+        return draw(member, typed, report=report)
     said = {name: typed[name] for name in Method.model_fields if name in typed}
-    accepted = server.intake.submit(
-        member.token.person, board.name, upload.packed, method_from(said), key=None
-    )
-    exchange_of(request.scope).is_repeat = accepted.is_repeat
+    method = method_from(said)
+    accepted = server.intake.submit(person, board.name, upload.packed, method, key=None)
+    exchange_of(member.request.scope).is_repeat = accepted.is_repeat
     came = "again" if accepted.is_repeat else "scored"
     return RedirectResponse(f"/submissions/{accepted.submission.id}?done={came}", SEE_OTHER)
-
-
-def _checked(form: UploadForm, board: Board, upload: Upload) -> Response:
-    content = content_of(upload, form.server)
-    report = form.server.intake.validate(form.member.token.person, board.name, content)
-    return form.draw(upload.fields, report=report)

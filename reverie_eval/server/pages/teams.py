@@ -1,13 +1,13 @@
 """``/team``: one's own team, where signing in leads to."""
 
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
-from reverie_eval.server.http.callers import Server
 from reverie_eval.server.pages.quotas import split_quotas
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.pages.visitors import Member
@@ -21,9 +21,11 @@ MOST_SUBMISSIONS = 200
 """That the page shows; the API lists all."""
 
 
-def _progress(team: TeamView, server: ServerState) -> Mapping[str, Mapping[str, Any]]:
+def _progress(
+    team: TeamView, server: ServerState, now: datetime
+) -> Mapping[str, Mapping[str, Any]]:
     """Return what is drawn of each split that more than one submission has a score of."""
-    metric, now = CATALOGUE[PRIMARY_METRIC], server.clock()
+    metric = CATALOGUE[PRIMARY_METRIC]
     of_splits = {
         split: [each for each in team.submissions if each.split == split] for split in server.boards
     }
@@ -34,21 +36,22 @@ def _progress(team: TeamView, server: ServerState) -> Mapping[str, Mapping[str, 
 
 
 @router.get("/team")
-def show_team(request: Request, server: Server, member: Member) -> Response:
+def show_team(member: Member) -> Response:
     """Show who is in the team, what it has left, and what it has submitted."""
-    person = member.token.person
-    with server.database.reading() as session:
-        team = team_of(session, person, MOST_SUBMISSIONS)
-    return page(
-        request,
-        "team.html",
-        member,
-        team=team,
-        person=person,
-        left=[(each.board.name, each.quota) for each in split_quotas(server, person)],
-        signed_in_with=member.token_id,
-        columns=[metric for metric in CATALOGUE.values() if metric.headline],
-        primary=PRIMARY_METRIC,
-        progress=_progress(team, server),
-        now=server.clock(),
-    )
+    server = member.server
+    with member.snapshot() as snapshot:
+        person, team = snapshot.person, team_of(snapshot.session, snapshot.person, MOST_SUBMISSIONS)
+        left = [(each.board.name, each.quota) for each in split_quotas(server, snapshot)]
+        return page(
+            member.request,
+            "team.html",
+            snapshot,
+            team=team,
+            person=person,
+            left=left,
+            signed_in_with=snapshot.browser and snapshot.browser.token_id,
+            columns=[metric for metric in CATALOGUE.values() if metric.headline],
+            primary=PRIMARY_METRIC,
+            progress=_progress(team, server, snapshot.now),
+            now=snapshot.now,
+        )

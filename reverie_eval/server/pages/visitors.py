@@ -1,52 +1,56 @@
-"""Who looks at a page, and whether a form was ours."""
+"""Who looks at a page, and whether a form was ours.
 
+A page knows people by their browsers' sessions alone; a token in a header is for the API.
+"""
+
+from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import Depends, Request
 from starlette.datastructures import FormData
 
-from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
-from reverie_eval.server.http.callers import Server, session_if_any
-from reverie_eval.server.store.tables import BrowserSession
-
-Visitor = Annotated[BrowserSession | None, Depends(session_if_any)]
-"""The browser session of whoever looks, or None."""
+from reverie_eval.server.errors import ForgedError, NotSignedInError
+from reverie_eval.server.http.callers import COOKIE, Call, session_id_of
+from reverie_eval.server.state import state_of
 
 
-def member(found: Visitor) -> BrowserSession:
-    """Return the session of somebody who is signed in."""
-    if found is None:
-        raise NotSignedInError("sign in to see this page")
-    return found
+async def visitor(request: Request) -> Call:
+    """Return the visit of anybody."""
+    cookie = request.cookies.get(COOKIE)
+    return Call(request, state_of(request), None, session_id_of(request, cookie))
 
 
-Member = Annotated[BrowserSession, Depends(member)]
+async def member(visit: Annotated[Call, Depends(visitor)]) -> Call:
+    """Return the visit of somebody who is signed in."""
+    return replace(visit, required="participant")
 
 
-def desk(found: Member) -> BrowserSession:
-    """Return the session of an organiser."""
-    if found.token.person.role != "organiser":
-        raise NotAllowedError("only the organiser may see this page")
-    return found
+async def desk(visit: Annotated[Call, Depends(visitor)]) -> Call:
+    """Return the visit of an organiser."""
+    return replace(visit, required="organiser")
 
 
-Desk = Annotated[BrowserSession, Depends(desk)]
-
-
-async def posted(request: Request, found: Member, server: Server) -> FormData:
+async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
     """Return the fields of a form that one of our own pages sent.
 
     Raises
     ------
+    NotSignedInError
+        If nobody is signed in, before any of the form is read.
     ForgedError
         If it does not carry the session's CSRF token.
     """
-    form = await request.form()
+    if visit.session_id is None:
+        raise NotSignedInError("sign in to see this page")
+    form = await visit.request.form()
     shown: Any = form.get("csrf_token", "")
     if not isinstance(shown, str):
         raise ForgedError("csrf_token is no file")
-    server.sessions.demand_csrf_token(found, shown)
+    visit.server.sessions.demand_csrf_token(visit.session_id, shown)
     return form
 
 
+Visitor = Annotated[Call, Depends(visitor)]
+Member = Annotated[Call, Depends(member)]
+Desk = Annotated[Call, Depends(desk)]
 Posted = Annotated[FormData, Depends(posted)]

@@ -7,7 +7,7 @@ from reverie_eval.schemas.service import Invitation, Me, ServerReport, Welcome
 from reverie_eval.server.http.callers import Caller, Server
 from reverie_eval.server.http.examples import KEY_PEM
 from reverie_eval.server.http.openapi import problems
-from reverie_eval.server.service.people import exchange
+from reverie_eval.server.service.tokens import accept_invitation
 from reverie_eval.version import __version__
 
 router = APIRouter(tags=["access"])
@@ -16,30 +16,30 @@ router = APIRouter(tags=["access"])
 @router.get("/server")
 def show_server(server: Server) -> ServerReport:
     """Say what the server is, and what its organiser has to say to everybody."""
-    settings, standing = server.settings, server.notices.now()
+    with server.database.reading() as session:
+        notice = server.notices.current(session)
     return ServerReport(
-        title=settings.title,
+        title=server.settings.title,
         version=__version__,
-        banner=standing.banner,
-        paused=standing.paused,
+        banner=notice.banner,
+        paused=notice.paused,
         key_id=server.signer.key_id,
-        required_metadata=list(settings.required_metadata),
+        required_metadata=list(server.settings.required_metadata),
     )
 
 
 @router.get("/me", responses=problems("not-signed-in"))
-def show_me(person: Caller) -> Me:
+def show_me(caller: Caller) -> Me:
     """Say who you are."""
+    person = caller.person()
     return Me(person=person.name, team=person.team.name, role=person.role)
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-signed-in"))
-def accept_invitation(invitation: Invitation, server: Server) -> Welcome:
+def exchange_invitation(invitation: Invitation, server: Server) -> Welcome:
     """Turn an invitation into a token, once."""
-    with server.database.writing() as session:
-        minted = exchange(session, invitation.invitation, server.clock())
-        person = minted.token.person
-        return Welcome(person=person.name, team=person.team.name, token=minted.text)
+    with server.transactions.begin("") as transaction:
+        return accept_invitation(transaction, invitation.invitation)
 
 
 @router.get(

@@ -1,13 +1,12 @@
 """``/healthz`` and ``/metrics``: for whoever keeps the server running."""
 
 import ipaddress
+from dataclasses import replace
 
-from fastapi import APIRouter, Depends, Request, Response, status
+from fastapi import APIRouter, Request, Response, status
 
 from reverie_eval.schemas.service import HealthReport
-from reverie_eval.server.errors import NotSignedInError
 from reverie_eval.server.http.callers import Anybody, Server
-from reverie_eval.server.http.callers import organiser as demand_organiser
 from reverie_eval.server.http.examples import METRICS
 from reverie_eval.server.http.labels import address_of
 from reverie_eval.server.http.metrics import MEDIA_TYPE
@@ -15,14 +14,6 @@ from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.runtime import Runtime
 
 router = APIRouter(tags=["operations"])
-
-
-def metrics_reader(request: Request, server: Server, person: Anybody) -> None:
-    """Let organisers read the metrics, and whom the settings name."""
-    if person is not None:
-        demand_organiser(person)
-    elif not _is_named(address_of(request.scope), server.settings.metrics_readers):
-        raise NotSignedInError("send an organiser's token: `Authorization: Bearer rv_...`")
 
 
 @router.get("/healthz", responses={503: {"model": HealthReport}})
@@ -36,15 +27,19 @@ async def show_health(runtime: Runtime, response: Response) -> HealthReport:
 
 @router.get(
     "/metrics",
-    dependencies=[Depends(metrics_reader)],
     response_class=Response,
     responses={
         200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": METRICS}}},
         **problems("not-signed-in", "not-allowed"),
     },
 )
-def show_metrics(runtime: Runtime) -> Response:
-    """Return what the server counts, for Prometheus."""
+def show_metrics(request: Request, call: Anybody, server: Server, runtime: Runtime) -> Response:
+    """Return what the server counts, for Prometheus: to organisers, and whom the settings name."""
+    with call.snapshot() as snapshot:
+        is_anonymous = snapshot.caller is None
+    readers = server.settings.metrics_readers
+    if not (is_anonymous and _is_named(address_of(request.scope), readers)):
+        replace(call, required="organiser").person()
     return Response(runtime.metrics.text(), media_type=MEDIA_TYPE)
 
 

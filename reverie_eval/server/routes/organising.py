@@ -1,161 +1,199 @@
-"""``/organiser``: people and their tokens, further submissions, and who did what."""
+"""``/organiser``: what only organisers may do and see."""
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Query
+from fastapi import APIRouter, Path, Query
 
 from reverie_eval.schemas.organising import (
+    AttemptReport,
     AuditReport,
     GrantReport,
-    MintedReport,
     NewGrant,
+    NewNotice,
     NewPerson,
+    NewReported,
+    NewReview,
     NewTeam,
     NewToken,
+    NewTokenReport,
+    NoticeReport,
     PersonReport,
+    ReportedEntry,
+    ReviewEntry,
     TeamReport,
     TokenReport,
 )
-from reverie_eval.server.http.callers import Organiser, Server, organiser
+from reverie_eval.schemas.wire import LONGEST_NAME
+from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
-from reverie_eval.server.service import audit, grants, people
-from reverie_eval.server.store.tables import Grant, Person, Team, Token
+from reverie_eval.server.service import (
+    attempts,
+    audit,
+    people,
+    quotas,
+    reported,
+    reviews,
+    tokens,
+)
 
 router = APIRouter(
     prefix="/organiser",
     tags=["organiser"],
-    dependencies=[Depends(organiser)],
     responses=problems("not-signed-in", "not-allowed"),
 )
 
+LARGEST = 2**31 - 1
+"""That a database can count to."""
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
-_LARGEST = 2**31 - 1
+TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
+Number = Annotated[int, Path(ge=1, le=LARGEST, examples=[1])]
 
 
 @router.get("/teams")
-def list_teams(server: Server) -> list[TeamReport]:
+def list_teams(organiser: Organiser) -> list[TeamReport]:
     """List the teams by name, with who is in them."""
-    with server.database.reading() as session:
-        return [_team(team) for team in people.all_teams(session)]
+    with organiser.snapshot() as snapshot:
+        return people.list_teams(snapshot.session)
 
 
 @router.post("/teams", status_code=201, responses=problems("conflict"))
-def add_team(new: NewTeam, server: Server, person: Organiser) -> TeamReport:
+def add_team(new: NewTeam, organiser: Organiser) -> TeamReport:
     """Add a team."""
-    with server.database.writing() as session:
-        return _team(people.add_team(session, new.name, now=server.clock(), actor=person.name))
+    with organiser.transaction() as transaction:
+        return people.add_team(transaction, new)
+
+
+@router.patch("/teams/{name:path}", responses=problems("not-found", "conflict"))
+def rename_team(name: TeamName, new: NewTeam, organiser: Organiser) -> TeamReport:
+    """Rename a team; its receipts keep the name under which they were signed."""
+    with organiser.transaction() as transaction:
+        return people.rename_team(transaction, name, new)
 
 
 @router.get("/people")
-def list_people(server: Server) -> list[PersonReport]:
+def list_people(organiser: Organiser) -> list[PersonReport]:
     """List everybody by name."""
-    with server.database.reading() as session:
-        return [_person(somebody) for somebody in people.all_people(session)]
+    with organiser.snapshot() as snapshot:
+        return people.list_people(snapshot.session)
 
 
 @router.post("/people", status_code=201, responses=problems("not-found", "conflict"))
-def add_person(new: NewPerson, server: Server, person: Organiser) -> PersonReport:
+def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
     """Add a person to a team."""
-    now, actor = server.clock(), person.name
-    with server.database.writing() as session:
-        added = people.add_person(session, new.team, new.name, new.role, now=now, actor=actor)
-        return _person(added)
+    with organiser.transaction() as transaction:
+        return people.add_person(transaction, new)
 
 
 @router.get("/tokens")
-def list_tokens(server: Server) -> list[TokenReport]:
-    """List what is known of tokens and invitations, in the order in which they were made."""
-    with server.database.reading() as session:
-        return [_token(token) for token in people.all_tokens(session)]
+def list_tokens(organiser: Organiser) -> list[TokenReport]:
+    """List what is known of tokens and invitations, in the order in which they were created."""
+    with organiser.snapshot() as snapshot:
+        return tokens.list_tokens(snapshot.session)
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-found"))
-def mint_token(new: NewToken, server: Server, person: Organiser) -> MintedReport:
-    """Make an invitation or a token for somebody; its text cannot be had again."""
-    with server.database.writing() as session:
-        minted = people.mint(
-            session,
-            people.person_named(session, new.person),
-            new.kind,
-            now=server.clock(),
-            actor=person.name,
-            expires_at=new.expires_at,
-        )
-        return MintedReport(**_token(minted.token).model_dump(), token=minted.text)
+def create_token(new: NewToken, organiser: Organiser) -> NewTokenReport:
+    """Create an invitation or a token for somebody; its text cannot be had again."""
+    with organiser.transaction() as transaction:
+        return tokens.create_token(transaction, new)
 
 
 @router.delete("/tokens/{hint}", responses=problems("not-found"))
-def revoke_token(hint: Hint, server: Server, person: Organiser) -> TokenReport:
-    """Make a token worthless, with the browser sessions that began with it."""
-    with server.database.writing() as session:
-        return _token(people.revoke(session, hint, now=server.clock(), actor=person.name))
+def revoke_token(hint: Hint, organiser: Organiser) -> TokenReport:
+    """Revoke a token, with the browser sessions that began with it."""
+    with organiser.transaction() as transaction:
+        return tokens.revoke_token(transaction, hint)
 
 
 @router.get("/grants")
-def list_grants(server: Server) -> list[GrantReport]:
+def list_grants(organiser: Organiser) -> list[GrantReport]:
     """List the further submissions that teams were given, the latest first."""
-    with server.database.reading() as session:
-        return [_grant(given) for given in grants.all_grants(session)]
+    with organiser.snapshot() as snapshot:
+        return quotas.list_grants(snapshot.session)
 
 
 @router.post("/grants", status_code=201, responses=problems("not-found"))
-def give_more(new: NewGrant, server: Server, person: Organiser) -> GrantReport:
+def grant(new: NewGrant, organiser: Organiser) -> GrantReport:
     """Raise every limit of a team on a split until a date; the reason goes on record."""
-    with server.database.writing() as session:
-        given = grants.grant(
-            session,
-            new.team,
-            new.split,
-            new.extra,
-            splits=server.boards,
-            reason=new.reason,
-            now=server.clock(),
-            expires_at=new.expires_at,
-            actor=person.name,
-        )
-        return _grant(given)
+    with organiser.transaction() as transaction:
+        return quotas.grant(transaction, new, organiser.server.boards)
+
+
+@router.get("/reviews")
+def list_reviews(organiser: Organiser) -> list[ReviewEntry]:
+    """List what was said of submissions, lifted or not, the latest first."""
+    with organiser.snapshot() as snapshot:
+        return reviews.list_reviews(snapshot.session)
+
+
+@router.post("/reviews", status_code=201, responses=problems("not-found"))
+def review_submission(new: NewReview, organiser: Organiser) -> ReviewEntry:
+    """Verify, flag or disqualify a submission, or call it a baseline, with a public reason."""
+    with organiser.transaction() as transaction:
+        return reviews.review(transaction, new)
+
+
+@router.delete("/reviews/{review_id}", responses=problems("not-found", "conflict"))
+def lift_review(review_id: Number, organiser: Organiser) -> ReviewEntry:
+    """Take back what was said of a submission; it stays on record."""
+    with organiser.transaction() as transaction:
+        return reviews.lift_review(transaction, review_id)
+
+
+@router.get("/reported")
+def list_reported(organiser: Organiser) -> list[ReportedEntry]:
+    """List the results on boards that papers report, the latest first."""
+    with organiser.snapshot() as snapshot:
+        return reported.list_reported(snapshot.session)
+
+
+@router.post("/reported", status_code=201, responses=problems("not-found", "conflict"))
+def add_reported_result(new: NewReported, organiser: Organiser) -> ReportedEntry:
+    """Put a result on a board that a paper reports and no server has scored."""
+    with organiser.transaction() as transaction:
+        return reported.add_reported(transaction, new, organiser.server.boards)
+
+
+@router.delete("/reported/{result_id}", responses=problems("not-found"))
+def remove_reported_result(result_id: Number, organiser: Organiser) -> ReportedEntry:
+    """Take a reported result off its board."""
+    with organiser.transaction() as transaction:
+        return reported.remove_reported(transaction, result_id)
+
+
+@router.get("/notice")
+def show_notice(organiser: Organiser) -> NoticeReport:
+    """Show what is said to everybody, and whether submissions are taken."""
+    with organiser.snapshot() as snapshot:
+        return organiser.server.notices.current(snapshot.session)
+
+
+@router.put("/notice")
+def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
+    """Say something to everybody, pause submissions, or take them again, at once."""
+    with organiser.transaction() as transaction:
+        return organiser.server.notices.post(transaction, new)
+
+
+@router.get("/attempts")
+def list_attempts(
+    organiser: Organiser,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    before: Annotated[int | None, Query(ge=1, le=LARGEST)] = None,
+) -> list[AttemptReport]:
+    """List uploads and what they came to, the latest first, or the latest before one of them."""
+    with organiser.snapshot() as snapshot:
+        found = attempts.latest_attempts(snapshot.session, limit, before)
+        return [attempts.attempt_report(each) for each in found]
 
 
 @router.get("/audit")
 def show_audit(
-    server: Server,
-    after: Annotated[int, Query(ge=0, le=_LARGEST)] = 0,
+    organiser: Organiser,
+    after: Annotated[int, Query(ge=0, le=LARGEST)] = 0,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> list[AuditReport]:
     """Show who did what after an entry, the oldest first; `server doctor` checks the chain."""
-    with server.database.reading() as session:
-        found = audit.entries(session, after, limit)
+    with organiser.snapshot() as snapshot:
+        found = audit.entries(snapshot.session, after, limit)
         return [AuditReport.model_validate(entry) for entry in found]
-
-
-def _team(team: Team) -> TeamReport:
-    names = sorted(person.name for person in team.people)
-    return TeamReport(name=team.name, people=names, created_at=team.created_at)
-
-
-def _person(person: Person) -> PersonReport:
-    return PersonReport(
-        name=person.name, team=person.team.name, role=person.role, created_at=person.created_at
-    )
-
-
-def _token(token: Token) -> TokenReport:
-    return TokenReport(
-        hint=token.hint,
-        kind=token.kind,
-        person=token.person.name,
-        created_at=token.created_at,
-        expires_at=token.expires_at,
-        revoked_at=token.revoked_at,
-    )
-
-
-def _grant(given: Grant) -> GrantReport:
-    return GrantReport(
-        team=given.team.name,
-        split=given.split,
-        extra=given.extra,
-        reason=given.reason,
-        created_at=given.created_at,
-        expires_at=given.expires_at,
-    )

@@ -1,26 +1,34 @@
 """``/splits``: what can be submitted to, uploads, and the leaderboard."""
 
+from collections.abc import Collection
+from datetime import datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Response, status
 from fastapi.responses import PlainTextResponse
 
 from reverie_eval.metrics import PRIMARY_METRIC
-from reverie_eval.schemas.service import Accepted, Checked, Leaderboard, PhaseReport, SplitReport
-from reverie_eval.server.http.callers import Anybody, Caller, Server
+from reverie_eval.schemas.service import (
+    Accepted,
+    Checked,
+    Leaderboard,
+    PhaseReport,
+    QuotaReport,
+    SplitReport,
+)
+from reverie_eval.server.http.callers import Anybody, Call, Server
 from reverie_eval.server.http.dependencies import (
     FILE_BODY,
     METHOD_PARAMETERS,
     Content,
     Counted,
     Entered,
+    Sender,
 )
 from reverie_eval.server.http.examples import BOARD_CSV
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.leaderboard import SORTABLE, as_csv, as_json
-from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.tables import Person
 
 router = APIRouter(prefix="/splits", tags=["splits"])
 
@@ -40,9 +48,9 @@ _OF_FILES = (
 
 
 @router.get("", responses=problems("not-signed-in"), openapi_extra=_ALSO_FOR_ANYBODY)
-def list_splits(server: Server, person: Anybody) -> list[SplitReport]:
+def list_splits(call: Anybody) -> list[SplitReport]:
     """List the splits, with your quota if you are signed in."""
-    return [_report(server, board, person) for board in server.boards.values()]
+    return _reports(call, call.server.boards.values())
 
 
 @router.get(
@@ -50,9 +58,10 @@ def list_splits(server: Server, person: Anybody) -> list[SplitReport]:
     responses=problems("not-signed-in", "not-found"),
     openapi_extra=_ALSO_FOR_ANYBODY,
 )
-def show_split(split: SplitName, server: Server, person: Anybody) -> SplitReport:
+def show_split(split: SplitName, call: Anybody) -> SplitReport:
     """Show a split, with your quota if you are signed in."""
-    return _report(server, server.board(split), person)
+    (report,) = _reports(call, [call.server.board(split)])
+    return report
 
 
 @router.post(
@@ -68,7 +77,7 @@ def submit(
     *,
     counted: Counted,
     split: SplitName,
-    person: Caller,
+    person: Sender,
     entry: Entered,
     server: Server,
     response: Response,
@@ -85,7 +94,7 @@ def submit(
 
 
 @router.post("/{split}/validate", responses=problems(*_OF_FILES), openapi_extra=FILE_BODY)
-def validate(split: SplitName, person: Caller, content: Content, server: Server) -> Checked:
+def validate(split: SplitName, person: Sender, content: Content, server: Server) -> Checked:
     """Run every check of an upload; no answer is looked at, and nothing is spent or kept."""
     return server.intake.validate(person, split, content)
 
@@ -102,7 +111,9 @@ def show_leaderboard(
 
     What is disqualified, reported by a paper, or scored by other rules is apart, without a rank.
     """
-    return Response(as_json(server.ranking(split, metric)), media_type="application/json")
+    with server.database.reading() as session:
+        ranking = server.ranking(session, split, metric)
+    return Response(as_json(ranking), media_type="application/json")
 
 
 @router.get(
@@ -117,11 +128,23 @@ def download_leaderboard(
     split: SplitName, server: Server, metric: SortedBy = PRIMARY_METRIC
 ) -> Response:
     """Return the leaderboard as CSV."""
-    return PlainTextResponse(as_csv(server.ranking(split, metric)), media_type="text/csv")
+    with server.database.reading() as session:
+        ranking = server.ranking(session, split, metric)
+    return PlainTextResponse(as_csv(ranking), media_type="text/csv")
 
 
-def _report(server: ServerState, board: Board, person: Person | None) -> SplitReport:
-    now = server.clock()
+def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
+    with call.snapshot() as snapshot:
+        names = [board.name for board in boards]
+        quotas = (
+            call.server.intake.quotas(snapshot.session, snapshot.caller, *names)
+            if snapshot.caller
+            else {}
+        )
+        return [_report(board, quotas.get(board.name), snapshot.now) for board in boards]
+
+
+def _report(board: Board, quota: QuotaReport | None, now: datetime) -> SplitReport:
     phases = [
         PhaseReport(
             name=phase.name, opens=phase.opens, closes=phase.closes, is_open=phase.is_open(now)
@@ -137,5 +160,5 @@ def _report(server: ServerState, board: Board, person: Person | None) -> SplitRe
         fingerprint=board.truth.fingerprint,
         public_fingerprint=board.public_fingerprint,
         phases=phases,
-        quota=server.intake.quota(person, board.name) if person else None,
+        quota=quota,
     )

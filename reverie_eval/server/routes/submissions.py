@@ -8,10 +8,11 @@ from fastapi.responses import StreamingResponse
 
 from reverie_eval.reporting._scores import write_episodes
 from reverie_eval.schemas.service import Receipt, SubmissionChange, SubmissionReport
-from reverie_eval.server.http.callers import Caller, Server
+from reverie_eval.server.http.callers import Caller
 from reverie_eval.server.http.dependencies import Turn
 from reverie_eval.server.http.examples import EPISODES_CSV, SUBMISSION
 from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.service.submissions import submission_of, submissions_of
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
 
@@ -20,31 +21,31 @@ _OF_ONE = problems("not-signed-in", "not-found")
 
 
 @router.get("", responses=problems("not-signed-in"))
-def list_submissions(person: Caller, server: Server) -> list[SubmissionReport]:
+def list_submissions(caller: Caller) -> list[SubmissionReport]:
     """List your team's submissions, the newest first; the organiser sees all."""
-    return list(server.submissions.mine(person))
+    with caller.snapshot() as snapshot:
+        return list(submissions_of(snapshot.session, snapshot.person))
 
 
 @router.get("/{submission_id}", responses=_OF_ONE)
-def show_submission(
-    submission_id: SubmissionId, person: Caller, server: Server
-) -> SubmissionReport:
+def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionReport:
     """Show a submission of your team."""
-    return server.submissions.one(person, submission_id)
+    with caller.snapshot() as snapshot:
+        return submission_of(snapshot.session, snapshot.person, submission_id)
 
 
 @router.patch("/{submission_id}", responses=problems("not-signed-in", "not-found", "conflict"))
 def change_submission(
-    submission_id: SubmissionId, change: SubmissionChange, person: Caller, server: Server, _: Turn
+    submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: Turn
 ) -> SubmissionReport:
     """Publish or withdraw a submission, edit what is said of it, hide your team until a date."""
-    return server.submissions.change(person, submission_id, change)
+    return caller.server.submissions.change(caller.person(), submission_id, change)
 
 
 @router.get("/{submission_id}/receipt", responses=_OF_ONE)
-def show_receipt(submission_id: SubmissionId, person: Caller, server: Server) -> Receipt:
+def show_receipt(submission_id: SubmissionId, caller: Caller) -> Receipt:
     """Return the signed receipt."""
-    return server.submissions.one(person, submission_id).receipt
+    return show_submission(submission_id, caller).receipt
 
 
 @router.get(
@@ -55,9 +56,9 @@ def show_receipt(submission_id: SubmissionId, person: Caller, server: Server) ->
         **_OF_ONE,
     },
 )
-def download_file(submission_id: SubmissionId, person: Caller, server: Server) -> Response:
+def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
     """Return what was uploaded, unpacked, byte for byte."""
-    pieces = server.submissions.file(person, submission_id)
+    pieces = caller.server.submissions.file(show_submission(submission_id, caller))
     return StreamingResponse(pieces, media_type="application/json")
 
 
@@ -69,10 +70,9 @@ def download_file(submission_id: SubmissionId, person: Caller, server: Server) -
         **_OF_ONE,
     },
 )
-def download_episodes(
-    submission_id: SubmissionId, person: Caller, server: Server, _: Turn
-) -> Response:
+def download_episodes(submission_id: SubmissionId, caller: Caller, _: Turn) -> Response:
     """Return the values of every episode as CSV; of open splits only."""
+    scores = caller.server.submissions.episodes(show_submission(submission_id, caller))
     text = io.StringIO()
-    write_episodes(server.submissions.episodes(person, submission_id), text)
+    write_episodes(scores, text)
     return Response(text.getvalue(), media_type="text/csv")

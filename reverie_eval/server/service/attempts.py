@@ -15,6 +15,7 @@ from datetime import datetime, timedelta
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
+from reverie_eval.schemas.organising import AttemptReport
 from reverie_eval.server.errors import (
     ConflictError,
     FaultError,
@@ -120,3 +121,18 @@ def attempts_since(session: Session, since: datetime) -> Sequence[Attempt]:
 def _forget(session: Session, latest: Attempt) -> None:
     is_old = Attempt.at < latest.at - timedelta(days=DAYS_KEPT)
     session.execute(delete(Attempt).where(is_old | (Attempt.id <= latest.id - MOST_KEPT)))
+
+
+def attempt_report(attempt: Attempt) -> AttemptReport:
+    """Return what organisers see of an upload."""
+    return AttemptReport(
+        id=attempt.id,
+        at=attempt.at,
+        person=attempt.person.name,
+        team=attempt.person.team.name,
+        split=attempt.split,
+        outcome=attempt.outcome,
+        problems=attempt.problems,
+        size=attempt.size,
+        milliseconds=attempt.milliseconds,
+    )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
+from sqlalchemy.orm import Session
 
 from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray
@@ -20,7 +21,11 @@ from reverie_eval.scoring import OUTCOMES, FailureModes, PreparedSubmission, Sco
 from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.submissions import SubmissionService
+from reverie_eval.server.service.submissions import (
+    SubmissionService,
+    submission_of,
+    submissions_of,
+)
 from reverie_eval.server.store.tables import Person
 from reverie_eval.submissions import NO_BOXES, AlignedSubmission
 
@@ -155,13 +160,17 @@ class EpisodeService:
         self._submissions = submissions
         self._annotations = lru_cache(len(boards))(self._annotated)
 
-    def browse(self, person: Person | None, split: str, submissions: Sequence[str]) -> Browsing:
+    def browse(
+        self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
+    ) -> Browsing:
         """Look at a split's episodes, and at up to two submissions.
 
         Parameters
         ----------
+        session : Session
         person : Person or None
             Who looks; without anybody, there is only what was annotated.
+        split : str
         submissions : sequence of str
             Their ids.
 
@@ -173,15 +182,15 @@ class EpisodeService:
             If nobody asks for a submission.
         """
         board = self._board(split)
-        runs = [self._run(person, split, submission) for submission in submissions]
-        choices = self.choices(person, split)
+        runs = [self._run(session, person, split, submission) for submission in submissions]
+        choices = self.choices(session, person, split)
         return Browsing(board, self._annotations(split), runs, choices)
 
-    def choices(self, person: Person | None, split: str) -> Sequence[SubmissionReport]:
+    def choices(
+        self, session: Session, person: Person | None, split: str
+    ) -> Sequence[SubmissionReport]:
         """Return the submissions to an open split that somebody may look at, the newest first."""
-        if person is None:
-            return []
-        return self._submissions.mine(person, split, MOST_LISTED)
+        return [] if person is None else submissions_of(session, person, split, MOST_LISTED)
 
     def _board(self, split: str) -> Board:
         board = next((board for board in self.boards if board.name == split), None)
@@ -192,13 +201,13 @@ class EpisodeService:
             )
         return board
 
-    def _run(self, person: Person | None, split: str, submission_id: str) -> Run:
+    def _run(self, session: Session, person: Person | None, split: str, submission_id: str) -> Run:
         if person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
-        known = self._submissions.one(person, submission_id)
+        known = submission_of(session, person, submission_id)
         if known.split != split:
             raise NotFoundError(f"there is no submission {submission_id!r} of your team")
-        return Run(known, self._submissions.episodes(person, submission_id))
+        return Run(known, self._submissions.episodes(known))
 
     def _annotated(self, split: str) -> Annotations:
         return Annotations.of(self._board(split))

@@ -8,22 +8,22 @@ arrived: who is in time need not be fast.
 
 import hashlib
 import secrets
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from datetime import datetime
 
-from sqlalchemy import select
+from sqlalchemy import and_, or_, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.service import Accepted, Checked, Method, QuotaReport
+from reverie_eval.schemas.service import Accepted, Checked, Method, QuotaReport, Receipt
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
 from reverie_eval.server.service.attempts import Attempts
-from reverie_eval.server.service.audit import record
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.methods import demand_metadata
 from reverie_eval.server.service.notices import Notices
-from reverie_eval.server.service.quotas import QuotaUsage, quota_usage
+from reverie_eval.server.service.quotas import QuotaUsage, quota_usages
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.reports import quota_report, submission_report
+from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.server.store.uploads import Uploads
@@ -33,7 +33,11 @@ Clock = Callable[[], datetime]
 
 
 class Intake:
-    """Where submissions come in."""
+    """Where submissions come in.
+
+    To score takes longer than a transaction may, so what is asked of the database before and after
+    is asked here.
+    """
 
     def __init__(
         self,
@@ -43,6 +47,7 @@ class Intake:
         signer: Signer,
         clock: Clock,
         *,
+        transactions: Transactions,
         notices: Notices,
         attempts: Attempts,
         required_metadata: Collection[str],
@@ -53,6 +58,7 @@ class Intake:
         self._uploads = uploads
         self._signer = signer
         self._clock = clock
+        self._transactions = transactions
         self._notices = notices
         self._attempts = attempts
         self._required_metadata = required_metadata
@@ -66,15 +72,19 @@ class Intake:
         SubmissionError
             Listing everything that is wrong.
         """
-        notes = board_named(self._boards, split).check(content).validation().notes
-        quota = self.quota(person, split)
+        board = board_named(self._boards, split)
+        notes = board.check(content).validation().notes
+        with self._database.reading() as session:
+            quota = self.quotas(session, person, split)[split]
         return Checked(split=split, valid=True, notes=list(notes), quota=quota)
 
-    def quota(self, person: Person, split: str) -> QuotaReport:
-        """Return what somebody has left on a split."""
-        board = board_named(self._boards, split)
-        with self._database.reading() as session:
-            return self._left(session, person, board)
+    def quotas(self, session: Session, person: Person, *splits: str) -> Mapping[str, QuotaReport]:
+        """Return what somebody has left on these splits, or on each split of the server."""
+        now = self._clock()
+        return {
+            split: quota_report(usage.state(now), now)
+            for split, usage in self._usages(session, person, splits or self._boards, now).items()
+        }
 
     def submit(
         self, person: Person, split: str, packed: bytes, method: Method, key: str | None
@@ -131,8 +141,6 @@ class Intake:
         row = Submission(
             id=secrets.token_hex(8),
             split=split,
-            team_id=person.team_id,
-            person_id=person.id,
             sha256=sha256,
             received_at=arrived,
             size=len(content),
@@ -140,20 +148,24 @@ class Intake:
             method=method.model_dump(mode="json"),
             report=report.model_dump(mode="json"),
         )
-        with self._database.writing() as session:
+        with self._transactions.begin(person.name) as transaction:
+            session = transaction.session
             known = self._known(session, person, split, sha256, key)
             if known is not None:
                 return self._repeated(session, known, board, person)
             usage = self._demand_quota(session, person, board, arrived)
             quota = quota_report(usage.with_one_more(arrived).state(arrived), arrived)
-            self._keep(session, row, person, quota)
+            row.person = session.merge(person, load=False)
+            row.team = row.person.team
+            row.receipt = self._receipt(row, quota).model_dump(mode="json")
+            transaction.add(row)
+            transaction.record("submitted", row, row.id, split=split, sha256=sha256)
             return Accepted(submission=submission_report(row), quota=quota, is_repeat=False)
 
-    def _keep(self, session: Session, row: Submission, person: Person, quota: QuotaReport) -> None:
-        """Sign and insert a submission."""
-        receipt = self._signer.sign(
+    def _receipt(self, row: Submission, quota: QuotaReport) -> Receipt:
+        return self._signer.sign(
             submission_id=row.id,
-            team=person.team.name,
+            team=row.team.name,
             sha256=row.sha256,
             received_at=row.received_at,
             split=row.split,
@@ -161,52 +173,39 @@ class Intake:
             scores=row.report["scores"],
             quota=quota,
         )
-        row.receipt = receipt.model_dump(mode="json")
-        session.add(row)
-        session.flush()
-        record(
-            session,
-            self._clock(),
-            person.name,
-            "submitted",
-            row.id,
-            split=row.split,
-            sha256=row.sha256,
-        )
 
     def _known(
         self, session: Session, person: Person, split: str, sha256: str, key: str | None
     ) -> Submission | None:
         """Return the submission that this one repeats, if it does."""
-        if key is not None:
-            same_key = select(Submission).where(
-                Submission.person_id == person.id, Submission.idempotency_key == key
-            )
-            found = session.scalars(same_key).first()
-            if found is not None and (found.sha256, found.split) != (sha256, split):
-                raise ConflictError(
-                    f"the Idempotency-Key {key!r} was used for another file or split; take a new "
-                    "one for each submission"
-                )
-            if found is not None:
-                return found
-        same_file = select(Submission).where(
+        same_file = and_(
             Submission.team_id == person.team_id,
             Submission.split == split,
             Submission.sha256 == sha256,
         )
-        return session.scalars(same_file).first()
+        same_key = and_(Submission.person_id == person.id, Submission.idempotency_key == key)
+        chosen = select(Submission).where(same_file if key is None else or_(same_file, same_key))
+        found = session.scalars(chosen).all()
+        if key is None:
+            return found[0] if found else None
+        by_key = [row for row in found if (row.person_id, row.idempotency_key) == (person.id, key)]
+        if by_key and (by_key[0].sha256, by_key[0].split) != (sha256, split):
+            raise ConflictError(
+                f"the Idempotency-Key {key!r} was used for another file or split; take a new one "
+                "for each submission"
+            )
+        return next(iter([*by_key, *found]), None)
 
     def _repeated(
         self, session: Session, row: Submission, board: Board, person: Person
     ) -> Accepted:
-        quota = self._left(session, person, board)
+        quota = self.quotas(session, person, board.name)[board.name]
         return Accepted(submission=submission_report(row), quota=quota, is_repeat=True)
 
     def _demand_open(self, session: Session, board: Board, now: datetime) -> None:
-        standing = self._notices.standing(session)
-        if standing.paused:
-            why = f": {standing.banner}" if standing.banner else ""
+        notice = self._notices.current(session)
+        if notice.paused:
+            why = f": {notice.banner}" if notice.banner else ""
             raise NotOpenError(f"the organiser has paused submissions{why}")
         if not board.is_open(now):
             opening = [p.opens for p in board.split.phases if p.opens and p.opens > now]
@@ -216,15 +215,15 @@ class Intake:
     def _demand_quota(
         self, session: Session, person: Person, board: Board, now: datetime
     ) -> QuotaUsage:
-        usage = self._usage(session, person, board, now)
+        usage = self._usages(session, person, [board.name], now)[board.name]
         left = quota_report(usage.state(now), now)
         if not left.remaining:
             raise QuotaSpentError(left)
         return usage
 
-    def _left(self, session: Session, person: Person, board: Board) -> QuotaReport:
-        now = self._clock()
-        return quota_report(self._usage(session, person, board, now).state(now), now)
-
-    def _usage(self, session: Session, person: Person, board: Board, now: datetime) -> QuotaUsage:
-        return quota_usage(session, board.split.effective_quota, board.name, person, now)
+    def _usages(
+        self, session: Session, person: Person, splits: Iterable[str], now: datetime
+    ) -> Mapping[str, QuotaUsage]:
+        boards = [board_named(self._boards, split) for split in splits]
+        quotas = {board.name: board.split.effective_quota for board in boards}
+        return quota_usages(session, quotas, person, now)

@@ -4,73 +4,50 @@ The latest notice holds. Below it are the settings: their banner is shown where 
 and a server that is paused there stays paused, whatever a notice says.
 """
 
-from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.service.audit import record
-from reverie_eval.server.service.lines import demand_line
-from reverie_eval.server.store.database import Database
+from reverie_eval.schemas.organising import NewNotice, NoticeReport
+from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Notice
 
 
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """What holds now."""
-
-    banner: str
-    """Empty if there is nothing to say."""
-    paused: bool
-
-
 class Notices:
-    """What is posted above what the settings say."""
+    """What is posted, above what the settings say."""
 
-    def __init__(self, database: Database, settled: Standing) -> None:
-        self._database = database
-        self.settled = settled
+    def __init__(self, banner: str, *, paused: bool) -> None:
+        self.of_settings = NoticeReport(
+            banner=banner, paused=paused, posted_by=None, created_at=None
+        )
         """What the settings say; holds where the database cannot be asked."""
 
-    def now(self) -> Standing:
+    def current(self, session: Session) -> NoticeReport:
         """Return what holds."""
-        with self._database.reading() as session:
-            return self.standing(session)
-
-    def standing(self, session: Session) -> Standing:
-        """Return what holds in a session."""
         posted = latest_notice(session)
-        return self.settled if posted is None else self.above_settings(posted.banner, posted.paused)
+        if posted is None:
+            return self.of_settings
+        new = NewNotice(banner=posted.banner, paused=posted.paused)
+        return self.if_posted(new, posted.posted_by, posted.created_at)
 
-    def above_settings(self, banner: str, paused: bool) -> Standing:  # noqa: FBT001  # as posted
+    def if_posted(self, new: NewNotice, actor: str, at: datetime) -> NoticeReport:
         """Return what would hold if this were posted."""
-        return Standing(banner or self.settled.banner, paused or self.settled.paused)
+        return NoticeReport(
+            banner=new.banner or self.of_settings.banner,
+            paused=new.paused or self.of_settings.paused,
+            posted_by=actor,
+            created_at=at,
+        )
 
-
-def post_notice(
-    session: Session, banner: str, *, paused: bool, now: datetime, actor: str
-) -> Notice:
-    """Say something to everybody, or nothing; pause submissions, or take them again.
-
-    Raises
-    ------
-    MalformedError
-        If the banner is no line.
-    """
-    refusal = "a banner is one line of up to 500 letters that can be seen"
-    posted = Notice(
-        banner=demand_line(banner, refusal) if banner.strip() else "",
-        paused=paused,
-        posted_by=actor,
-        created_at=now,
-    )
-    session.add(posted)
-    session.flush()
-    record(session, now, actor, "notice posted", "server", banner=posted.banner, paused=paused)
-    return posted
+    def post(self, transaction: Transaction, new: NewNotice) -> NoticeReport:
+        """Say something to everybody, or nothing; pause submissions, or take them again."""
+        posted = Notice(**new.model_dump(), posted_by=transaction.actor, created_at=transaction.now)
+        transaction.add(posted)
+        transaction.record("notice posted", posted, "server", **new.model_dump())
+        return self.if_posted(new, posted.posted_by, posted.created_at)
 
 
 def latest_notice(session: Session) -> Notice | None:
-    """Return the notice that holds, if any was posted."""
+    """Return the notice that was posted last, if any was."""
     return session.scalars(select(Notice).order_by(Notice.id.desc()).limit(1)).first()

@@ -79,11 +79,14 @@ def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
 
 def totals(session: Session) -> Totals:
     """Count what the server keeps."""
-    return Totals(
-        teams=session.scalar(select(func.count()).select_from(Team)) or 0,
-        people=session.scalar(select(func.count()).select_from(Person)) or 0,
-        bytes_kept=session.scalar(select(func.sum(Submission.size))) or 0,
+    counted = session.execute(
+        select(
+            select(func.count()).select_from(Team).scalar_subquery(),
+            select(func.count()).select_from(Person).scalar_subquery(),
+            select(func.coalesce(func.sum(Submission.size), 0)).scalar_subquery(),
+        )
     )
+    return Totals(*counted.one())
 
 
 def last_day(session: Session, now: datetime) -> Day:

@@ -1,4 +1,4 @@
-"""Quotas: how many scored submissions are left, and when the next one is.
+"""Quotas: how many scored submissions are left, when the next one is, and what was granted beyond.
 
 A window rolls: what was submitted a moment more than 24 hours ago does not count any more. The
 smaller remainder of the team's and the person's counts, so that nobody gains by joining teams or
@@ -6,14 +6,18 @@ by filling them. Withdrawn submissions count; files that were rejected were neve
 """
 
 from bisect import bisect_right
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from heapq import merge
 
-from sqlalchemy import ColumnElement, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from reverie_eval.schemas.organising import GrantReport, NewGrant
+from reverie_eval.server.errors import MalformedError, NotFoundError
+from reverie_eval.server.service.people import team_named
+from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Quota
 from reverie_eval.server.store.tables import Grant, Person, Submission
 
@@ -46,18 +50,35 @@ class QuotaState:
         return min(window.remaining for window in self.windows)
 
 
-def quota_usage(
-    session: Session, quota: Quota, split: str, person: Person, now: datetime
-) -> "QuotaUsage":
-    """Look up what somebody and their team have used of a quota.
+def quota_usages(
+    session: Session, quotas: Mapping[str, Quota], person: Person, now: datetime
+) -> Mapping[str, "QuotaUsage"]:
+    """Look up what somebody and their team have used of the quotas, given by their splits.
 
-    Inside :meth:`Database.writing` the answer holds until the transaction ends.
+    Inside a transaction the answer holds until it ends.
     """
-    received = [
-        _received(session, split, Submission.team_id == person.team_id, now),
-        _received(session, split, Submission.person_id == person.id, now),
-    ]
-    return QuotaUsage(quota, received, _grants(session, split, person.team_id))
+    since = now - max(WINDOWS.values())
+    theirs = (Submission.team_id == person.team_id) | (Submission.person_id == person.id)
+    received = session.execute(
+        select(Submission.split, Submission.received_at, Submission.team_id, Submission.person_id)
+        .where(theirs, Submission.split.in_(quotas), Submission.received_at > since)
+        .order_by(Submission.received_at)
+    ).all()
+    granted = session.execute(
+        select(Grant.split, Grant.extra, Grant.expires_at).where(Grant.team_id == person.team_id)
+    ).all()
+    return {
+        split: QuotaUsage(
+            quota,
+            [
+                [row.received_at for row in of_split if row.team_id == person.team_id],
+                [row.received_at for row in of_split if row.person_id == person.id],
+            ],
+            [(row.extra, row.expires_at) for row in granted if row.split == split],
+        )
+        for split, quota in quotas.items()
+        for of_split in [[row for row in received if row.split == split]]
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,19 +131,42 @@ class QuotaUsage:
             yield (at + WINDOWS[window] for at in times[counted:])
 
 
-def _received(
-    session: Session, split: str, whose: ColumnElement[bool], now: datetime
-) -> Sequence[datetime]:
-    """Return when submissions of the longest window came, the oldest first."""
-    since = now - max(WINDOWS.values())
-    chosen = select(Submission.received_at).where(
-        whose, Submission.split == split, Submission.received_at > since
+def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> GrantReport:
+    """Raise every limit of a team on one of the splits, and of each person in it, until a date.
+
+    Raises
+    ------
+    MalformedError
+        If it would have expired already.
+    NotFoundError
+        If there is no such team or split.
+    """
+    if new.expires_at <= transaction.now:
+        raise MalformedError("the grant would have expired already; choose a later time")
+    if new.split not in splits:
+        raise NotFoundError(f"there is no split {new.split!r}; there are: {', '.join(splits)}")
+    given = Grant(
+        team=team_named(transaction.session, new.team),
+        created_at=transaction.now,
+        **new.model_dump(exclude={"team"}),
     )
-    return session.scalars(chosen.order_by(Submission.received_at)).all()
+    transaction.add(given)
+    transaction.record("granted", given, new.team, **new.model_dump(mode="json", exclude={"team"}))
+    return grant_report(given)
 
 
-def _grants(session: Session, split: str, team_id: int) -> Sequence[tuple[int, datetime]]:
-    chosen = select(Grant.extra, Grant.expires_at).where(
-        Grant.team_id == team_id, Grant.split == split
+def list_grants(session: Session) -> list[GrantReport]:
+    """List what was granted, the latest first."""
+    return [grant_report(each) for each in session.scalars(select(Grant).order_by(Grant.id.desc()))]
+
+
+def grant_report(given: Grant) -> GrantReport:
+    """Return what organisers see of a grant."""
+    return GrantReport(
+        team=given.team.name,
+        split=given.split,
+        extra=given.extra,
+        reason=given.reason,
+        created_at=given.created_at,
+        expires_at=given.expires_at,
     )
-    return [(extra, until) for extra, until in session.execute(chosen)]

@@ -7,57 +7,38 @@ is deleted: who said what, and when it was lifted, stays on record.
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload
 
+from reverie_eval.schemas.organising import NewReview, ReviewEntry
 from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.service.audit import record
-from reverie_eval.server.service.lines import demand_reason
+from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Review, Submission, Verdict
 
 JUDGEMENTS: frozenset[Verdict] = frozenset({"verified", "flagged", "disqualified"})
 """Of which one stands at a time."""
 
 
-def review(
-    session: Session,
-    submission_id: str,
-    verdict: Verdict,
-    reason: str,
-    *,
-    now: datetime,
-    actor: str,
-) -> Review:
+def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
     """Say something of a submission, in place of what cannot stand beside it.
 
     Raises
     ------
-    MalformedError
-        If it is not said why.
     NotFoundError
         If there is no such submission.
     """
-    why = demand_reason(reason)
-    demand_submission(session, submission_id)
-    for earlier in standing_reviews(session, submission_id):
-        if _excludes(verdict, earlier.verdict):
-            _lift(session, earlier, now, actor)
-    said = Review(
-        submission_id=submission_id,
-        verdict=verdict,
-        reason=why,
-        reviewer=actor,
-        created_at=now,
-    )
-    session.add(said)
-    session.flush()
-    record(session, now, actor, verdict, submission_id, reason=why)
-    return said
+    submission = any_submission(transaction.session, new.submission_id)
+    for earlier in standing_reviews(transaction.session, submission.id):
+        if _excludes(new.verdict, earlier.verdict):
+            _lift(transaction, earlier)
+    said = Review(**new.model_dump(), reviewer=transaction.actor, created_at=transaction.now)
+    transaction.add(said)
+    transaction.record(said.verdict, said, submission.id, reason=said.reason)
+    return ReviewEntry.model_validate(said)
 
 
-def lift(session: Session, review_id: int, *, now: datetime, actor: str) -> Review:
+def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
     """Take back what was said of a submission.
 
     Raises
@@ -67,13 +48,18 @@ def lift(session: Session, review_id: int, *, now: datetime, actor: str) -> Revi
     ConflictError
         If it was lifted already.
     """
-    said = session.get(Review, review_id)
+    said = transaction.session.get(Review, review_id)
     if said is None:
         raise NotFoundError(f"there is no review {review_id}")
     if said.lifted_at is not None:
         raise ConflictError(f"review {review_id} was lifted already")
-    _lift(session, said, now, actor)
-    return said
+    _lift(transaction, said)
+    return ReviewEntry.model_validate(said)
+
+
+def list_reviews(session: Session) -> list[ReviewEntry]:
+    """List everything that was ever said of a submission, the latest first."""
+    return [ReviewEntry.model_validate(said) for said in all_reviews(session)]
 
 
 def standing_reviews(session: Session, submission_id: str) -> Sequence[Review]:
@@ -108,7 +94,7 @@ def latest_submissions(session: Session, limit: int) -> Sequence[Submission]:
     return session.scalars(chosen.limit(limit)).all()
 
 
-def demand_submission(session: Session, submission_id: str) -> Submission:
+def any_submission(session: Session, submission_id: str) -> Submission:
     """Return a submission, whoever's it is; NotFoundError if there is none."""
     # A database may not be able to look for every text: PostgreSQL has none with a zero byte.
     row = session.get(Submission, submission_id) if submission_id.isalnum() else None
@@ -121,7 +107,6 @@ def _excludes(verdict: Verdict, earlier: Verdict) -> bool:
     return verdict == earlier or {verdict, earlier} <= JUDGEMENTS
 
 
-def _lift(session: Session, said: Review, now: datetime, actor: str) -> None:
-    said.lifted_at = now
-    session.flush()
-    record(session, now, actor, "review lifted", said.submission_id, verdict=said.verdict)
+def _lift(transaction: Transaction, said: Review) -> None:
+    said.lifted_at = transaction.now
+    transaction.record("review lifted", said, said.submission_id, verdict=said.verdict)

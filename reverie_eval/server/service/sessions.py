@@ -15,7 +15,7 @@ from sqlalchemy import delete
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.errors import ForgedError, NotSignedInError
-from reverie_eval.server.service.people import demand_valid, valid_token
+from reverie_eval.server.service.tokens import demand_valid, valid_token
 from reverie_eval.server.store.tables import BrowserSession
 
 LIFETIME = timedelta(hours=12)
@@ -61,28 +61,35 @@ class Sessions:
             expires_at=min(now + LIFETIME, shown.expires_at or now + LIFETIME),
         )
         session.add(begun)
-        return Begun(begun, self._cookies.sign(begun.id).decode(), self.csrf_token(begun))
+        return Begun(begun, self._cookies.sign(begun.id).decode(), self.csrf_token(begun.id))
 
-    def find(self, session: Session, cookie: str, now: datetime) -> BrowserSession | None:
-        """Return the session that a cookie is of; None if it is over, or the cookie is not ours."""
+    def id_in(self, cookie: str) -> str | None:
+        """Return the id of the session that a cookie is of; None if we did not sign it."""
         try:
-            found = session.get(BrowserSession, self._cookies.unsign(cookie).decode())
-            if found is None or found.expires_at <= now:
-                return None
+            return self._cookies.unsign(cookie).decode()
+        except BadSignature:
+            return None
+
+    def find(self, session: Session, session_id: str, now: datetime) -> BrowserSession | None:
+        """Return a session; None if it is over, or there is none."""
+        found = session.get(BrowserSession, session_id)
+        if found is None or found.expires_at <= now:
+            return None
+        try:
             demand_valid(found.token, now)
-        except (BadSignature, NotSignedInError):
+        except NotSignedInError:
             return None
         return found
 
-    def end(self, session: Session, found: BrowserSession) -> None:
+    def end(self, session: Session, session_id: str) -> None:
         """End a session; that it was ended meanwhile is no error."""
-        session.execute(delete(BrowserSession).where(BrowserSession.id == found.id))
+        session.execute(delete(BrowserSession).where(BrowserSession.id == session_id))
 
-    def csrf_token(self, found: BrowserSession) -> str:
+    def csrf_token(self, session_id: str) -> str:
         """Return what our own pages send, and other sites cannot know."""
-        return self._csrf_tokens.sign(found.id).decode().removeprefix(f"{found.id}.")
+        return self._csrf_tokens.sign(session_id).decode().removeprefix(f"{session_id}.")
 
-    def demand_csrf_token(self, found: BrowserSession, shown: str) -> None:
+    def demand_csrf_token(self, session_id: str, shown: str) -> None:
         """Refuse a request without the session's token.
 
         Raises
@@ -90,7 +97,7 @@ class Sessions:
         ForgedError
             If it is none, or another session's.
         """
-        if not secrets.compare_digest(self.csrf_token(found).encode(), shown.encode()):
+        if not secrets.compare_digest(self.csrf_token(session_id).encode(), shown.encode()):
             raise ForgedError(
                 "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session tells it"
             )

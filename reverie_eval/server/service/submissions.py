@@ -13,12 +13,11 @@ from reverie_eval.errors import ProtocolError
 from reverie_eval.schemas.service import Method, SubmissionChange, SubmissionReport
 from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.service.audit import record
 from reverie_eval.server.service.boards import Board, board_named
-from reverie_eval.server.service.intake import Clock
 from reverie_eval.server.service.methods import demand_metadata
 from reverie_eval.server.service.reports import submission_report
 from reverie_eval.server.service.reviews import standing_reviews
+from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.server.store.uploads import Uploads
@@ -27,74 +26,73 @@ RECENT = 8
 """Submissions whose episodes are kept at hand: somebody who looks at one looks at the next."""
 
 
+def submissions_of(
+    session: Session, person: Person, split: str | None = None, most: int | None = None
+) -> Sequence[SubmissionReport]:
+    """Return what somebody's team has submitted, the newest first; the organiser sees all.
+
+    Of all splits or of one, and all of it or no more than so many.
+    """
+    chosen = select(Submission).order_by(Submission.received_at.desc()).limit(most)
+    if split is not None:
+        chosen = chosen.where(Submission.split == split)
+    if person.role != "organiser":
+        chosen = chosen.where(Submission.team_id == person.team_id)
+    return [submission_report(row) for row in session.scalars(chosen)]
+
+
+def submission_of(session: Session, person: Person, submission_id: str) -> SubmissionReport:
+    """Return a submission of somebody's team; the organiser sees all.
+
+    Raises
+    ------
+    NotFoundError
+        If there is none, or it is another team's: nobody learns which.
+    """
+    return submission_report(_row_of(session, person, submission_id))
+
+
 class SubmissionService:
-    """What can be done with submissions."""
+    """What can be done with a submission beyond looking at its row."""
 
     def __init__(
         self,
         boards: Mapping[str, Board],
         database: Database,
         uploads: Uploads,
-        clock: Clock,
+        transactions: Transactions,
         *,
         required_metadata: Collection[str],
     ) -> None:
         self._boards = boards
         self._database = database
         self._uploads = uploads
-        self._clock = clock
+        self._transactions = transactions
         self._required_metadata = required_metadata
         self._scored = lru_cache(RECENT)(self._score_again)
 
-    def mine(
-        self, person: Person, split: str | None = None, most: int | None = None
-    ) -> Sequence[SubmissionReport]:
-        """Return what somebody's team has submitted, the newest first; the organiser sees all.
+    def file(self, submission: SubmissionReport) -> Iterator[bytes]:
+        """Return what was uploaded, byte for byte, in pieces."""
+        return self._uploads.pieces(submission.sha256)
 
-        Of all splits or of one, and all of it or no more than so many.
-        """
-        chosen = select(Submission).order_by(Submission.received_at.desc()).limit(most)
-        if split is not None:
-            chosen = chosen.where(Submission.split == split)
-        if person.role != "organiser":
-            chosen = chosen.where(Submission.team_id == person.team_id)
-        with self._database.reading() as session:
-            return [submission_report(row) for row in session.scalars(chosen)]
-
-    def one(self, person: Person, submission_id: str) -> SubmissionReport:
-        """Return a submission of somebody's team.
-
-        Raises
-        ------
-        NotFoundError
-            If there is none, or it is another team's: nobody learns which.
-        """
-        with self._database.reading() as session:
-            return submission_report(_of_team(session, person, submission_id))
-
-    def file(self, person: Person, submission_id: str) -> Iterator[bytes]:
-        """Return what was uploaded, byte for byte, in pieces; errors are those of :meth:`one`."""
-        return self._uploads.pieces(self.one(person, submission_id).sha256)
-
-    def episodes(self, person: Person, submission_id: str) -> Scores:
+    def episodes(self, submission: SubmissionReport) -> Scores:
         """Return the scores of every episode, computed again from the upload.
 
         Raises
         ------
         NotFoundError
-            As for :meth:`one`, and for every submission to a private split, whoever asks; also
-            where the ground truth or the protocol is not what the submission was scored by.
+            For every submission to a private split, whoever asks; also where the ground truth or
+            the protocol is not what the submission was scored by.
         """
-        known = self.one(person, submission_id)
-        board = board_named(self._boards, known.split)
+        board = board_named(self._boards, submission.split)
         if board.is_private:
             raise NotFoundError(f"values per episode of {board.name} leave the server never")
-        if not board.measures_as(known.report):
+        if not board.measures_as(submission.report):
             raise NotFoundError(
                 f"{board.name} is scored by other data or another protocol now than this "
                 "submission was; see its signature"
             )
-        return self._scored(known.split, known.sha256)
+        return self._scored(submission.split, submission.sha256)
 
     def _score_again(self, split: str, sha256: str) -> Scores:
         """Score what was uploaded; the ground truth is the same for as long as the server runs.
@@ -113,20 +111,21 @@ class SubmissionService:
         Raises
         ------
         NotFoundError
-            As for :meth:`one`.
+            As for :func:`submission_of`.
         ConflictError
             If a withdrawn submission is to be published, or a disqualified one to disappear.
         MalformedError
             If something is not said of the method any more that the organiser asks for.
         """
+        with self._database.reading() as session:
+            known = submission_of(session, person, submission_id)
         if not change.model_fields_set:
-            return self.one(person, submission_id)
-        now = self._clock()
-        intervals = self._intervals(person, submission_id) if change.published else None
-        with self._database.writing() as session:
-            row = _of_team(session, person, submission_id)
+            return known
+        intervals = self._intervals(known) if change.published else None
+        with self._transactions.begin(person.name) as transaction:
+            now, row = transaction.now, _row_of(transaction.session, person, submission_id)
             if change.withdrawn or change.published is False:
-                _demand_not_disqualified(session, row)
+                _demand_not_disqualified(transaction.session, row)
             if intervals is not None:
                 row.report = {**row.report, "intervals": intervals}
             if change.method is not None:
@@ -143,15 +142,14 @@ class SubmissionService:
             if change.published and row.withdrawn_at is not None:
                 raise ConflictError("a withdrawn submission is not published; restore it first")
             changed = change.model_dump(mode="json", exclude_unset=True)
-            record(session, now, person.name, "changed", row.id, **changed)
+            transaction.record("changed", row, row.id, **changed)
             return submission_report(row)
 
-    def _intervals(self, person: Person, submission_id: str) -> Mapping[str, Any] | None:
+    def _intervals(self, known: SubmissionReport) -> Mapping[str, Any] | None:
         """Draw confidence intervals, of open splits alone.
 
         They take longer than scoring does, so they wait until there are readers.
         """
-        known = self.one(person, submission_id)
         board = board_named(self._boards, known.split)
         is_drawn = known.report.intervals is not None
         if board.is_private or is_drawn or not board.measures_as(known.report):
@@ -172,7 +170,7 @@ def _demand_not_disqualified(session: Session, row: Submission) -> None:
         )
 
 
-def _of_team(session: Session, person: Person, submission_id: str) -> Submission:
+def _row_of(session: Session, person: Person, submission_id: str) -> Submission:
     # A database may not be able to look for every text: PostgreSQL has none with a zero byte.
     row = session.get(Submission, submission_id) if submission_id.isalnum() else None
     if row is None or (person.role != "organiser" and row.team_id != person.team_id):

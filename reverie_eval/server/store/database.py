@@ -43,6 +43,9 @@ class Database:
         self._turn = Lock()
         """Of this process's writers. To wait in SQLite is to ask again and again: who waits longest
         asks least often, and comes last."""
+        # A transaction of SQLite's sees one state anyway.
+        isolation = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
+        self._snapshots = self.engine.execution_options(**isolation)
         if self.is_sqlite:
             event.listen(self.engine, "connect", _prepare_sqlite)
             event.listen(self.engine, "begin", _begin_sqlite)
@@ -54,8 +57,8 @@ class Database:
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
-        """Open a session that changes nothing."""
-        with Session(self.engine) as session:
+        """Open a session that changes nothing, and sees one state of the database throughout."""
+        with Session(self._snapshots) as session:
             yield session
 
     @contextmanager

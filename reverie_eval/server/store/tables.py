@@ -144,7 +144,7 @@ class Grant(Base):
 
 
 class AuditEntry(Base):
-    """What somebody did; each entry's digest covers the one before."""
+    """What somebody did; each entry's digest covers the entry and the digest before it."""
 
     __tablename__ = "audit"
 
@@ -152,7 +152,10 @@ class AuditEntry(Base):
     at: Mapped[datetime]
     actor: Mapped[str] = mapped_column(String(200))
     action: Mapped[str] = mapped_column(String(64))
+    row: Mapped[str] = mapped_column(String(64))
+    """What it was done to, for programs: ``team:3``."""
     subject: Mapped[str] = mapped_column(String(200))
+    """What people called it then."""
     details: Mapped[dict[str, Any]]
     previous: Mapped[str] = mapped_column(String(64))
     digest: Mapped[str] = mapped_column(String(64), unique=True)

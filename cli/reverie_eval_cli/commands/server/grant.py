@@ -5,16 +5,17 @@ from pathlib import Path
 
 import click
 
+from reverie_eval.schemas.organising import MOST_EXTRA, NewGrant
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.organising import actor, minute, now, writing
+from reverie_eval_cli.organising import acting, minute, now
 
 
 @click.command()
 @options.server_folder
 @click.argument("team")
 @click.argument("split")
-@click.argument("number", type=click.IntRange(min=1))
+@click.argument("number", type=click.IntRange(1, MOST_EXTRA))
 @click.option("--reason", required=True, metavar="TEXT", help="The reason, for the audit log.")
 @options.days
 def grant(*, folder: Path, team: str, split: str, number: int, reason: str, days: int) -> None:
@@ -22,23 +23,13 @@ def grant(*, folder: Path, team: str, split: str, number: int, reason: str, days
 
     Each of the team's limits on a split is raised by NUMBER.
     """
-    from reverie_eval.server.service.grants import grant as grant_submissions
+    from reverie_eval.server.service import quotas
     from reverie_eval.server.settings import load_settings
 
-    begins = now()
-    ends = begins + timedelta(days=days)
     splits = load_settings(folder).splits
-    with writing(folder) as session:
-        grant_submissions(
-            session,
-            team,
-            split,
-            number,
-            splits=splits,
-            reason=reason,
-            now=begins,
-            expires_at=ends,
-            actor=actor(),
-        )
+    ends = now() + timedelta(days=days)
+    with acting(folder) as transaction:
+        new = NewGrant(team=team, split=split, extra=number, reason=reason, expires_at=ends)
+        quotas.grant(transaction, new, splits)
     extra = count_text(number, "extra submission")
     print(f"{team}: {extra} to {split} until {minute(ends)} UTC")

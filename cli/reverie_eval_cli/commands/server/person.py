@@ -8,7 +8,7 @@ import click
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import actor, minute, now, print_list, reading, writing
+from reverie_eval_cli.organising import acting, minute, print_list, reading
 
 if TYPE_CHECKING:
     from reverie_eval.server.store.tables import Role
@@ -35,10 +35,11 @@ def add(*, folder: Path, name: str, team: str, role: "Role") -> None:
 
     The team and the organisers see the NAME.
     """
+    from reverie_eval.schemas.organising import NewPerson
     from reverie_eval.server.service.people import add_person
 
-    with writing(folder) as session:
-        added = add_person(session, team, name, role, now=now(), actor=actor())
+    with acting(folder) as transaction:
+        added = add_person(transaction, NewPerson(team=team, name=name, role=role))
     print(f"{added.role} {added.name} added to {team}")
 
 
@@ -46,13 +47,11 @@ def add(*, folder: Path, name: str, team: str, role: "Role") -> None:
 @options.server_folder
 def list_people(*, folder: Path) -> None:
     """List all people with team and role."""
-    from reverie_eval.server.service.people import all_people
+    from reverie_eval.server.service import people
 
     with reading(folder) as session:
-        rows = [
-            (each.name, each.team.name, each.role, minute(each.created_at))
-            for each in all_people(session)
-        ]
+        everybody = people.list_people(session)
+    rows = [(each.name, each.team, each.role, minute(each.created_at)) for each in everybody]
     print_list(("person", "team", "role", "since (UTC)"), rows)
 
 
@@ -64,8 +63,8 @@ def revoke(*, folder: Path, name: str) -> None:
 
     Their results stay.
     """
-    from reverie_eval.server.service.people import person_named, revoke_all
+    from reverie_eval.server.service.tokens import revoke_tokens_of_person
 
-    with writing(folder) as session:
-        revoked = revoke_all(session, [person_named(session, name)], now=now(), actor=actor())
+    with acting(folder) as transaction:
+        revoked = revoke_tokens_of_person(transaction, name)
     print(f"{name}: {count_text(len(revoked), 'token')} revoked")

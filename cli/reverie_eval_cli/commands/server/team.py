@@ -1,4 +1,4 @@
-"""``reverie-eval server team add|list|revoke FOLDER``."""
+"""``reverie-eval server team add|rename|list|revoke FOLDER``."""
 
 from pathlib import Path
 
@@ -7,12 +7,12 @@ import click
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import actor, minute, now, print_list, reading, writing
+from reverie_eval_cli.organising import acting, minute, print_list, reading
 
 
 @click.group(cls=Group)
 def team() -> None:
-    """Add and list teams, and revoke their tokens."""
+    """Add, rename and list teams, and revoke their tokens."""
 
 
 @team.command()
@@ -23,28 +23,40 @@ def add(*, folder: Path, name: str) -> None:
 
     Its people share a quota; the leaderboard shows its NAME.
     """
+    from reverie_eval.schemas.organising import NewTeam
     from reverie_eval.server.service.people import add_team
 
-    with writing(folder) as session:
-        added = add_team(session, name, now=now(), actor=actor())
+    with acting(folder) as transaction:
+        added = add_team(transaction, NewTeam(name=name))
     print(f"team {added.name} added")
+
+
+@team.command()
+@options.server_folder
+@click.argument("name")
+@click.argument("new_name")
+def rename(*, folder: Path, name: str, new_name: str) -> None:
+    """Rename a team.
+
+    Its receipts keep the NAME under which they were signed.
+    """
+    from reverie_eval.schemas.organising import NewTeam
+    from reverie_eval.server.service.people import rename_team
+
+    with acting(folder) as transaction:
+        renamed = rename_team(transaction, name, NewTeam(name=new_name))
+    print(f"team {name} renamed to {renamed.name}")
 
 
 @team.command("list")
 @options.server_folder
 def list_teams(*, folder: Path) -> None:
     """List the teams."""
-    from reverie_eval.server.service.people import all_teams
+    from reverie_eval.server.service import people
 
     with reading(folder) as session:
-        rows = [
-            (
-                each.name,
-                minute(each.created_at),
-                ", ".join(sorted(person.name for person in each.people)),
-            )
-            for each in all_teams(session)
-        ]
+        teams = people.list_teams(session)
+    rows = [(each.name, minute(each.created_at), ", ".join(each.people)) for each in teams]
     print_list(("team", "since (UTC)", "people"), rows)
 
 
@@ -56,9 +68,8 @@ def revoke(*, folder: Path, name: str) -> None:
 
     Its people and results stay.
     """
-    from reverie_eval.server.service.people import revoke_all, team_named
+    from reverie_eval.server.service.tokens import revoke_tokens_of_team
 
-    with writing(folder) as session:
-        people = team_named(session, name).people
-        revoked = revoke_all(session, people, now=now(), actor=actor())
+    with acting(folder) as transaction:
+        revoked = revoke_tokens_of_team(transaction, name)
     print(f"{name}: {count_text(len(revoked), 'token')} revoked")

@@ -8,10 +8,10 @@ import click
 
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import actor, after, minute, now, print_list, reading, writing
+from reverie_eval_cli.organising import acting, after, minute, now, print_list, reading
 
 if TYPE_CHECKING:
-    from reverie_eval.server.store.tables import Token
+    from reverie_eval.schemas.organising import TokenReport
 
 
 @click.group(cls=Group)
@@ -28,31 +28,32 @@ def add(*, folder: Path, person: str, expires_days: int | None) -> None:
 
     It cannot be shown again.
     """
-    _mint(folder, person, "access", expires_days)
+    _create(folder, person, "access", expires_days)
 
 
 @token.command("list")
 @options.server_folder
 def list_tokens(*, folder: Path) -> None:
     """List tokens and invitations by their first characters."""
-    from reverie_eval.server.service.people import all_tokens
+    from reverie_eval.server.service import tokens
 
     with reading(folder) as session:
-        rows = [
-            (
-                each.hint,
-                each.kind,
-                each.person.name,
-                minute(each.created_at),
-                minute(each.expires_at) or "never",
-                _state(each),
-            )
-            for each in all_tokens(session)
-        ]
+        known = tokens.list_tokens(session)
+    rows = [
+        (
+            each.hint,
+            each.kind,
+            each.person,
+            minute(each.created_at),
+            minute(each.expires_at) or "never",
+            _state(each),
+        )
+        for each in known
+    ]
     print_list(("begins", "kind", "person", "made (UTC)", "expires (UTC)", "state"), rows)
 
 
-def _state(each: "Token") -> str:
+def _state(each: "TokenReport") -> str:
     if each.revoked_at is not None:
         return "used" if each.kind == "invite" else "revoked"
     return "expired" if each.expires_at is not None and each.expires_at <= now() else "valid"
@@ -66,11 +67,11 @@ def revoke_token(*, folder: Path, begins: str) -> None:
 
     BEGINS is its first 11 characters, which `server token list` shows.
     """
-    from reverie_eval.server.service.people import revoke
+    from reverie_eval.server.service import tokens
 
-    with writing(folder) as session:
-        revoked = revoke(session, begins, now=now(), actor=actor())
-    print(f"token {revoked.hint} of {revoked.person.name} revoked")
+    with acting(folder) as transaction:
+        revoked = tokens.revoke_token(transaction, begins)
+    print(f"token {revoked.hint} of {revoked.person} revoked")
 
 
 @click.command()
@@ -82,21 +83,19 @@ def invite(*, folder: Path, person: str, expires_days: int | None) -> None:
 
     `reverie-eval login` exchanges it, once, for a token.
     """
-    _mint(folder, person, "invite", expires_days)
+    _create(folder, person, "invite", expires_days)
 
 
-def _mint(
+def _create(
     folder: Path, name: str, kind: Literal["access", "invite"], expires_days: int | None
 ) -> None:
     """Print a token alone, for scripts; on standard error whose it is."""
-    from reverie_eval.server.service.people import mint, person_named
+    from reverie_eval.schemas.organising import NewToken
+    from reverie_eval.server.service.tokens import TOKEN_NAMES, create_token
 
     ends = after(expires_days)
-    with writing(folder) as session:
-        person = person_named(session, name)
-        minted = mint(session, person, kind, now=now(), actor=actor(), expires_at=ends)
-    print(minted.text)
-    word = "invitation" if kind == "invite" else "token"
+    with acting(folder) as transaction:
+        created = create_token(transaction, NewToken(person=name, kind=kind, expires_at=ends))
+    print(created.token)
     until = f", until {minute(ends)} UTC" if ends else ""
-    owner = f"{minted.token.person.name}, {minted.token.person.team.name}"
-    print(f"{word} of {owner}{until}; it is not shown again", file=sys.stderr)
+    print(f"{TOKEN_NAMES[kind]} of {name}{until}; it is not shown again", file=sys.stderr)

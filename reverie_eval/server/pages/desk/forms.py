@@ -1,33 +1,30 @@
-"""What the desk's pages have in common: who sits at it, reading forms, asking again.
+"""What the desk's pages have in common: reading forms, showing what is wrong, asking again.
 
 A form that does harm is sent twice: the first reply repeats what is to be done and asks whether it
 shall be, with the same fields.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated, Any, TypeAlias, TypeVar
 
-from fastapi import Depends, Path, Query, Request
+from fastapi import Path, Query
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import RedirectResponse, Response
 from pydantic import BaseModel, ValidationError
 from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Server
+from reverie_eval.server.http.callers import Call, Snapshot
 from reverie_eval.server.pages.faults import show_faults_with
 from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.pages.visitors import Desk
-from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.tables import BrowserSession
 
 SEE_OTHER = 303
 _OURS = frozenset({"csrf_token", "confirmed"})
 
 Typed: TypeAlias = Mapping[str, str]
 """What somebody typed into a form, by the names of its fields."""
+Draw: TypeAlias = Callable[[Call, Typed, ProblemDocument], Response]
+"""Shows a page again, with what was typed into its form and what is wrong with it."""
 Said = TypeVar("Said", bound=BaseModel)
 Done = Annotated[str, Query(max_length=20)]
 """What a form has just done; a page words those that it knows."""
@@ -35,47 +32,30 @@ Number = Annotated[int, Path(ge=1, le=2**31 - 1)]
 """Of a row."""
 
 
-@dataclass(frozen=True)
-class AtDesk:
-    """The organiser, at one of the desk's pages."""
-
-    request: Request
-    server: ServerState
-    session: BrowserSession
-
-    @property
-    def name(self) -> str:
-        """Who it is, for the record."""
-        return self.session.token.person.name
-
-    def now(self) -> datetime:
-        """Return the time."""
-        return self.server.clock()
-
-    def draw(
-        self, template: str, problem: ProblemDocument | None = None, **content: Any
-    ) -> Response:
-        """Show a page, and what was wrong with a form on it."""
-        status = problem.status if problem else 200
-        return page(self.request, template, self.session, status, problem=problem, **content)
-
-    def keep(
-        self, typed: Typed, draw: Callable[["AtDesk", Typed, ProblemDocument], Response]
-    ) -> None:
-        """Let faults be shown from now on beside what was typed."""
-        show_faults_with(self.request, lambda problem: draw(self, typed, problem))
-
-    def ask(self, typed: Typed, template: str = "desk/confirm.html", **content: Any) -> Response:
-        """Ask whether it shall really be done."""
-        return self.draw(template, fields=typed, action=self.request.url.path, **content)
+def desk_page(
+    desk: Call,
+    snapshot: Snapshot,
+    template: str,
+    problem: ProblemDocument | None = None,
+    **content: Any,
+) -> Response:
+    """Show a page of the desk, and what was wrong with a form on it."""
+    status = problem.status if problem else 200
+    content |= {"problem": problem, "now": snapshot.now}
+    return page(desk.request, f"desk/{template}", snapshot, status, **content)
 
 
-def at_desk(request: Request, server: Server, session: Desk) -> AtDesk:
-    """Return the organiser, at the page."""
-    return AtDesk(request, server, session)
+def show_faults(desk: Call, typed: Typed, draw: Draw) -> None:
+    """Let an organiser see from now on what is wrong beside what was typed."""
+    desk.person()  # nobody else sees the page, with or without a fault
+    show_faults_with(desk.request, lambda problem: draw(desk, typed, problem))
 
 
-Here = Annotated[AtDesk, Depends(at_desk)]
+def ask(desk: Call, typed: Typed, template: str = "confirm.html", **content: Any) -> Response:
+    """Ask whether it shall really be done."""
+    with desk.snapshot() as snapshot:
+        action = desk.request.url.path
+        return desk_page(desk, snapshot, template, fields=typed, action=action, **content)
 
 
 def typed_into(form: FormData) -> dict[str, str]:

@@ -5,18 +5,20 @@ from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.http.callers import Call
 from reverie_eval.server.pages.desk.forms import (
-    AtDesk,
     Done,
-    Here,
     Typed,
+    ask,
+    desk_page,
     done,
     is_confirmed,
     read,
+    show_faults,
     typed_into,
 )
-from reverie_eval.server.pages.visitors import Posted
-from reverie_eval.server.service.notices import latest_notice, post_notice
+from reverie_eval.server.pages.visitors import Desk, Posted
+from reverie_eval.server.service.notices import latest_notice
 
 router = APIRouter()
 
@@ -24,48 +26,46 @@ PAGE = "/desk/notice"
 
 
 def draw(
-    here: AtDesk, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+    desk: Call, typed: Typed | None, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
-    """Show what holds, and the form to change it."""
-    with here.server.database.reading() as session:
-        posted = latest_notice(session)
-        standing = here.server.notices.standing(session)
-    return here.draw(
-        "desk/notice.html",
-        problem,
-        posted=posted,
-        standing=standing,
-        settled=here.server.notices.settled,
-        typed=typed,
-        done=what,
-    )
+    """Show what holds, and the form to change it, filled with what was typed or else posted."""
+    notices = desk.server.notices
+    with desk.snapshot() as snapshot:
+        posted = latest_notice(snapshot.session)
+        if typed is None:
+            typed = {"banner": posted.banner if posted else ""}
+            typed |= {"paused": "true"} if posted and posted.paused else {}
+        return desk_page(
+            desk,
+            snapshot,
+            "notice.html",
+            problem,
+            posted=posted,
+            standing=notices.current(snapshot.session),
+            settled=notices.of_settings,
+            typed=typed,
+            done=what,
+        )
 
 
 @router.get(PAGE)
-def show_notice(here: Here, done: Done = "") -> Response:
+def show_notice(desk: Desk, done: Done = "") -> Response:
     """Show what is said to everybody, with what holds in the form."""
-    with here.server.database.reading() as session:
-        posted = latest_notice(session)
-    typed = {"banner": posted.banner if posted else ""}
-    if posted and posted.paused:
-        typed["paused"] = "true"
-    return draw(here, typed, what=done)
+    return draw(desk, None, what=done)
 
 
 @router.post(PAGE)
-def post(here: Here, form: Posted) -> Response:
+def post(desk: Desk, form: Posted) -> Response:
     """Show what everybody would see; say it to them once that was looked at."""
     typed = typed_into(form)
-    here.keep(typed, draw)
+    show_faults(desk, typed, draw)
     new = read(NewNotice, {**typed, "paused": typed.get("paused") == "true"})
-    notices = here.server.notices
+    notices = desk.server.notices
     if not is_confirmed(form):
-        return here.ask(
-            typed,
-            "desk/notice-preview.html",
-            now_standing=notices.now(),
-            standing=notices.above_settings(new.banner, new.paused),
-        )
-    with here.server.database.writing() as session:
-        post_notice(session, new.banner, paused=new.paused, now=here.now(), actor=here.name)
+        with desk.snapshot() as snapshot:
+            current = notices.current(snapshot.session)
+        coming = notices.if_posted(new, snapshot.person.name, snapshot.now)
+        return ask(desk, typed, "notice-preview.html", now_standing=current, standing=coming)
+    with desk.transaction() as transaction:
+        notices.post(transaction, new)
     return done(PAGE, "posted")

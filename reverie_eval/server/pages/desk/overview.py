@@ -8,9 +8,10 @@ from fastapi.responses import Response
 
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.http.runtime import Runtime
-from reverie_eval.server.pages.desk.forms import Here
+from reverie_eval.server.pages.desk.forms import desk_page
+from reverie_eval.server.pages.visitors import Desk
 from reverie_eval.server.service.attempts import FAILURES, latest_attempts
-from reverie_eval.server.service.audit import altered, broken_links, latest_entries
+from reverie_eval.server.service.audit import latest_entries
 from reverie_eval.server.service.overview import counts_of_splits, last_day, totals
 
 router = APIRouter()
@@ -28,67 +29,69 @@ async def examined(runtime: Runtime) -> HealthReport:
 
 
 @router.get("/desk")
-def show_desk(here: Here, health: Annotated[HealthReport, Depends(examined)]) -> Response:
+def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) -> Response:
     """Show whether all is well, and what the last day brought."""
-    server, now = here.server, here.now()
-    with server.database.reading() as session:
-        attempts = latest_attempts(session, A_FEW)
-        counts = counts_of_splits(session)
-        kept = totals(session)
-        day = last_day(session, now)
-        standing = server.notices.standing(session)
-    return here.draw(
-        "desk/overview.html",
-        health=health,
-        boards=server.boards.values(),
-        now=now,
-        attempts=attempts,
-        counts=counts,
-        kept=kept,
-        day=day,
-        standing=standing,
-        disk=shutil.disk_usage(server.settings.folder),
-    )
+    server = desk.server
+    with desk.snapshot() as snapshot:
+        session = snapshot.session
+        return desk_page(
+            desk,
+            snapshot,
+            "overview.html",
+            health=health,
+            boards=server.boards.values(),
+            attempts=latest_attempts(session, A_FEW),
+            counts=counts_of_splits(session),
+            kept=totals(session),
+            day=last_day(session, snapshot.now),
+            standing=server.notices.current(session),
+            disk=shutil.disk_usage(server.settings.folder),
+        )
 
 
 @router.get("/desk/uploads")
-def show_uploads(here: Here, before: Before = None, outcome: Sought = "") -> Response:
+def show_uploads(desk: Desk, before: Before = None, outcome: Sought = "") -> Response:
     """List uploads, the latest first."""
     chosen = outcome if outcome in ALL_OUTCOMES else ""
-    with here.server.database.reading() as session:
-        found = latest_attempts(session, ON_A_PAGE + 1, before, chosen)
-    return here.draw(
-        "desk/uploads.html",
-        attempts=found[:ON_A_PAGE],
-        next_before=found[ON_A_PAGE - 1].id if len(found) > ON_A_PAGE else None,
-        is_first=before is None,
-        outcome=chosen,
-        outcomes=ALL_OUTCOMES,
-    )
+    with desk.snapshot() as snapshot:
+        found = latest_attempts(snapshot.session, ON_A_PAGE + 1, before, chosen)
+        return desk_page(
+            desk,
+            snapshot,
+            "uploads.html",
+            attempts=found[:ON_A_PAGE],
+            next_before=found[ON_A_PAGE - 1].id if len(found) > ON_A_PAGE else None,
+            is_first=before is None,
+            outcome=chosen,
+            outcomes=ALL_OUTCOMES,
+        )
 
 
 @router.get("/desk/audit")
 def show_audit(
-    here: Here, before: Before = None, actor: Sought = "", subject: Sought = "", whole: Sought = ""
+    desk: Desk, before: Before = None, actor: Sought = "", subject: Sought = "", whole: Sought = ""
 ) -> Response:
     """Show who did what, the latest first, and whether it is what was written.
 
     That of the entries on the page; of the whole chain, which may be long, if somebody asks.
     """
-    actor, subject = _findable(actor), _findable(subject)
-    with here.server.database.reading() as session:
+    actor, subject, audit_log = _findable(actor), _findable(subject), desk.server.audit_log
+    with desk.snapshot() as snapshot:
+        session = snapshot.session
         found = latest_entries(session, ON_A_PAGE + 1, before, actor=actor, subject=subject)
-        broken = list(broken_links(session)) if whole else altered(found[:ON_A_PAGE])
-    return here.draw(
-        "desk/audit.html",
-        entries=found[:ON_A_PAGE],
-        next_before=found[ON_A_PAGE - 1].id if len(found) > ON_A_PAGE else None,
-        is_first=before is None,
-        actor=actor,
-        subject=subject,
-        broken=broken,
-        is_whole=bool(whole),
-    )
+        shown = found[:ON_A_PAGE]
+        return desk_page(
+            desk,
+            snapshot,
+            "audit.html",
+            entries=shown,
+            next_before=shown[-1].id if len(found) > ON_A_PAGE else None,
+            is_first=before is None,
+            actor=actor,
+            subject=subject,
+            broken=list(audit_log.broken_links(session)) if whole else audit_log.altered(shown),
+            is_whole=bool(whole),
+        )
 
 
 def _findable(text: str) -> str:

@@ -1,25 +1,27 @@
 """``/desk/people``: teams, who is in them, and their tokens."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Path
 from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
 from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.http.callers import Call
 from reverie_eval.server.pages.desk.forms import (
-    AtDesk,
     Done,
-    Here,
     Typed,
+    ask,
+    desk_page,
     done,
     end_of_day,
     is_confirmed,
     read,
+    show_faults,
     typed_into,
 )
-from reverie_eval.server.pages.visitors import Posted
-from reverie_eval.server.service import people
+from reverie_eval.server.pages.visitors import Desk, Posted
+from reverie_eval.server.service import people, tokens
 
 router = APIRouter()
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
@@ -28,79 +30,91 @@ PAGE = "/desk/people"
 
 
 def draw(
-    here: AtDesk, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+    desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
     """Show everybody, their tokens, and the forms to add more."""
-    with here.server.database.reading() as session:
-        content: dict[str, Any] = {
-            "teams": [(team, team.people) for team in people.all_teams(session)],
-            "everybody": people.all_people(session),
-            "tokens": people.all_tokens(session)[::-1],
-        }
-    content |= {"typed": typed, "done": what, "now": here.now(), "own": here.session.token.hint}
-    return here.draw("desk/people.html", problem, **content)
+    with desk.snapshot() as snapshot:
+        session, browser = snapshot.session, snapshot.browser
+        everybody = people.list_people(session)
+        return desk_page(
+            desk,
+            snapshot,
+            "people.html",
+            problem,
+            teams=people.list_teams(session),
+            everybody=everybody,
+            organisers=[each.name for each in everybody if each.role == "organiser"],
+            tokens=tokens.list_tokens(session)[::-1],
+            own=browser and browser.token.hint,
+            typed=typed,
+            done=what,
+        )
 
 
 @router.get(PAGE)
-def show_people(here: Here, done: Done = "") -> Response:
+def show_people(desk: Desk, done: Done = "") -> Response:
     """Show everybody and their tokens."""
-    return draw(here, {}, what=done)
+    return draw(desk, {}, what=done)
 
 
 @router.post(f"{PAGE}/teams")
-def add_team(here: Here, form: Posted) -> Response:
+def add_team(desk: Desk, form: Posted) -> Response:
     """Add a team."""
     typed = typed_into(form)
-    here.keep({"team_name": typed.get("name", "")}, draw)
-    new = read(NewTeam, typed)
-    with here.server.database.writing() as session:
-        people.add_team(session, new.name, now=here.now(), actor=here.name)
+    show_faults(desk, {"team_name": typed.get("name", "")}, draw)
+    with desk.transaction() as transaction:
+        people.add_team(transaction, read(NewTeam, typed))
     return done(PAGE, "team")
 
 
+@router.post(f"{PAGE}/teams/rename")
+def rename_team(desk: Desk, form: Posted) -> Response:
+    """Rename a team."""
+    typed = typed_into(form)
+    team, name = typed.get("team", ""), typed.get("name", "")
+    show_faults(desk, {"old_name": team, "new_name": name}, draw)
+    with desk.transaction() as transaction:
+        people.rename_team(transaction, team, read(NewTeam, {"name": name}))
+    return done(PAGE, "renamed")
+
+
 @router.post(PAGE)
-def add_person(here: Here, form: Posted) -> Response:
+def add_person(desk: Desk, form: Posted) -> Response:
     """Add a person to a team; an organiser, only once it was asked for twice."""
     typed = typed_into(form)
-    here.keep(typed, draw)
+    show_faults(desk, typed, draw)
     new = read(NewPerson, typed)
     if new.role == "organiser" and not is_confirmed(form):
         question = f"Make {new.name} an organiser?"
         remark = "Organisers see everything at this desk and may do all that you may."
-        return here.ask(typed, question=question, remark=remark, yes="Add them", back=PAGE)
-    with here.server.database.writing() as session:
-        people.add_person(session, new.team, new.name, new.role, now=here.now(), actor=here.name)
+        return ask(desk, typed, question=question, remark=remark, yes="Add them", back=PAGE)
+    with desk.transaction() as transaction:
+        people.add_person(transaction, new)
     return done(PAGE, "person")
 
 
 @router.post(f"{PAGE}/tokens")
-def mint(here: Here, form: Posted) -> Response:
-    """Make an invitation or a token, and show its text in this one reply."""
+def create_token(desk: Desk, form: Posted) -> Response:
+    """Create an invitation or a token, and show its text in this one reply."""
     typed = typed_into(form)
-    here.keep(typed, draw)
+    show_faults(desk, typed, draw)
     asked = {name: typed.get(name, "") for name in ("person", "kind")}
     new = read(NewToken, {**asked, "expires_at": end_of_day(typed.get("until", ""))})
-    with here.server.database.writing() as session:
-        minted = people.mint(
-            session,
-            people.person_named(session, new.person),
-            new.kind,
-            now=here.now(),
-            actor=here.name,
-            expires_at=new.expires_at,
-        )
-    sign_in = str(here.request.url_for("show_sign_in"))
-    return here.draw("desk/token.html", minted=minted, person=new.person, sign_in=sign_in)
+    with desk.transaction() as transaction:
+        created = tokens.create_token(transaction, new)
+    sign_in = str(desk.request.url_for("show_sign_in"))
+    with desk.snapshot() as snapshot:
+        return desk_page(desk, snapshot, "token.html", created=created, sign_in=sign_in)
 
 
 @router.post(f"{PAGE}/tokens/{{hint}}/revoke")
-def revoke(hint: Hint, here: Here, form: Posted) -> Response:
-    """Make a token worthless."""
-    here.keep({}, draw)
+def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
+    """Revoke a token."""
+    show_faults(desk, {}, draw)
     if not is_confirmed(form):
-        question = f"Make the token that begins with {hint} worthless?"
+        question = f"Revoke the token that begins with {hint}?"
         remark = "Whoever uses it is signed out at once, and needs another."
-        return here.ask({}, question=question, remark=remark, yes="Revoke it", back=PAGE)
-    with here.server.database.writing() as session:
-        people.revoke(session, hint, now=here.now(), actor=here.name)
+        return ask(desk, {}, question=question, remark=remark, yes="Revoke it", back=PAGE)
+    with desk.transaction() as transaction:
+        tokens.revoke_token(transaction, hint)
     return done(PAGE, "revoked")

@@ -5,18 +5,19 @@ from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewGrant
 from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.http.callers import Call
 from reverie_eval.server.pages.desk.forms import (
-    AtDesk,
     Done,
-    Here,
     Typed,
+    desk_page,
     done,
     end_of_day,
     read,
+    show_faults,
     typed_into,
 )
-from reverie_eval.server.pages.visitors import Posted
-from reverie_eval.server.service import grants, people
+from reverie_eval.server.pages.visitors import Desk, Posted
+from reverie_eval.server.service import people, quotas
 
 router = APIRouter()
 
@@ -24,47 +25,36 @@ PAGE = "/desk/quotas"
 
 
 def draw(
-    here: AtDesk, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+    desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
     """Show the quotas of splits, what was given beyond them, and the form to give more."""
-    with here.server.database.reading() as session:
-        given = grants.all_grants(session)
-        teams = people.all_teams(session)
-    return here.draw(
-        "desk/quotas.html",
-        problem,
-        given=given,
-        teams=teams,
-        boards=here.server.boards.values(),
-        now=here.now(),
-        typed=typed,
-        done=what,
-    )
+    with desk.snapshot() as snapshot:
+        return desk_page(
+            desk,
+            snapshot,
+            "quotas.html",
+            problem,
+            given=quotas.list_grants(snapshot.session),
+            teams=people.list_teams(snapshot.session),
+            boards=desk.server.boards.values(),
+            typed=typed,
+            done=what,
+        )
 
 
 @router.get(PAGE)
-def show_quotas(here: Here, done: Done = "") -> Response:
+def show_quotas(desk: Desk, done: Done = "") -> Response:
     """Show the quotas and what was given beyond them."""
-    return draw(here, {}, what=done)
+    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)
-def give(here: Here, form: Posted) -> Response:
+def grant(desk: Desk, form: Posted) -> Response:
     """Raise every limit of a team on a split until a date."""
     typed = typed_into(form)
-    here.keep(typed, draw)
+    show_faults(desk, typed, draw)
     asked = {name: typed.get(name, "") for name in ("team", "split", "extra", "reason")}
     new = read(NewGrant, {**asked, "expires_at": end_of_day(typed.get("until", "")) or ""})
-    with here.server.database.writing() as session:
-        grants.grant(
-            session,
-            new.team,
-            new.split,
-            new.extra,
-            splits=here.server.boards,
-            reason=new.reason,
-            now=here.now(),
-            expires_at=new.expires_at,
-            actor=here.name,
-        )
+    with desk.transaction() as transaction:
+        quotas.grant(transaction, new, desk.server.boards)
     return done(PAGE, "given")

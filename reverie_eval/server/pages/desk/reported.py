@@ -12,18 +12,20 @@ from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.http.callers import Call
 from reverie_eval.server.pages.desk.forms import (
-    AtDesk,
     Done,
-    Here,
     Number,
     Typed,
+    ask,
+    desk_page,
     done,
     is_confirmed,
     read,
+    show_faults,
     typed_into,
 )
-from reverie_eval.server.pages.visitors import Posted
+from reverie_eval.server.pages.visitors import Desk, Posted
 from reverie_eval.server.service import reported
 
 router = APIRouter()
@@ -33,34 +35,35 @@ _PER_CENT = 100
 
 
 def draw(
-    here: AtDesk, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+    desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
     """Show the reported results on the boards, and the form for another."""
-    with here.server.database.reading() as session:
-        results = reported.all_reported(session)
-    return here.draw(
-        "desk/reported.html",
-        problem,
-        results=results,
-        splits=list(here.server.boards),
-        catalogue=CATALOGUE.values(),
-        said=Method.model_fields,
-        typed=typed,
-        done=what,
-    )
+    with desk.snapshot() as snapshot:
+        return desk_page(
+            desk,
+            snapshot,
+            "reported.html",
+            problem,
+            results=reported.list_reported(snapshot.session),
+            splits=list(desk.server.boards),
+            catalogue=CATALOGUE.values(),
+            said=Method.model_fields,
+            typed=typed,
+            done=what,
+        )
 
 
 @router.get(PAGE)
-def show_reported(here: Here, done: Done = "") -> Response:
+def show_reported(desk: Desk, done: Done = "") -> Response:
     """Show the reported results on the boards."""
-    return draw(here, {}, what=done)
+    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)
-def add(here: Here, form: Posted) -> Response:
+def add(desk: Desk, form: Posted) -> Response:
     """Put a result on a board that a paper reports."""
     typed = typed_into(form)
-    here.keep(typed, draw)
+    show_faults(desk, typed, draw)
     method = {
         "name": typed.get("name", ""),
         "paper": typed.get("source", ""),
@@ -77,18 +80,8 @@ def add(here: Here, form: Posted) -> Response:
             "scores": scores_of(typed),
         },
     )
-    with here.server.database.writing() as session:
-        reported.add_reported(
-            session,
-            new.split,
-            new.method,
-            team=new.team,
-            scores=new.scores,
-            source=str(new.source),
-            splits=here.server.boards,
-            now=here.now(),
-            actor=here.name,
-        )
+    with desk.transaction() as transaction:
+        reported.add_reported(transaction, new, desk.server.boards)
     return done(PAGE, "added")
 
 
@@ -122,13 +115,13 @@ def scores_of(typed: Typed) -> Mapping[str, float]:
 
 
 @router.post(f"{PAGE}/{{result_id}}/remove")
-def remove(result_id: Number, here: Here, form: Posted) -> Response:
+def remove(result_id: Number, desk: Desk, form: Posted) -> Response:
     """Take a reported result off its board."""
-    here.keep({}, draw)
+    show_faults(desk, {}, draw)
     if not is_confirmed(form):
         question = "Take this reported result off its board?"
         remark = "It can be entered again. That it stood there stays in the audit log."
-        return here.ask({}, question=question, remark=remark, yes="Remove it", back=PAGE)
-    with here.server.database.writing() as session:
-        reported.remove_reported(session, result_id, now=here.now(), actor=here.name)
+        return ask(desk, {}, question=question, remark=remark, yes="Remove it", back=PAGE)
+    with desk.transaction() as transaction:
+        reported.remove_reported(transaction, result_id)
     return done(PAGE, "removed")

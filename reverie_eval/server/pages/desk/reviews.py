@@ -5,23 +5,27 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
+from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewReview
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.http.callers import Call
 from reverie_eval.server.pages.desk.forms import (
-    AtDesk,
     Done,
-    Here,
     Number,
     Typed,
+    ask,
+    desk_page,
     done,
     is_confirmed,
     read,
+    show_faults,
     typed_into,
 )
-from reverie_eval.server.pages.visitors import Posted
+from reverie_eval.server.pages.visitors import Desk, Posted
 from reverie_eval.server.service import reviews
+from reverie_eval.server.store.tables import Submission
 
 router = APIRouter()
 
@@ -37,76 +41,67 @@ _HARMFUL = frozenset({"flagged", "disqualified"})
 
 
 def draw(
-    here: AtDesk, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+    desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
     """Show what is said of submissions, and the form to say something of one."""
-    with here.server.database.reading() as session:
-        said = reviews.all_reviews(session)
-        latest = reviews.latest_submissions(session, A_FEW)
-        try:
-            chosen = reviews.demand_submission(session, typed.get("submission_id", ""))
-        except NotFoundError:
-            chosen = None
-    return here.draw(
-        "desk/reviews.html",
-        problem,
-        standing=[each for each in said if each.lifted_at is None],
-        lifted=[each for each in said if each.lifted_at is not None],
-        latest=latest,
-        chosen=chosen,
-        verdicts=VERDICTS,
-        now=here.now(),
-        typed=typed,
-        done=what,
-    )
+    with desk.snapshot() as snapshot:
+        said = reviews.all_reviews(snapshot.session)
+        return desk_page(
+            desk,
+            snapshot,
+            "reviews.html",
+            problem,
+            standing=[each for each in said if each.lifted_at is None],
+            lifted=[each for each in said if each.lifted_at is not None],
+            latest=reviews.latest_submissions(snapshot.session, A_FEW),
+            chosen=_chosen(snapshot.session, typed),
+            verdicts=VERDICTS,
+            typed=typed,
+            done=what,
+        )
 
 
 @router.get(PAGE)
 def show_reviews(
-    here: Here,
+    desk: Desk,
     submission: Annotated[str, Query(max_length=32)] = "",
     done: Done = "",
 ) -> Response:
     """Show what is said of submissions; a link may choose one to say something of."""
-    return draw(here, {"submission_id": submission}, what=done)
+    return draw(desk, {"submission_id": submission}, what=done)
 
 
 @router.post(PAGE)
-def review(here: Here, form: Posted) -> Response:
+def review(desk: Desk, form: Posted) -> Response:
     """Say something of a submission; what does harm, only once it was asked for twice."""
     typed = typed_into(form)
-    here.keep(typed, draw)
+    show_faults(desk, typed, draw)
     new = read(NewReview, typed)
-    with here.server.database.reading() as session:
-        row = reviews.demand_submission(session, new.submission_id)
     if new.verdict in _HARMFUL and not is_confirmed(form):
-        return here.ask(
-            typed,
-            "desk/confirm-review.html",
-            row=row,
-            verdict=new.verdict,
-            effect=VERDICTS[new.verdict],
-        )
-    with here.server.database.writing() as session:
-        reviews.review(
-            session,
-            new.submission_id,
-            new.verdict,
-            new.reason,
-            now=here.now(),
-            actor=here.name,
-        )
+        with desk.snapshot() as snapshot:
+            row = reviews.any_submission(snapshot.session, new.submission_id)
+        about = {"row": row, "verdict": new.verdict, "effect": VERDICTS[new.verdict]}
+        return ask(desk, typed, "confirm-review.html", **about)
+    with desk.transaction() as transaction:
+        reviews.review(transaction, new)
     return done(PAGE, new.verdict)
 
 
 @router.post(f"{PAGE}/{{review_id}}/lift")
-def lift(review_id: Number, here: Here, form: Posted) -> Response:
+def lift_review(review_id: Number, desk: Desk, form: Posted) -> Response:
     """Take back what was said of a submission."""
-    here.keep({}, draw)
+    show_faults(desk, {}, draw)
     if not is_confirmed(form):
         question = "Take back what was said of this submission?"
         remark = "It disappears from the board; that it was said, and lifted, stays on record."
-        return here.ask({}, question=question, remark=remark, yes="Lift it", back=PAGE)
-    with here.server.database.writing() as session:
-        reviews.lift(session, review_id, now=here.now(), actor=here.name)
+        return ask(desk, {}, question=question, remark=remark, yes="Lift it", back=PAGE)
+    with desk.transaction() as transaction:
+        reviews.lift_review(transaction, review_id)
     return done(PAGE, "lifted")
+
+
+def _chosen(session: Session, typed: Typed) -> Submission | None:
+    try:
+        return reviews.any_submission(session, typed.get("submission_id", ""))
+    except NotFoundError:
+        return None

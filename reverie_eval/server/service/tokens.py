@@ -1,0 +1,176 @@
+"""Tokens, which people show to be known, and invitations, each good for one token.
+
+A token is 32 random bytes; the database has its SHA-256. That needs no salt and no slow hash: there
+is nothing to guess.
+"""
+
+import hashlib
+import secrets
+from collections.abc import Iterable, Mapping
+from datetime import datetime
+
+from sqlalchemy import ColumnElement, select
+from sqlalchemy.orm import Session
+
+from reverie_eval.schemas.organising import NewToken, NewTokenReport, TokenReport
+from reverie_eval.schemas.service import Welcome
+from reverie_eval.server.errors import MalformedError, NotFoundError, NotSignedInError
+from reverie_eval.server.service.people import person_named, team_named
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.store.tables import Person, Token, TokenKind
+
+PREFIX = "rv_"
+"""Lets people, and scanners of repositories, recognise a token."""
+HINT_LENGTH = len(PREFIX) + 8
+"""Letters of a token that may be known: enough to tell it apart, and 35 are left to guess."""
+
+TOKEN_NAMES: Mapping[TokenKind, str] = {"access": "token", "invite": "invitation"}
+"""What people call a token of a kind."""
+
+
+def create_token(transaction: Transaction, new: NewToken) -> NewTokenReport:
+    """Create a token or an invitation for a person; its text cannot be had again.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such person.
+    MalformedError
+        If it would be worth nothing.
+    """
+    person = person_named(transaction.session, new.person)
+    return _create(transaction, person, new.kind, new.expires_at)
+
+
+def accept_invitation(transaction: Transaction, invitation: str) -> Welcome:
+    """Exchange an invitation for a token, once; the person who does is the actor from then on.
+
+    Raises
+    ------
+    NotSignedInError
+        If it is none, was used, or has expired.
+    """
+    used = valid_token(transaction.session, invitation, "invite", transaction.now)
+    used.revoked_at = transaction.now
+    person = used.person
+    created = _create(transaction.as_actor(person.name), person, "access", None)
+    return Welcome(person=person.name, team=person.team.name, token=created.token)
+
+
+def revoke_token(transaction: Transaction, hint: str) -> TokenReport:
+    """Revoke a token, by its first letters, with the browser sessions that began with it.
+
+    Raises
+    ------
+    NotFoundError
+        If no token begins so, or several do.
+    """
+    tokens = transaction.session.scalars(select(Token).where(Token.hint == hint)).all()
+    if len(tokens) != 1:
+        raise NotFoundError(f"there is no token that begins with {hint!r}; `token list` shows all")
+    _revoke(transaction, tokens)
+    return token_report(tokens[0])
+
+
+def revoke_tokens_of_team(transaction: Transaction, name: str) -> list[TokenReport]:
+    """Revoke whatever is valid of a team's people; NotFoundError if there is no such team."""
+    team = team_named(transaction.session, name)
+    return _revoke_valid(transaction, Token.person_id.in_([person.id for person in team.people]))
+
+
+def revoke_tokens_of_person(transaction: Transaction, name: str) -> list[TokenReport]:
+    """Revoke whatever is valid of a person's; NotFoundError if there is no such person."""
+    person = person_named(transaction.session, name)
+    return _revoke_valid(transaction, Token.person_id == person.id)
+
+
+def list_tokens(session: Session) -> list[TokenReport]:
+    """List tokens and invitations in the order in which they were created."""
+    return [token_report(token) for token in session.scalars(select(Token).order_by(Token.id))]
+
+
+def token_report(token: Token) -> TokenReport:
+    """Return what may be known of a token."""
+    return TokenReport(
+        hint=token.hint,
+        kind=token.kind,
+        person=token.person.name,
+        created_at=token.created_at,
+        expires_at=token.expires_at,
+        revoked_at=token.revoked_at,
+    )
+
+
+def person_with_token(session: Session, text: str, now: datetime) -> Person:
+    """Return whose token this is; errors are those of :func:`valid_token`."""
+    return valid_token(session, text, "access", now).person
+
+
+def valid_token(session: Session, text: str, kind: TokenKind, now: datetime) -> Token:
+    """Return the token that has this text.
+
+    Raises
+    ------
+    NotSignedInError
+        If there is none of this kind, or it is not valid any more.
+    """
+    digest = _digest(text)
+    token = session.scalars(select(Token).where(Token.digest == digest)).first()
+    # The index has compared digests, whose timing tells nothing of the text; this compares all.
+    is_known = token is not None and secrets.compare_digest(token.digest, digest)
+    if token is None or not is_known or token.kind != kind:
+        raise NotSignedInError(f"this is no {TOKEN_NAMES[kind]} of this server")
+    demand_valid(token, now)
+    return token
+
+
+def demand_valid(token: Token, now: datetime) -> None:
+    """Refuse a token that was revoked, was used, or has expired: it is worth nothing at its end.
+
+    Raises
+    ------
+    NotSignedInError
+        Saying which.
+    """
+    this = f"this {TOKEN_NAMES[token.kind]}"
+    if token.revoked_at is not None:
+        became = {"access": "was revoked", "invite": "was used or revoked"}[token.kind]
+        raise NotSignedInError(f"{this} {became}; ask the organiser for another")
+    if token.expires_at is not None and token.expires_at <= now:
+        raise NotSignedInError(f"{this} has expired; ask the organiser for another")
+
+
+def _create(
+    transaction: Transaction, person: Person, kind: TokenKind, expires_at: datetime | None
+) -> NewTokenReport:
+    if expires_at is not None and expires_at <= transaction.now:
+        raise MalformedError("it would have expired already; choose a later time")
+    text = PREFIX + secrets.token_urlsafe(32)
+    token = Token(
+        person=person,
+        kind=kind,
+        digest=_digest(text),
+        hint=text[:HINT_LENGTH],
+        created_at=transaction.now,
+        expires_at=expires_at,
+    )
+    transaction.add(token)
+    transaction.record(f"{kind} token created", token, person.name, hint=token.hint)
+    return NewTokenReport(**token_report(token).model_dump(), token=text)
+
+
+def _revoke_valid(transaction: Transaction, whose: ColumnElement[bool]) -> list[TokenReport]:
+    chosen = select(Token).where(whose, Token.revoked_at.is_(None)).order_by(Token.id)
+    tokens = transaction.session.scalars(chosen).all()
+    _revoke(transaction, tokens)
+    return [token_report(token) for token in tokens]
+
+
+def _revoke(transaction: Transaction, tokens: Iterable[Token]) -> None:
+    for token in tokens:
+        token.revoked_at = token.revoked_at or transaction.now
+        transaction.record("token revoked", token, token.person.name, hint=token.hint)
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

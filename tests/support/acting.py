@@ -1,0 +1,56 @@
+"""Doing what organisers do, in as few words as a test wants."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+
+from reverie_eval.schemas.organising import (
+    NewPerson,
+    NewReview,
+    NewTeam,
+    NewToken,
+    NewTokenReport,
+    ReviewEntry,
+)
+from reverie_eval.server.service import people, reviews, tokens
+from reverie_eval.server.service.audit import AuditLog
+from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Role, TokenKind, Verdict
+
+NOON = datetime(2026, 3, 2, 12, tzinfo=UTC)
+"""When every test begins."""
+AUDIT_LOG = AuditLog(b"the key of tests")
+
+
+@contextmanager
+def acting(database: Database, actor: str = "test") -> Iterator[Transaction]:
+    """Change a database that no server has."""
+    with Transactions(database, AUDIT_LOG, lambda: NOON).begin(actor) as transaction:
+        yield transaction
+
+
+def add_team(transaction: Transaction, name: str) -> None:
+    people.add_team(transaction, NewTeam(name=name))
+
+
+def add_person(transaction: Transaction, team: str, name: str, role: Role = "participant") -> None:
+    people.add_person(transaction, NewPerson(team=team, name=name, role=role))
+
+
+def create_token(
+    transaction: Transaction,
+    person: str,
+    kind: TokenKind = "access",
+    expires_at: datetime | None = None,
+) -> NewTokenReport:
+    return tokens.create_token(
+        transaction, NewToken(person=person, kind=kind, expires_at=expires_at)
+    )
+
+
+def review(
+    transaction: Transaction, submission_id: str, verdict: Verdict, reason: str = "checked"
+) -> ReviewEntry:
+    new = NewReview(submission_id=submission_id, verdict=verdict, reason=reason)
+    return reviews.review(transaction, new)

@@ -82,25 +82,20 @@ class AgentTask:
     target_object: int
 
 
-@dataclass(frozen=True, slots=True)
-class Behaviour:
-    """The viewpoints an agent visited and the object it predicts."""
-
-    viewpoints: Sequence[int]
-    object_id: int
-
+Behaviour: TypeAlias = tuple[Sequence[int], int]
+"""The viewpoints an agent visited, and the object that it predicts."""
 
 Agent: TypeAlias = Callable[[AgentTask, Surroundings, random.Random], Behaviour]
 
 
 def stop(task: AgentTask, surroundings: Surroundings, rng: random.Random) -> Behaviour:  # noqa: ARG001
     """Stay at the start and predict no object."""
-    return Behaviour([task.start], ABSTAINED)
+    return [task.start], ABSTAINED
 
 
 def shortest(task: AgentTask, surroundings: Surroundings, rng: random.Random) -> Behaviour:  # noqa: ARG001
     """Follow the shortest route to the goal and predict the target object."""
-    return Behaviour(surroundings.shortest_route(task.start, task.goal), task.target_object)
+    return surroundings.shortest_route(task.start, task.goal), task.target_object
 
 
 def random_walk(task: AgentTask, surroundings: Surroundings, rng: random.Random) -> Behaviour:
@@ -109,7 +104,7 @@ def random_walk(task: AgentTask, surroundings: Surroundings, rng: random.Random)
     for _ in range(rng.randint(0, MAX_RANDOM_STEPS)):
         viewpoints.append(rng.choice(surroundings.neighbours(viewpoints[-1])))
     visible = surroundings.visible_objects(viewpoints[-1])
-    return Behaviour(viewpoints, rng.choice(visible) if visible else ABSTAINED)
+    return viewpoints, rng.choice(visible) if visible else ABSTAINED
 
 
 AGENTS: Mapping[str, Agent] = MappingProxyType(
@@ -142,8 +137,8 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     return [
         {
             "instr_id": instr_id,
-            "trajectory": surroundings.poses(behaviour.viewpoints),
-            "predObjId": behaviour.object_id,
+            "trajectory": surroundings.poses(viewpoints),
+            "predObjId": object_id,
         }
-        for instr_id, behaviour in zip(episodes.instr_ids, behaviours, strict=True)
+        for instr_id, (viewpoints, object_id) in zip(episodes.instr_ids, behaviours, strict=True)
     ]

@@ -66,6 +66,18 @@ def find_sorted(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
     return index, np.equal(keys[index], wanted).astype(np.bool_)
 
 
+def with_object(place: IntArray, object_id: IntArray) -> IntArray:
+    """Return one number for each pair of a scan or viewpoint and an object, in their order.
+
+    Object ids are unique within a scan only, and fit into 32 bits. With a single number, numpy can
+    sort, count and search pairs at once.
+
+    >>> with_object(np.array([0, 1]), np.array([7, 7]))
+    array([         7, 4294967303])
+    """
+    return (place.astype(np.int64) << 32) | object_id
+
+
 def frozen(array: Array) -> Array:
     """Make an array read-only and return it.
 

@@ -82,8 +82,10 @@ class Program(LazyGroup):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Put ``score`` before a file, or before one of its options."""
         if args and args[0] not in {*self._places, *_HELP, "help", "--version"}:
-            if not ctx.resilient_parsing:
-                self._check_is_file(ctx, args[0])
+            looks_like_command = args[0].isidentifier() and not Path(args[0]).exists()
+            if looks_like_command and not ctx.resilient_parsing:
+                message = f"{args[0]!r} is neither a command nor a file."
+                raise NoSuchCommand(args[0], message, self._places, ctx)
             args = ["score", *args]
         return super().parse_args(ctx, args)
 
@@ -94,9 +96,3 @@ class Program(LazyGroup):
         helps = [CompletionItem("help")] if "help".startswith(incomplete) else []
         files = [CompletionItem(str(path)) for path in Path().glob(f"{incomplete}*")]
         return [*super().shell_complete(ctx, incomplete), *helps, *options, *files]
-
-    def _check_is_file(self, ctx: click.Context, word: str) -> None:
-        """Refuse a word that looks like a mistyped command rather than like a file."""
-        if word.isidentifier() and not Path(word).exists():
-            message = f"{word!r} is neither a command nor a file."
-            raise NoSuchCommand(word, message, self._places, ctx)

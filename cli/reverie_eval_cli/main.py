@@ -72,7 +72,10 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit status."""
-    _show_any_file_name()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # A file's name may have characters that the terminal's encoding lacks.
+            stream.reconfigure(errors="backslashreplace")
     status = 0
     try:
         status = _status(sys.argv[1:] if argv is None else list(argv))
@@ -118,10 +121,3 @@ def _reason(error: BaseException) -> str:
             return "interrupted"
         case _:
             return str(error)
-
-
-def _show_any_file_name() -> None:
-    """Print characters that the terminal's encoding lacks as escapes."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")

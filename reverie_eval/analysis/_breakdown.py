@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reverie_eval.arrays import Array, FloatArray, IntArray
+from reverie_eval.arrays import Array, FloatArray, IntArray, with_object
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import units_of
@@ -85,11 +85,6 @@ _LEVELS = (*(f"level {number}" for number in range(10)), NO_LEVEL)
 _JUMPS = ("no jump", "jumps")
 
 
-def _by_scan(scores: Scores) -> Sequence[str]:
-    graph = scores.ground_truth.graph
-    return [graph.scan_of(start) for start in scores.ground_truth.episodes.start]
-
-
 def _by_length(scores: Scores) -> Sequence[str]:
     truth = scores.ground_truth
     goal = truth.require_answers().goal
@@ -108,10 +103,6 @@ def _by_category(scores: Scores) -> Sequence[str]:
         for name in truth.require_answers().target_categories
     ]
     return [categories[task] for task in truth.episodes.task]
-
-
-def _by_level(scores: Scores) -> Sequence[str]:
-    return [level_in(instruction) for instruction in scores.ground_truth.episodes.instructions]
 
 
 def level_in(instruction: str) -> str:
@@ -135,11 +126,10 @@ def _by_visibility(scores: Scores) -> Sequence[str]:
     """Group by the number of viewpoints from which the target is visible."""
     truth = scores.ground_truth
     answers = truth.require_answers()
-    scan = truth.graph.viewpoint_scan.astype(np.int64)
-    # Object ids are unique only within a scan, and fit into 32 bits: scan and id in one number.
-    seen = (scan[answers.candidate_viewpoint] << 32) | answers.candidate_object
+    scan = truth.graph.viewpoint_scan
+    seen = with_object(scan[answers.candidate_viewpoint], answers.candidate_object)
     objects, counts = np.unique(seen, return_counts=True)
-    targets = (scan[truth.episodes.start] << 32) | answers.target_object
+    targets = with_object(scan[truth.episodes.start], answers.target_object)
     return _VIEWPOINTS.of(counts[np.searchsorted(objects, targets)])
 
 
@@ -153,11 +143,23 @@ GROUPINGS: Mapping[str, Grouping] = MappingProxyType(
     {
         grouping.key: grouping
         for grouping in (
-            Grouping("scan", "the building", _by_scan),
+            Grouping(
+                "scan",
+                "the building",
+                lambda scores: [
+                    scores.ground_truth.graph.scan_of(start)
+                    for start in scores.ground_truth.episodes.start
+                ],
+            ),
             Grouping("length", "the shortest length to the goal", _by_length, _LENGTHS.labels),
             Grouping("words", "the number of words in the instruction", _by_words, _WORDS.labels),
             Grouping("category", "the annotated category of the target", _by_category),
-            Grouping("level", "the level given in the instruction", _by_level, _LEVELS),
+            Grouping(
+                "level",
+                "the level given in the instruction",
+                lambda scores: list(map(level_in, scores.ground_truth.episodes.instructions)),
+                _LEVELS,
+            ),
             Grouping(
                 "visibility",
                 "the number of viewpoints from which the target is visible",

@@ -1,6 +1,6 @@
 """One episode: its instruction, the agent's trajectory and answer, and the outcome."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -75,7 +75,12 @@ class Episode:
     @property
     def caption(self) -> str:
         """Target, answer and trajectory in one line."""
-        return "; ".join([self._answer_text, *self._walk_texts])
+        texts = [self._answer_text]
+        if "path_length" in self.values:
+            walked, shortest = self.values["path_length"], self.values["shortest_length"]
+            texts.append(f"walked {walked:.1f} m, shortest {shortest:.1f} m")
+            texts.append(f"stopped {self.values['navigation_error']:.1f} m from the path's end")
+        return "; ".join(texts)
 
     @property
     def _answer_text(self) -> str:
@@ -91,13 +96,6 @@ class Episode:
             predicted = "no object" if is_none else f"object {self.predicted_object}"
             text = f"predicted {predicted}, the target is {target}"
         return f"{self.outcome}: {text}" if self.outcome else text
-
-    @property
-    def _walk_texts(self) -> Iterator[str]:
-        if "path_length" in self.values:
-            walked, shortest = self.values["path_length"], self.values["shortest_length"]
-            yield f"walked {walked:.1f} m, shortest {shortest:.1f} m"
-            yield f"stopped {self.values['navigation_error']:.1f} m from the path's end"
 
     def __repr__(self) -> str:
         return f"<Episode {self.instr_id} in {self.scan}: {self.caption}>"

@@ -11,8 +11,6 @@ from reverie_eval.scoring import OUTCOMES, Scores
 _N_EXAMPLES = 3
 """Episodes of each kind; readers learn more from different routes than from more of them."""
 
-_FAILURES = tuple(outcome for outcome in OUTCOMES if outcome != "correct")
-
 
 def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
     """Choose a few episodes of every failure mode, the closest to being correct first.
@@ -28,11 +26,12 @@ def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
     """
     outcome = np.array(scores.outcomes)
     chosen = {}
-    for failure in _FAILURES:
+    for failure in [outcome for outcome in OUTCOMES if outcome != "correct"]:
         rows = np.flatnonzero(outcome == failure)
         # lexsort takes the most important key last.
         order = np.lexsort([column[rows] for column in reversed(_distances(scores, failure))])
-        chosen[failure] = _with_different_routes(scores, rows[order])
+        ordered = [scores.instr_ids[row] for row in rows[order].tolist()]
+        chosen[failure] = with_different_routes(scores, ordered)
     return chosen
 
 
@@ -47,9 +46,12 @@ def episodes_won(first: Scores, other: Scores) -> Sequence[str]:
 
 def with_different_routes(scores: Scores, instr_ids: Sequence[str]) -> Sequence[str]:
     """Return the first few episodes that differ in start or goal."""
-    index = scores.ground_truth.episodes.index
-    rows = np.array([index[instr_id] for instr_id in instr_ids], dtype=int)
-    return _with_different_routes(scores, rows)
+    truth = scores.ground_truth
+    rows = np.array([truth.episodes.index[instr_id] for instr_id in instr_ids], dtype=int)
+    routes = np.column_stack([truth.episodes.start[rows], truth.require_answers().goal[rows]])
+    _, first_of_route = np.unique(routes, axis=0, return_index=True)
+    # np.unique sorts routes by viewpoint; sorting the indices restores the order of episodes.
+    return [instr_ids[index] for index in np.sort(first_of_route)[:_N_EXAMPLES].tolist()]
 
 
 def _distances(scores: Scores, failure: str) -> Sequence[Array]:
@@ -61,12 +63,3 @@ def _distances(scores: Scores, failure: str) -> Sequence[Array]:
         overlap = [-episodes["iou"]] if "iou" in episodes else []
         return [*overlap, -episodes["spl"]]
     return [episodes["navigation_error"]]
-
-
-def _with_different_routes(scores: Scores, rows: Array) -> Sequence[str]:
-    truth = scores.ground_truth
-    routes = np.column_stack([truth.episodes.start[rows], truth.require_answers().goal[rows]])
-    _, first_of_route = np.unique(routes, axis=0, return_index=True)
-    # np.unique sorts routes by viewpoint; sorting the indices restores the order of episodes.
-    chosen = rows[np.sort(first_of_route)][:_N_EXAMPLES]
-    return [truth.episodes.instr_ids[row] for row in chosen.tolist()]

@@ -3,6 +3,7 @@
 import gzip
 import secrets
 from collections.abc import Sequence
+from functools import partial
 from typing import Self, TypeVar
 from urllib.parse import quote
 
@@ -30,6 +31,7 @@ from reverie_eval.submissions import Source, read_bytes
 
 T = TypeVar("T")
 
+_quote = partial(quote, safe="")
 _JSON = {"Content-Type": "application/json"}
 _GZIP = {"Content-Type": "application/gzip"}
 
@@ -81,7 +83,10 @@ class Client:
         self.url = server_url(url)
         if not plain_http:
             check_private(self.url)
-        self._sender = Sender(self.url, _check_token(token), notice)
+        if token is not None and not (token.isascii() and token.isprintable() and token.strip()):
+            # No header can carry it, and no message may show it.
+            raise ServiceError("invalid token: a token is one line of letters and digits")
+        self._sender = Sender(self.url, token, notice)
 
     def __enter__(self) -> Self:
         return self
@@ -183,7 +188,12 @@ class Client:
             If the quota is used up; ``document.quota`` says when it resets.
         """
         path = f"/splits/{_quote(split)}/submissions"
-        form = _multipart_form(read_bytes(submission), method)
+        fields = method.model_dump(mode="json", exclude_none=True, exclude_unset=True)
+        data = {name: str(value) for name, value in fields.items()}
+        content = _compress(read_bytes(submission))
+        files = {"file": ("submission.json.gz", content, "application/gzip")}
+        # A form, because some descriptions are too long for a URL.
+        form = httpx.Request("POST", "http://form", data=data, files=files)
         key = {"Idempotency-Key": secrets.token_hex(16)}
         headers = {"Content-Type": form.headers["Content-Type"], **key}
         call = Call("POST", path, body=form.read(), headers=headers, progress=progress)
@@ -226,29 +236,10 @@ class Client:
             raise incompatible_version(self.url) from None
 
 
-def _check_token(token: str | None) -> str | None:
-    """Refuse a token that no header can carry, without showing it."""
-    if token is not None and not (token.isascii() and token.isprintable() and token.strip()):
-        raise ServiceError("invalid token: a token is one line of letters and digits")
-    return token
-
-
 def _compress(content: bytes) -> bytes:
     return gzip.compress(content, compresslevel=6, mtime=0)
-
-
-def _multipart_form(content: bytes, method: Method) -> httpx.Request:
-    """Encode a submission and its description; some descriptions are too long for a URL."""
-    fields = method.model_dump(mode="json", exclude_none=True, exclude_unset=True)
-    data = {name: str(value) for name, value in fields.items()}
-    files = {"file": ("submission.json.gz", _compress(content), "application/gzip")}
-    return httpx.Request("POST", "http://form", data=data, files=files)
 
 
 def _media_type(response: httpx.Response) -> str:
     declared: str = response.headers.get("content-type", "")
     return declared.partition(";")[0]
-
-
-def _quote(name: str) -> str:
-    return quote(name, safe="")

@@ -75,7 +75,10 @@ def find_scans(houses: Path, connectivity: Path, wanted: Iterable[str] | None = 
     DatasetError
         Listing everything that is missing or ambiguous.
     """
-    _check_folders(houses, connectivity)
+    absent = [folder for folder in (houses, connectivity) if not folder.is_dir()]
+    if absent:
+        message = "there is no such folder"
+        raise DatasetError([Problem("missing-input", str(folder), message) for folder in absent])
     house_files = sorted(houses.rglob(f"*{_HOUSE}"))
     house_of = {path.stem: path for path in house_files}
     graph_of = find_graphs(connectivity)
@@ -97,16 +100,6 @@ def find_scans(houses: Path, connectivity: Path, wanted: Iterable[str] | None = 
     if missing:
         raise DatasetError(missing)
     return found
-
-
-def _check_folders(*folders: Path) -> None:
-    missing = [
-        Problem("missing-input", str(folder), "there is no such folder")
-        for folder in folders
-        if not folder.is_dir()
-    ]
-    if missing:
-        raise DatasetError(missing)
 
 
 def _missing(
@@ -148,7 +141,6 @@ BuildProgress: TypeAlias = Callable[[Iterable[ScanResult], int], Iterable[ScanRe
 
 
 def no_build_progress(results: Iterable[ScanResult], total: int) -> Iterable[ScanResult]:  # noqa: ARG001
-    """Show no progress."""
     return results
 
 

@@ -1,7 +1,7 @@
 """Rules for the boxes: their form, their sizes, and which objects are visible from where."""
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -16,23 +16,12 @@ from reverie_eval.text import category_text
 _FETCH = "Fetch the files again, or fix the program that wrote them."
 
 
-def _viewpoints_without_boxes(boxes: Boxes) -> Sequence[str]:
-    present = set(boxes.viewpoints)
-    return [str(key) for key in boxes.graphs.nodes if key not in present]
-
-
 # A folder has a file for every viewpoint, so a missing one is an error. DUET's single file leaves
 # out viewpoints without objects, so there it is a warning, unless the file is empty altogether.
-def _missing(boxes: Boxes) -> Count:
-    is_error = boxes.is_folder or not boxes.viewpoints
-    names = _viewpoints_without_boxes(boxes) if is_error else []
-    return Count.from_names(names, len(boxes.graphs.nodes))
-
-
-def _left_out(boxes: Boxes) -> Count:
-    is_error = boxes.is_folder or not boxes.viewpoints
-    names = [] if is_error else _viewpoints_without_boxes(boxes)
-    return Count.from_names(names, len(boxes.graphs.nodes))
+def _without_boxes(boxes: Boxes, *, is_error: bool) -> Count:
+    applies = is_error == (boxes.is_folder or not boxes.viewpoints)
+    present = set(boxes.viewpoints)
+    return Count.among(boxes.graphs.nodes, lambda key: applies and key not in present)
 
 
 def _unknown(boxes: Boxes) -> Count:
@@ -42,26 +31,13 @@ def _unknown(boxes: Boxes) -> Count:
         is_known = graphs.is_node(key) or graphs.is_excluded(key)
         return not is_known and key.scan_id not in graphs.unreadable
 
-    return Count.from_names(
-        [str(key) for key in boxes.viewpoints if is_unknown(key)], len(boxes.viewpoints)
-    )
+    return Count.among(boxes.viewpoints, is_unknown)
 
 
-def _excluded(boxes: Boxes) -> Count:
-    excluded = [str(key) for key in boxes.viewpoints if boxes.graphs.is_excluded(key)]
-    return Count.from_names(excluded, len(boxes.viewpoints))
-
-
-def _views_twice(boxes: Boxes) -> Count:
-    views = [record.visible_pos for _, _, record in boxes.entries]
-    twice = np.array([len(set(seen)) < len(seen) for seen in views], dtype=np.bool_)
-    return Count.where(twice, boxes.entry_text)
-
-
-def _unsorted_views(boxes: Boxes) -> Count:
-    views = [record.visible_pos for _, _, record in boxes.entries]
-    unsorted = np.array([sorted(seen) != seen for seen in views], dtype=np.bool_)
-    return Count.where(unsorted, boxes.entry_text)
+def _views_where(boxes: Boxes, test: Callable[[list[int]], bool]) -> Count:
+    """Count the entries whose views pass a test."""
+    passes = [test(record.visible_pos) for _, _, record in boxes.entries]
+    return Count.where(np.array(passes, dtype=np.bool_), boxes.entry_text)
 
 
 def _several_names(boxes: Boxes) -> Count:
@@ -91,13 +67,13 @@ BOX_RULES: Sequence[Rule[Boxes]] = (
         "missing-boxes",
         "included viewpoints without a box file",
         "A viewpoint that sees no object has an empty file: copy the whole box folder.",
-        _missing,
+        partial(_without_boxes, is_error=True),
     ),
     warning(
         "left-out-of-boxes",
         "included viewpoints missing from the single file with all boxes",
         "They see no object, if the file is complete.",
-        _left_out,
+        partial(_without_boxes, is_error=False),
     ),
     error(
         "boxes-of-unknown-viewpoint",
@@ -109,7 +85,7 @@ BOX_RULES: Sequence[Rule[Boxes]] = (
         "boxes-of-excluded-viewpoint",
         "viewpoints with boxes that are not included in their navigation graph",
         "No agent can stand there, so no score depends on them. The published files have none.",
-        _excluded,
+        lambda boxes: Count.among(boxes.viewpoints, boxes.graphs.is_excluded),
     ),
     error(
         "misnamed-boxes",
@@ -133,13 +109,13 @@ BOX_RULES: Sequence[Rule[Boxes]] = (
         "duplicate-view",
         "listed objects with two boxes in one view",
         f"An object has one box in a view. {_FETCH}",
-        _views_twice,
+        lambda boxes: _views_where(boxes, lambda views: len(set(views)) < len(views)),
     ),
     warning(
         "unsorted-views",
         "listed objects whose views are not in ascending order",
         "They are in the published files, but no score depends on it.",
-        _unsorted_views,
+        lambda boxes: _views_where(boxes, lambda views: sorted(views) != views),
     ),
     warning(
         "several-names",
@@ -183,8 +159,7 @@ def _viewpoints_per_object(boxes: Boxes) -> IntArray:
 
 
 def _visible_from(boxes: Boxes, number: int) -> Count:
-    viewpoints = _viewpoints_per_object(boxes)
-    return Count(int((viewpoints == number).sum()), len(viewpoints))
+    return Count.where(_viewpoints_per_object(boxes) == number)
 
 
 def _visible_where(boxes: Boxes, mask: BoolArray) -> Count:
@@ -258,11 +233,7 @@ VISIBILITY_RULES: Sequence[Rule[Boxes]] = (
         lambda boxes: Count(len(boxes.visible), len(boxes.entries)),
     ),
     *(
-        info(
-            code,
-            f"objects visible from {words}",
-            partial(_visible_from, number=number),
-        )
+        info(code, f"objects visible from {words}", partial(_visible_from, number=number))
         for code, words, number in _VISIBLE_FROM_FEW
     ),
     warning(
@@ -306,24 +277,17 @@ def touches_border(xywh: IntArray) -> BoolArray:
 
 
 def _at_side(boxes: Boxes, side: int) -> Count:
-    touches = touches_border(boxes.box_xywh)[:, side]
-    return Count(int(touches.sum()), len(touches))
+    return Count.where(touches_border(boxes.box_xywh)[:, side])
 
 
 SIZE_RULES: Sequence[Rule[Boxes]] = (
     info(
         "at-border",
         "boxes that touch a border",
-        lambda boxes: Count(
-            int(touches_border(boxes.box_xywh).any(axis=1).sum()), len(boxes.box_xywh)
-        ),
+        lambda boxes: Count.where(np.any(touches_border(boxes.box_xywh), axis=1)),
     ),
     *(
-        info(
-            f"at-{side}",
-            f"boxes that touch the {words} border",
-            partial(_at_side, side=number),
-        )
+        info(f"at-{side}", f"boxes that touch the {words} border", partial(_at_side, side=number))
         for number, (side, words) in enumerate(_SIDES)
     ),
     warning(

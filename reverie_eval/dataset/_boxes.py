@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, IntArray
+from reverie_eval.arrays import BoolArray, IntArray, with_object
 from reverie_eval.dataset._graphs import Graphs
 from reverie_eval.dataset._reader import Reader
 from reverie_eval.dataset._records import BOXES, ObjectRecord, ViewpointKey, object_key
@@ -52,8 +52,7 @@ class Boxes:
         number = {scan_id: n for n, scan_id in enumerate(scan_ids)}
         scan = np.array([number[key.scan_id] for key in self.viewpoints], dtype=np.int64)
         object_id = np.array([object_id for _, object_id, _ in self.entries], dtype=np.int64)
-        # Object ids are unique within a scan only, and below 2**31.
-        return (scan[self.viewpoint] << 32) | object_id
+        return with_object(scan[self.viewpoint], object_id)
 
     @cached_property
     def n_views(self) -> IntArray:
@@ -130,13 +129,18 @@ def read_boxes(
 ) -> Boxes:
     """Read the ``BBox`` folder, or one file with all boxes, for all scans or the given ones."""
     is_folder = path.is_dir()
-    read = _read_folder if is_folder else _read_one_file
-    listed, misnamed = read(reader, path, scans)
+    misnamed: list[str] = []
+    if is_folder:
+        listed, misnamed = _read_folder(reader, path, scans)
+    else:
+        content = reader.read(BOXES, path, "boxes") or {}
+        keyed = [(_key(name), objects) for name, objects in content.items()]
+        listed = [(key, objects) for key, objects in keyed if scans is None or key.scan_id in scans]
     entries, malformed = [], []
     for number, (key, objects) in enumerate(listed):
-        for object_id, content in objects.items():
+        for object_id, fields in objects.items():
             try:
-                record = msgspec.convert(content, ObjectRecord)
+                record = msgspec.convert(fields, ObjectRecord)
                 record.name.encode()  # a lone surrogate is valid JSON, but not valid text
                 entries.append(Entry(number, int(object_key(object_id)), record))
             except ValueError as error:  # msgspec's and the encoder's errors are ValueErrors
@@ -160,14 +164,6 @@ def _read_folder(
             misnamed.append(path.name)
         listed += [(ViewpointKey(scan_id, key), objects) for key, objects in content.items()]
     return listed, misnamed
-
-
-def _read_one_file(
-    reader: Reader, path: Path, scans: Collection[str] | None
-) -> tuple[_Listed, list[str]]:
-    content = reader.read(BOXES, path, "boxes") or {}
-    listed = [(_key(key), objects) for key, objects in content.items()]
-    return [each for each in listed if scans is None or each[0].scan_id in scans], []
 
 
 def _key(scan_and_viewpoint: str) -> ViewpointKey:

@@ -4,19 +4,17 @@ All problems in the files are found here: any bundle that exists can be scored a
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray, offsets_of
 from reverie_eval.dataset._boxes import Boxes
-from reverie_eval.dataset._dataset import Centres, read_one_split
+from reverie_eval.dataset._dataset import Centres, read_one_split, read_split
 from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._lint import check_sound
 from reverie_eval.dataset._reader import Progress, Reader, no_progress
 from reverie_eval.dataset._records import Task
-from reverie_eval.dataset._splits import read_split
 from reverie_eval.ground_truth import Bundle, NavigationGraph, pack_texts
 
 _RELEASES: Mapping[tuple[str, int, int], str] = MappingProxyType(
@@ -69,27 +67,25 @@ def compile_split(
     texts = {"instruction": [text.strip() for task in tasks for text in task.instructions]}
     if content.has_answers:
         arrays |= _answer_arrays(tasks, graph) | _candidate_arrays(boxes, graph)
-        texts["target_category"] = _target_categories(tasks, boxes)
+        entries = [boxes.entry_at[task.viewpoints[-1], task.target] for task in tasks]
+        texts["target_category"] = [boxes.entries[entry].record.name for entry in entries]
         if centres is not None:
             arrays["candidate_distance"] = _candidate_distances(arrays, centres, graph)
+    # Episodes of other splits are used in messages only, so problems in their files are ignored.
+    others = {
+        name: np.array(read_split(Reader(), name, path).instr_ids, dtype=np.str_)
+        for name, path in files.annotations.items()
+        if name != split
+    }
     size = split, len(tasks), len(annotations.instr_ids)
     return Bundle.build(
         split=split,
         dataset=dataset or _RELEASES.get(size, "custom"),
         sources=content.reader.digests(),
         arrays=arrays,
-        other_splits={
-            name: instr_ids
-            for name, path in files.annotations.items()
-            if name != split and (instr_ids := _read_instr_ids(path)).size
-        },
+        other_splits={name: instr_ids for name, instr_ids in others.items() if instr_ids.size},
         texts={name: pack_texts(text) for name, text in texts.items()},
     )
-
-
-def _read_instr_ids(path: Path) -> Array:
-    """Read the episodes of another split; they are used in messages only, so errors are ignored."""
-    return np.array(read_split(Reader(), "", path).instr_ids, dtype=np.str_)
 
 
 def _episode_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, Array]:
@@ -108,12 +104,6 @@ def _answer_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, A
         "path": np.array([graph.index[id_] for task in tasks for id_ in task.path]),
         "path_offsets": offsets_of(np.array([len(task.path) for task in tasks])),
     }
-
-
-def _target_categories(tasks: Sequence[Task], boxes: Boxes) -> list[str]:
-    """Return the names of the targets, as listed at the ends of the annotated paths."""
-    entries = [boxes.entry_at[task.viewpoints[-1], task.target] for task in tasks]
-    return [boxes.entries[entry].record.name for entry in entries]
 
 
 def _candidate_arrays(boxes: Boxes, graph: NavigationGraph) -> dict[str, Array]:

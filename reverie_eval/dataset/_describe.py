@@ -9,14 +9,12 @@ import numpy as np
 from pydantic import ConfigDict
 
 from reverie_eval.dataset._boxes import Boxes
-from reverie_eval.dataset._dataset import read_dataset
+from reverie_eval.dataset._dataset import Split, read_dataset
 from reverie_eval.dataset._description import AnswerFacts, SplitDescription, TaskFacts
 from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._lint import check_sound
 from reverie_eval.dataset._paper import PaperComparison, compare_with_paper
 from reverie_eval.dataset._reader import Progress, no_progress
-from reverie_eval.dataset._records import Task, ViewpointKey
-from reverie_eval.dataset._splits import Split
 from reverie_eval.ground_truth import NavigationGraph
 from reverie_eval.text import category_text, count_text, tokenize
 from reverie_eval.version import __version__
@@ -100,7 +98,8 @@ def describe_dataset(
     dataset = read_dataset(files, progress)
     check_sound(dataset, "describe")
     graph = dataset.graphs.ground_truth()
-    facts = {split.name: _task_facts(split, graph, dataset.boxes) for split in dataset.splits}
+    boxes = dataset.boxes
+    facts = {split.name: list(_task_facts(split, graph, boxes)) for split in dataset.splits}
     viewpoint_counts = {
         scan_id: len(scan.viewpoint_ids) for scan_id, scan in dataset.graphs.scans.items()
     }
@@ -120,54 +119,30 @@ def _notes(splits: Mapping[str, SplitDescription]) -> Sequence[str]:
     ]
 
 
-def _task_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Sequence[TaskFacts]:
-    """Return what each task adds to the description of its split."""
-    answers = _answer_facts(split, graph, boxes)
-    return [
-        TaskFacts(task.scan, [tokenize(text) for text in task.instructions], answer)
-        for task, answer in zip(split.tasks, answers, strict=True)
-    ]
-
-
-def _answer_facts(
-    split: Split, graph: NavigationGraph, boxes: Boxes
-) -> Iterator[AnswerFacts | None]:
-    names = _object_names(boxes)
-    counts = _counts_at(boxes)
-    for task in split.tasks:
-        if task.objId is None:
-            yield None
-            continue
-        goal = task.viewpoints[-1]
-        entry = boxes.entry_at.get((goal, task.objId))
-        goal_objects, goal_boxes = counts.get(goal, (0, 0))
-        yield AnswerFacts(
-            target=(split.name, task.scan, task.objId),
-            category=names.get((task.scan, task.objId), ""),
-            is_visible=entry is not None and bool(boxes.is_visible[entry]),
-            path_steps=len(task.path) - 1,
-            path_length=_path_length(task, graph),
-            goal_objects=goal_objects,
-            goal_boxes=goal_boxes,
-        )
-
-
-def _object_names(boxes: Boxes) -> Mapping[tuple[str, int], str]:
-    """Return the category of each object by scan and id."""
-    return {
+def _task_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Iterator[TaskFacts]:
+    """Yield what each task adds to the description of its split."""
+    names = {
         (boxes.viewpoints[viewpoint].scan_id, object_id): category_text(record.name)
         for viewpoint, object_id, record in boxes.entries
     }
-
-
-def _counts_at(boxes: Boxes) -> Mapping[ViewpointKey, tuple[int, int]]:
-    """Return the numbers of visible objects and of their boxes, by viewpoint."""
     size = len(boxes.viewpoints)
-    objects = np.bincount(boxes.viewpoint[boxes.is_visible], minlength=size).tolist()
+    n_objects = np.bincount(boxes.viewpoint[boxes.is_visible], minlength=size).tolist()
     n_boxes = np.bincount(boxes.viewpoint[boxes.box_entry], minlength=size).tolist()
-    return dict(zip(boxes.viewpoints, zip(objects, n_boxes, strict=True), strict=True))
-
-
-def _path_length(task: Task, graph: NavigationGraph) -> float:
-    path = np.array([graph.index[viewpoint_id] for viewpoint_id in task.path])
-    return float(graph.distance_between(path[:-1], path[1:]).sum())
+    visible_at = dict(zip(boxes.viewpoints, zip(n_objects, n_boxes, strict=True), strict=True))
+    for task in split.tasks:
+        answer = None
+        if task.objId is not None:
+            goal = task.viewpoints[-1]
+            entry = boxes.entry_at.get((goal, task.objId))
+            goal_objects, goal_boxes = visible_at.get(goal, (0, 0))
+            path = np.array([graph.index[viewpoint_id] for viewpoint_id in task.path])
+            answer = AnswerFacts(
+                target=(split.name, task.scan, task.objId),
+                category=names.get((task.scan, task.objId), ""),
+                is_visible=entry is not None and bool(boxes.is_visible[entry]),
+                path_steps=len(task.path) - 1,
+                path_length=float(graph.distance_between(path[:-1], path[1:]).sum()),
+                goal_objects=goal_objects,
+                goal_boxes=goal_boxes,
+            )
+        yield TaskFacts(task.scan, [tokenize(text) for text in task.instructions], answer)

@@ -1,14 +1,16 @@
 """A split in numbers."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated, Self, TypeVar
 
 import numpy as np
 from pydantic import Field
 
 from reverie_eval.arrays import FloatArray, frozen
+
+T = TypeVar("T")
 
 _FREQUENT = 5
 """A word is frequent if it occurs at least so often in the instructions that are described.
@@ -176,3 +178,10 @@ class SplitDescription:
             frequent_vocabulary=sum(count >= _FREQUENT for count in word_counts.values()),
             answers=AnswerDescription.of(answers) if answers else None,
         )
+
+
+def of_answers(
+    measure: Callable[[AnswerDescription], T],
+) -> Callable[[SplitDescription], T | None]:
+    """Return a measure of the answers as one of the split; None if no task has a target."""
+    return lambda split: None if split.answers is None else measure(split.answers)

@@ -56,37 +56,28 @@ class Distances:
         )
 
     def _offsets(self, pairs: Sequence[tuple[ViewpointKey, int]]) -> FloatArray:
-        return np.array([self._offset(*pair) for pair in pairs], np.float64).reshape(-1, 3)
-
-    def _offset(self, key: ViewpointKey, object_id: int) -> FloatArray:
-        centre, graphs = self._centre(key.scan_id, object_id), self.boxes.graphs
-        if centre is None or not graphs.is_node(key):
-            return np.full(3, np.nan)
-        scan = graphs.scans[key.scan_id]
-        position: FloatArray = scan.position[scan.row[key.viewpoint_id]]
-        return np.asarray(centre) - position
+        graphs, offsets = self.boxes.graphs, np.full((len(pairs), 3), np.nan)
+        for row, (key, object_id) in enumerate(pairs):
+            centre = self._centre(key.scan_id, object_id)
+            if centre is not None and graphs.is_node(key):
+                scan = graphs.scans[key.scan_id]
+                offsets[row] = centre - scan.position[scan.row[key.viewpoint_id]]
+        return offsets
 
     def _centre(self, scan_id: str, object_id: int) -> Position | None:
         return self.centres.get(scan_id, {}).get(str(object_id))
 
 
 def _listed_where(distances: Distances, mask: BoolArray) -> Count:
-    def text(entry: int) -> str:
-        return f"{distances.boxes.entry_text(entry)} {distances.listed[entry]:.2f} m"
-
-    return Count.where(mask, text)
-
-
-def _unlisted(distances: Distances) -> Count:
-    within = distances.n_within_reach
-    return Count(within - int((distances.listed < _REACH).sum()), within)
+    text, metres = distances.boxes.entry_text, distances.listed
+    return Count.where(mask, lambda entry: f"{text(entry)} {metres[entry]:.2f} m")
 
 
 DISTANCE_RULES: Sequence[Rule[Distances]] = (
     info(
         "measured",
         "listed objects whose centre is known",
-        lambda distances: Count(int(np.isfinite(distances.listed).sum()), len(distances.listed)),
+        lambda distances: Count.where(np.isfinite(distances.listed)),
     ),
     warning(
         "unknown-centre",
@@ -116,7 +107,10 @@ DISTANCE_RULES: Sequence[Rule[Distances]] = (
     info(
         "unlisted-within-reach",
         "such pairs in which the viewpoint does not list the object",
-        _unlisted,
+        lambda distances: Count(
+            distances.n_within_reach - int((distances.listed < _REACH).sum()),
+            distances.n_within_reach,
+        ),
     ),
 )
 

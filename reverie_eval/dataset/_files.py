@@ -73,7 +73,9 @@ class DatasetFiles:
             Listing everything that is missing.
         """
         data = root / _DATA if root else None
-        boxes = boxes or (_boxes_below(data) if data else None)
+        if data and not boxes:
+            folder, file = data / "BBox", data / _ALL_BOXES
+            boxes = file if file.exists() and not folder.exists() else folder
         if boxes and (boxes / _ALL_BOXES).is_file():
             boxes = boxes / _ALL_BOXES
         connectivity = connectivity or (root / "connectivity" if root else None)
@@ -85,7 +87,14 @@ class DatasetFiles:
         if object_positions:
             needed["object-positions"] = object_positions
         problems = [
-            _missing(kind, path) for kind, path in needed.items() if not (path and path.exists())
+            Problem(
+                "missing-input",
+                str(path or kind),
+                f"no {kind} found; give a clone of the dataset repository, or the path with "
+                f"--{kind}",
+            )
+            for kind, path in needed.items()
+            if not (path and path.exists())
         ]
         if problems or not (boxes and connectivity):
             raise DatasetError(problems)
@@ -133,16 +142,3 @@ def _splits_in(folder: Path | None) -> dict[str, Path]:
     paths = {path.stem.removeprefix(_PREFIX): path for path in folder.glob(f"{_PREFIX}*.json")}
     published = [split for split in _SPLITS if split in paths]
     return {split: paths[split] for split in [*published, *sorted(paths.keys() - {*published})]}
-
-
-def _boxes_below(data: Path) -> Path:
-    folder, file = data / "BBox", data / _ALL_BOXES
-    return file if file.exists() and not folder.exists() else folder
-
-
-def _missing(kind: str, path: Path | None) -> Problem:
-    return Problem(
-        "missing-input",
-        str(path or kind),
-        f"no {kind} found; give a clone of the dataset repository, or the path with --{kind}",
-    )

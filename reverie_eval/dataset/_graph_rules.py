@@ -1,6 +1,5 @@
 """Rules for reading the files, and for the navigation graphs."""
 
-from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,7 +17,7 @@ FILE_RULES: Sequence[Rule[Reader]] = (
         "files that do not have the published form",
         "All other counts leave out their content, so fetch them again first.",
         lambda reader: Count.from_names(
-            [f"{file.path.name}: {file.reason}" for file in reader.unreadable], reader.n_files
+            [f"{path.name}: {reason}" for path, reason in reader.unreadable], reader.n_files
         ),
     ),
     error(
@@ -37,11 +36,6 @@ def _n_viewpoints(graphs: Graphs) -> int:
 def _edge_lengths(graphs: Graphs) -> FloatArray:
     lengths = [scan.edge_lengths for scan in graphs.scans.values()]
     return np.concatenate([np.zeros(0), *lengths])
-
-
-def _duplicate_viewpoints(graphs: Graphs) -> Count:
-    counts = Counter(key.viewpoint_id for key in graphs.nodes)
-    return Count.from_names([id_ for id_, count in counts.items() if count > 1], len(counts))
 
 
 def _one_way_edges(graphs: Graphs) -> Count:
@@ -91,7 +85,7 @@ GRAPH_RULES: Sequence[Rule[Graphs]] = (
         "duplicate-viewpoint",
         "ids used by more than one included viewpoint",
         "Submissions refer to viewpoints by id alone, so an id must be unique in the dataset.",
-        _duplicate_viewpoints,
+        lambda graphs: Count.repeated(key.viewpoint_id for key in graphs.nodes),
     ),
     error(
         "asymmetric-edge",
@@ -117,5 +111,4 @@ GRAPH_RULES: Sequence[Rule[Graphs]] = (
 
 
 def graph_spreads(graphs: Graphs) -> list[Spread]:
-    """Measure the edges."""
     return [spread("edge-length", "length of the edges", "m", _edge_lengths(graphs))]

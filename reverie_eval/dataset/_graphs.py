@@ -85,10 +85,6 @@ class Graphs:
         """Whether the key is an included viewpoint."""
         return key.scan_id in self.scans and key.viewpoint_id in self.scans[key.scan_id].row
 
-    def has_file(self, scan_id: str) -> bool:
-        """Whether a scan has a file, readable or not."""
-        return scan_id in self.scans or scan_id in self.unreadable
-
     def is_excluded(self, key: ViewpointKey) -> bool:
         """Whether the viewpoint is in its scan's file but not included."""
         scan = self.scans.get(key.scan_id)

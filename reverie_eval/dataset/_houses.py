@@ -123,22 +123,19 @@ def parse_house(text: str, where: str) -> House:
     """Read the objects from the text of a ``.house`` file, which problems call `where`."""
     first, *lines = text.splitlines() or [""]
     contents = _Contents(where)
-    if first.split() == _VERSION:
+    if first.split()[:1] != _VERSION[:1]:
+        contents.report(1, f"found {first[:20]!r}, expected 'ASCII 1.1'; this is not a .house file")
+    elif first.split() != _VERSION:
+        found = first[6:20].strip()
+        contents.report(1, f"found version {found!r}, expected '1.1'; fetch the file again")
+    else:
         for number, line in enumerate(lines, start=2):
             contents.read(number, line.split())
         if not contents.problems:  # an unreadable line makes counts and references wrong too
             contents.check()
-    else:
-        contents.report(1, _wrong_version(first))
     if contents.problems:
         raise DatasetError(contents.problems)
     return contents.house()
-
-
-def _wrong_version(line: str) -> str:
-    if line.split()[:1] == _VERSION[:1]:
-        return f"found version {line[6:20].strip()!r}, expected '1.1'; fetch the file again"
-    return f"found {line[:20]!r}, expected 'ASCII 1.1'; this is not a .house file"
 
 
 @dataclass
@@ -161,25 +158,26 @@ class _Contents:
 
     def read(self, line: int, words: Sequence[str]) -> None:
         """Read a line, or report the problem in it."""
+        if not words:
+            return
         try:
-            if words:
-                self._read(line, words)
+            kind = _kind_of(words)
+            self._counts[kind] += 1
+            if kind == "header":
+                self._announced = {
+                    counted: _integer(words, index, f"number of {counted} lines")
+                    for counted, index in _COUNTS.items()
+                }
+            elif kind == "category":
+                name, index = _word(words, 3, "name"), _integer(words, 1, "category index")
+                self._remember("category", index, line)
+                self._categories[index] = "" if name == "-" else category_text(name)
+            elif kind == "object":
+                house_object = _read_object(words)
+                self._remember("object", house_object.object_id, line)
+                self._objects[house_object.object_id] = house_object
         except ValueError as error:
             self.report(line, str(error))
-
-    def _read(self, line: int, words: Sequence[str]) -> None:
-        kind = _kind_of(words)
-        self._counts[kind] += 1
-        if kind == "header":
-            self._announced = _read_header(words)
-        elif kind == "category":
-            index, name = _read_category(words)
-            self._remember("category", index, line)
-            self._categories[index] = name
-        elif kind == "object":
-            house_object = _read_object(words)
-            self._remember("object", house_object.object_id, line)
-            self._objects[house_object.object_id] = house_object
 
     def _remember(self, kind: str, index: int, line: int) -> None:
         """Remember the line of a category or an object, which must have only one."""
@@ -245,19 +243,6 @@ def _kind_of(words: Sequence[str]) -> str:
         f"a {letter} line of {len(words)} words; a {_KINDS[letter]} has {_SHARED[letter]}, "
         f"a portal {_PORTAL}"
     )
-
-
-def _read_header(words: Sequence[str]) -> dict[str, int]:
-    """Return how many lines of each kind the file has."""
-    return {
-        kind: _integer(words, index, f"number of {kind} lines") for kind, index in _COUNTS.items()
-    }
-
-
-def _read_category(words: Sequence[str]) -> tuple[int, str]:
-    """Return a category's index and name; ``-`` means no name."""
-    name = _word(words, 3, "name")
-    return _integer(words, 1, "category index"), "" if name == "-" else category_text(name)
 
 
 def _read_object(words: Sequence[str]) -> _HouseObject:

@@ -16,13 +16,12 @@ from reverie_eval.dataset._box_rules import (
     visibility_spreads,
 )
 from reverie_eval.dataset._boxes import Boxes
-from reverie_eval.dataset._dataset import Centres, Dataset, read_dataset
+from reverie_eval.dataset._dataset import Centres, Dataset, Split, Targets, Tasks, read_dataset
 from reverie_eval.dataset._distance_rules import DISTANCE_RULES, Distances, distance_spreads
 from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._graph_rules import FILE_RULES, GRAPH_RULES, graph_spreads
 from reverie_eval.dataset._reader import Progress, Reader, no_progress
 from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, find_problems
-from reverie_eval.dataset._splits import Split, Targets, Tasks
 from reverie_eval.dataset._task_rules import TARGET_RULES, TASK_RULES, target_spreads
 from reverie_eval.dataset._view_rules import VIEW_RULES, view_spreads
 from reverie_eval.errors import DatasetError, Problem
@@ -124,7 +123,7 @@ def check_sound(dataset: Dataset, purpose: Purpose) -> None:
 
 def file_problems(reader: Reader, purpose: Purpose) -> Iterator[Problem]:
     """Find the files that cannot be read, or that repeat keys."""
-    paths = [file.path for file in reader.unreadable]
+    paths = [path for path, _ in reader.unreadable]
     return find_problems(FILE_RULES, reader, Path(commonpath(paths) if paths else ""), purpose)
 
 

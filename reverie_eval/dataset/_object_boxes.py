@@ -145,18 +145,14 @@ def is_hidden(view: IntArray, box_xywh: IntArray, distance: FloatArray) -> BoolA
     hidden = np.zeros(len(view), dtype=np.bool_)
     for index in np.unique(view):
         rows = np.flatnonzero(view == index)
-        hidden[rows] = _is_hidden_in_view(box_xywh[rows], distance[rows])
+        left, top, width, height = box_xywh[rows].T
+        right, bottom = left + width, top + height
+        contains = (
+            (left[:, None] <= left)
+            & (top[:, None] <= top)
+            & (right[:, None] >= right)
+            & (bottom[:, None] >= bottom)
+        )
+        is_nearer = distance[rows, None] < distance[rows]
+        hidden[rows] = (contains & is_nearer).any(axis=0)
     return hidden
-
-
-def _is_hidden_in_view(box_xywh: IntArray, distance: FloatArray) -> BoolArray:
-    """Whether each box of one view is hidden by another."""
-    left, top, width, height = box_xywh.T
-    right, bottom = left + width, top + height
-    contains = (
-        (left[:, None] <= left)
-        & (top[:, None] <= top)
-        & (right[:, None] >= right)
-        & (bottom[:, None] >= bottom)
-    )
-    return np.asarray((contains & (distance[:, None] < distance)).any(axis=0))

@@ -9,7 +9,7 @@ published files; ``docs/dataset-description.md`` has the evidence.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from reverie_eval.dataset._description import AnswerDescription, SplitDescription
+from reverie_eval.dataset._description import SplitDescription, of_answers
 
 Measure = Callable[[SplitDescription], float | None]
 """Returns one number of a description; None if the tasks have no targets."""
@@ -33,45 +33,25 @@ class PaperComparison:
     paper: int | float
 
 
-@dataclass(frozen=True, slots=True)
-class _Published:
-    """The paper's numbers for one quantity, by the splits that each covers."""
-
-    quantity: str
-    measure: Measure
-    paper: Mapping[tuple[str, ...], float]
-
-
-def _of_answers(measure: Callable[[AnswerDescription], float]) -> Measure:
-    return lambda split: None if split.answers is None else measure(split.answers)
-
-
-_PUBLISHED = (
-    _Published(
+_PUBLISHED: Sequence[tuple[str, Measure, Mapping[tuple[str, ...], float]]] = (
+    (
         "instructions",
         lambda split: split.instructions,
         {_ALL: 21_702, _TRAIN: 10_466, _VAL: 4_944, _VAL_UNSEEN: 3_573, _TEST: 6_292},
     ),
-    _Published("words per instruction", lambda split: split.words.mean, {_ALL: 18}),
-    _Published("frequent words", lambda split: split.frequent_vocabulary, {_ALL: 1_600}),
-    _Published(
-        "scans", lambda split: split.scans, {_TRAIN: 59, _VAL: 63, _VAL_UNSEEN: 10, _TEST: 16}
-    ),
-    _Published(
+    ("words per instruction", lambda split: split.words.mean, {_ALL: 18}),
+    ("frequent words", lambda split: split.frequent_vocabulary, {_ALL: 1_600}),
+    ("scans", lambda split: split.scans, {_TRAIN: 59, _VAL: 63, _VAL_UNSEEN: 10, _TEST: 16}),
+    (
         "target objects",
-        _of_answers(lambda answers: answers.target_objects),
+        of_answers(lambda answers: answers.target_objects),
         {_ALL: 4_140, _TRAIN: 2_353, _VAL: 953, _VAL_UNSEEN: 525, _TEST: 834},
     ),
-    _Published(
-        "target categories", _of_answers(lambda answers: answers.target_categories), {_ALL: 489}
-    ),
-    _Published(
-        "objects at the goal", _of_answers(lambda answers: answers.goal_objects.mean), {_ALL: 7}
-    ),
-    _Published(
-        "boxes at the goal", _of_answers(lambda answers: answers.goal_boxes.mean), {_ALL: 50}
-    ),
+    ("target categories", of_answers(lambda answers: answers.target_categories), {_ALL: 489}),
+    ("objects at the goal", of_answers(lambda answers: answers.goal_objects.mean), {_ALL: 7}),
+    ("boxes at the goal", of_answers(lambda answers: answers.goal_boxes.mean), {_ALL: 50}),
 )
+"""The paper's numbers for each quantity, by the splits that each covers."""
 
 
 def compare_with_paper(
@@ -92,30 +72,15 @@ def compare_with_paper(
     buildings, viewpoints : int
         How many the dataset has, with or without tasks.
     """
-    return [
+    comparisons = [
         PaperComparison("buildings", (), (), buildings, 90),
         PaperComparison("viewpoints", (), (), viewpoints, 10_567),
-        *(
-            _compare(published, splits, alone, describe)
-            for published in _PUBLISHED
-            for splits in published.paper
-        ),
     ]
-
-
-def _compare(
-    published: _Published,
-    splits: tuple[str, ...],
-    alone: Mapping[str, SplitDescription],
-    describe: Callable[[tuple[str, ...]], SplitDescription],
-) -> PaperComparison:
-    covered = tuple(
-        split for split in splits if split in alone and published.measure(alone[split]) is not None
-    )
-    return PaperComparison(
-        quantity=published.quantity,
-        splits=splits,
-        covered=covered,
-        here=published.measure(describe(covered)) if covered else None,
-        paper=published.paper[splits],
-    )
+    for quantity, measure, paper in _PUBLISHED:
+        for splits, number in paper.items():
+            covered = tuple(
+                split for split in splits if split in alone and measure(alone[split]) is not None
+            )
+            here = measure(describe(covered)) if covered else None
+            comparisons.append(PaperComparison(quantity, splits, covered, here, number))
+    return comparisons

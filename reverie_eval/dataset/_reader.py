@@ -5,7 +5,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -19,15 +19,7 @@ _SHOWN_ERRORS = 3
 
 
 def no_progress(files: Sequence[Path], description: str) -> Iterable[Path]:  # noqa: ARG001
-    """Show no progress."""
     return files
-
-
-class UnreadableFile(NamedTuple):
-    """A file that does not have the published form."""
-
-    path: Path
-    reason: str
 
 
 class Reader:
@@ -35,7 +27,8 @@ class Reader:
 
     def __init__(self, progress: Progress = no_progress) -> None:
         self.n_files = 0
-        self.unreadable: list[UnreadableFile] = []
+        self.unreadable: list[tuple[Path, str]] = []
+        """Files that do not have the published form, with the reason."""
         self.duplicate_keys: list[str] = []
         """Keys that occur more than once in a JSON object, each after the name of its file."""
         self._progress = progress
@@ -54,7 +47,7 @@ class Reader:
             reason = f"not JSON: {error}"
         except OSError as error:
             reason = f"cannot be read: {error.strerror}"
-        self.unreadable.append(UnreadableFile(path, reason))
+        self.unreadable.append((path, reason))
         return None
 
     def read_each(

@@ -4,14 +4,7 @@ import re
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    StringConstraints,
-    TypeAdapter,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter
 
 from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 

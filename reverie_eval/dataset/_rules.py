@@ -5,7 +5,8 @@ against all rules. ``compile``, ``describe`` and ``boxes`` check the files that 
 rules that are errors, and stop with the same messages.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, Literal, Self, TypeVar
@@ -17,6 +18,7 @@ from reverie_eval.errors import Problem
 from reverie_eval.text import first_few
 
 S = TypeVar("S")
+T = TypeVar("T")
 
 Severity = Literal["info", "warning", "error"]
 """Info is a plain count, a warning is worth knowing but not wrong, an error is wrong."""
@@ -43,11 +45,24 @@ class Count:
         return cls(len(names), of, tuple(names[:SHOWN_EXAMPLES]))
 
     @classmethod
-    def where(cls, mask: BoolArray, name: Callable[[int], str]) -> Self:
-        """Count the rows that are true; `name` is called for the first few."""
+    def among(
+        cls, items: Collection[T], which: Callable[[T], bool], name: Callable[[T], str] = str
+    ) -> Self:
+        """Count the items that pass a test."""
+        return cls.from_names([name(item) for item in items if which(item)], len(items))
+
+    @classmethod
+    def repeated(cls, names: Iterable[str]) -> Self:
+        """Count the distinct names that occur more than once."""
+        counts = Counter(names)
+        return cls.from_names([name for name, count in counts.items() if count > 1], len(counts))
+
+    @classmethod
+    def where(cls, mask: BoolArray, name: Callable[[int], str] | None = None) -> Self:
+        """Count the rows that are true; `name`, if given, is called for the first few."""
         rows = np.flatnonzero(mask)
-        examples = tuple(name(row) for row in rows[:SHOWN_EXAMPLES].tolist())
-        return cls(len(rows), len(mask), examples)
+        examples = map(name, rows[:SHOWN_EXAMPLES].tolist()) if name else ()
+        return cls(len(rows), len(mask), tuple(examples))
 
     def __str__(self) -> str:
         return f"{self.number:,}" if self.of is None else f"{self.number:,} of {self.of:,}"

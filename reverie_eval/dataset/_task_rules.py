@@ -1,66 +1,50 @@
 """Rules for annotations: ids, paths in the navigation graphs, and targets at the goals."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from reverie_eval.arrays import BoolArray
+from reverie_eval.dataset._dataset import Targets, Tasks
 from reverie_eval.dataset._records import Task
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
-from reverie_eval.dataset._splits import Targets, Tasks
-
-
-def _duplicate_episodes(tasks: Tasks) -> Count:
-    counts = Counter(tasks.split.instr_ids)
-    return Count.from_names([id_ for id_, count in counts.items() if count > 1], len(counts))
 
 
 def _shared_episodes(tasks: Tasks) -> Count:
-    instr_ids = list(dict.fromkeys(tasks.split.instr_ids))
-    shared = [
-        f"{id_} of {tasks.other_splits[id_]}" for id_ in instr_ids if id_ in tasks.other_splits
-    ]
-    return Count.from_names(shared, len(instr_ids))
+    instr_ids, other = dict.fromkeys(tasks.split.instr_ids), tasks.other_splits
+    return Count.among(instr_ids, lambda id_: id_ in other, lambda id_: f"{id_} of {other[id_]}")
 
 
-def _count_tasks(tasks: Tasks, which: Callable[[Task], bool]) -> Count:
-    all_tasks = tasks.split.tasks
-    return Count.from_names([task.id for task in all_tasks if which(task)], len(all_tasks))
+def _count_tasks(tasks: Sequence[Task], which: Callable[[Task], bool]) -> Count:
+    return Count.among(tasks, which, lambda task: task.id)
 
 
 def _without_graph(tasks: Tasks) -> Count:
     graphs = tasks.graphs
-    return _count_tasks(tasks, lambda task: not graphs.has_file(task.scan))
+    with_file = graphs.scans.keys() | graphs.unreadable
+    return _count_tasks(tasks.split.tasks, lambda task: task.scan not in with_file)
 
 
 def _off_the_graph(tasks: Tasks) -> Count:
-    scans = tasks.graphs.scans
-    return _count_tasks(tasks, lambda task: task.scan in scans and not tasks.is_on_graph(task))
+    scans, all_tasks = tasks.graphs.scans, tasks.split.tasks
+    return _count_tasks(all_tasks, lambda task: task.scan in scans and not tasks.is_on_graph(task))
 
 
 def _unreachable(tasks: Tasks) -> Count:
-    scans = tasks.graphs.scans
-
     def is_cut_off(task: Task) -> bool:
-        scan = scans[task.scan]
+        scan = tasks.graphs.scans[task.scan]
         return len({scan.component[scan.row[id_]] for id_ in task.path}) > 1
 
-    return Count.from_names(
-        [task.id for task in tasks.on_graph if is_cut_off(task)], len(tasks.on_graph)
-    )
+    return _count_tasks(tasks.on_graph, is_cut_off)
 
 
 def _off_the_edges(tasks: Tasks) -> Count:
-    scans = tasks.graphs.scans
-
     def leaves_edges(task: Task) -> bool:
-        scan = scans[task.scan]
+        scan = tasks.graphs.scans[task.scan]
         return any(a != b and not scan.has_edge(a, b) for a, b in pairwise(task.path))
 
-    off = [task.id for task in tasks.on_graph if leaves_edges(task)]
-    return Count.from_names(off, len(tasks.on_graph))
+    return _count_tasks(tasks.on_graph, leaves_edges)
 
 
 TASK_RULES: Sequence[Rule[Tasks]] = (
@@ -83,7 +67,7 @@ TASK_RULES: Sequence[Rule[Tasks]] = (
         "duplicate-episode",
         "instr_ids used by more than one episode",
         "A submission has one prediction per instr_id: give every task its own id.",
-        _duplicate_episodes,
+        lambda tasks: Count.repeated(tasks.split.instr_ids),
     ),
     warning(
         "shared-episode",
@@ -123,11 +107,6 @@ _MIXED_RELEASES = (
 )
 
 
-def _without_target(targets: Targets) -> Count:
-    tasks = targets.split.tasks
-    return Count.from_names([task.id for task in tasks if task.objId is None], len(tasks))
-
-
 def _where(targets: Targets, mask: BoolArray) -> Count:
     """Count the tasks for which the mask is true."""
     return Count.where(mask, lambda row: targets.tasks[row].id)
@@ -143,7 +122,7 @@ TARGET_RULES: Sequence[Rule[Targets]] = (
         "missing-answer",
         "tasks without objId in a file where others have one",
         "Give every task its objId, or none (the form of the published test file).",
-        _without_target,
+        lambda targets: _count_tasks(targets.split.tasks, lambda task: task.objId is None),
     ),
     error(
         "target-not-listed",
@@ -171,7 +150,7 @@ TARGET_RULES: Sequence[Rule[Targets]] = (
     info(
         "single-goal",
         "tasks whose target is visible from one viewpoint only",
-        lambda targets: Count(int((targets.n_viewpoints == 1).sum()), len(targets.n_viewpoints)),
+        lambda targets: Count.where(targets.n_viewpoints == 1),
     ),
 )
 

@@ -15,7 +15,7 @@ from reverie_eval.dataset._box_rules import touches_border
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, spread, warning
 from reverie_eval.geometry import FOCAL_LENGTH, N_VIEWS, VIEW_AXES, WIDTH, rays_of
-from reverie_eval.geometry._views import N_HEADINGS, STEP
+from reverie_eval.geometry._views import N_HEADINGS, STEP, degrees_between
 
 _AGREEMENT = 0.15
 """Degrees: about one pixel in the middle of a view."""
@@ -145,7 +145,4 @@ def centre_differences(boxes: Boxes, pairs: Array) -> FloatArray:
     left, top, width, height = boxes.box_xywh.T
     rays = rays_of(np.stack([left + width / 2, top + height / 2], axis=-1)[pairs])
     world = np.einsum("nvi,nvij->nvj", rays, VIEW_AXES[boxes.box_view[pairs]])
-    first, second = world[:, 0], world[:, 1]
-    # The arctangent is exact for small angles, where the arccosine of a dot product is not.
-    across = np.linalg.norm(np.cross(first, second), axis=-1)
-    return np.asarray(np.rad2deg(np.arctan2(across, (first * second).sum(axis=-1))))
+    return degrees_between(world[:, 0], world[:, 1])

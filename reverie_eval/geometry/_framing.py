@@ -154,14 +154,9 @@ def _shown_corners(seen: OrientedBoxes) -> tuple[FloatArray, BoolArray]:
     return pixels, np.tile(within, 2)[..., None]
 
 
-class _ClippedEdges(NamedTuple):
-    """Edges, and where each enters and leaves a convex body, in steps from its start."""
-
-    start: FloatArray
-    step: FloatArray
-    enter: FloatArray
-    leave: FloatArray
-    """Less than ``enter`` if the edge is outside."""
+_ClippedEdges = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Edges by start and step, and where each enters and leaves a convex body, in steps from its start;
+it leaves before it enters if it is outside."""
 
 
 def _edges_of_boxes(seen: OrientedBoxes) -> _ClippedEdges:
@@ -172,7 +167,7 @@ def _edges_of_boxes(seen: OrientedBoxes) -> _ClippedEdges:
     first, second = EDGES.T
     start, step = corners[:, first], corners[:, second] - corners[:, first]
     enter, leave = _clip(inside[:, first], inside[:, second] - inside[:, first], 1.0)
-    return _ClippedEdges(start, step, enter, leave)
+    return start, step, enter, leave
 
 
 def _edges_of_frustum(seen: OrientedBoxes) -> _ClippedEdges:
@@ -184,12 +179,8 @@ def _edges_of_frustum(seen: OrientedBoxes) -> _ClippedEdges:
     inside = np.concatenate([radii - start, radii + start], axis=-1)
     enter, leave = _clip(inside, np.concatenate([-step, step], axis=-1), _FRUSTUM_ENDS)
     shape = len(seen), *_FRUSTUM_STARTS.shape
-    return _ClippedEdges(
-        np.broadcast_to(_FRUSTUM_STARTS, shape),
-        np.broadcast_to(_FRUSTUM_STEPS, shape),
-        enter,
-        leave,
-    )
+    starts, steps = (np.broadcast_to(each, shape) for each in (_FRUSTUM_STARTS, _FRUSTUM_STEPS))
+    return starts, steps, enter, leave
 
 
 def _clip(

@@ -127,10 +127,14 @@ def degrees_off(camera: FloatArray) -> FloatArray:
     >>> degrees_off(np.deg2rad([[10.0, 0.0], [60.0, 45.0], [0.0, 90.0]])).round(6).tolist()
     [10.0, 15.0, 60.0]
     """
-    looks, view_looks = axes(camera)[:, 2], VIEW_AXES[snap(camera), 2]
+    return degrees_between(axes(camera)[:, 2], VIEW_AXES[snap(camera), 2])
+
+
+def degrees_between(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the angles between vectors, row by row."""
     # arctan2 instead of arccos, which loses half of the digits of small angles.
-    apart = np.linalg.norm(np.cross(looks, view_looks), axis=1)
-    return np.asarray(np.rad2deg(np.arctan2(apart, (looks * view_looks).sum(axis=1))))
+    across = np.linalg.norm(np.cross(first, second), axis=-1)
+    return np.asarray(np.rad2deg(np.arctan2(across, (first * second).sum(axis=-1))))
 
 
 def axes(camera: FloatArray) -> FloatArray:

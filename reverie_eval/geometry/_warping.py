@@ -4,16 +4,10 @@ Both cameras are at the same position, so a pixel of one corresponds to a pixel 
 depth, and a box becomes a quadrilateral.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray, IntArray
 from reverie_eval.geometry._views import HEIGHT, VIEW_AXES, WIDTH, axes, pixels_of, rays_of
-
-if TYPE_CHECKING:
-    from shapely import Polygon
-
 
 _MIN_DEPTH = 1e-3
 """Depth of a ray in a view, as a share of its depth in the camera, below which no picture shows it.
@@ -51,7 +45,8 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
     rays = rays_of(corners.transpose(2, 0, 1)) @ axes(camera) @ VIEW_AXES[view].transpose(0, 2, 1)
     # The homography is applied to corner rays, not pixels, so that those behind the view can be
     # cut away instead of being mirrored into its picture.
-    outlines = [_outline(box_rays) for box_rays in rays]
+    in_front = [clip_at_depth(box_rays, _MIN_DEPTH) for box_rays in rays]
+    outlines = [shapely.Polygon(pixels_of(each) if len(each) else None) for each in in_front]
     return np.asarray(shapely.intersection(outlines, shapely.box(0, 0, WIDTH, HEIGHT)))
 
 
@@ -76,14 +71,6 @@ def polygon_overlap(polygons: Array, target_box_xywh: Array) -> tuple[FloatArray
     boxes = shapely.box(left, top, left + width, top + height)
     shared = shapely.area(shapely.intersection(polygons, boxes))
     return shared, shapely.area(polygons) + width * height
-
-
-def _outline(rays: FloatArray) -> "Polygon":
-    """Return the polygon of a box's corner rays in the picture, empty if all are behind it."""
-    from shapely import Polygon
-
-    in_front = clip_at_depth(rays, _MIN_DEPTH)
-    return Polygon(pixels_of(in_front) if len(in_front) else None)
 
 
 def clip_at_depth(polygon: FloatArray, depth: float) -> FloatArray:

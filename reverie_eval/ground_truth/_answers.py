@@ -14,6 +14,7 @@ from reverie_eval.arrays import (
     last_of,
     offsets_of,
     row_of,
+    with_object,
 )
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.ground_truth._bundle import Bundle, unpack_texts
@@ -157,21 +158,14 @@ class Answers:
 
     def find(self, target_object: IntArray, viewpoint: IntArray) -> tuple[IntArray, BoolArray]:
         """Return the candidate's row for each object and viewpoint, and whether there is one."""
-        return find_sorted(self._candidate_keys, _candidate_key(viewpoint, target_object))
+        return find_sorted(self._candidate_keys, with_object(viewpoint, target_object))
 
     @cached_property
     def _candidate_keys(self) -> IntArray:
         # Ascending without a sort, because the compiler orders candidates by viewpoint and object.
-        return _candidate_key(self.candidate_viewpoint, self.candidate_object)
-
-
-# Two integers in one: numpy can then search pairs with a single searchsorted.
+        return with_object(self.candidate_viewpoint, self.candidate_object)
 
 
 def _view_key(candidate_or_viewpoint: IntArray, view: IntArray) -> IntArray:
+    """Return one number for each pair, as :func:`reverie_eval.arrays.with_object` does."""
     return candidate_or_viewpoint.astype(np.int64) * N_VIEWS + view
-
-
-def _candidate_key(viewpoint: IntArray, object_id: IntArray) -> IntArray:
-    # Object ids fit into 32 bits: LARGEST_OBJECT_ID.
-    return (viewpoint.astype(np.int64) << 32) | object_id

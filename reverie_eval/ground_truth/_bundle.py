@@ -161,7 +161,11 @@ class Bundle:
         members = _read_members(path)
         header = _read_header(path, members.pop(_HEADER, None))
         other_splits, texts = _take(members, _OTHER_SPLIT), _take(members, _TEXT)
-        if not _is_complete(members) or fingerprint_of(members) != header.fingerprint:
+        answers = ANSWER_ARRAYS.keys() & members.keys()
+        is_complete = members.keys() >= PUBLIC_ARRAYS.keys() and (
+            not answers or len(answers) == len(ANSWER_ARRAYS)
+        )
+        if not is_complete or fingerprint_of(members) != header.fingerprint:
             raise GroundTruthError(f"{path} is damaged: its contents do not match its header")
         arrays = {name: frozen(array) for name, array in members.items()}
         return cls(header, arrays, other_splits, texts)
@@ -203,12 +207,6 @@ def _take(members: dict[str, Array], prefix: str) -> dict[str, Array]:
     """Remove the members with a prefix, and return them by their names without it."""
     names = [name for name in members if name.startswith(prefix)]
     return {name.removeprefix(prefix): members.pop(name) for name in names}
-
-
-def _is_complete(arrays: Mapping[str, Array]) -> bool:
-    """Whether all public arrays are present, and all or none of the answers."""
-    answers = ANSWER_ARRAYS.keys() & arrays.keys()
-    return PUBLIC_ARRAYS.keys() <= arrays.keys() and len(answers) in (0, len(ANSWER_ARRAYS))
 
 
 def fingerprint_of(arrays: Mapping[str, Array]) -> str:

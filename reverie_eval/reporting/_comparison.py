@@ -4,19 +4,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pydantic import BaseModel, ConfigDict
-
 from reverie_eval.analysis import Comparison, Difference, p_text
 from reverie_eval.metrics import Metric
 from reverie_eval.reporting._results import results_table
-from reverie_eval.reporting._table import (
-    MISSING,
-    Table,
-    latex_comments,
-    print_lines,
-    print_table,
-)
-from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.reporting._table import MISSING, Table, latex_comments, print_lines, print_table
+from reverie_eval.schemas.report import Report, ScoreReport
 from reverie_eval.scoring import Intervals
 from reverie_eval.text import count_text
 
@@ -24,10 +16,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-class ComparisonReport(BaseModel):
+class ComparisonReport(Report):
     """Several submissions, each but the first compared with the first."""
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
 
     first: str
     """The name of the submission that the others are compared with."""
@@ -151,7 +141,7 @@ def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Itera
     yield [f"{label} low", *(_signed(m, d.interval.low) for m, d in pairs)]
     yield [f"{label} high", *(_signed(m, d.interval.high) for m, d in pairs)]
     yield ["p", *(_p_cell(d.p_value) for _, d in pairs)]
-    yield ["won : lost", *(_won_cell(m, d) for m, d in pairs)]
+    yield ["won : lost", *(f"{d.higher} : {d.lower}" if m.is_binary else MISSING for m, d in pairs)]
     yield ["McNemar's p", *(_p_cell(d.mcnemar_p) for _, d in pairs)]
 
 
@@ -164,10 +154,6 @@ def _p_cell(p_value: float | None) -> str:
     if p_value is None:
         return MISSING
     return p_text(p_value).removeprefix("p ").removeprefix("= ")
-
-
-def _won_cell(metric: Metric, difference: Difference) -> str:
-    return f"{difference.higher} : {difference.lower}" if metric.is_binary else MISSING
 
 
 def _smallest_p(resampled: Intervals) -> str:

@@ -10,12 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reverie_eval.arrays import FloatArray
-from reverie_eval.dataset import (
-    AnswerDescription,
-    DatasetDescription,
-    Distribution,
-    SplitDescription,
-)
+from reverie_eval.dataset import DatasetDescription, Distribution, SplitDescription
+from reverie_eval.dataset._description import of_answers
 from reverie_eval.reporting._charts import bin_edges, count_edges
 from reverie_eval.reporting._figure_style import INK, STYLE, split_colour, use_round_ticks
 from reverie_eval.text import count_text
@@ -39,12 +35,6 @@ class _Quantity(NamedTuple):
     """Divides the values into at most so many bins."""
 
 
-def _of_answers(
-    values: Callable[[AnswerDescription], Distribution],
-) -> Callable[[SplitDescription], Distribution | None]:
-    return lambda split: None if split.answers is None else values(split.answers)
-
-
 _WORDS = (
     _Quantity(
         "words per instruction", "words per instruction", "instruction", lambda split: split.words
@@ -55,13 +45,13 @@ _GOALS = (
         "objects at the goal",
         "visible objects at the goal",
         "task",
-        _of_answers(lambda answers: answers.goal_objects),
+        of_answers(lambda answers: answers.goal_objects),
     ),
     _Quantity(
         "boxes at the goal",
         "boxes at the goal, in all views",
         "task",
-        _of_answers(lambda answers: answers.goal_boxes),
+        of_answers(lambda answers: answers.goal_boxes),
     ),
 )
 _PATHS = (
@@ -69,13 +59,13 @@ _PATHS = (
         "path steps",
         "steps of the annotated path",
         "task",
-        _of_answers(lambda answers: answers.path_steps),
+        of_answers(lambda answers: answers.path_steps),
     ),
     _Quantity(
         "path length",
         "length of the annotated path (m)",
         "task",
-        _of_answers(lambda answers: answers.path_length),
+        of_answers(lambda answers: answers.path_length),
         bin_edges,
     ),
 )

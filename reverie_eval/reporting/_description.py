@@ -2,15 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from reverie_eval.dataset import (
-    AnswerDescription,
-    DatasetDescription,
-    Distribution,
-    PaperComparison,
-    SplitDescription,
-)
+from reverie_eval.dataset import DatasetDescription, Distribution, PaperComparison, SplitDescription
+from reverie_eval.dataset._description import of_answers
 from reverie_eval.reporting._table import MISSING, Table, print_table
 
 if TYPE_CHECKING:
@@ -46,7 +41,10 @@ def _tables(description: DatasetDescription) -> tuple[Table, Table]:
     parts = {**description.splits, **({"total": description.total} if has_several else {})}
     splits = Table(
         headings=["", *parts],
-        rows=[[label, *map(cell, parts.values())] for label, cell in _ROWS],
+        rows=[
+            [label, *(_cell(measure(part), text) for part in parts.values())]
+            for label, measure, text in _ROWS
+        ],
         text_columns=frozenset({0}),
     )
     paper = Table(
@@ -64,7 +62,7 @@ def _compared(comparison: PaperComparison) -> Sequence[str]:
     return [
         comparison.quantity,
         _GROUPS.get(tuple(comparison.splits), ", ".join(comparison.splits)),
-        MISSING if comparison.here is None else _number(comparison.here),
+        _cell(comparison.here, _number),
         _number(comparison.paper),
         f"without {', '.join(missing)}" if partly else "",
     ]
@@ -74,55 +72,42 @@ def _number(value: float) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:.1f}"
 
 
-_Cell = Callable[[SplitDescription], str]
-
-
-def _count(number: Callable[[SplitDescription], int]) -> _Cell:
-    return lambda part: f"{number(part):,}"
-
-
-def _count_of(number: Callable[[AnswerDescription], int]) -> _Cell:
-    return lambda part: MISSING if part.answers is None else f"{number(part.answers):,}"
-
-
-def _spread_of(
-    label: str, values: Callable[[AnswerDescription], Distribution]
-) -> Sequence[tuple[str, _Cell]]:
-    """Return two rows of a quantity: its mean, and its range."""
-
-    def cell(text: Callable[[Distribution], str]) -> _Cell:
-        return lambda part: MISSING if part.answers is None else text(values(part.answers))
-
-    return [(label, cell(_mean)), (_RANGE, cell(_range))]
-
-
 def _mean(values: Distribution) -> str:
     return f"{values.mean:.1f}"
 
 
 def _range(values: Distribution) -> str:
-    return f"{_short(values.minimum)}-{_short(values.maximum)}"
+    ends = (values.minimum, values.maximum)
+    return "-".join(f"{end:.0f}" if end.is_integer() else f"{end:.1f}" for end in ends)
 
 
-def _short(value: float) -> str:
-    return f"{value:.0f}" if value.is_integer() else f"{value:.1f}"
+def _cell(value: Any, text: Callable[[Any], str]) -> str:
+    return MISSING if value is None else text(value)
 
 
 _RANGE = "    range"
-_ROWS: Sequence[tuple[str, _Cell]] = (
-    ("tasks", _count(lambda part: part.tasks)),
-    ("instructions", _count(lambda part: part.instructions)),
-    ("scans", _count(lambda part: part.scans)),
-    ("viewpoints in scans", _count(lambda part: part.viewpoints)),
-    ("words per instruction", lambda part: _mean(part.words)),
-    (_RANGE, lambda part: _range(part.words)),
-    ("distinct words", _count(lambda part: part.vocabulary)),
-    ("frequent words", _count(lambda part: part.frequent_vocabulary)),
-    ("target objects", _count_of(lambda answers: answers.target_objects)),
-    ("target categories", _count_of(lambda answers: answers.target_categories)),
-    *_spread_of("objects at the goal", lambda answers: answers.goal_objects),
-    *_spread_of("boxes at the goal", lambda answers: answers.goal_boxes),
-    *_spread_of("path steps", lambda answers: answers.path_steps),
-    *_spread_of("path length (m)", lambda answers: answers.path_length),
+_OBJECTS = of_answers(lambda answers: answers.goal_objects)
+_BOXES = of_answers(lambda answers: answers.goal_boxes)
+_STEPS = of_answers(lambda answers: answers.path_steps)
+_LENGTH = of_answers(lambda answers: answers.path_length)
+_ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], str]]] = (
+    ("tasks", lambda part: part.tasks, _number),
+    ("instructions", lambda part: part.instructions, _number),
+    ("scans", lambda part: part.scans, _number),
+    ("viewpoints in scans", lambda part: part.viewpoints, _number),
+    ("words per instruction", lambda part: part.words, _mean),
+    (_RANGE, lambda part: part.words, _range),
+    ("distinct words", lambda part: part.vocabulary, _number),
+    ("frequent words", lambda part: part.frequent_vocabulary, _number),
+    ("target objects", of_answers(lambda answers: answers.target_objects), _number),
+    ("target categories", of_answers(lambda answers: answers.target_categories), _number),
+    ("objects at the goal", _OBJECTS, _mean),
+    (_RANGE, _OBJECTS, _range),
+    ("boxes at the goal", _BOXES, _mean),
+    (_RANGE, _BOXES, _range),
+    ("path steps", _STEPS, _mean),
+    (_RANGE, _STEPS, _range),
+    ("path length (m)", _LENGTH, _mean),
+    (_RANGE, _LENGTH, _range),
 )
-"""The rows of the table of splits: labels and cells."""
+"""The rows of the table of splits: label, value, and how it is shown."""

@@ -40,7 +40,6 @@ STYLE: Any = MappingProxyType(
 
 
 def split_colour(split: str) -> str:
-    """Return the colour of a split."""
     return _SPLIT_COLOURS.get(split, _OTHER_SPLIT)
 
 

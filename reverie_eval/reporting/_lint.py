@@ -19,7 +19,13 @@ _SHOWN_EXAMPLES = 3
 def lint_text(report: LintReport) -> str:
     """Return the report in aligned columns, for a pipe or a file."""
     sections = [
-        "\n".join([_title(section), *(it.to_text() for it in _tables(section)), *_note(section)])
+        "\n".join(
+            [
+                _title(section),
+                *(it.to_text() for it in _tables(section)),
+                *filter(None, [section.note]),
+            ]
+        )
         for section in report.sections
     ]
     return "\n\n".join([*sections, *_errors(report), _verdict(report)])
@@ -31,8 +37,8 @@ def print_lint(console: "Console", report: LintReport) -> None:
         console.print(_title(section), style="bold", markup=False, highlight=False)
         for table in _tables(section):
             print_table(console, table, table.stacked())
-        for note in _note(section):
-            console.print(f"{note}\n", style="dim", markup=False, highlight=False)
+        if section.note:
+            console.print(f"{section.note}\n", style="dim", markup=False, highlight=False)
     for error in _errors(report):
         console.print(f"{error}\n", style="red", markup=False, highlight=False)
     style = "bold green" if report.sound else "bold red"
@@ -59,7 +65,7 @@ def _errors(report: LintReport) -> Iterator[str]:
     for section in report.sections:
         for count in section.counts:
             if _is_there(count) and count.severity == "error":
-                title = f"error {count.code}, {_title(section)}: {_count_phrase(count.found)}"
+                title = f"error {count.code}, {_title(section)}: {count.found}"
                 examples = [f"  {line}" for line in _shown(count.found)]
                 yield "\n".join([f"{title} {count.says}", count.advice, *examples])
 
@@ -75,10 +81,6 @@ def _verdict(report: LintReport) -> str:
     if report.sound:
         return f"passed: {checks}, no errors, {warnings}"
     return f"failed: {errors} of {checks} found errors, {warnings}"
-
-
-def _note(section: LintSection) -> Sequence[str]:
-    return [section.note] if section.note else []
 
 
 def _count_row(count: Finding) -> Sequence[str]:
@@ -116,10 +118,6 @@ def _number(value: float) -> str:
     if value == round(value) or abs(value) >= 100:
         return f"{value:,.0f}"
     return f"{value:#.3g}"
-
-
-def _count_phrase(found: Count) -> str:
-    return f"{found.number:,}" if found.of is None else f"{found.number:,} of {found.of:,}"
 
 
 def _shown(found: Count) -> Sequence[str]:

@@ -156,15 +156,12 @@ class _Drawing:
 
     def _apart(self, piece: _Piece) -> str:
         """Draw a piece as a group that says which storeys it is on."""
-        levels = " ".join(map(str, self._levels(piece.viewpoints)))
+        levels = " ".join(map(str, self._map.levels(piece.viewpoints)))
         is_faint = self._is_elsewhere[piece.viewpoints].any()
         faint = ' data-elsewhere="" opacity="0.35"' if is_faint else ""
         lines = "".join(_path(kind, data, piece.title) for kind, data in piece.lines.items())
         group = f'<g data-levels="{levels}"{piece.attributes}{faint}>'
         return f"{group}{lines}{piece.sign}</g>"
-
-    def _levels(self, viewpoints: Sequence[int]) -> Sequence[int]:
-        return sorted({int(storey) + 1 for storey in self._map.storey[viewpoints]})
 
     def _edges(self) -> Iterator[_Piece]:
         """Draw the edges between the same storeys as one piece."""
@@ -177,7 +174,7 @@ class _Drawing:
     def _annotated_path(self) -> Iterator[_Piece]:
         """Draw the annotated path, a piece for as long as it stays on a storey."""
         legs = map(list, pairwise(self._map.annotated_path.tolist()))
-        for _, same in groupby(legs, key=self._levels):
+        for _, same in groupby(legs, key=self._map.levels):
             first, *others = same
             rows = first + [end for _, end in others]
             yield _Piece(first, {"annotated": _line(self._place[rows])})

@@ -233,11 +233,15 @@ class EpisodeMap:
             for number, (viewpoint, walked, to_path_end, is_goal, is_jump) in enumerate(columns)
         ]
 
+    def levels(self, viewpoints: IntArray | Sequence[int]) -> Sequence[int]:
+        """Return the storeys of viewpoints, counted from 1."""
+        return sorted({int(storey) + 1 for storey in self.storey[viewpoints]})
+
     @property
     def storeys(self) -> str:
         """The storeys of the episode, counted from the lowest: ``level 1 of 2``."""
         count = int(self.storey.max()) + 1
-        levels = sorted({int(storey) + 1 for storey in self.storey[self.visited]})
+        levels = self.levels(self.visited)
         if count == 1:
             return "one level"
         numbers = " and ".join(", ".join(map(str, levels)).rsplit(", ", 1))

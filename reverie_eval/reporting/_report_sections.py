@@ -156,10 +156,8 @@ def outcome_rows(scores: Submissions) -> Sequence[CountRow]:
     """Count the episodes of every outcome, the best outcome first."""
     rows = []
     for outcome, meaning in BEST_OUTCOME_FIRST.items():
-        counts = [each.failure_modes.counts[outcome] for each in scores.values()]
-        totals = [len(each.instr_ids) for each in scores.values()]
-        pairs = zip(counts, totals, strict=True)
-        shares = [Share(count, 100 * count / total) for count, total in pairs]
+        counts = [(it.failure_modes.counts[outcome], len(it.instr_ids)) for it in scores.values()]
+        shares = [Share(count, 100 * count / total) for count, total in counts]
         rows.append(CountRow(outcome, meaning, shares))
     return rows
 

@@ -11,8 +11,6 @@ from reverie_eval.scoring import Scores
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from reverie_eval.schemas.report import ScoreReport
-
 
 def score_table(results: Sequence[Scores]) -> Table:
     """Return a submission's scores, a row per protocol, and two more for interval bounds.
@@ -36,20 +34,6 @@ def score_table(results: Sequence[Scores]) -> Table:
             *([] if first.intervals is None else [first.intervals.caption]),
             f"ground truth: {first.ground_truth.provenance}",
             *(f"note: {note}" for note in first.notes),
-        ],
-    )
-
-
-def report_table(report: "ScoreReport", provenance: str) -> Table:
-    """Return the scores of a report as :func:`score_table` does those of one protocol."""
-    metrics = table_metrics(report.scores)
-    return Table(
-        headings=[metric.heading for metric in metrics],
-        rows=[[metric.display(report.scores[metric.key]) for metric in metrics]],
-        notes=[
-            report.signature,
-            f"ground truth: {provenance}",
-            *(f"note: {note}" for note in report.notes),
         ],
     )
 

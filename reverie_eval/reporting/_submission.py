@@ -1,14 +1,12 @@
 """What a server replies about a submission: its scores, status, quota and receipt."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from reverie_eval.ground_truth import DEMO_DATASET
-from reverie_eval.metrics import CATALOGUE
-from reverie_eval.reporting._scores import report_table
+from reverie_eval.metrics import CATALOGUE, table_metrics
 from reverie_eval.reporting._table import Table
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import QuotaReport, QuotaWindow, Receipt, SubmissionReport
+from reverie_eval.schemas.service import QuotaReport, Receipt, SubmissionReport
 from reverie_eval.text import earliest_time_text, printable, time_text
 
 _LENGTHS = {"day": "24 hours", "month": "30 days", "year": "365 days"}
@@ -21,8 +19,13 @@ def submission_table(report: ScoreReport, server: str) -> Table:
         if report.dataset == DEMO_DATASET
         else f"on {server} ({report.dataset})"
     )
-    table = report_table(report, provenance)
-    return replace(table, notes=[printable(note) for note in table.notes])
+    metrics = table_metrics(report.scores)
+    notes = [report.signature, f"ground truth: {provenance}", *map("note: {}".format, report.notes)]
+    return Table(
+        headings=[metric.heading for metric in metrics],
+        rows=[[metric.display(report.scores[metric.key]) for metric in metrics]],
+        notes=list(map(printable, notes)),
+    )
 
 
 def submission_lines(submission: SubmissionReport, *, is_repeat: bool) -> Iterator[str]:
@@ -41,12 +44,9 @@ def quota_lines(quota: QuotaReport, split: str) -> Iterator[str]:
     """Yield how many submissions are left, and when there will be more."""
     when = f"; next possible at {earliest_time_text(quota.next_at)}" if quota.next_at else ""
     yield f"submissions left on {split}: {quota.remaining}{when}"
-    yield from (f"  {_window(window)}" for window in quota.windows)
-
-
-def _window(window: QuotaWindow) -> str:
-    reset = f"; one more at {earliest_time_text(window.resets_at)}" if window.resets_at else ""
-    return f"{window.remaining} of {window.limit} per {_LENGTHS[window.name]}{reset}"
+    for window in quota.windows:
+        reset = f"; one more at {earliest_time_text(window.resets_at)}" if window.resets_at else ""
+        yield f"  {window.remaining} of {window.limit} per {_LENGTHS[window.name]}{reset}"
 
 
 def receipt_lines(receipt: Receipt) -> Iterator[str]:

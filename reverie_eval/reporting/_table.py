@@ -5,9 +5,10 @@ values as papers need it.
 """
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from operator import methodcaller
 from typing import TYPE_CHECKING
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
@@ -83,9 +84,9 @@ class Table:
         """Return a GitHub-flavoured table with the lines below it as paragraphs."""
         rule = [":---" if n in self.text_columns else "---:" for n in range(len(self.headings))]
         rows = [
-            [it.translate(_MARKDOWN) for it in self.flat_headings],
+            list(map(_markdown_text, self.flat_headings)),
             rule,
-            *([_markdown_cell(cell) for cell in row] for row in self.rows),
+            *([_formatted(cell, _markdown_text, "**{}**") for cell in row] for row in self.rows),
         ]
         table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
         below = [line.replace(MARK, rf"\{MARK}") for line in self.lines_below if line]
@@ -100,7 +101,10 @@ class Table:
             *self._latex_groups(),
             _latex_row(map(latex_text, self.headings)),
             r"\midrule",
-            *(_latex_row(map(_latex_cell, row)) for row in self.rows),
+            *(
+                _latex_row(_formatted(cell, latex_text, r"\textbf{{{}}}") for cell in row)
+                for row in self.rows
+            ),
             r"\bottomrule",
             r"\end{tabular}",
         ]
@@ -185,11 +189,12 @@ class Table:
         return f'<caption style="caption-side: bottom; text-align: left">{text}</caption>'
 
     def _html_row(self, row: Sequence[str]) -> str:
+        texts = (_formatted(cell, _html_text, "<strong>{}</strong>") for cell in row)
         cells = (
-            f'<th scope="row" style="text-align: left">{_html_cell(cell)}</th>'
+            f'<th scope="row" style="text-align: left">{text}</th>'
             if column in self.text_columns
-            else f"<td>{_html_cell(cell)}</td>"
-            for column, cell in enumerate(row)
+            else f"<td>{text}</td>"
+            for column, text in enumerate(texts)
         )
         return f"<tr>{''.join(cells)}</tr>"
 
@@ -208,9 +213,13 @@ def _aligned(column: Sequence[str], *, is_text: bool) -> Sequence[str]:
     return [cell.rjust(width) for cell in [heading, *cells]]
 
 
-def _markdown_cell(cell: str) -> str:
-    text = cell.translate(_MARKDOWN)
-    return f"**{text}**" if isinstance(cell, Bold) else text
+_markdown_text = methodcaller("translate", _MARKDOWN)
+
+
+def _formatted(cell: str, escape: Callable[[str], str], bold: str) -> str:
+    """Escape a cell for a layout, and put it into the layout's bold type if it is bold."""
+    text = escape(cell)
+    return bold.format(text) if isinstance(cell, Bold) else text
 
 
 # LaTeX.
@@ -257,11 +266,6 @@ def _latex_row(cells: Iterable[str]) -> str:
     return " & ".join(cells) + r" \\"
 
 
-def _latex_cell(cell: str) -> str:
-    text = latex_text(cell)
-    return rf"\textbf{{{text}}}" if isinstance(cell, Bold) else text
-
-
 # HTML.
 
 
@@ -275,11 +279,6 @@ def _html_heading(heading: str) -> str:
     meaning = _MEANINGS.get(heading)
     title = f' title="{_html_text(meaning)}"' if meaning else ""
     return f"<th{title}>{_html_text(heading)}</th>"
-
-
-def _html_cell(cell: str) -> str:
-    text = _html_text(cell)
-    return f"<strong>{text}</strong>" if isinstance(cell, Bold) else text
 
 
 # Terminals.

@@ -5,10 +5,14 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 
-class BoxReport(BaseModel):
-    """The results of answers by box, and how much of them chance could explain."""
+class Report(BaseModel):
+    """Base of all reports: immutable, without undeclared fields."""
 
     model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
+
+
+class BoxReport(Report):
+    """The results of answers by box, and how much of them chance could explain."""
 
     answers: int
     """Number of answers that are boxes."""
@@ -26,10 +30,8 @@ class BoxReport(BaseModel):
     show the target, or no view does at the viewpoint where the agent stopped."""
 
 
-class IntervalReport(BaseModel):
+class IntervalReport(Report):
     """Confidence intervals of the means, by a bootstrap over clusters of episodes."""
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
 
     by: Literal["target", "scan"]
     """What the episodes of a cluster share."""
@@ -43,10 +45,8 @@ class IntervalReport(BaseModel):
     """Low and high by metric key, in the units of the scores."""
 
 
-class ScoreReport(BaseModel):
+class ScoreReport(Report):
     """Scores of one submission, with everything needed to explain the numbers later."""
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
 
     schema_version: Literal[1] = 1
     signature: str
@@ -71,12 +71,10 @@ class ScoreReport(BaseModel):
     """What readers of the numbers should know, a sentence each."""
 
 
-class ProblemReport(BaseModel):
+class ProblemReport(Report):
     """One thing that is wrong with a submission."""
 
-    model_config = ConfigDict(
-        frozen=True, use_attribute_docstrings=True, extra="forbid", from_attributes=True
-    )
+    model_config = ConfigDict(from_attributes=True)
 
     code: str
     """What kind of problem it is; stable, for programs."""
@@ -86,10 +84,8 @@ class ProblemReport(BaseModel):
     """What was found, what was expected, and what to do."""
 
 
-class ValidationReport(BaseModel):
+class ValidationReport(Report):
     """Whether a submission can be scored, and everything that is wrong if it cannot."""
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True, extra="forbid")
 
     schema_version: Literal[1] = 1
     split: str

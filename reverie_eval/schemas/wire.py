@@ -8,7 +8,6 @@ from unicodedata import normalize
 from pydantic import (
     AfterValidator,
     AwareDatetime,
-    BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
@@ -16,6 +15,8 @@ from pydantic import (
     StringConstraints,
     UrlConstraints,
 )
+
+from reverie_eval.schemas.report import Report
 
 LONGEST_NAME = 100
 LONGEST_LINE = 500
@@ -28,12 +29,10 @@ _BLANK = re.compile(
 (Unicode's property ``Default_Ignorable_Code_Point``), and the braille pattern without dots."""
 
 
-class WireModel(BaseModel):
-    """Base of all messages between servers and clients: immutable, without undeclared fields."""
+class WireModel(Report):
+    """Base of all messages between servers and clients; they are read from any object's fields."""
 
-    model_config = ConfigDict(
-        frozen=True, use_attribute_docstrings=True, extra="forbid", from_attributes=True
-    )
+    model_config = ConfigDict(from_attributes=True)
 
 
 def one_line(text: str) -> str:

@@ -19,12 +19,7 @@ from reverie_eval.scoring._intervals import (
     clusters_of,
 )
 from reverie_eval.scoring._lookups import Lookups, is_goal
-from reverie_eval.scoring._outcomes import (
-    OUTCOMES,
-    FailureModes,
-    failure_modes,
-    outcome_indices,
-)
+from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
 from reverie_eval.scoring._protocol import (
     ALIASES,
     DEFAULT_PROTOCOL,

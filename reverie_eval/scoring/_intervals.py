@@ -6,7 +6,7 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
-from reverie_eval.arrays import Array, IntArray
+from reverie_eval.arrays import Array, IntArray, with_object
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.text import count_text, did_you_mean
@@ -79,7 +79,11 @@ class Intervals(Mapping[str, Interval]):
         confidence = uncertainty.CONFIDENCE if confidence is None else confidence
         resamples = uncertainty.RESAMPLES if resamples is None else resamples
         seed = uncertainty.SEED if seed is None else seed
-        _check_settings(confidence, resamples, seed)
+        if not 0 < confidence < 1 or resamples < 1 or seed < 0:
+            raise ProtocolError(
+                f"confidence {confidence}, {resamples} resamples, seed {seed}; expected a "
+                "confidence between 0 and 1, at least one resample, and a seed of 0 or more"
+            )
         values = np.column_stack(list(episodes.values()))
         means = uncertainty.bootstrap_means(values, cluster, resamples=resamples, seed=seed)
         low, high = uncertainty.interval(means, n_clusters, confidence=confidence).tolist()
@@ -149,18 +153,9 @@ def clusters_of(truth: GroundTruth, by: Clustering) -> IntArray:
     if by not in get_args(Clustering):
         known = did_you_mean(by, get_args(Clustering))
         raise ProtocolError(f"cannot cluster episodes by {by!r}{known}")
-    scan = truth.graph.viewpoint_scan[truth.episodes.start].astype(np.int64)
-    # Object ids are unique only within a scan, and fit into 32 bits: scan and id in one number.
-    return scan if by == "scan" else (scan << 32) | truth.require_answers().target_object
+    scan = truth.graph.viewpoint_scan[truth.episodes.start]
+    return scan if by == "scan" else with_object(scan, truth.require_answers().target_object)
 
 
 def _one_cluster(by: Clustering) -> str:
     return f"all episodes share one {by}, so there is nothing to resample"
-
-
-def _check_settings(confidence: float, resamples: int, seed: int) -> None:
-    if not 0 < confidence < 1 or resamples < 1 or seed < 0:
-        raise ProtocolError(
-            f"confidence {confidence}, {resamples} resamples, seed {seed}; expected a confidence "
-            "between 0 and 1, at least one resample, and a seed of 0 or more"
-        )

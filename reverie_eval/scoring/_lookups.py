@@ -27,21 +27,16 @@ class Lookups:
         self.offsets = submission.offsets
         self.predicted_object = submission.predicted_object
         self.answer_is_text = submission.answer_is_text
+        self.n_episodes = len(submission.predicted_object)
+        self.has_boxes = len(submission.boxes.row) > 0
+        """Whether any answer is a box."""
         self._answers = ground_truth.require_answers()
+        self.target_object = self._answers.target_object
+        """Shape (n_episodes,): object id."""
         self._submission = submission
         self._ground_truth = ground_truth
         self._graph = ground_truth.graph
         self._at_goal: dict[GoalRule, BoolArray] = {}
-
-    @property
-    def n_episodes(self) -> int:
-        """Number of episodes."""
-        return len(self.predicted_object)
-
-    @property
-    def target_object(self) -> IntArray:
-        """Shape (n_episodes,): object id."""
-        return self._answers.target_object
 
     def at_goal(self, rule: GoalRule) -> BoolArray:
         """Shape (n_poses,): whether each pose is at a goal viewpoint of its episode."""
@@ -66,11 +61,6 @@ class Lookups:
         """Shape (n_poses,): metres to the end of the annotated path."""
         goal = self._answers.goal[self._episode]
         return self._graph.distance_between(self._submission.viewpoint, goal)
-
-    @property
-    def has_boxes(self) -> bool:
-        """Whether any answer is a box."""
-        return len(self._submission.boxes.row) > 0
 
     @cached_property
     def boxes(self) -> BoxScores:

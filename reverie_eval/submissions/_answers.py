@@ -114,7 +114,7 @@ def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog
         value = int(value)
     if is_integer(value) and ABSTAINED <= value <= LARGEST_OBJECT_ID:
         return Answer(int(value), is_text)
-    log.problems.append(problems.wrong_object(location, key, value))
+    log.problems.append(problems.wrong_type(location, value, problems.OBJECT_FORM, key))
     return Answer(ABSTAINED)
 
 
@@ -190,7 +190,9 @@ def _read_image_size(
         return WIDTH, HEIGHT
     if _are_numbers(size, 2) and all(is_finite(side) and side >= 1 for side in size):
         return float(size[0]), float(size[1])
-    log.problems.append(problems.wrong_image_size(location, IMAGE_SIZE_KEY, size))
+    log.problems.append(
+        problems.wrong_type(location, size, problems.IMAGE_SIZE_FORM, IMAGE_SIZE_KEY)
+    )
     return None
 
 
@@ -199,7 +201,7 @@ def _read_xywh(
 ) -> tuple[float, float, float, float] | None:
     """Return left, top, width and height in the image that the box was predicted in."""
     if not _are_numbers(box, 4):
-        log.problems.append(problems.wrong_box(location, BOX_KEY, box))
+        log.problems.append(problems.wrong_type(location, box, problems.BOX_FORM, BOX_KEY))
         return None
     if not all(map(is_finite, box)):
         log.problems.append(problems.box_not_finite(location, BOX_KEY, box))

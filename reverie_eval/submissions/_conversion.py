@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from reverie_eval.errors import SubmissionError
-from reverie_eval.submissions._document import read_document
+from reverie_eval.submissions._document import are_records, parse_document
 from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import ReadRecord, read_records
+from reverie_eval.submissions._sources import read_bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,8 @@ def convert(submission: Submission) -> Conversion:
         If the file cannot be read.
     """
     log = ReadingLog()
-    records = read_records(read_document(submission), log)
+    given = submission if are_records(submission) else parse_document(read_bytes(submission))
+    records = read_records(given, log)
     if log.problems:
         raise SubmissionError(log.problems)
     poses = [pose for record in records for pose in record.poses]

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 from reverie_eval.errors import SubmissionError
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._predictions import Records, Submission
-from reverie_eval.submissions._sources import read_bytes
 
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
@@ -34,19 +33,6 @@ class RepeatingObject(dict[str, Any]):
     """A JSON object with repeated fields, of which a plain parser would silently keep the last."""
 
     repeated: frozenset[str]
-
-
-def read_document(submission: Submission) -> Any:
-    """Return a submission's records as Python objects, whatever the submission is.
-
-    Raises
-    ------
-    SubmissionError
-        If it is not JSON.
-    OSError
-        If the file cannot be read.
-    """
-    return submission if are_records(submission) else parse_document(read_bytes(submission))
 
 
 def are_records(submission: Submission) -> "TypeIs[Records]":

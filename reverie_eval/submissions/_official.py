@@ -20,12 +20,7 @@ from reverie_eval.arrays import offsets_of
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 from reverie_eval.metrics import ABSTAINED
-from reverie_eval.submissions._predictions import (
-    ID_PREFIX,
-    Predictions,
-    Records,
-    look_like_degrees,
-)
+from reverie_eval.submissions._predictions import ID_PREFIX, Predictions, Records, look_like_degrees
 from reverie_eval.submissions._trajectories import MAX_POSES
 
 # The descriptions are those of the published JSON Schema.
@@ -118,6 +113,7 @@ def decode_official(content: bytes) -> Predictions | None:
         offsets=offsets_of(np.fromiter(map(len, trajectories), np.int64, len(records))),
         predicted_object=np.array([record.predObjId for record in records], dtype=np.int64),
         has_degrees=look_like_degrees(np.array(stop_angles, dtype=np.float64).reshape(-1, 2)),
+        answer_is_text=np.zeros(len(records), dtype=np.bool_),
     )
 
 
@@ -147,6 +143,7 @@ def convert_official(submission: Records) -> Predictions | None:
         offsets=offsets,
         predicted_object=predicted_object,
         has_degrees=look_like_degrees(angle[offsets[1:] - 1]),
+        answer_is_text=np.zeros(len(instr_ids), dtype=np.bool_),
     )
 
 

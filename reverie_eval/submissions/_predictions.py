@@ -49,26 +49,11 @@ NO_BOXES = BoxAnswers(
 
 
 @dataclass(frozen=True, eq=False)
-class OtherForm:
-    """What has to be known about a submission that is not in the plain official form."""
-
-    locations: Sequence[RecordLocation]
-    """The location of each record in the file."""
-    pose_paths: Sequence[PosePath]
-    """The location of each pose in its trajectory."""
-    continues_hop: BoolArray
-    """Shape (n_poses,): whether evaluators that read only the first viewpoint of each hop miss the
-    pose."""
-    answer_is_text: BoolArray
-    """Shape (n_records,): whether the object id is written as text."""
-    boxes: BoxAnswers
-    read_as: Sequence[str]
-    """How the file differs from the official form, a phrase each."""
-
-
-@dataclass(frozen=True, eq=False)
 class Predictions:
-    """One row per record that could be read, in the order of the file."""
+    """One row per record that could be read, in the order of the file.
+
+    The defaults are those of a file in the plain official form.
+    """
 
     instr_ids: Sequence[str | None]
     """None for an id that could not be read; ``problems`` says why."""
@@ -80,46 +65,40 @@ class Predictions:
     """Shape (n_records,): the object id of each answer, or -1."""
     has_degrees: bool
     """Whether most angles look like degrees."""
-    other_form: OtherForm | None = None
-    """None if the file is in the plain official form."""
+    answer_is_text: BoolArray
+    """Shape (n_records,): whether the object id is written as text."""
+    locations: Sequence[RecordLocation] | None = None
+    """The location of each record in the file."""
+    pose_paths: Sequence[PosePath] | None = None
+    """The location of each pose in its trajectory."""
+    continues_hop: BoolArray | None = None
+    """Shape (n_poses,): whether evaluators that read only the first viewpoint of each hop miss the
+    pose."""
+    boxes: BoxAnswers = NO_BOXES
+    """The predicted boxes."""
+    read_as: Sequence[str] = ()
+    """How the file differs from the official form, a phrase each."""
     problems: Sequence[Problem] = ()
     """What could not be read."""
 
-    @property
-    def read_as(self) -> Sequence[str]:
-        """How the file differs from the official form, a phrase each."""
-        return self.other_form.read_as if self.other_form else ()
-
-    @property
-    def answer_is_text(self) -> BoolArray:
-        """Shape (n_records,): whether the object id is written as text."""
-        is_number = np.zeros(len(self.instr_ids), dtype=np.bool_)
-        return self.other_form.answer_is_text if self.other_form else is_number
-
-    @property
-    def boxes(self) -> BoxAnswers:
-        """The predicted boxes."""
-        return self.other_form.boxes if self.other_form else NO_BOXES
-
     def location(self, record: int) -> RecordLocation:
         """Return the location of a record in the file."""
-        return self.other_form.locations[record] if self.other_form else RecordLocation(record)
+        return RecordLocation(record) if self.locations is None else self.locations[record]
 
     def pose_path(self, record: int, pose: int) -> PosePath:
         """Return the location of a pose in its trajectory.
 
         Poses are numbered over all records.
         """
-        if self.other_form:
-            return self.other_form.pose_paths[pose]
-        return pose - int(self.offsets[record]), 0
+        if self.pose_paths is None:
+            return pose - int(self.offsets[record]), 0
+        return self.pose_paths[pose]
 
     def first_of_hops(self) -> "Predictions":
         """Return what an evaluator reads that takes only the first viewpoint of each hop."""
-        form = self.other_form
-        if form is None:
+        if self.continues_hop is None or self.pose_paths is None:
             return self
-        begins_hop = ~form.continues_hop
+        begins_hop = ~self.continues_hop
         poses = np.flatnonzero(begins_hop).tolist()
         # No trajectory is empty, so `reduceat` sums each one by itself.
         lengths = np.add.reduceat(begins_hop, self.offsets[:-1], dtype=np.int64)
@@ -127,11 +106,8 @@ class Predictions:
             self,
             viewpoint_ids=[self.viewpoint_ids[pose] for pose in poses],
             offsets=offsets_of(lengths),
-            other_form=replace(
-                form,
-                pose_paths=[form.pose_paths[pose] for pose in poses],
-                continues_hop=form.continues_hop[poses],
-            ),
+            pose_paths=[self.pose_paths[pose] for pose in poses],
+            continues_hop=self.continues_hop[poses],
         )
 
 

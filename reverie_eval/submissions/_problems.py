@@ -20,8 +20,12 @@ MAX_PROBLEMS = 10_000
 
 WHOLE_FILE = "file"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
+RECORD_FORM = "an object with instr_id, trajectory and predObjId"
+INSTR_ID_FORM = 'the episode\'s id as text: "4774_267_1"'
+TRAJECTORY_FORM = f"a list of poses {POSE_FORM}"
 OBJECT_FORM = "an object id (an integer from 0), or -1 where the agent predicts no object"
 BOX_FORM = "[x, y, width, height] in pixels from the upper left corner"
+IMAGE_SIZE_FORM = "[width, height] of the image that predBox is in, at least 1 each"
 
 PosePath = tuple[int, ...]
 """Where a viewpoint is in its trajectory: the index of the element, and the index within it."""
@@ -71,110 +75,95 @@ def _pose_problem(code: str, location: RecordLocation, path: PosePath, message: 
     return Problem(code, where, message, (location.row, *path))
 
 
-def _file_problem(code: str, message: str, where: str = WHOLE_FILE) -> Problem:
-    return Problem(code, where, message)
-
-
 # The file as a whole.
 
 
 def not_json(where: str, reason: str) -> Problem:
-    return _file_problem("not-json", f"{reason}; write the file with a JSON library", where)
+    return Problem("not-json", where, f"{reason}; write the file with a JSON library")
 
 
 def another_kind(kind: str) -> Problem:
-    return _file_problem(
-        "not-json", f"is {kind}; send the result file itself, as JSON or gzipped JSON"
-    )
+    message = f"is {kind}; send the result file itself, as JSON or gzipped JSON"
+    return Problem("not-json", WHOLE_FILE, message)
 
 
 def huge_number() -> Problem:
-    return _file_problem(
-        "not-json",
-        f"holds an integer with thousands of digits; object ids go up to {LARGEST_OBJECT_ID:,}",
+    message = (
+        f"holds an integer with thousands of digits; object ids go up to {LARGEST_OBJECT_ID:,}"
     )
+    return Problem("not-json", WHOLE_FILE, message)
 
 
 def too_deep() -> Problem:
-    return _file_problem(
-        "too-deep", "is nested too deeply to be read; a submission has four levels"
-    )
+    message = "is nested too deeply to be read; a submission has four levels"
+    return Problem("too-deep", WHOLE_FILE, message)
 
 
 def too_large(limit: int) -> Problem:
-    return _file_problem(
-        "too-large",
+    message = (
         f"is larger than {limit >> 20} MiB unpacked; a submission needs instr_id, trajectory and "
-        "predObjId only, remove everything else",
+        "predObjId only, remove everything else"
     )
+    return Problem("too-large", WHOLE_FILE, message)
 
 
 def too_many_records(found: int, limit: int) -> Problem:
-    return _file_problem(
-        "too-large", f"holds {found:,} records, more than the {limit:,} that any split could need"
-    )
+    message = f"holds {found:,} records, more than the {limit:,} that any split could need"
+    return Problem("too-large", WHOLE_FILE, message)
 
 
 def too_many_values(found: int, limit: int) -> Problem:
-    return _file_problem(
-        "too-large", f"holds about {found:,} values, more than the {limit:,} that can be read"
-    )
+    message = f"holds about {found:,} values, more than the {limit:,} that can be read"
+    return Problem("too-large", WHOLE_FILE, message)
 
 
 def damaged_gzip(reason: str) -> Problem:
-    return _file_problem(
-        "damaged-gzip", f"cannot be unpacked ({reason}); compress or copy it again"
-    )
+    message = f"cannot be unpacked ({reason}); compress or copy it again"
+    return Problem("damaged-gzip", WHOLE_FILE, message)
 
 
 def damaged_zip(reason: str) -> Problem:
-    return _file_problem(
-        "damaged-zip", f"cannot be unpacked ({reason}); send the result file itself"
-    )
+    message = f"cannot be unpacked ({reason}); send the result file itself"
+    return Problem("damaged-zip", WHOLE_FILE, message)
 
 
 def not_one_file(names: Sequence[str]) -> Problem:
     listed = first_few(map(_json, names))
     found = f"{count_text(len(names), 'file')}: {listed}" if names else "no file"
-    return _file_problem(
-        "several-files", f"is a zip archive with {found}; pack only the result file"
-    )
+    message = f"is a zip archive with {found}; pack only the result file"
+    return Problem("several-files", WHOLE_FILE, message)
 
 
 def not_a_list(found: object) -> Problem:
-    return _file_problem(
-        "not-a-list",
+    message = (
         f"holds {_json(found)}; expected a list of predictions: "
-        f'[{{"instr_id": ..., "trajectory": [{POSE_FORM}, ...], "predObjId": ...}}, ...]',
+        f'[{{"instr_id": ..., "trajectory": [{POSE_FORM}, ...], "predObjId": ...}}, ...]'
     )
+    return Problem("not-a-list", WHOLE_FILE, message)
 
 
 def no_episode_of_split(split: str, expected: int) -> Problem:
-    return _file_problem(
-        "missing-episode",
-        f"has no prediction for any of the {expected:,} episodes of {split}; each needs one",
-    )
+    message = f"has no prediction for any of the {expected:,} episodes of {split}; each needs one"
+    return Problem("missing-episode", WHOLE_FILE, message)
 
 
 def missing_episode(instr_id: str, split: str) -> Problem:
-    return _file_problem(
-        "missing-episode",
-        f"episode {instr_id} has no prediction; every episode of {split} needs one",
-    )
+    message = f"episode {instr_id} has no prediction; every episode of {split} needs one"
+    return Problem("missing-episode", WHOLE_FILE, message)
 
 
 def ids_outside_demo(count: int, split: str) -> Problem:
-    return _file_problem(
-        "not-the-demo-world",
+    message = (
         f"none of its {count_text(count, 'episode')} is in the demo world that ships with this "
         "package; to score REVERIE itself, clone github.com/YuankaiQi/REVERIE, run `reverie-eval "
         f"compile REVERIE --split {split} -o {split}.npz` once and pass --ground-truth "
-        f"{split}.npz",
+        f"{split}.npz"
     )
+    return Problem("not-the-demo-world", WHOLE_FILE, message)
 
 
 def repeated_key(key: str) -> Problem:
-    return _file_problem("repeated-field", f"has {_json(key)} twice; keep the right one")
+    return Problem("repeated-field", WHOLE_FILE, f"has {_json(key)} twice; keep the right one")
 
 
 # A record.
@@ -184,21 +173,18 @@ def ids_of_another_split(
     count: int, other: str, split: str, location: RecordLocation, instr_id: str
 ) -> Problem:
     ids_look = "1 id looks" if count == 1 else f"{count:,} ids look"
-    return _record_problem(
-        "other-split",
-        location,
+    message = (
         f"{ids_look} like {other} ids, the first is {instr_id}; score the file as {other}, or "
-        f"send the predictions for {split}",
-        ".instr_id",
+        f"send the predictions for {split}"
     )
+    return _record_problem("other-split", location, message, ".instr_id")
 
 
-def not_an_object(location: RecordLocation, found: object) -> Problem:
-    return _record_problem(
-        "wrong-type",
-        location,
-        f"got {_json(found)}; expected an object with instr_id, trajectory and predObjId",
-    )
+def wrong_type(
+    location: RecordLocation, found: object, expected: str, field: str | None = None
+) -> Problem:
+    message = f"got {_json(found)}; expected {expected}"
+    return _record_problem("wrong-type", location, message, f".{field}" if field else "")
 
 
 def repeated_field(location: RecordLocation, field: str) -> Problem:
@@ -214,50 +200,22 @@ def missing_field(location: RecordLocation, field: str) -> Problem:
     return _record_problem("missing-field", location, f"has no {field}; add it")
 
 
-def wrong_instr_id(location: RecordLocation, found: object) -> Problem:
-    return _record_problem(
-        "wrong-type",
-        location,
-        f'got {_json(found)}; expected the episode\'s id as text: "4774_267_1"',
-        ".instr_id",
-    )
-
-
 def unknown_episode(location: RecordLocation, instr_id: str, split: str) -> Problem:
-    return _record_problem(
-        "unknown-episode",
-        location,
+    message = (
         f"{_json(instr_id)} is not an episode of {split}; ids are <task id>_<index of the "
-        "instruction>, counted from 0",
-        ".instr_id",
+        "instruction>, counted from 0"
     )
+    return _record_problem("unknown-episode", location, message, ".instr_id")
 
 
 def duplicate_episode(location: RecordLocation, instr_id: str, first: RecordLocation) -> Problem:
-    return _record_problem(
-        "duplicate-episode",
-        location,
-        f"{instr_id} already has a prediction in {first}; keep one per episode",
-        ".instr_id",
-    )
-
-
-def wrong_trajectory(location: RecordLocation, found: object) -> Problem:
-    return _record_problem(
-        "wrong-type",
-        location,
-        f"got {_json(found)}; expected a list of poses {POSE_FORM}",
-        ".trajectory",
-    )
+    message = f"{instr_id} already has a prediction in {first}; keep one per episode"
+    return _record_problem("duplicate-episode", location, message, ".instr_id")
 
 
 def empty_trajectory(location: RecordLocation) -> Problem:
-    return _record_problem(
-        "empty-trajectory",
-        location,
-        "is empty; an agent that does not move has one pose, its start viewpoint",
-        ".trajectory",
-    )
+    message = "is empty; an agent that does not move has one pose, its start viewpoint"
+    return _record_problem("empty-trajectory", location, message, ".trajectory")
 
 
 def too_many_poses(location: RecordLocation, found: int, limit: int) -> Problem:
@@ -273,25 +231,12 @@ def no_answer(location: RecordLocation, object_key: str, box_key: str) -> Proble
     return _record_problem("missing-field", location, message)
 
 
-def wrong_object(location: RecordLocation, key: str, found: object) -> Problem:
-    message = f"got {_json(found)}; expected {OBJECT_FORM}"
-    return _record_problem("wrong-type", location, message, f".{key}")
-
-
 def two_answers(location: RecordLocation, key: str, found: object) -> Problem:
-    return _record_problem(
-        "two-answers",
-        location,
+    message = (
         f"got {_json(found)} together with predBox; an episode has one answer: remove one, or "
-        f"set {key} to -1",
-        f".{key}",
+        f"set {key} to -1"
     )
-
-
-def wrong_box(location: RecordLocation, key: str, found: object) -> Problem:
-    return _record_problem(
-        "wrong-type", location, f"got {_json(found)}; expected {BOX_FORM}", f".{key}"
-    )
+    return _record_problem("two-answers", location, message, f".{key}")
 
 
 def box_not_finite(location: RecordLocation, key: str, found: Sequence[object]) -> Problem:
@@ -314,29 +259,16 @@ def wrong_view(location: RecordLocation, key: str, found: object) -> Problem:
 
 def no_view(location: RecordLocation, key: str, *, has_poses: bool) -> Problem:
     pose = ", or give heading and elevation in the last pose" if has_poses else ""
-    return _record_problem(
-        "missing-field",
-        location,
-        f"has a predBox but no {key}; add the index of the view it is in (0-35){pose}",
-    )
-
-
-def wrong_image_size(location: RecordLocation, key: str, found: object) -> Problem:
-    message = (
-        f"got {_json(found)}; expected [width, height] of the image that predBox is in, at least "
-        "1 each"
-    )
-    return _record_problem("wrong-type", location, message, f".{key}")
+    message = f"has a predBox but no {key}; add the index of the view it is in (0-35){pose}"
+    return _record_problem("missing-field", location, message)
 
 
 def upside_down(location: RecordLocation, path: PosePath, elevation: float, key: str) -> Problem:
-    return _pose_problem(
-        "wrong-camera",
-        location,
-        path,
+    message = (
         f"the camera of the box has an elevation of {_json(elevation)}, beyond straight up or "
-        f"down (pi / 2); give radians, or the view index in {key} (0-35)",
+        f"down (pi / 2); give radians, or the view index in {key} (0-35)"
     )
+    return _pose_problem("wrong-camera", location, path, message)
 
 
 # A pose.
@@ -354,42 +286,34 @@ def not_finite(location: RecordLocation, path: PosePath, found: Sequence[object]
 def unknown_viewpoint(
     location: RecordLocation, path: PosePath, viewpoint_id: str, scan: str
 ) -> Problem:
-    return _pose_problem(
-        "unknown-viewpoint",
-        location,
-        path,
+    message = (
         f"viewpoint {_json(viewpoint_id)} is not in the navigation graph of scan {scan}; use the "
-        "viewpoint ids of the connectivity files",
+        "viewpoint ids of the connectivity files"
     )
+    return _pose_problem("unknown-viewpoint", location, path, message)
 
 
 def viewpoint_of_another_scan(
     location: RecordLocation, path: PosePath, viewpoint_id: str, scan: str, other_scan: str
 ) -> Problem:
-    return _pose_problem(
-        "other-scan",
-        location,
-        path,
+    message = (
         f"viewpoint {viewpoint_id} belongs to scan {other_scan}, but the episode is in scan {scan};"
-        " check that trajectories and instr_ids were not mixed up",
+        " check that trajectories and instr_ids were not mixed up"
     )
+    return _pose_problem("other-scan", location, path, message)
 
 
 def wrong_start(location: RecordLocation, instr_id: str, expected: str, found: str) -> Problem:
-    return _pose_problem(
-        "wrong-start",
-        location,
-        (0,),
+    message = (
         f"episode {instr_id} starts at viewpoint {expected}, got {found}; list the start "
-        "viewpoint as the first pose",
+        "viewpoint as the first pose"
     )
+    return _pose_problem("wrong-start", location, (0,), message)
 
 
 def unreachable(location: RecordLocation, path: PosePath, viewpoint_id: str) -> Problem:
-    return _pose_problem(
-        "unreachable",
-        location,
-        path,
+    message = (
         f"viewpoint {viewpoint_id} cannot be reached from the start; a jump counts at "
-        "shortest-path distance, so there must be a route",
+        "shortest-path distance, so there must be a route"
     )
+    return _pose_problem("unreachable", location, path, message)

@@ -15,19 +15,12 @@ from reverie_eval.errors import SubmissionError
 from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._answers import (
-    ANSWER_KEYS,
-    BOX_KEYS,
-    Answer,
-    has_answer,
-    read_answer,
-)
+from reverie_eval.submissions._answers import ANSWER_KEYS, BOX_KEYS, Answer, has_answer, read_answer
 from reverie_eval.submissions._document import RepeatingObject, are_records, parse_document
 from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
     BoxAnswers,
-    OtherForm,
     Predictions,
     Submission,
     look_like_degrees,
@@ -134,7 +127,7 @@ def _located_records(document: Any, log: ReadingLog) -> Iterable[tuple[RecordLoc
 
 def _is_record(location: RecordLocation, record: Any, log: ReadingLog) -> bool:
     if not isinstance(record, Mapping):
-        log.problems.append(problems.not_an_object(location, record))
+        log.problems.append(problems.wrong_type(location, record, problems.RECORD_FORM))
         return False
     if isinstance(record, RepeatingObject):
         for field in sorted(record.repeated & FIELDS):
@@ -150,7 +143,9 @@ def _read_instr_id(
         log.problems.append(problems.missing_field(location, "instr_id"))
         return None
     if not isinstance(value, str):
-        log.problems.append(problems.wrong_instr_id(location, value))
+        log.problems.append(
+            problems.wrong_type(location, value, problems.INSTR_ID_FORM, "instr_id")
+        )
         return None
     if location.key not in (None, value):
         log.problems.append(problems.key_mismatch(location, value))
@@ -181,14 +176,12 @@ def read_carefully(document: Any, *, answers_only: bool = False) -> Predictions:
         offsets=offsets_of(lengths),
         predicted_object=np.array([answer.object_id for answer in answers], dtype=np.int64),
         has_degrees=look_like_degrees(np.array(stop_angles).reshape(-1, 2)),
-        other_form=OtherForm(
-            locations=[record.location for record in records],
-            pose_paths=[pose.path for pose in poses],
-            continues_hop=np.array([pose.continues_hop for pose in poses], dtype=np.bool_),
-            answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
-            boxes=boxes,
-            read_as=log.read_as(),
-        ),
+        answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
+        locations=[record.location for record in records],
+        pose_paths=[pose.path for pose in poses],
+        continues_hop=np.array([pose.continues_hop for pose in poses], dtype=np.bool_),
+        boxes=boxes,
+        read_as=log.read_as(),
         problems=log.problems,
     )
 

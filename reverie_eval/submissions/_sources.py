@@ -65,7 +65,9 @@ def read_bytes(source: Source) -> bytes:
 
 def _read(source: str | PathLike[str] | BinaryIO | TextIO) -> bytes:
     if isinstance(source, str) and source == STANDARD_INPUT:
-        return _read_standard_input()
+        if sys.stdin is None:  # closed by the shell: `<&-`
+            raise OSError(errno.EBADF, "is closed", "standard input")
+        return sys.stdin.buffer.read(MAX_BYTES + 1)
     if isinstance(source, str | PathLike):
         return _read_file(source)
     if not hasattr(source, "read"):
@@ -87,12 +89,6 @@ def _read_file(path: str | PathLike[str]) -> bytes:
         if (text[:1], text[-1:]) in _JSON_BRACKETS:
             raise TypeError("to score JSON text, pass it as bytes: text.encode()") from error
         raise
-
-
-def _read_standard_input() -> bytes:
-    if sys.stdin is None:  # closed by the shell: `<&-`
-        raise OSError(errno.EBADF, "is closed", "standard input")
-    return sys.stdin.buffer.read(MAX_BYTES + 1)
 
 
 def unpack(content: bytes, limit: int) -> bytes:

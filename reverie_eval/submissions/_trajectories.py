@@ -39,7 +39,9 @@ def read_trajectory(
         return []
     trajectory = record["trajectory"]
     if not is_list(trajectory):
-        log.problems.append(problems.wrong_trajectory(location, trajectory))
+        log.problems.append(
+            problems.wrong_type(location, trajectory, problems.TRAJECTORY_FORM, "trajectory")
+        )
         return []
     if len(trajectory) > MAX_POSES:
         log.problems.append(problems.too_many_poses(location, len(trajectory), MAX_POSES))
@@ -72,10 +74,10 @@ def _read_element(
             Pose((index, step), viewpoint_id, continues_hop=step > 0)
             for step, viewpoint_id in enumerate(element)
         ]
-    if not _is_pose(element):
+    viewpoint_id, *angles = element if is_list(element) and element else (None,)
+    if not isinstance(viewpoint_id, str) or len(angles) == 1 or not all(map(is_number, angles)):
         log.problems.append(problems.wrong_pose(location, (index,), element))
         return [Pose((index,), None, is_reported=True)]
-    viewpoint_id, *angles = element
     if not all(map(is_finite, angles)):
         log.problems.append(problems.not_finite(location, (index,), element))
         return [Pose((index, 0), viewpoint_id, is_reported=True)]
@@ -87,12 +89,3 @@ def _read_element(
 def _is_hop(element: Any) -> bool:
     """Whether this is a list of viewpoint ids and nothing else."""
     return is_list(element) and all(isinstance(part, str) for part in element)
-
-
-def _is_pose(element: Any) -> bool:
-    """Whether this is a viewpoint id, alone or followed by heading and elevation."""
-    if not is_list(element) or not element:
-        return False
-    viewpoint_id, *angles = element
-    is_complete = isinstance(viewpoint_id, str) and len(angles) != 1
-    return is_complete and all(map(is_number, angles))

@@ -121,7 +121,11 @@ def report(
     if output is None and sys.stdout.isatty():
         raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
     scores = _score(submissions, split, ground_truth, protocol)
-    page = {name: _with_intervals(each, cluster) for name, each in scores.items()}
+    # With too few clusters there are no intervals, and the report says so.
+    page = {
+        name: it if Intervals.why_not(it.ground_truth, cluster) else it.with_intervals(cluster)
+        for name, it in scores.items()
+    }
     write_text(report_html(page, cluster), output)
 
 
@@ -135,8 +139,3 @@ def _score(
     except ComparedSubmissionsError as error:
         lines = [rejection(named[name], each) for name, each in error.errors.items()]
         raise RejectedSubmission("\n".join(lines)) from None
-
-
-def _with_intervals(scores: Scores, by: "Clustering") -> Scores:
-    """Add intervals, unless there are too few clusters, which the report then says."""
-    return scores if Intervals.why_not(scores.ground_truth, by) else scores.with_intervals(by)

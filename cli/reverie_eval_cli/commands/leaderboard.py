@@ -1,7 +1,5 @@
 """``reverie-eval leaderboard --server URL``: what teams have published."""
 
-from typing import TYPE_CHECKING
-
 import click
 
 from reverie_eval import CATALOGUE, ReverieEvalError
@@ -9,9 +7,6 @@ from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval_cli import options
 from reverie_eval_cli.output import show
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
-
-if TYPE_CHECKING:
-    from reverie_eval.client import Client
 
 _RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
 
@@ -38,7 +33,11 @@ def leaderboard(
 
     with server.connect() as client:
         print_banner(client)
-        split = split or _first_split(client)
+        if not split:
+            splits = client.splits()
+            if not splits:
+                raise ReverieEvalError(f"{client.url} accepts submissions to no split")
+            split = splits[0].name
         if layout == "csv":
             lines = client.leaderboard_csv(split, metric).splitlines()
             show(lambda: "\n".join(map(printable, lines)), output)
@@ -52,10 +51,3 @@ def leaderboard(
             output,
             lambda console: print_leaderboard(console, board),
         )
-
-
-def _first_split(client: "Client") -> str:
-    splits = client.splits()
-    if not splits:
-        raise ReverieEvalError(f"{client.url} accepts submissions to no split")
-    return splits[0].name

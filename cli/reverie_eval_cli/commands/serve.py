@@ -67,24 +67,19 @@ def _announcement(folder: Path, token: str | None) -> Callable[[str], None]:
     """Return what prints where the server listens, and how to try it or to sign in."""
 
     def announce(url: str) -> None:
-        further = _trying(url, token) if token else _signing_in(url, folder)
+        if token:
+            further = (
+                "try, in another terminal:\n"
+                f"REVERIE_EVAL_TOKEN={token} reverie-eval submit {_SAMPLE} "
+                f"--split {_SAMPLE_SPLIT} --method Shortest --publish --server {url}\n"
+                f"reverie-eval leaderboard --split {_SAMPLE_SPLIT} --server {url}"
+            )
+        else:
+            further = (
+                f"to sign in: reverie-eval login --server {url}\n"
+                "for a token, or to replace a lost one: "
+                f"reverie-eval server token add {shlex.quote(str(folder))} PERSON"
+            )
         print(f"listening at {url}, until Ctrl-C\n{further}", flush=True)
 
     return announce
-
-
-def _trying(url: str, token: str) -> str:
-    return (
-        "try, in another terminal:\n"
-        f"REVERIE_EVAL_TOKEN={token} reverie-eval submit {_SAMPLE} "
-        f"--split {_SAMPLE_SPLIT} --method Shortest --publish --server {url}\n"
-        f"reverie-eval leaderboard --split {_SAMPLE_SPLIT} --server {url}"
-    )
-
-
-def _signing_in(url: str, folder: Path) -> str:
-    return (
-        f"to sign in: reverie-eval login --server {url}\n"
-        "for a token, or to replace a lost one: "
-        f"reverie-eval server token add {shlex.quote(str(folder))} PERSON"
-    )

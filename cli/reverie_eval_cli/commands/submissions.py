@@ -1,10 +1,11 @@
 """Work on submissions without scoring them: check them, convert them, have an agent write one."""
 
 import sys
+from collections.abc import Sequence
 
 import click
 
-from reverie_eval import SubmissionError, Validation, validate
+from reverie_eval import Problem, SubmissionError, Validation, validate
 from reverie_eval.submissions import source_name
 from reverie_eval_cli import options
 from reverie_eval_cli.output import (
@@ -38,9 +39,12 @@ def validate_submission(
     except SubmissionError as error:
         if layout == "text":
             raise RejectedSubmission(rejection(submission, error)) from None
-        write_text(problems_json(split, error) + "\n", output)
+        write_text(validation_json(split, error.problems) + "\n", output)
         return 1
-    show(lambda: _as_json(checked) if layout == "json" else _as_text(checked, submission), output)
+    if layout == "json":
+        show(lambda: validation_json(split, notes=checked.notes), output)
+    else:
+        show(lambda: _as_text(checked, submission), output)
     return 0
 
 
@@ -53,21 +57,17 @@ def _as_text(checked: Validation, submission: str) -> str:
     return "\n".join([first, f"ground truth: {truth.provenance}", *notes])
 
 
-def _as_json(checked: Validation) -> str:
-    from reverie_eval.schemas.report import ValidationReport
-
-    report = ValidationReport(
-        split=checked.ground_truth.split, valid=True, notes=list(checked.notes)
-    )
-    return report.model_dump_json(indent=2)
-
-
-def problems_json(split: str, error: SubmissionError) -> str:
-    """Return what is wrong with a submission as a validation report."""
+def validation_json(split: str, problems: Sequence[Problem] = (), notes: Sequence[str] = ()) -> str:
+    """Return the outcome of checking a submission as a validation report."""
     from reverie_eval.schemas.report import ProblemReport, ValidationReport
 
-    problems = [ProblemReport.model_validate(problem) for problem in error.problems]
-    return ValidationReport(split=split, valid=False, problems=problems).model_dump_json(indent=2)
+    report = ValidationReport(
+        split=split,
+        valid=not problems,
+        problems=[ProblemReport.model_validate(problem) for problem in problems],
+        notes=list(notes),
+    )
+    return report.model_dump_json(indent=2)
 
 
 @click.command("convert")

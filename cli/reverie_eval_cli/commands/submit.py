@@ -1,27 +1,98 @@
 """``reverie-eval submit FILE --split SPLIT --server URL``: send a submission to be scored."""
 
+import functools
 import hashlib
 import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from reverie_eval import GroundTruth, ReverieEvalError, SubmissionError, validate
+from reverie_eval import ReverieEvalError, SubmissionError, validate
 from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.text import did_you_mean, printable
 from reverie_eval_cli import options
-from reverie_eval_cli.commands.submissions import problems_json
-from reverie_eval_cli.methods import MethodOptions, method_options
+from reverie_eval_cli.commands.submissions import validation_json
 from reverie_eval_cli.output import rejection, show, transfer_bar
 from reverie_eval_cli.receipts import check_receipt_path, keep_receipt
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
-    from reverie_eval.schemas.service import Accepted, SplitReport, SubmissionChange
+    from reverie_eval.schemas.service import Accepted, Method, SplitReport
 
 _AGAIN = "send the same file again, which uses no submission,"
+
+_TEXTS = {
+    "name": ("--method", "NAME", "Name of the method.  [default: the file's name]"),
+    "description": ("--description", "TEXT", "A description in a few sentences."),
+    "paper": ("--paper", "URL", "Where the paper is."),
+    "code": ("--code", "URL", "Where the code is."),
+}
+_FLAGS = {
+    "extra_data": "It was trained on more than the benchmark's training split.",
+    "pre_exploration": "It saw the test buildings before the instructions.",
+    "ground_truth_objects": "It was given the annotated objects of a viewpoint.",
+    "ensemble": "Several models decide together.",
+}
+_LONGEST_NAME = 100
+
+
+@dataclass(frozen=True)
+class MethodOptions:
+    """The fields of a :class:`~reverie_eval.schemas.service.Method` that were given."""
+
+    given: Mapping[str, Any]
+
+    def method(self, submission: str) -> "Method":
+        """Return the method; if it has no name, it gets the file's.
+
+        Raises
+        ------
+        ReverieEvalError
+            Naming each option that is wrong.
+        """
+        from pydantic import ValidationError
+
+        from reverie_eval.schemas.service import Method
+
+        stem = "" if submission == "-" else Path(submission).name.partition(".")[0]
+        name = printable(stem)[:_LONGEST_NAME].strip() or "unnamed"
+        try:
+            return Method.model_validate({"name": name, **self.given})
+        except ValidationError as error:
+            wrong = []
+            for detail in error.errors(include_url=False):
+                field = str(detail["loc"][0])
+                option = _TEXTS[field][0] if field in _TEXTS else f"--{field.replace('_', '-')}"
+                wrong.append(f"{option}: {detail['msg']}")
+            raise ReverieEvalError("; ".join(wrong)) from None
+
+    def changes(self, before: "Method", submission: str) -> Mapping[str, Any]:
+        """Return the fields that were given and differ from what the server has."""
+        given = self.method(submission).model_dump(include=set(self.given))
+        return {field: value for field, value in given.items() if value != getattr(before, field)}
+
+
+def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add an option for each field of a method; the command gets them as ``method``."""
+
+    @functools.wraps(command)
+    def with_method(**values: Any) -> Any:
+        fields = {field: values.pop(field) for field in (*_TEXTS, *_FLAGS)}
+        given = {field: value for field, value in fields.items() if value is not None}
+        return command(method=MethodOptions(given), **values)
+
+    decorated: Callable[..., Any] = with_method
+    for field, meaning in reversed(_FLAGS.items()):
+        name = field.replace("_", "-")
+        add = click.option(f"--{name}/--no-{name}", field, default=None, help=meaning)
+        decorated = add(decorated)
+    for field, (option, metavar, meaning) in reversed(_TEXTS.items()):
+        decorated = click.option(option, field, metavar=metavar, help=meaning)(decorated)
+    return decorated
 
 
 @click.command()
@@ -54,10 +125,12 @@ def submit(
     Exit status: 0 scored and everything done, 1 submission rejected, 2 something could not be
     done; a result is shown in any case.
     """
+    from reverie_eval.submissions import read_bytes
+
     token = server.token()
     described = method.method(submission)  # wrong options are reported before anything is sent
     try:
-        content = _content(submission)
+        content = read_bytes(submission)
         check_receipt_path(receipt, hashlib.sha256(content).hexdigest(), split)
         with server.explaining_refused_token(), server.connect(token, _warn) as client:
             print_banner(client)
@@ -70,12 +143,13 @@ def submit(
                     f"interrupted; it may have been scored: {_AGAIN} to see its result"
                 ) from None
             kept = _keep(accepted, receipt, submission)
-            changed = _change(client, accepted, _wanted(accepted, method, submission, publish))
+            changes = method.changes(accepted.submission.method, submission)
+            changed = _change(client, accepted, changes, publish=publish)
     except SubmissionError as error:
         if layout == "text":
             _warn(f"{rejection(submission, error)}\nnothing was scored, and no submission used")
         else:
-            print(problems_json(split, error))
+            print(validation_json(split, error.problems))
         return 1
     final = changed or accepted
     if layout == "json":
@@ -89,12 +163,6 @@ def _warn(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-def _content(submission: str) -> bytes:
-    from reverie_eval.submissions import read_bytes
-
-    return read_bytes(submission)
-
-
 def _split(client: "Client", name: str) -> "SplitReport":
     splits = {split.name: split for split in client.splits()}
     if name not in splits:
@@ -105,21 +173,15 @@ def _split(client: "Client", name: str) -> "SplitReport":
 
 def _check(client: "Client", split: "SplitReport", content: bytes) -> None:
     """Find all problems here or, without the server's ground truth, let the server find them."""
-    truth = _same_ground_truth(split)
-    if truth is not None:
+    try:
+        truth = find_ground_truth(None, split.name)
+    except (ReverieEvalError, OSError):
+        truth = None
+    if truth and truth.fingerprint in (split.fingerprint, split.public_fingerprint):
         validate(content, split=split.name, ground_truth=truth)
     else:
         _warn(f"no bundle here matches the server's {split.name}; the server checks the file")
         client.validate(split.name, content)
-
-
-def _same_ground_truth(split: "SplitReport") -> GroundTruth | None:
-    try:
-        truth = find_ground_truth(None, split.name)
-    except (ReverieEvalError, OSError):
-        return None
-    is_same = truth.fingerprint in (split.fingerprint, split.public_fingerprint)
-    return truth if is_same else None
 
 
 def _keep(accepted: "Accepted", receipt: str | None, submission: str) -> Path | None:
@@ -132,35 +194,25 @@ def _keep(accepted: "Accepted", receipt: str | None, submission: str) -> Path | 
         return None
 
 
-def _wanted(
-    accepted: "Accepted",
-    method: MethodOptions,
-    submission: str,
-    publish: bool,  # noqa: FBT001  # an option's value
-) -> "SubmissionChange":
-    """Return what was asked for and differs from what the server has."""
+def _change(
+    client: "Client", accepted: "Accepted", changes: Mapping[str, Any], *, publish: bool
+) -> "Accepted | None":
+    """Publish the result and change its description, as far as the server has something else.
+
+    The result is shown in any case.
+    """
+    from reverie_eval.client import ServiceError
     from reverie_eval.schemas.service import SubmissionChange
 
-    asked: dict[str, object] = {}
-    if changes := method.changes(accepted.submission.method, submission):
-        asked["method"] = changes
+    asked: dict[str, object] = {"method": changes} if changes else {}
     if publish and accepted.submission.status != "published":
         asked["published"] = True
-    return SubmissionChange.model_validate(asked)
-
-
-def _change(
-    client: "Client", accepted: "Accepted", change: "SubmissionChange"
-) -> "Accepted | None":
-    """Publish the result or change its description; the result is shown in any case."""
-    from reverie_eval.client import ServiceError
-
-    if not change.model_fields_set:
+    if not asked:
         return accepted
     try:
-        submission = client.change(accepted.submission.id, change)
+        submission = client.change(accepted.submission.id, SubmissionChange.model_validate(asked))
     except ServiceError as error:
-        undone = "published" if change.published else "changed"
+        undone = "published" if "published" in asked else "changed"
         _warn(f"scored, but not {undone}: {error}; {_AGAIN} with the same options")
         return None
     return accepted.model_copy(update={"submission": submission})

@@ -3,16 +3,12 @@
 import hashlib
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from reverie_eval import ReverieEvalError
 from reverie_eval_cli import options
 from reverie_eval_cli.servers import ServerOptions, server_options
-
-if TYPE_CHECKING:
-    from reverie_eval.schemas.service import Receipt
 
 
 @click.command()
@@ -35,6 +31,7 @@ def verify(
     from reverie_eval.receipts import NotGenuineError
     from reverie_eval.receipts import verify as verify_signature
     from reverie_eval.reporting._submission import receipt_lines
+    from reverie_eval.submissions import read_bytes
     from reverie_eval_cli.receipts import read_receipt
 
     if key is not None and server.named:
@@ -46,7 +43,7 @@ def verify(
     except NotGenuineError as error:
         print(f"{receipt}: not genuine by the key of {owner}: {error}", file=sys.stderr)
         return 1
-    if submission and not _is_of(signed, submission):
+    if submission and hashlib.sha256(read_bytes(submission)).hexdigest() != signed.sha256:
         print(f"{submission}: not the file that the receipt is for", file=sys.stderr)
         return 1
     print(f"{receipt}: genuine, signed with the key of {owner} ({signed.key_id})")
@@ -65,9 +62,3 @@ def _public_key(server: ServerOptions, key: Path | None) -> tuple[str, str]:
         return key.read_text(encoding="ascii"), str(key)
     except UnicodeDecodeError:
         raise ReverieEvalError(f"{key} is not a public key in PEM form") from None
-
-
-def _is_of(receipt: "Receipt", submission: str) -> bool:
-    from reverie_eval.submissions import read_bytes
-
-    return hashlib.sha256(read_bytes(submission)).hexdigest() == receipt.sha256

@@ -2,10 +2,10 @@
 
 import gzip
 import secrets
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Self, TypeVar
-from urllib.parse import quote
+from urllib.parse import parse_qsl, quote, urlsplit
 
 import httpx
 from pydantic import TypeAdapter, ValidationError
@@ -34,6 +34,8 @@ T = TypeVar("T")
 _quote = partial(quote, safe="")
 _JSON = {"Content-Type": "application/json"}
 _GZIP = {"Content-Type": "application/gzip"}
+_PAGE = 100
+"""Submissions that are fetched at a time."""
 
 
 class Client:
@@ -203,6 +205,18 @@ class Client:
             remedy = "send it again: it counts once, even if it arrived this time"
             raise UnreachableError(f"{error}; {remedy}") from error
 
+    def submissions(self) -> Iterator[SubmissionReport]:
+        """Iterate over the submissions of the caller's team, the newest first.
+
+        An organiser gets those of all teams. They are fetched page by page.
+        """
+        query: Mapping[str, str] | None = {"limit": str(_PAGE)}
+        while query is not None:
+            response = self._sender.send(Call("GET", "/submissions", query=query))
+            yield from self._read(list[SubmissionReport], response)
+            following = response.links.get("next")
+            query = following and dict(parse_qsl(urlsplit(following["url"]).query))
+
     def change(self, submission_id: str, change: SubmissionChange) -> SubmissionReport:
         """Publish or withdraw a submission, or change the description of its method.
 
@@ -226,7 +240,9 @@ class Client:
             raise UnreachableError(f"{error}; {remedy}") from error
 
     def _send(self, model: type[T], call: Call) -> T:
-        response = self._sender.send(call)
+        return self._read(model, self._sender.send(call))
+
+    def _read(self, model: type[T], response: httpx.Response) -> T:
         try:
             # A newer server may send more fields.
             return TypeAdapter(model).validate_json(response.content, extra="ignore")

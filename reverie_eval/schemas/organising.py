@@ -96,13 +96,16 @@ class GrantReport(WireModel):
 
 
 class AuditReport(WireModel):
-    """An entry of the audit log; each digest covers the entry before."""
+    """An entry of the audit log; each digest covers the entry and the digest before it."""
 
     id: int
     at: datetime
     actor: str
     action: str
+    row: str
+    """What it was done to, for programs: `team:3`."""
     subject: str
+    """What people called it then."""
     details: dict[str, Any]
     previous: str
     digest: str

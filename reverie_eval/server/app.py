@@ -3,7 +3,7 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from reverie_eval.server.http.bodies import BodyLimits, FormCharsets
@@ -11,6 +11,7 @@ from reverie_eval.server.http.following import Following
 from reverie_eval.server.http.headers import Heads, SecurityHeaders
 from reverie_eval.server.http.labels import API
 from reverie_eval.server.http.openapi import describe
+from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
 from reverie_eval.server.http.rates import RateLimits
 from reverie_eval.server.http.runtime import RuntimeState
@@ -49,7 +50,7 @@ def create_app(server: ServerState) -> FastAPI:
     app.state.server = server
     app.state.runtime = RuntimeState.of(server)
     for part in (access, sessions, splits, submissions, organising):
-        app.include_router(part.router, prefix=API)
+        app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
     app.include_router(operations.router)
     add_pages(app)
     add_error_handlers(app, fault_page)

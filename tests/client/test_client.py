@@ -32,7 +32,7 @@ from tests.support.participants import (
     private_submission,
     problem,
 )
-from tests.support.serving import BROKEN
+from tests.support.serving import BROKEN, GOOD
 
 OURS = Method(name="Ours", description="Two lines\nof it & more = better? 漢", ensemble=True)
 GATEWAY = answer("502 Bad Gateway", b"<html>bad gateway</html>")
@@ -70,6 +70,22 @@ def stored_of(server: RealServer, client: Client) -> list[str]:
     found = reply.json()
     rows = found if isinstance(found, list) else found["submissions"]
     return [row["id"] for row in rows]
+
+
+def test_submissions_are_fetched_page_by_page(
+    real_server: RealServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("reverie_eval.client._client._PAGE", 2)
+    with Client(real_server.url, real_server.mint(real_server.newcomer())) as client:
+        sent = [
+            client.submit(split, file, Method(name="Ours")).submission.id
+            for split, file in (
+                ("test", private_submission(0)),
+                ("test", private_submission(1)),
+                ("val_unseen", GOOD),
+            )
+        ]
+        assert [each.id for each in client.submissions()] == sent[::-1]
 
 
 def test_the_names_of_the_package() -> None:

@@ -8,9 +8,10 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from reverie_eval.server.service import attempts
-from reverie_eval.server.service.attempts import Attempts, latest_attempts
+from reverie_eval.server.service.attempts import Attempts, list_attempts
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.overview import last_day
+from reverie_eval.server.service.paging import Page
 from reverie_eval.server.store.tables import Attempt
 from tests.support.acting import NOON
 from tests.support.serving import (
@@ -153,11 +154,11 @@ def test_they_are_read_page_by_page_and_by_outcome(server: Serving) -> None:
     server.upload(OTHER)
     for _ in range(3):
         server.upload(OWNER, BROKEN)
-    query = {"limit": 2, "before": 4}
+    query = {"limit": 2, "cursor": 4}
     rows = server.ask(ORGANISER, "GET", "/organiser/attempts", params=query).json()
     assert [row["id"] for row in rows] == [3, 2]
     with server.state.database.reading() as session:
-        scored = latest_attempts(session, 10, outcome="scored")
+        scored = list_attempts(session, Page(), outcome="scored").rows
     assert [row.id for row in scored] == [1]
 
 

@@ -71,7 +71,7 @@ def test_every_reply_has_the_headers(
     server: Serving,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(submissions, "submissions_of", fail)
+    monkeypatch.setattr(submissions, "list_submissions", fail)
     reply = server.ask(who, method, path)
     assert reply.status_code == status
     assert {name: reply.headers.get_list(name) for name in HEADERS} == {

@@ -225,6 +225,7 @@ _SAID = (
         at=_NOON,
         actor="Olga",
         action="granted",
+        row="quota_grant:2",
         subject="Blue",
         details={"split": "test", "extra": 2, "reason": "our disk was full"},
         previous=_SHA256,

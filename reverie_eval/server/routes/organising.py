@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path
 
 from reverie_eval.schemas.organising import (
     AttemptReport,
@@ -26,6 +26,7 @@ from reverie_eval.schemas.organising import (
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.service import (
     attempts,
     audit,
@@ -35,6 +36,7 @@ from reverie_eval.server.service import (
     reviews,
     tokens,
 )
+from reverie_eval.server.service.paging import LARGEST
 
 router = APIRouter(
     prefix="/organiser",
@@ -42,18 +44,16 @@ router = APIRouter(
     responses=problems("not-signed-in", "not-allowed"),
 )
 
-LARGEST = 2**31 - 1
-"""That a database can count to."""
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
 TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 Number = Annotated[int, Path(ge=1, le=LARGEST, examples=[1])]
 
 
 @router.get("/teams")
-def list_teams(organiser: Organiser) -> list[TeamReport]:
+def list_teams(organiser: Organiser, paging: Paging) -> list[TeamReport]:
     """List the teams by name, with who is in them."""
     with organiser.snapshot() as snapshot:
-        return people.list_teams(snapshot.session)
+        return paging.reply(people.list_teams(snapshot.session, paging.page))
 
 
 @router.post("/teams", status_code=201, responses=problems("conflict"))
@@ -71,10 +71,10 @@ def rename_team(name: TeamName, new: NewTeam, organiser: Organiser) -> TeamRepor
 
 
 @router.get("/people")
-def list_people(organiser: Organiser) -> list[PersonReport]:
+def list_people(organiser: Organiser, paging: Paging) -> list[PersonReport]:
     """List everybody by name."""
     with organiser.snapshot() as snapshot:
-        return people.list_people(snapshot.session)
+        return paging.reply(people.list_people(snapshot.session, paging.page))
 
 
 @router.post("/people", status_code=201, responses=problems("not-found", "conflict"))
@@ -85,10 +85,10 @@ def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
 
 
 @router.get("/tokens")
-def list_tokens(organiser: Organiser) -> list[TokenReport]:
-    """List what is known of tokens and invitations, in the order in which they were created."""
+def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
+    """List what is known of tokens and invitations, the latest first."""
     with organiser.snapshot() as snapshot:
-        return tokens.list_tokens(snapshot.session)
+        return paging.reply(tokens.list_tokens(snapshot.session, paging.page))
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-found"))
@@ -106,10 +106,10 @@ def revoke_token(hint: Hint, organiser: Organiser) -> TokenReport:
 
 
 @router.get("/grants")
-def list_grants(organiser: Organiser) -> list[GrantReport]:
+def list_grants(organiser: Organiser, paging: Paging) -> list[GrantReport]:
     """List the further submissions that teams were given, the latest first."""
     with organiser.snapshot() as snapshot:
-        return quotas.list_grants(snapshot.session)
+        return paging.reply(quotas.list_grants(snapshot.session, paging.page))
 
 
 @router.post("/grants", status_code=201, responses=problems("not-found"))
@@ -120,10 +120,10 @@ def grant(new: NewGrant, organiser: Organiser) -> GrantReport:
 
 
 @router.get("/reviews")
-def list_reviews(organiser: Organiser) -> list[ReviewEntry]:
+def list_reviews(organiser: Organiser, paging: Paging) -> list[ReviewEntry]:
     """List what was said of submissions, lifted or not, the latest first."""
     with organiser.snapshot() as snapshot:
-        return reviews.list_reviews(snapshot.session)
+        return paging.reply(reviews.list_reviews(snapshot.session, paging.page))
 
 
 @router.post("/reviews", status_code=201, responses=problems("not-found"))
@@ -141,10 +141,10 @@ def lift_review(review_id: Number, organiser: Organiser) -> ReviewEntry:
 
 
 @router.get("/reported")
-def list_reported(organiser: Organiser) -> list[ReportedEntry]:
+def list_reported(organiser: Organiser, paging: Paging) -> list[ReportedEntry]:
     """List the results on boards that papers report, the latest first."""
     with organiser.snapshot() as snapshot:
-        return reported.list_reported(snapshot.session)
+        return paging.reply(reported.list_reported(snapshot.session, paging.page))
 
 
 @router.post("/reported", status_code=201, responses=problems("not-found", "conflict"))
@@ -176,24 +176,15 @@ def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
 
 
 @router.get("/attempts")
-def list_attempts(
-    organiser: Organiser,
-    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
-    before: Annotated[int | None, Query(ge=1, le=LARGEST)] = None,
-) -> list[AttemptReport]:
-    """List uploads and what they came to, the latest first, or the latest before one of them."""
+def list_attempts(organiser: Organiser, paging: Paging) -> list[AttemptReport]:
+    """List uploads and what they came to, the latest first."""
     with organiser.snapshot() as snapshot:
-        found = attempts.latest_attempts(snapshot.session, limit, before)
-        return [attempts.attempt_report(each) for each in found]
+        return paging.reply(attempts.list_attempts(snapshot.session, paging.page))
 
 
 @router.get("/audit")
-def show_audit(
-    organiser: Organiser,
-    after: Annotated[int, Query(ge=0, le=LARGEST)] = 0,
-    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
-) -> list[AuditReport]:
-    """Show who did what after an entry, the oldest first; `server doctor` checks the chain."""
+def list_audit(organiser: Organiser, paging: Paging) -> list[AuditReport]:
+    """Show who did what, the oldest first; `server doctor` checks the chain."""
     with organiser.snapshot() as snapshot:
-        found = audit.entries(snapshot.session, after, limit)
+        found = paging.reply(audit.list_entries(snapshot.session, paging.page))
         return [AuditReport.model_validate(entry) for entry in found]

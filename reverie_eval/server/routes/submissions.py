@@ -12,7 +12,8 @@ from reverie_eval.server.http.callers import Caller
 from reverie_eval.server.http.dependencies import Turn
 from reverie_eval.server.http.examples import EPISODES_CSV, SUBMISSION
 from reverie_eval.server.http.openapi import problems
-from reverie_eval.server.service.submissions import submission_of, submissions_of
+from reverie_eval.server.http.paging import Paging
+from reverie_eval.server.service.submissions import list_submissions, submission_of
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
 
@@ -21,10 +22,10 @@ _OF_ONE = problems("not-signed-in", "not-found")
 
 
 @router.get("", responses=problems("not-signed-in"))
-def list_submissions(caller: Caller) -> list[SubmissionReport]:
+def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
     """List your team's submissions, the newest first; the organiser sees all."""
     with caller.snapshot() as snapshot:
-        return list(submissions_of(snapshot.session, snapshot.person))
+        return paging.reply(list_submissions(snapshot.session, snapshot.person, paging.page))
 
 
 @router.get("/{submission_id}", responses=_OF_ONE)

@@ -25,6 +25,7 @@ from reverie_eval.server.errors import (
     RejectedFileError,
     request_error,
 )
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Attempt, Person
 
@@ -96,19 +97,12 @@ class Attempts:
             _LOGGER.exception("an upload was dealt with, but not noted")
 
 
-def latest_attempts(
-    session: Session, limit: int, before: int | None = None, outcome: str = ""
-) -> Sequence[Attempt]:
-    """Return the latest uploads, or the latest before one of them; the latest first.
-
-    Those alone that came to this, if an outcome is named.
-    """
-    chosen = select(Attempt).order_by(Attempt.id.desc()).limit(limit)
-    if before is not None:
-        chosen = chosen.where(Attempt.id < before)
+def list_attempts(session: Session, page: Page, outcome: str = "") -> Listed[AttemptReport]:
+    """List uploads and what they came to, the latest first; of one outcome, if it is named."""
+    rows = select(Attempt)
     if outcome:
-        chosen = chosen.where(Attempt.outcome == outcome)
-    return session.scalars(chosen).all()
+        rows = rows.where(Attempt.outcome == outcome)
+    return list_page(session, rows, Attempt.id, page, attempt_report, newest_first=True)
 
 
 def attempts_since(session: Session, since: datetime) -> Sequence[Attempt]:

@@ -17,6 +17,7 @@ import msgspec
 from sqlalchemy import inspect, select
 from sqlalchemy.orm import Session
 
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.tables import AuditEntry, Base
 
@@ -96,24 +97,23 @@ def row_name(row: Base) -> str:
     return f"{row.__tablename__}:{inspect(row).mapper.primary_key_from_instance(row)[0]}"
 
 
-def entries(session: Session, after: int = 0, limit: int | None = None) -> Sequence[AuditEntry]:
-    """Return what was recorded after an entry, the oldest first."""
-    chosen = select(AuditEntry).where(AuditEntry.id > after).order_by(AuditEntry.id)
-    return session.scalars(chosen.limit(limit)).all()
+def entries(session: Session) -> Sequence[AuditEntry]:
+    """Return everything that was recorded, the oldest first."""
+    return session.scalars(select(AuditEntry).order_by(AuditEntry.id)).all()
 
 
-def latest_entries(
-    session: Session, limit: int, before: int | None = None, *, actor: str = "", subject: str = ""
-) -> Sequence[AuditEntry]:
-    """Return the latest entries, or the latest before one of them; the latest first.
-
-    Only those by an actor or about a subject, if these are given.
-    """
-    chosen = select(AuditEntry).order_by(AuditEntry.id.desc()).limit(limit)
-    if before is not None:
-        chosen = chosen.where(AuditEntry.id < before)
+def list_entries(
+    session: Session,
+    page: Page,
+    *,
+    actor: str = "",
+    subject: str = "",
+    newest_first: bool = False,
+) -> Listed[AuditEntry]:
+    """List what was recorded; only by an actor or about a subject, if these are given."""
+    rows = select(AuditEntry)
     if actor:
-        chosen = chosen.where(AuditEntry.actor == actor)
+        rows = rows.where(AuditEntry.actor == actor)
     if subject:
-        chosen = chosen.where(AuditEntry.subject == subject)
-    return session.scalars(chosen).all()
+        rows = rows.where(AuditEntry.subject == subject)
+    return list_page(session, rows, AuditEntry.id, page, lambda row: row, newest_first=newest_first)

@@ -21,10 +21,11 @@ from reverie_eval.scoring import OUTCOMES, FailureModes, PreparedSubmission, Sco
 from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.submissions import (
     SubmissionService,
+    list_submissions,
     submission_of,
-    submissions_of,
 )
 from reverie_eval.server.store.tables import Person
 from reverie_eval.submissions import NO_BOXES, AlignedSubmission
@@ -190,7 +191,9 @@ class EpisodeService:
         self, session: Session, person: Person | None, split: str
     ) -> Sequence[SubmissionReport]:
         """Return the submissions to an open split that somebody may look at, the newest first."""
-        return [] if person is None else submissions_of(session, person, split, MOST_LISTED)
+        if person is None:
+            return []
+        return list_submissions(session, person, Page(MOST_LISTED), split).rows
 
     def _board(self, split: str) -> Board:
         board = next((board for board in self.boards if board.name == split), None)

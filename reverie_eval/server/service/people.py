@@ -1,13 +1,16 @@
 """Teams and the people in them: added, renamed, listed."""
 
+from collections.abc import Mapping, Sequence
+
 from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, selectinload
 
 from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport, TeamReport
 from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.store.tables import Person, Team
+from reverie_eval.server.store.tables import Person, Role, Team
 
 
 def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
@@ -58,14 +61,26 @@ def add_person(transaction: Transaction, new: NewPerson) -> PersonReport:
     return person_report(person)
 
 
-def list_teams(session: Session) -> list[TeamReport]:
+def list_teams(session: Session, page: Page) -> Listed[TeamReport]:
     """List the teams by name."""
-    return [team_report(team) for team in session.scalars(select(Team).order_by(Team.name))]
+    teams = select(Team).options(selectinload(Team.people))
+    return list_page(session, teams, Team.name, page, team_report)
 
 
-def list_people(session: Session) -> list[PersonReport]:
+def list_people(session: Session, page: Page) -> Listed[PersonReport]:
     """List everybody by name."""
-    return [person_report(each) for each in session.scalars(select(Person).order_by(Person.name))]
+    return list_page(session, select(Person), Person.name, page, person_report)
+
+
+def names_of_teams(session: Session) -> Sequence[str]:
+    """Return the teams' names, for a choice among all."""
+    return session.scalars(select(Team.name).order_by(Team.name)).all()
+
+
+def names_and_roles(session: Session) -> Mapping[str, Role]:
+    """Return everybody's role by their name, for a choice among all."""
+    rows = session.execute(select(Person.name, Person.role).order_by(Person.name))
+    return {name: role for name, role in rows}  # noqa: C416  # a row is no pair for mypy
 
 
 def team_named(session: Session, name: str) -> Team:

@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import GrantReport, NewGrant
 from reverie_eval.server.errors import MalformedError, NotFoundError
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.people import team_named
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Quota
@@ -155,9 +156,9 @@ def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> G
     return grant_report(given)
 
 
-def list_grants(session: Session) -> list[GrantReport]:
+def list_grants(session: Session, page: Page) -> Listed[GrantReport]:
     """List what was granted, the latest first."""
-    return [grant_report(each) for each in session.scalars(select(Grant).order_by(Grant.id.desc()))]
+    return list_page(session, select(Grant), Grant.id, page, grant_report, newest_first=True)
 
 
 def grant_report(given: Grant) -> GrantReport:

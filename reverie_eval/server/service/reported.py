@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.organising import NewReported, ReportedEntry
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import ReportedResult
 
@@ -58,11 +59,11 @@ def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
     return ReportedEntry.model_validate(result)
 
 
-def list_reported(session: Session) -> list[ReportedEntry]:
+def list_reported(session: Session, page: Page) -> Listed[ReportedEntry]:
     """List what is on any board, the latest first."""
-    chosen = select(ReportedResult).where(ReportedResult.removed_at.is_(None))
-    rows = session.scalars(chosen.order_by(ReportedResult.id.desc()))
-    return [ReportedEntry.model_validate(row) for row in rows]
+    rows = select(ReportedResult).where(ReportedResult.removed_at.is_(None))
+    report = ReportedEntry.model_validate
+    return list_page(session, rows, ReportedResult.id, page, report, newest_first=True)
 
 
 def reported_of(session: Session, split: str) -> Sequence[ReportedResult]:

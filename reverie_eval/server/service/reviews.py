@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session, joinedload
 
 from reverie_eval.schemas.organising import NewReview, ReviewEntry
 from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Review, Submission, Verdict
 
@@ -57,9 +58,10 @@ def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
     return ReviewEntry.model_validate(said)
 
 
-def list_reviews(session: Session) -> list[ReviewEntry]:
+def list_reviews(session: Session, page: Page) -> Listed[ReviewEntry]:
     """List everything that was ever said of a submission, the latest first."""
-    return [ReviewEntry.model_validate(said) for said in all_reviews(session)]
+    report = ReviewEntry.model_validate
+    return list_page(session, select(Review), Review.id, page, report, newest_first=True)
 
 
 def standing_reviews(session: Session, submission_id: str) -> Sequence[Review]:
@@ -82,10 +84,11 @@ def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
     return dict(by_submission)
 
 
-def all_reviews(session: Session) -> Sequence[Review]:
-    """Return everything that was ever said of a submission, the latest first."""
-    chosen = select(Review).options(joinedload(Review.submission)).order_by(Review.id.desc())
-    return session.scalars(chosen).all()
+def review_rows(session: Session, page: Page, *, standing: bool) -> Listed[Review]:
+    """List the reviews that stand, or those that were lifted, the latest first."""
+    rows = select(Review).options(joinedload(Review.submission))
+    rows = rows.where(Review.lifted_at.is_(None) if standing else Review.lifted_at.is_not(None))
+    return list_page(session, rows, Review.id, page, lambda row: row, newest_first=True)
 
 
 def latest_submissions(session: Session, limit: int) -> Sequence[Submission]:

@@ -1,12 +1,12 @@
 """Submissions that are there: looked at, scored again for their episodes, published, withdrawn."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import select, tuple_
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ProtocolError
@@ -15,6 +15,7 @@ from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.methods import demand_metadata
+from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
 from reverie_eval.server.service.reports import submission_report
 from reverie_eval.server.service.reviews import standing_reviews
 from reverie_eval.server.service.transactions import Transactions
@@ -26,19 +27,32 @@ RECENT = 8
 """Submissions whose episodes are kept at hand: somebody who looks at one looks at the next."""
 
 
-def submissions_of(
-    session: Session, person: Person, split: str | None = None, most: int | None = None
-) -> Sequence[SubmissionReport]:
-    """Return what somebody's team has submitted, the newest first; the organiser sees all.
+def list_submissions(
+    session: Session, person: Person, page: Page, split: str | None = None
+) -> Listed[SubmissionReport]:
+    """List what somebody's team has submitted, the newest first; the organiser sees all.
 
-    Of all splits or of one, and all of it or no more than so many.
+    Of all splits or of one.
+
+    Raises
+    ------
+    MalformedError
+        If no page has such a cursor.
     """
-    chosen = select(Submission).order_by(Submission.received_at.desc()).limit(most)
+    rows = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
     if split is not None:
-        chosen = chosen.where(Submission.split == split)
+        rows = rows.where(Submission.split == split)
     if person.role != "organiser":
-        chosen = chosen.where(Submission.team_id == person.team_id)
-    return [submission_report(row) for row in session.scalars(chosen)]
+        rows = rows.where(Submission.team_id == person.team_id)
+    if page.cursor is not None:
+        try:
+            last = _row_of(session, person, page.cursor)
+        except NotFoundError:
+            raise wrong_cursor() from None
+        place = tuple_(Submission.received_at, Submission.id)
+        rows = rows.where(place < tuple_(last.received_at, last.id))
+    found = session.scalars(rows.limit(page.limit + 1)).all()
+    return cut(found, page, submission_report, lambda row: row.id)
 
 
 def submission_of(session: Session, person: Person, submission_id: str) -> SubmissionReport:

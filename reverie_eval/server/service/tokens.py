@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.organising import NewToken, NewTokenReport, TokenReport
 from reverie_eval.schemas.service import Welcome
 from reverie_eval.server.errors import MalformedError, NotFoundError, NotSignedInError
+from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.people import person_named, team_named
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Person, Token, TokenKind
@@ -84,9 +85,9 @@ def revoke_tokens_of_person(transaction: Transaction, name: str) -> list[TokenRe
     return _revoke_valid(transaction, Token.person_id == person.id)
 
 
-def list_tokens(session: Session) -> list[TokenReport]:
-    """List tokens and invitations in the order in which they were created."""
-    return [token_report(token) for token in session.scalars(select(Token).order_by(Token.id))]
+def list_tokens(session: Session, page: Page) -> Listed[TokenReport]:
+    """List tokens and invitations, the latest first."""
+    return list_page(session, select(Token), Token.id, page, token_report, newest_first=True)
 
 
 def token_report(token: Token) -> TokenReport:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from reverie_eval.server.store.tables import AuditEntry
 
-_FIELDS = ("id", "at", "actor", "action", "subject", "details", "previous", "digest")
+_FIELDS = ("id", "at", "actor", "action", "row", "subject", "details", "previous", "digest")
 
 
 @click.command()

@@ -1,5 +1,6 @@
 """``reverie-eval server person add|list|revoke FOLDER``."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,9 +49,10 @@ def add(*, folder: Path, name: str, team: str, role: "Role") -> None:
 def list_people(*, folder: Path) -> None:
     """List all people with team and role."""
     from reverie_eval.server.service import people
+    from reverie_eval.server.service.paging import all_pages
 
     with reading(folder) as session:
-        everybody = people.list_people(session)
+        everybody = list(all_pages(partial(people.list_people, session)))
     rows = [(each.name, each.team, each.role, minute(each.created_at)) for each in everybody]
     print_list(("person", "team", "role", "since (UTC)"), rows)
 

@@ -1,5 +1,6 @@
 """``reverie-eval server team add|rename|list|revoke FOLDER``."""
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -53,9 +54,10 @@ def rename(*, folder: Path, name: str, new_name: str) -> None:
 def list_teams(*, folder: Path) -> None:
     """List the teams."""
     from reverie_eval.server.service import people
+    from reverie_eval.server.service.paging import all_pages
 
     with reading(folder) as session:
-        teams = people.list_teams(session)
+        teams = list(all_pages(partial(people.list_teams, session)))
     rows = [(each.name, minute(each.created_at), ", ".join(each.people)) for each in teams]
     print_list(("team", "since (UTC)", "people"), rows)
 

@@ -1,6 +1,7 @@
 """``reverie-eval server token add|list|revoke FOLDER``, and ``server invite``."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -36,9 +37,10 @@ def add(*, folder: Path, person: str, expires_days: int | None) -> None:
 def list_tokens(*, folder: Path) -> None:
     """List tokens and invitations by their first characters."""
     from reverie_eval.server.service import tokens
+    from reverie_eval.server.service.paging import all_pages
 
     with reading(folder) as session:
-        known = tokens.list_tokens(session)
+        known = list(all_pages(partial(tokens.list_tokens, session)))
     rows = [
         (
             each.hint,

@@ -17,8 +17,11 @@ from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.http.callers import Call, Snapshot
 from reverie_eval.server.pages.faults import show_faults_with
 from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.service.paging import LARGEST, Page
 
 SEE_OTHER = 303
+ON_A_PAGE = 100
+"""Rows of a list."""
 _OURS = frozenset({"csrf_token", "confirmed"})
 
 Typed: TypeAlias = Mapping[str, str]
@@ -28,7 +31,7 @@ Draw: TypeAlias = Callable[[Call, Typed, ProblemDocument], Response]
 Said = TypeVar("Said", bound=BaseModel)
 Done = Annotated[str, Query(max_length=20)]
 """What a form has just done; a page words those that it knows."""
-Number = Annotated[int, Path(ge=1, le=2**31 - 1)]
+Number = Annotated[int, Path(ge=1, le=LARGEST)]
 """Of a row."""
 
 
@@ -56,6 +59,11 @@ def ask(desk: Call, typed: Typed, template: str = "confirm.html", **content: Any
     with desk.snapshot() as snapshot:
         action = desk.request.url.path
         return desk_page(desk, snapshot, template, fields=typed, action=action, **content)
+
+
+def page_at(desk: Call, name: str) -> Page:
+    """Return which page of a list is to be shown, by the name of its cursor in the address."""
+    return Page(ON_A_PAGE, desk.request.query_params.get(name))
 
 
 def typed_into(form: FormData) -> dict[str, str]:

@@ -10,16 +10,16 @@ from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.pages.desk.forms import desk_page
 from reverie_eval.server.pages.visitors import Desk
-from reverie_eval.server.service.attempts import FAILURES, latest_attempts
-from reverie_eval.server.service.audit import latest_entries
+from reverie_eval.server.service.attempts import FAILURES, list_attempts
+from reverie_eval.server.service.audit import list_entries
 from reverie_eval.server.service.overview import counts_of_splits, last_day, totals
+from reverie_eval.server.service.paging import Page
 
 router = APIRouter()
 
 A_FEW, ON_A_PAGE = 8, 50
 ALL_OUTCOMES = ("scored", "repeat", *(kind.code for kind in FAILURES))
-_LARGEST = 2**31 - 1
-Before = Annotated[int | None, Query(ge=1, le=_LARGEST)]
+Cursor = Annotated[str | None, Query(max_length=200)]
 Sought = Annotated[str, Query(max_length=200)]
 
 
@@ -40,7 +40,7 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
             "overview.html",
             health=health,
             boards=server.boards.values(),
-            attempts=latest_attempts(session, A_FEW),
+            attempts=list_attempts(session, Page(A_FEW)).rows,
             counts=counts_of_splits(session),
             kept=totals(session),
             day=last_day(session, snapshot.now),
@@ -50,18 +50,16 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
 
 
 @router.get("/desk/uploads")
-def show_uploads(desk: Desk, before: Before = None, outcome: Sought = "") -> Response:
+def show_uploads(desk: Desk, cursor: Cursor = None, outcome: Sought = "") -> Response:
     """List uploads, the latest first."""
     chosen = outcome if outcome in ALL_OUTCOMES else ""
     with desk.snapshot() as snapshot:
-        found = latest_attempts(snapshot.session, ON_A_PAGE + 1, before, chosen)
         return desk_page(
             desk,
             snapshot,
             "uploads.html",
-            attempts=found[:ON_A_PAGE],
-            next_before=found[ON_A_PAGE - 1].id if len(found) > ON_A_PAGE else None,
-            is_first=before is None,
+            attempts=list_attempts(snapshot.session, Page(ON_A_PAGE, cursor), chosen),
+            is_first=cursor is None,
             outcome=chosen,
             outcomes=ALL_OUTCOMES,
         )
@@ -69,7 +67,7 @@ def show_uploads(desk: Desk, before: Before = None, outcome: Sought = "") -> Res
 
 @router.get("/desk/audit")
 def show_audit(
-    desk: Desk, before: Before = None, actor: Sought = "", subject: Sought = "", whole: Sought = ""
+    desk: Desk, cursor: Cursor = None, actor: Sought = "", subject: Sought = "", whole: Sought = ""
 ) -> Response:
     """Show who did what, the latest first, and whether it is what was written.
 
@@ -77,19 +75,18 @@ def show_audit(
     """
     actor, subject, audit_log = _findable(actor), _findable(subject), desk.server.audit_log
     with desk.snapshot() as snapshot:
-        session = snapshot.session
-        found = latest_entries(session, ON_A_PAGE + 1, before, actor=actor, subject=subject)
-        shown = found[:ON_A_PAGE]
+        session, page = snapshot.session, Page(ON_A_PAGE, cursor)
+        listed = list_entries(session, page, actor=actor, subject=subject, newest_first=True)
+        altered = audit_log.broken_links(session) if whole else audit_log.altered(listed.rows)
         return desk_page(
             desk,
             snapshot,
             "audit.html",
-            entries=shown,
-            next_before=shown[-1].id if len(found) > ON_A_PAGE else None,
-            is_first=before is None,
+            entries=listed,
+            is_first=cursor is None,
             actor=actor,
             subject=subject,
-            broken=list(audit_log.broken_links(session)) if whole else audit_log.altered(shown),
+            broken=list(altered),
             is_whole=bool(whole),
         )
 

@@ -16,6 +16,7 @@ from reverie_eval.server.pages.desk.forms import (
     done,
     end_of_day,
     is_confirmed,
+    page_at,
     read,
     show_faults,
     typed_into,
@@ -35,16 +36,16 @@ def draw(
     """Show everybody, their tokens, and the forms to add more."""
     with desk.snapshot() as snapshot:
         session, browser = snapshot.session, snapshot.browser
-        everybody = people.list_people(session)
+        everybody = people.names_and_roles(session)
         return desk_page(
             desk,
             snapshot,
             "people.html",
             problem,
-            teams=people.list_teams(session),
+            teams=people.list_teams(session, page_at(desk, "teams")),
+            team_names=people.names_of_teams(session),
             everybody=everybody,
-            organisers=[each.name for each in everybody if each.role == "organiser"],
-            tokens=tokens.list_tokens(session)[::-1],
+            tokens=tokens.list_tokens(session, page_at(desk, "tokens")),
             own=browser and browser.token.hint,
             typed=typed,
             done=what,

@@ -19,6 +19,7 @@ from reverie_eval.server.pages.desk.forms import (
     desk_page,
     done,
     is_confirmed,
+    page_at,
     read,
     show_faults,
     typed_into,
@@ -45,16 +46,17 @@ def draw(
 ) -> Response:
     """Show what is said of submissions, and the form to say something of one."""
     with desk.snapshot() as snapshot:
-        said = reviews.all_reviews(snapshot.session)
+        session = snapshot.session
+        standing, lifted = page_at(desk, "standing"), page_at(desk, "lifted")
         return desk_page(
             desk,
             snapshot,
             "reviews.html",
             problem,
-            standing=[each for each in said if each.lifted_at is None],
-            lifted=[each for each in said if each.lifted_at is not None],
-            latest=reviews.latest_submissions(snapshot.session, A_FEW),
-            chosen=_chosen(snapshot.session, typed),
+            standing=reviews.review_rows(session, standing, standing=True),
+            lifted=reviews.review_rows(session, lifted, standing=False),
+            latest=reviews.latest_submissions(session, A_FEW),
+            chosen=_chosen(session, typed),
             verdicts=VERDICTS,
             typed=typed,
             done=what,

@@ -1,0 +1,135 @@
+"""Lists come page by page; no page is too large, and all pages together are the list."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from reverie_eval.schemas.organising import NewReported
+from reverie_eval.schemas.service import Method
+from reverie_eval.server.service.paging import LONGEST, Page, all_pages
+from reverie_eval.server.service.people import list_teams
+from reverie_eval.server.service.reported import add_reported
+from tests.support.acting import NOON, add_person, add_team, create_token, review
+from tests.support.serving import OPEN, ORGANISER, OWNER, Serving
+
+ROWS = 7
+
+
+@pytest.fixture
+def full(server: Serving) -> Serving:
+    """Return a server with seven rows or more in every list."""
+    ids = []
+    for _ in range(ROWS):
+        ids.append(server.upload(OWNER, server.distinct()).json()["submission"]["id"])
+        server.clock.turn(seconds=1)
+    with server.acting(ORGANISER) as transaction:
+        for number in range(ROWS):
+            add_team(transaction, f"Team {number}")
+            add_person(transaction, f"Team {number}", f"Person {number}")
+            create_token(transaction, f"Person {number}")
+            review(transaction, ids[number], "baseline")
+            new = {"method": Method(name=f"Method {number}"), "scores": {"spl": 0.5}}
+            about: dict[str, Any] = {"split": OPEN, "team": "They", "source": "https://example.org"}
+            add_reported(transaction, NewReported.model_validate(new | about), [OPEN])
+    for number in range(ROWS):
+        expires_at = NOON.replace(year=2027).isoformat()
+        given: dict[str, Any] = {
+            "team": "Red",
+            "split": OPEN,
+            "extra": 1,
+            "reason": f"reason {number}",
+        }
+        server.ask(ORGANISER, "POST", "/organiser/grants", json=given | {"expires_at": expires_at})
+    return server
+
+
+LISTS = (
+    "/submissions",
+    "/organiser/teams",
+    "/organiser/people",
+    "/organiser/tokens",
+    "/organiser/grants",
+    "/organiser/reviews",
+    "/organiser/reported",
+    "/organiser/attempts",
+    "/organiser/audit",
+)
+
+
+@pytest.mark.parametrize("path", LISTS)
+def test_all_pages_together_are_the_list(path: str, full: Serving) -> None:
+    whole = full.ask(ORGANISER, "GET", path, params={"limit": LONGEST})
+    assert "link" not in whole.headers
+    pages = list(pages_of(full, path, 3))
+    assert [len(page) for page in pages[:-1]] == [3] * (len(pages) - 1)
+    assert 1 <= len(pages[-1]) <= 3
+    assert [row for page in pages for row in page] == whole.json()
+    assert len(whole.json()) >= ROWS
+
+
+def pages_of(server: Serving, path: str, limit: int) -> Iterator[list[Any]]:
+    """Follow the links."""
+    query = f"?limit={limit}"
+    while query:
+        reply = server.ask(ORGANISER, "GET", f"{path}{query}")
+        assert reply.status_code == 200
+        yield reply.json()
+        query = reply.links.get("next", {}).get("url", "")
+
+
+def test_a_row_that_is_added_meanwhile_moves_no_other(full: Serving) -> None:
+    pages = pages_of(full, "/submissions", 3)
+    seen = next(pages)
+    full.upload(OWNER, full.distinct())
+    seen += [row for page in pages for row in page]
+    assert len({row["id"] for row in seen}) == len(seen) == ROWS
+
+
+def test_a_participant_s_cursor_tells_nothing_of_others(full: Serving) -> None:
+    theirs = full.ask(ORGANISER, "GET", "/submissions").json()[0]["id"]
+    reply = full.ask("Carl", "GET", "/submissions", params={"cursor": theirs})
+    nobodys = full.ask("Carl", "GET", "/submissions", params={"cursor": "0" * 16})
+    assert reply.status_code == nobodys.status_code == 400
+    assert reply.json()["problems"] == nobodys.json()["problems"]
+
+
+@pytest.mark.parametrize("limit", [0, -1, LONGEST + 1, "all"])
+@pytest.mark.parametrize("path", LISTS)
+def test_a_page_is_of_a_bounded_length(path: str, limit: object, server: Serving) -> None:
+    reply = server.ask(ORGANISER, "GET", path, params={"limit": limit})
+    assert (reply.status_code, reply.json()["problems"][0]["where"]) == (400, "limit")
+
+
+@pytest.mark.parametrize("cursor", ["x", "-1", "1.5", "9" * 20, "\u0663", "\0"])
+def test_a_cursor_that_is_none_is_refused(cursor: str, server: Serving) -> None:
+    reply = server.ask(ORGANISER, "GET", "/organiser/tokens", params={"cursor": cursor})
+    assert (reply.status_code, reply.json()["problems"][0]["where"]) == (400, "cursor")
+
+
+@pytest.mark.parametrize(
+    ("path", "told"),
+    [
+        (
+            "/submissions?limt=3",
+            "is not known here; did you mean limit? Choose one of: cursor, limit",
+        ),
+        ("/organiser/attempts?before=3", "is not known here; choose one of: cursor, limit"),
+        (f"/splits/{OPEN}/leaderboard?metrics=spl", "did you mean metric?"),
+        ("/me?verbose=1", "is not known here; leave it out"),
+    ],
+)
+def test_a_parameter_that_a_route_does_not_have_is_refused(
+    path: str, told: str, server: Serving
+) -> None:
+    reply = server.ask(ORGANISER, "GET", path)
+    assert reply.status_code == 400
+    assert told in reply.json()["problems"][0]["message"]
+
+
+def test_the_lists_of_commands_are_whole(full: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.server.service.paging.LONGEST", 2)
+    with full.state.database.reading() as session:
+        listed = [team.name for team in all_pages(lambda page: list_teams(session, page))]
+        assert listed == [team.name for team in list_teams(session, Page()).rows]
+    assert len(listed) > 2

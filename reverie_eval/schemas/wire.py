@@ -1,4 +1,4 @@
-"""The base class and the text types of everything that goes over the wire."""
+"""The base class and the field types of all messages between servers and clients."""
 
 import re
 from datetime import UTC, datetime
@@ -25,8 +25,8 @@ LONGEST_LINK = 500
 _BLANK = re.compile(
     r"[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef\u2800]"
 )
-"""Characters that Python calls printable but that show as nothing: fillers and variation selectors
-(Unicode's property ``Default_Ignorable_Code_Point``), and the braille pattern without dots."""
+"""Characters that are printable to Python but invisible: fillers and variation selectors (Unicode's
+property ``Default_Ignorable_Code_Point``), and the braille pattern without dots."""
 
 
 class WireModel(Report):
@@ -36,15 +36,15 @@ class WireModel(Report):
 
 
 def one_line(text: str) -> str:
-    r"""Return text in its composed form (NFC), if it is safe to show in a line, a cell or a log.
+    r"""Return text in composed form (NFC), if it is safe to show in a line, a table or a log.
 
-    Control characters, line breaks, invisible characters, and those that change the direction of
-    writing could make a name look like another one, like two lines, or empty.
+    Control characters, line breaks, invisible characters and changes of the writing direction could
+    make a name look like another one, like two lines, or empty.
 
     Raises
     ------
     ValueError
-        If the text has such a character.
+        If the text contains such a character.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def one_line(text: str) -> str:
     'Équipe'
     """
     if not text.isprintable() or _BLANK.search(text):
-        raise ValueError("takes letters that can be seen, in one line")
+        raise ValueError("must be one line without invisible characters")
     return normalize("NFC", text)
 
 
@@ -63,23 +63,26 @@ def _line(value: object) -> object:
 def _lines(value: object) -> object:
     if not isinstance(value, str):
         return value
-    return "\n".join(one_line(line) for line in value.strip().splitlines())
+    try:
+        return "\n".join(one_line(line) for line in value.strip().splitlines())
+    except ValueError:
+        raise ValueError("must not contain invisible characters") from None
 
 
 def _short(url: HttpUrl) -> HttpUrl:
-    if len(str(url)) > LONGEST_LINK:  # as it is stored
-        raise ValueError(f"takes up to {LONGEST_LINK} letters")
+    if len(str(url)) > LONGEST_LINK:  # in the normalised form that is stored
+        raise ValueError(f"must have at most {LONGEST_LINK} characters")
     return url
 
 
 def _instant(value: datetime) -> datetime:
     if not 2000 <= value.year < 3000:
-        raise ValueError("is no date between the years 2000 and 3000")
+        raise ValueError("must be in the years 2000 to 2999")
     return value.astimezone(UTC)
 
 
-# Texts are normalised before their length is checked, so that a stored text is valid again when it
-# is read.
+# Texts are normalised before their length is checked, so a stored text is still valid when it is
+# read.
 Name = Annotated[
     str, StringConstraints(min_length=1, max_length=LONGEST_NAME), BeforeValidator(_line)
 ]

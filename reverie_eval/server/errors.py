@@ -1,24 +1,24 @@
-"""What a request can come to besides success.
+"""The errors that a request can end in.
 
-Each class says how the reply is marked and shows an example. Problem documents, pages, the OpenAPI
-description and the metrics all read it here.
+Each class has the status, the code, the heading of its page and an example. Problem documents,
+pages, the OpenAPI description and the metrics all take them from here.
 
 RequestError
-    RejectedFileError     the submission is wrong; lists everything that is
-    NotSignedInError      there is no such token, or it is not valid any more
-    NotAllowedError       somebody else's
-    ForgedError           a browser's request without the session's token, perhaps another site's
-    NotFoundError         there is no such thing, or it is not the caller's to see
-    NotOpenError          the split takes no submissions now
-    ConflictError         what is there already stands against it
-    MalformedError        the request, not the submission in it, is wrong
-    QuotaSpentError       nothing is left; says when something is
-    TooManyError          more requests than an address or a token may make
-    TooLargeError         more bytes than the server takes
+    RejectedFileError     the submission has problems; all are listed
+    NotSignedInError      no token or session, or it is no longer valid
+    NotAllowedError       the caller may not do this
+    ForgedError           a cookie without the session's CSRF token; another site may have sent it
+    NotFoundError         does not exist, or the caller may not see it
+    NotOpenError          the split accepts no submissions now
+    ConflictError         not possible in the current state
+    MalformedError        the request is invalid, not the submission in it
+    QuotaSpentError       no submissions left; says when there will be one
+    TooManyError          more requests than an address, a token or a session may make
+    TooLargeError         the body is larger than the limit
     TooSlowError          the upload did not arrive in time
-    BusyError             more uploads than the server can hold
-    WrongMethodError      the address takes other methods
-    StorageFullError      the server cannot keep anything more
+    BusyError             too many uploads are waiting
+    WrongMethodError      the address does not accept this method
+    StorageFullError      the disk or the database is full
     FaultError            the server failed
 """
 
@@ -33,37 +33,36 @@ from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import ProblemDocument, QuotaReport, QuotaWindow
 
 EXAMPLE_NOW = datetime(2027, 6, 1, 12, tzinfo=UTC)
-"""When the examples happen."""
+"""The time in all examples."""
 _EXAMPLE_REQUEST = "5f0c1be2a97d4e36"
-WRONG_FORM = "the request is not of the documented form"
+WRONG_FORM = "the request is invalid; see the list of problems"
 
 
 class RequestError(ReverieEvalError):
-    """A request that comes to nothing, and why."""
+    """A request was refused or failed."""
 
     status: ClassVar[HTTPStatus]
     code: ClassVar[str]
     """Stable, for programs."""
     heading: ClassVar[str]
-    """Of a page, in place of HTTP's words."""
+    """Of the error's page."""
     example_arguments: ClassVar[tuple[Any, ...]]
-    """What :meth:`example` is made with."""
+    """The arguments that :meth:`example` passes."""
 
     problems: Sequence[Problem | ProblemReport] = ()
-    """What is wrong, each with its place."""
     seconds: int | None = None
-    """After which to try again."""
+    """When to try again."""
     quota: QuotaReport | None = None
-    """What is left, where that is what stopped the request."""
+    """The submissions left, if the quota is why the request was refused."""
     request_id: str | None = None
 
     @classmethod
     def example(cls) -> Self:
-        """Return such an error, for documentation."""
+        """Return an example, for documentation."""
         return cls(*cls.example_arguments)
 
     def document(self) -> ProblemDocument:
-        """Return what is sent to whoever asked."""
+        """Return the problem document of the reply."""
         return ProblemDocument(
             title=self.status.phrase,
             status=self.status,
@@ -76,11 +75,11 @@ class RequestError(ReverieEvalError):
 
 
 class RejectedFileError(RequestError):
-    """The submission is wrong."""
+    """The submission has problems."""
 
     status = HTTPStatus.UNPROCESSABLE_ENTITY
     code = "submission-rejected"
-    heading = "The file was rejected"
+    heading = "File rejected"
     example_arguments = (
         [
             Problem(
@@ -95,12 +94,12 @@ class RejectedFileError(RequestError):
         self.problems = problems
         count = len(problems)
         super().__init__(
-            f"{count} problem{'s' * (count != 1)}; nothing was scored and nothing was spent"
+            f"{count} problem{'s' * (count != 1)}; nothing was scored and no submission was used"
         )
 
 
 class NotSignedInError(RequestError):
-    """There is no such token, or it is not valid any more."""
+    """There is no token or session, or it is no longer valid."""
 
     status = HTTPStatus.UNAUTHORIZED
     code = "not-signed-in"
@@ -109,7 +108,7 @@ class NotSignedInError(RequestError):
 
 
 class NotAllowedError(RequestError):
-    """What was asked for belongs to somebody else."""
+    """The caller may not do this."""
 
     status = HTTPStatus.FORBIDDEN
     code = "not-allowed"
@@ -118,54 +117,54 @@ class NotAllowedError(RequestError):
 
 
 class ForgedError(RequestError):
-    """A browser's request without the session's token: perhaps another site has made it."""
+    """A cookie came without the session's CSRF token; another site may have sent the request."""
 
     status = HTTPStatus.FORBIDDEN
     code = "csrf"
-    heading = "This form is out of date"
+    heading = "Form expired"
     example_arguments = (
-        "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session tells it",
+        "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session returns it",
     )
 
 
 class NotFoundError(RequestError):
-    """There is no such thing, or it is not the caller's to see."""
+    """It does not exist, or the caller may not see it."""
 
     status = HTTPStatus.NOT_FOUND
     code = "not-found"
-    heading = "Nothing is here"
-    example_arguments = ("there is no submission '5f2b0c9a4d7e1f36' of your team",)
+    heading = "Not found"
+    example_arguments = ("your team has no submission '5f2b0c9a4d7e1f36'",)
 
 
 class NotOpenError(RequestError):
-    """The split takes no submissions now."""
+    """The split accepts no submissions now."""
 
     status = HTTPStatus.CONFLICT
     code = "not-open"
-    heading = "Not open now"
+    heading = "Submissions are closed"
     example_arguments = (
         "test takes no submissions now; the next phase opens 2027-07-01T12:00:00+00:00",
     )
 
 
 class ConflictError(RequestError):
-    """What is there already stands against it."""
+    """The request is not possible in the current state."""
 
     status = HTTPStatus.CONFLICT
     code = "conflict"
-    heading = "Something stands against it"
+    heading = "Not possible now"
     example_arguments = ("a withdrawn submission is not published; restore it first",)
 
 
 class MalformedError(RequestError):
-    """The request, not the submission in it, is wrong."""
+    """The request is invalid, not the submission in it."""
 
     status = HTTPStatus.BAD_REQUEST
     code = "malformed-request"
-    heading = "Something is not as it should be"
+    heading = "Invalid request"
     example_arguments = (
         WRONG_FORM,
-        [ProblemReport(code="wrong-value", where="name", message="is missing")],
+        [ProblemReport(code="wrong-value", where="name", message="required but missing")],
     )
 
     def __init__(self, message: str, problems: Sequence[ProblemReport] = ()) -> None:
@@ -174,11 +173,11 @@ class MalformedError(RequestError):
 
 
 class QuotaSpentError(RequestError):
-    """Nothing is left."""
+    """No submissions are left."""
 
     status = HTTPStatus.TOO_MANY_REQUESTS
     code = "quota-spent"
-    heading = "No try is left"
+    heading = "No submissions left"
     example_arguments = (
         QuotaReport(
             remaining=0,
@@ -198,19 +197,19 @@ class QuotaSpentError(RequestError):
     def __init__(self, quota: QuotaReport) -> None:
         self.quota = quota
         super().__init__(
-            f"no submission is left; {_next(quota)}. Nothing was scored, and `validate` stays free"
+            f"no submission is left; {_next(quota)}. Nothing was scored; checking is still free"
         )
 
 
 def _next(quota: QuotaReport) -> str:
     if quota.next_at is None:
-        return "the organiser's quota allows none"
+        return "the quota of this split is zero"
     whole = quota.next_at + timedelta(microseconds=999_999)  # rounded up, not down
     return f"the next is possible from {whole.isoformat(timespec='seconds')}"
 
 
 class TooManyError(RequestError):
-    """More requests than an address or a token may make in a minute."""
+    """More requests in a minute than an address, a token or a session may make."""
 
     status = HTTPStatus.TOO_MANY_REQUESTS
     code = "too-many-requests"
@@ -223,15 +222,15 @@ class TooManyError(RequestError):
 
 
 class TooLargeError(RequestError):
-    """More bytes than the server takes."""
+    """The body is larger than the limit."""
 
     status = HTTPStatus.REQUEST_ENTITY_TOO_LARGE
     code = "too-large"
     heading = "Too large"
     example_arguments = (
         (
-            "the upload is larger than 32 MiB; gzip it, and send instr_id, trajectory and the "
-            "answer only"
+            "the upload is larger than 32 MiB; gzip it, and leave out fields other than instr_id, "
+            "trajectory and the answer"
         ),
     )
 
@@ -241,79 +240,83 @@ class TooSlowError(RequestError):
 
     status = HTTPStatus.REQUEST_TIMEOUT
     code = "too-slow"
-    heading = "Too slow"
+    heading = "Upload timed out"
     example_arguments = (
-        "the upload did not arrive within 60 seconds; gzip it, or try again: nothing was spent",
+        (
+            "the upload did not arrive within 60 seconds; gzip it, or try again. No submission was "
+            "used"
+        ),
     )
 
 
 class BusyError(RequestError):
-    """More uploads have come at once than the server can hold."""
+    """Too many uploads are waiting."""
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     code = "busy"
-    heading = "Too many uploads at once"
+    heading = "Server busy"
     example_arguments = (10,)
 
     def __init__(self, seconds: int) -> None:
         self.seconds = seconds
         super().__init__(
-            f"too many uploads at once; nothing was spent, send yours again in {seconds} seconds"
+            f"too many uploads are waiting; send yours again in {seconds} seconds. No submission "
+            "was used"
         )
 
 
 class WrongMethodError(RequestError):
-    """The address takes other methods."""
+    """The address does not accept this method."""
 
     status = HTTPStatus.METHOD_NOT_ALLOWED
     code = "method-not-allowed"
-    heading = "Nothing can be sent here"
+    heading = "Method not allowed"
     example_arguments = ()
 
     def __init__(self) -> None:
-        super().__init__("this address is there for other methods; look at Allow")
+        super().__init__("this address does not accept this method; see the Allow header")
 
 
 class StorageFullError(RequestError):
-    """The server cannot keep anything more."""
+    """The disk or the database is full."""
 
     status = HTTPStatus.INSUFFICIENT_STORAGE
     code = "storage-full"
-    heading = "No room is left"
+    heading = "Server storage is full"
     example_arguments = (_EXAMPLE_REQUEST,)
 
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id
         super().__init__(
-            "the server has no room left to keep anything; nothing was spent. Tell the organiser, "
-            "and send it again when there is room"
+            "the server's storage is full; nothing was saved and no submission was used. Tell the "
+            "organiser, and try again when there is space"
         )
 
 
 class FaultError(RequestError):
-    """The server failed, and nobody else."""
+    """The server failed."""
 
     status = HTTPStatus.INTERNAL_SERVER_ERROR
     code = "internal"
-    heading = "The server failed"
+    heading = "Server error"
     example_arguments = (_EXAMPLE_REQUEST,)
 
     def __init__(self, request_id: str) -> None:
         self.request_id = request_id
         super().__init__(
-            "the server failed, not your file. Send it again, no file is counted twice; if it "
-            f"fails again, tell the organiser this request's id: {request_id}"
+            "the server failed, not your file. Try again: no file is counted twice. If it fails "
+            f"again, send the organiser this request id: {request_id}"
         )
 
 
 ERRORS: Mapping[str, type[RequestError]] = MappingProxyType(
     {kind.code: kind for kind in RequestError.__subclasses__()}
 )
-"""Every class by its code."""
+"""All classes by code."""
 
 
 def request_error(error: Exception) -> RequestError | None:
-    """Return the refusal that an exception stands for; None if it is a fault of the server."""
+    """Return an exception as an error for the caller; None if it is a fault of the server."""
     if isinstance(error, SubmissionError):
         return RejectedFileError(error.problems)
     return error if isinstance(error, RequestError) else None

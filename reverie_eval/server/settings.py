@@ -1,8 +1,8 @@
-"""What an organiser decides, in ``reverie-eval.toml`` and ``REVERIE_EVAL_*`` variables.
+"""An organiser's settings: ``reverie-eval.toml`` and ``REVERIE_EVAL_*`` environment variables.
 
-Relative paths are below the server's folder, where the file lies. Variables win over the file:
-``REVERIE_EVAL_DATABASE``, ``REVERIE_EVAL_SPLITS__test__protocol``. Secrets are files or variables,
-never arguments.
+Relative paths are relative to the server's folder, which contains the file. Environment variables
+override the file: ``REVERIE_EVAL_DATABASE``, ``REVERIE_EVAL_SPLITS__test__protocol``. Secrets are
+files or environment variables, never arguments.
 """
 
 import os
@@ -39,9 +39,9 @@ from reverie_eval.scoring import DEFAULT_PROTOCOL, find_protocol
 SETTINGS_FILE = "reverie-eval.toml"
 _PREFIX = "REVERIE_EVAL_"
 _NO_SETTINGS = frozenset({GROUND_TRUTH_VARIABLE, SERVER_VARIABLE, TOKEN_VARIABLE})
-"""Variables that mean something elsewhere."""
+"""Environment variables of other commands."""
 _POSTGRESQL = "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
-_DATABASES = f"takes a file of SQLite, sqlite:///FILE, or PostgreSQL, {_POSTGRESQL}"
+_DATABASES = f"must be an SQLite file, sqlite:///FILE, or PostgreSQL, {_POSTGRESQL}"
 
 Metadata: TypeAlias = Literal[
     "description",
@@ -52,11 +52,11 @@ Metadata: TypeAlias = Literal[
     "ground_truth_objects",
     "ensemble",
 ]
-"""What a submission may say of its method; its flags, if asked for, as true or as false."""
+"""Fields of a method that can be required; a required flag must be given as true or false."""
 
 
 class SettingsError(RejectedError):
-    """The settings of a server are wrong."""
+    """The settings of a server are invalid."""
 
     subject = "settings"
 
@@ -69,19 +69,19 @@ def _known_protocol(name: str) -> str:
 
 
 def _known_database(address: str) -> str:
-    """Return the address of a database that a server can keep its rows in.
+    """Check the URL of a database.
 
-    A password is looked for in its own place only, to hide it and to try whether it is a good one;
-    so it may stand in no other.
+    A password is allowed only before the ``@``: it is hidden in messages, and checked for being
+    easy to guess, only there.
     """
     try:
         url = make_url(address)
-    except (ArgumentError, ValueError):  # which may repeat a part of the password
+    except (ArgumentError, ValueError):  # whose message may contain a part of the password
         raise ValueError(_DATABASES) from None
     if not _is_file(address) and url.drivername != "postgresql+psycopg":
         raise ValueError(_DATABASES)
     if {"user", "password"} & url.query.keys():
-        raise ValueError(f"a user and a password stand before the @: {_POSTGRESQL}")
+        raise ValueError(f"user and password must come before the @: {_POSTGRESQL}")
     return address
 
 
@@ -91,11 +91,11 @@ def _is_file(address: str) -> bool:
 
 
 def _known_store(place: str) -> str:
-    """Return the place of uploads, if it is a folder's or one that a server can use."""
+    """Check the place of uploads."""
     address = urlsplit(place)
     is_folder = "://" not in place and address.scheme != "s3"
     if not is_folder and not (address.scheme == "s3" and address.netloc):
-        raise ValueError("takes a folder, or an S3-compatible store, s3://BUCKET/PREFIX")
+        raise ValueError("must be a folder, or an S3-compatible store, s3://BUCKET/PREFIX")
     return place
 
 
@@ -104,7 +104,7 @@ class _Section(BaseModel):
 
 
 class Quota(_Section):
-    """How many scored submissions a team, and each person in it, has in rolling windows."""
+    """Scored submissions of a team, and of each person in it, in rolling windows."""
 
     day: NonNegativeInt = 2
     """In 24 hours."""
@@ -115,73 +115,73 @@ class Quota(_Section):
 
 
 OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
-"""For splits whose answers everybody has: it keeps scripts in bounds, not people."""
+"""For splits with public answers: limits scripts, not people."""
 
 
 class Phase(_Section):
-    """A time in which a split takes submissions."""
+    """A period in which a split accepts submissions."""
 
     name: Name
     opens: AwareDatetime | None = None
     closes: AwareDatetime | None = None
-    """The last second in which submissions are taken, all of it."""
+    """The last second of the phase, included."""
 
     @model_validator(mode="after")
     def _opens_before_it_closes(self) -> Self:
         if self.opens and self.closes and self.opens >= self.closes:
-            raise ValueError("a phase opens before it closes")
+            raise ValueError("a phase must open before it closes")
         return self
 
     def is_open(self, now: datetime) -> bool:
-        """Whether submissions are taken at this time."""
+        """Whether submissions are accepted at this time."""
         has_begun = self.opens is None or self.opens <= now
         return has_begun and (self.closes is None or now.replace(microsecond=0) <= self.closes)
 
 
 def _some(phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
     if not phases:
-        raise ValueError("name a phase, or leave phases out: then submissions are always taken")
+        raise ValueError("add a phase, or leave phases out to accept submissions at any time")
     return phases
 
 
 class Split(_Section):
-    """A split that submissions are taken for."""
+    """A split that accepts submissions."""
 
     bundle: Path
     """The ground truth, with answers."""
     visibility: Literal["private", "open"] = "private"
-    """Private: only rounded means leave the server. Open: every episode's values do."""
+    """Private: only rounded means are released. Open: also the values of every episode."""
     protocol: Annotated[str, AfterValidator(_known_protocol)] = DEFAULT_PROTOCOL
     quota: Quota | None = None
     phases: Annotated[tuple[Phase, ...], AfterValidator(_some)] = (Phase(name="always"),)
 
     @property
     def effective_quota(self) -> Quota:
-        """What was set, and the defaults of the visibility for what was not."""
+        """The limits that were set, and defaults by visibility for the others."""
         default = Quota() if self.visibility == "private" else OPEN_QUOTA
         decided = self.quota.model_dump(exclude_unset=True) if self.quota else {}
         return default.model_copy(update=decided)
 
 
 class Limits(_Section):
-    """What a request may cost."""
+    """Limits on requests."""
 
     upload_mebibytes: PositiveInt = 32
-    """Of a request's body."""
+    """Size of a request's body."""
     unpacked_mebibytes: PositiveInt = 64
-    """Of the submission in it."""
+    """Size of the submission in it."""
     seconds_for_body: PositiveInt = 60
-    """Until an upload must have arrived."""
+    """Time for an upload to arrive."""
     requests_per_minute: PositiveInt = 120
-    """Of one address, of one token, and of one browser session."""
+    """For one address, one token, and one browser session each."""
     uploads_at_once: PositiveInt = 32
-    """That are held in memory: coming in, waiting to be scored, or being scored."""
+    """Uploads in memory: arriving, waiting to be scored, or being scored."""
     uploads_waiting: NonNegativeInt = 500
-    """That have not been taken in yet; whoever comes then is asked to come again."""
+    """Uploads waiting to be read; beyond that, clients are told to try again later."""
 
 
 class Settings(BaseSettings):
-    """Everything an organiser decides."""
+    """All settings of a server."""
 
     model_config = SettingsConfigDict(
         frozen=True,
@@ -193,41 +193,41 @@ class Settings(BaseSettings):
 
     title: Name = "REVERIE evaluation server"
     banner: Line = ""
-    """Shown to everybody: maintenance, deadlines."""
+    """A message shown to everyone: maintenance, deadlines."""
     paused: bool = False
-    """Take no submissions; everything else goes on."""
+    """Accept no submissions; everything else still works."""
     database: Annotated[str, AfterValidator(_known_database)] = "sqlite:///server.db"
-    """A file of SQLite, or ``postgresql+psycopg://...``."""
+    """An SQLite file, or ``postgresql+psycopg://...``."""
     uploads: Annotated[str, AfterValidator(_known_store)] = "uploads"
     """A folder, or ``s3://bucket/prefix``."""
     signing_key: Path = Path("signing-key.pem")
-    """Signs receipts; made by ``server init``, and worth a backup of its own."""
+    """Signs receipts; created by ``server init``. Keep a copy elsewhere."""
     splits: Annotated[dict[str, Split], Field(min_length=1)]
     required_metadata: tuple[Metadata, ...] = ()
-    """What a submission has to say of its method, besides the name."""
+    """What a submission must state about its method, besides the name."""
     limits: Limits = Limits()
     trusted_proxies: tuple[IPvAnyNetwork, ...] = ()
-    """Whose ``X-Forwarded-For`` is believed."""
+    """Proxies whose ``X-Forwarded-For`` is trusted."""
     metrics_readers: tuple[IPvAnyNetwork, ...] = ()
-    """Who may read ``/metrics`` without an organiser's token."""
+    """Networks that may read ``/metrics`` without an organiser's token."""
     _folder: Path
 
     @classmethod
     def of(cls, folder: Path, content: Mapping[str, Any]) -> Self:
-        """Check what was decided for the server in a folder.
+        """Check the settings of the server in a folder.
 
         Raises
         ------
         SettingsError, ValidationError
-            If anything is no setting, or a wrong one.
+            If a key is unknown or a value invalid.
         """
         hidden = [key for key in content if key.startswith("_")]
-        if hidden:  # the library would take them for its own
+        if hidden:  # pydantic would treat them as options of its own
             raise SettingsError([_no_setting(key) for key in hidden])
         settings = cls(**content)
         settings._folder = folder.resolve()
         if settings._folder.is_relative_to(settings.path(settings.uploads).resolve()):
-            remedy = "is the server's own folder, or around it; name one for uploads alone"
+            remedy = "is the server's folder or contains it; choose a folder for uploads alone"
             raise SettingsError([Problem("wrong-setting", "uploads", remedy)])
         return settings
 
@@ -240,38 +240,38 @@ class Settings(BaseSettings):
         dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
         file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
     ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """Let variables win over the file."""
+        """Let environment variables override the file."""
         return env_settings, init_settings
 
     @property
     def folder(self) -> Path:
-        """Where the settings file lies; what is relative is below it."""
+        """The server's folder, which contains the settings file."""
         return self._folder
 
     def path(self, relative: Path | str) -> Path:
-        """Return where a path of the settings is."""
+        """Return a path in the settings relative to the server's folder."""
         return self.folder / relative
 
     @property
     def database_url(self) -> URL:
-        """The URL, with a file of SQLite below the server's folder."""
+        """The database's URL; the path of an SQLite file is relative to the server's folder."""
         url = make_url(self.database)
         if url.drivername != "sqlite":
             return url
-        # Set as a name: in a URL, a folder's "?" would begin the query.
+        # Set as a part, not parsed: a "?" in the folder's name would begin the query.
         return url.set(database=str(self.path(str(url.database))))
 
 
 def variables_set() -> Sequence[str]:
-    """Return the names of the variables that are set and change a setting."""
+    """Return the names of environment variables that override a setting."""
     return sorted(filter(_is_setting, os.environ))
 
 
 def variables_ignored() -> Sequence[str]:
-    """Return the names of the variables that look like ours and change nothing.
+    """Return the names of environment variables with our prefix that are not settings.
 
-    They may be misspelt; but orchestrators set variables too, named after a service, so they are
-    no fault.
+    They may be misspelt. They are not a fault, because orchestrators also set variables that begin
+    with the name of a service.
     """
     ours = {name for name in os.environ if name.startswith(_PREFIX)} - _NO_SETTINGS
     return sorted(name for name in ours if not _is_setting(name))
@@ -288,14 +288,14 @@ def load_settings(folder: Path) -> Settings:
     Raises
     ------
     SettingsError
-        Listing everything that is wrong, with its key.
+        Listing all problems with their keys.
     """
     file = folder / SETTINGS_FILE
     try:
         content = tomllib.loads(file.read_text(encoding="utf-8"))
         return Settings.of(folder, content)
     except FileNotFoundError:
-        remedy = f"there is no {SETTINGS_FILE} here; `reverie-eval server init {folder}` makes one"
+        remedy = f"there is no {SETTINGS_FILE}; create one with `reverie-eval server init {folder}`"
         raise SettingsError([Problem("no-settings", str(folder), remedy)]) from None
     except OSError as error:
         raise SettingsError([Problem("no-settings", str(file), f"{error.strerror}")]) from None
@@ -313,13 +313,13 @@ def _problems(error: ValidationError) -> Iterator[Problem]:
         if detail["type"] == "extra_forbidden":
             yield _no_setting(key)
             continue
-        said = detail["msg"].removeprefix("Value error, ")
-        message = said[0].lower() + said[1:]
-        # A database's address may hold a password, so it is not repeated.
+        text = detail["msg"].removeprefix("Value error, ").replace("Input should", "must")
+        message = text[0].lower() + text[1:]
+        # The database's URL may contain a password, so it is not repeated.
         is_shown = isinstance(detail["input"], str | int | float) and key != "database"
         found = f"got {detail['input']!r}; " if is_shown else ""
         yield Problem("wrong-setting", key, found + message)
 
 
 def _no_setting(key: str) -> Problem:
-    return Problem("wrong-setting", key, "is no setting; look for a spelling mistake")
+    return Problem("wrong-setting", key, "is not a setting; check its spelling")

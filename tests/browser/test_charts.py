@@ -60,7 +60,7 @@ def test_a_board_draws_what_is_in_its_table(site: Site, open_page: OpenPage) -> 
 
 def test_a_chosen_axis_is_drawn_and_kept(site: Site, open_page: OpenPage) -> None:
     page = open_page(site, f"{BOARD}?extra_data=")
-    page.get_by_label("Across").select_option("spl")
+    page.get_by_label("Horizontal axis").select_option("spl")
     expect(page.locator("#against")).to_have_attribute(
         "aria-label", re.compile("success rate against success weighted")
     )
@@ -74,9 +74,9 @@ def test_a_chosen_axis_is_drawn_and_kept(site: Site, open_page: OpenPage) -> Non
     page.get_by_text("Filter", exact=True).first.click()
     page.get_by_label("Method or team").fill("walk")
     page.get_by_role("button", name="Filter").click()
-    expect(page.get_by_label("Across")).to_have_value("spl")
+    expect(page.get_by_label("Horizontal axis")).to_have_value("spl")
     main.get_by_role("link", name="Clear").click()
-    expect(page.get_by_label("Across")).to_have_value("spl")
+    expect(page.get_by_label("Horizontal axis")).to_have_value("spl")
 
 
 def test_a_point_leads_to_its_submission(site: Site, open_page: OpenPage) -> None:
@@ -102,8 +102,8 @@ def test_a_chart_never_contradicts_its_selector(site: Site, open_page: OpenPage)
             route.continue_()
 
     page.route("**/chart?*", hold)
-    page.get_by_label("Across").select_option("spl")
-    page.get_by_label("Across").select_option("rgs")
+    page.get_by_label("Horizontal axis").select_option("spl")
+    page.get_by_label("Horizontal axis").select_option("rgs")
     expect(page.locator("#against")).to_have_attribute("aria-label", re.compile("against remote"))
     for route in held:
         route.continue_()
@@ -138,16 +138,20 @@ def test_nothing_is_above_all_there_can_be(chart: str, site: Site, open_page: Op
 
 def test_only_metrics_that_a_row_has_are_offered(site: Site, open_page: OpenPage) -> None:
     page = open_page(site, f"/boards/{PRIVATE}")
-    offered = page.get_by_label("Up").locator("option").evaluate_all("all => all.map(o => o.value)")
+    offered = (
+        page.get_by_label("Vertical axis")
+        .locator("option")
+        .evaluate_all("all => all.map(o => o.value)")
+    )
     assert offered == ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
 
 
 def test_a_chart_without_a_value_says_so(site: Site, open_page: OpenPage) -> None:
     page = open_page(site, f"/boards/{PRIVATE}?y=ndtw")
-    expect(page.get_by_text("No result that is shown has both metrics.")).to_be_visible()
+    expect(page.get_by_text("No result shown has both metrics.")).to_be_visible()
     expect(page.locator("#against")).to_be_hidden()
-    expect(page.get_by_label("Up")).to_have_value("ndtw")
-    page.get_by_label("Up").select_option("spl")
+    expect(page.get_by_label("Vertical axis")).to_have_value("ndtw")
+    page.get_by_label("Vertical axis").select_option("spl")
     expect(page.locator("#against")).to_be_visible()
 
 
@@ -165,7 +169,7 @@ def test_a_chart_that_did_not_arrive(
     page = open_page(site, "/sign-in", OWNER)
     page.route(missing, lambda route: route.fulfill(status=204))
     page.goto(path)
-    expect(page.get_by_text("The charts did not arrive.")).to_be_visible()
+    expect(page.get_by_text("The charts could not be loaded.")).to_be_visible()
     expect(page.locator("canvas").first).to_be_hidden()
 
 

@@ -44,7 +44,7 @@ def test_walking_step_by_step(site: Site, path: str, open_page: OpenPage) -> Non
     walker, places = page.locator(".walker.route-1"), []
     places.append(place(walker))
     for step in range(1, lasts[0] + 1):
-        page.get_by_role("button", name="One step on").click()
+        page.get_by_role("button", name="One step forward").click()
         assert steps_shown(page)[0] == step
         places.append(place(walker))
     assert all(one != other for one, other in pairwise(places))

@@ -49,12 +49,12 @@ def make_team_again(page: Page, site: Site) -> None:
 
 
 def make_token(page: Page, site: Site) -> None:
-    page.get_by_role("button", name="Make it").click()
+    page.get_by_role("button", name="Create").click()
 
 
 def flag(page: Page, site: Site) -> None:
     page.get_by_role("radio", name="Flagged").check()
-    page.get_by_label("Why").fill(ENDLESS * 4)
+    page.get_by_label("Reason").fill(ENDLESS * 4)
     page.get_by_role("button", name="Publish the review").click()
 
 
@@ -65,16 +65,16 @@ def pause(page: Page, site: Site) -> None:
 
 def accept(page: Page, site: Site) -> None:
     page.get_by_label("Invitation", exact=True).fill(site.invite(MATE))
-    page.get_by_role("button", name="Turn it into my token").click()
+    page.get_by_role("button", name="Get my token").click()
 
 
 def show_a_wrong_invitation(page: Page, site: Site) -> None:
     page.get_by_label("Invitation", exact=True).fill("rv_none")
-    page.get_by_role("button", name="Turn it into my token").click()
+    page.get_by_role("button", name="Get my token").click()
 
 
 def rename(page: Page, site: Site) -> None:
-    page.get_by_text("Rename it").click()
+    page.get_by_text("Edit the name").click()
     page.get_by_label("Name", exact=True).fill("")
     page.locator("form", has=page.get_by_role("button", name="Save", exact=True)).evaluate(SEND)
 
@@ -86,7 +86,7 @@ REPLIES = {
     "a refusal": Reply("/desk/people", ORGANISER, make_team_again, "People"),
     "a token": Reply("/desk/people", ORGANISER, make_token, "Invitation for Ada"),
     "a review": Reply("/desk/reviews?submission={}", ORGANISER, flag, "Flag this submission?"),
-    "a preview": Reply("/desk/notice", ORGANISER, pause, "This is what everybody will see"),
+    "a preview": Reply("/desk/notice", ORGANISER, pause, "Everyone will see this"),
     "a welcome": Reply("/sign-in", None, accept, "Welcome, Ben"),
     "no invitation": Reply("/sign-in", None, show_a_wrong_invitation, "Sign in"),
     "no name": Reply("/submissions/{}", OWNER, rename, "Walker"),

@@ -49,7 +49,7 @@ def choose(page: Page, file: Path) -> None:
 
 
 def used(site: Site) -> int:
-    """Return how many tries of the year's are spent."""
+    """Return how many submissions of the year's quota are used."""
     report = site.ask(OWNER, "GET", f"/splits/{OPEN}").json()["quota"]
     (year,) = [window for window in report["windows"] if window["name"] == "year"]
     return int(year["limit"] - year["remaining"])
@@ -75,7 +75,7 @@ def test_from_a_broken_file_to_the_board(
 
     expect(page.get_by_role("button", name="Check only")).to_be_visible()
     take(page, BROKEN)
-    problems = page.get_by_role("region", name="Problems of the file")
+    problems = page.get_by_role("region", name="Problems in the file")
     expect(problems.locator("tbody tr")).to_have_count(PROBLEMS_OF_BROKEN)
     expect(problems).to_contain_text("[0].trajectory[2][0]")
     assert used(own_site) == before
@@ -83,12 +83,12 @@ def test_from_a_broken_file_to_the_board(
     take(page, good)
     expect(problems).to_have_count(0)
     expect(page.get_by_role("main")).to_contain_text("can be scored")
-    expect(page.get_by_text("Choose the file once more")).to_be_hidden()
+    expect(page.get_by_text("Choose the file again")).to_be_hidden()
     expect(page.get_by_role("button", name="Check again")).to_be_visible()
     assert used(own_site) == before
 
     page.get_by_label("Name", exact=False).first.fill("Newcomer")
-    page.get_by_role("button", name="Score it").click()
+    page.get_by_role("button", name="Score").click()
     expect(page).to_have_url(re.compile("/submissions/[0-9a-f]{16}"))
     expect(page.get_by_role("heading", level=1)).to_have_text("Newcomer")
     assert used(own_site) == before + 1
@@ -121,7 +121,7 @@ def find_on_the_board(page: Page) -> None:
 
 
 def look_at_an_episode(page: Page) -> None:
-    page.get_by_role("link", name="Look at episodes").click()
+    page.get_by_role("link", name="Browse episodes").click()
     page.locator(f"table a[href^='/episodes/{OPEN}/']").first.click()
     expect(page).to_have_url(re.compile(f"/episodes/{OPEN}/"))
     expect(page.locator("main svg").first).to_be_visible()
@@ -154,7 +154,7 @@ def test_the_same_upload_without_scripts(own_site: Site, good: Path, open_page: 
 
     choose(page, good)
     page.get_by_label("Name", exact=False).first.fill("Newcomer")
-    page.get_by_role("button", name="Score it").click()
+    page.get_by_role("button", name="Score").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("Newcomer")
     assert used(own_site) == before + 1
     find_on_the_board(page)
@@ -194,7 +194,7 @@ def test_with_the_keyboard_alone(own_site: Site, good: Path, open_page: OpenPage
     expect(page.get_by_role("main")).to_contain_text("can be scored")
     press_until(page, "Name")
     page.keyboard.type("Typed")
-    press_until(page, "Score it")
+    press_until(page, "Score")
     page.keyboard.press("Enter")
     expect(page.get_by_role("heading", level=1)).to_have_text("Typed")
 

@@ -106,7 +106,7 @@ def test_every_metric_has_a_link_that_sorts_by_it(five: Serving) -> None:
 
 
 def test_the_primary_metric_comes_first_and_the_rest_on_demand(five: Serving) -> None:
-    usual = ["#", "Method,", "RGSPL", "TL", "SR", "OSR", "SPL", "RGS", "Sent", "Published"]
+    usual = ["#", "Method,", "RGSPL", "TL", "SR", "OSR", "SPL", "RGS", "Entries", "Published"]
     assert headings(get(five)) == usual
     assert headings(get(five, "?columns=all"))[8] == "NE"
 
@@ -118,9 +118,7 @@ def test_what_a_board_is_sorted_by_comes_second(five: Serving) -> None:
 
 def test_every_column_is_explained_below_the_table(five: Serving) -> None:
     page = get(five, "?metric=navigation_error").text
-    meanings = re.findall(
-        r"<summary>What the columns mean</summary>(.*?)</details>", page, re.DOTALL
-    )
+    meanings = re.findall(r"<summary>Column definitions</summary>(.*?)</details>", page, re.DOTALL)
     explained = re.findall(r'<dt><a href="/guide/metrics#(\w+)">(.*?) \S+</a></dt>', meanings[0])
     assert [label for _, label in explained] == headings(get(five, "?metric=navigation_error"))[2:9]
     for key, _ in explained:
@@ -129,8 +127,9 @@ def test_every_column_is_explained_below_the_table(five: Serving) -> None:
 
 def test_a_metric_that_nothing_has_is_said_to_be_so(five: Serving) -> None:
     absent = get(five, "?metric=ndtw").text
-    assert "No result on this board has a normalised dynamic time warping (nDTW)" in absent
-    assert "No result on this board has" not in get(five, "?metric=navigation_error").text
+    nothing = "No result on this leaderboard has a value for"
+    assert f"{nothing} normalised dynamic time warping (nDTW)" in absent
+    assert nothing not in get(five, "?metric=navigation_error").text
 
 
 def test_a_filter_keeps_the_axes_of_the_charts(five: Serving) -> None:
@@ -175,7 +174,7 @@ def test_filters(server: Serving, query: str, expected: list[str]) -> None:
     rows = ranking(server, query)
     ranks = {"Bee": "1", "Ant": "2", "Cat": "3"}  # of the whole board, whatever is shown
     assert rows == [(ranks[name], name) for name in expected]
-    assert ("No result fits" in get(server, query).text) == (expected == [])
+    assert ("No results match" in get(server, query).text) == (expected == [])
 
 
 @pytest.mark.parametrize(
@@ -192,12 +191,12 @@ def test_filters(server: Serving, query: str, expected: list[str]) -> None:
 )
 def test_a_query_that_is_none_is_a_page_that_says_so(server: Serving, query: str) -> None:
     page = get(server, query, status=400)
-    assert "not of the documented form" in page.text
-    assert "<h1>Something is not as it should be</h1>" in page.text
+    assert "The request is invalid" in page.text
+    assert "<h1>Invalid request</h1>" in page.text
     ((field, said),) = tables(page)[0]
     assert query.startswith(f"?{field}=")
     assert not re.search("should|Input|Value error", said)
-    assert f'<a href="/boards/{OPEN}">To the whole leaderboard of {OPEN}</a>' in page.text
+    assert f'<a href="/boards/{OPEN}">To the whole {OPEN} leaderboard</a>' in page.text
 
 
 def test_no_such_split(server: Serving) -> None:
@@ -207,7 +206,7 @@ def test_no_such_split(server: Serving) -> None:
 
 def test_an_empty_board(server: Serving) -> None:
     page = get(server).text
-    assert "Nothing is published yet." in page
+    assert "No results are published yet." in page
     assert "<canvas" not in page
     assert get(server, path="/", status=307).headers["location"].startswith("/boards/")
 
@@ -259,7 +258,7 @@ def test_what_a_paper_reports_is_not_ranked(five: Serving) -> None:
     assert ranking(five)[0] == ("1", "Bee")
     (row,) = tables(get(five))[1]
     assert row[:3] == [
-        "reported, not scored in this source, entered by Olga",
+        "reported, not scored source, added by Olga",
         "FAST Qi et al.",
         "99.00",
     ]
@@ -327,7 +326,7 @@ def test_nothing_is_stale(server: Serving) -> None:
     assert tables(get(server))[0][0][1] == "Bee Blue"
     server.upload(OWNER, server.distinct())
     assert tables(get(server))[0][0][-2] == "2"
-    assert "Nothing is published" in change(withdrawn=True)[0][0]
+    assert "No results are published" in change(withdrawn=True)[0][0]
 
 
 def test_pages_of_a_long_board(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -107,11 +107,11 @@ def test_the_overview_says_that_all_is_well(desk: Visitor) -> None:
     sent(desk.server)
     desk.server.upload(OTHER, BROKEN)
     words = said(desk.get("/desk"))
-    assert "All is well." in words
+    assert "All checks passed." in words
     assert "Uploads, 24 hours 2 Not scored 1" in words
     assert re.search(rf"{OPEN} open always open 1 0 2026-03-02 12:00 UTC", words)
     assert "submission-rejected Carl, Red" in words
-    assert re.search(r"Disk free [\d.]+ \w+ of [\d.]+ \w+", words)
+    assert re.search(r"Free disk space [\d.]+ \w+ of [\d.]+ \w+", words)
 
 
 def test_the_overview_says_what_is_not(desk: Visitor, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,8 +120,8 @@ def test_the_overview_says_what_is_not(desk: Visitor, monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(Canary, "_sign", fail)
     words = said(desk.get("/desk"))
-    assert f"Not well: scoring of {PRIVATE}" in words
-    assert "All is well" not in words
+    assert f"Failing: scoring of {PRIVATE}" in words
+    assert "All checks passed" not in words
 
 
 def test_uploads_are_paged_and_chosen_by_outcome(desk: Visitor) -> None:
@@ -167,8 +167,8 @@ def test_a_review_is_lifted_and_stays_on_record(desk: Visitor) -> None:
     told(desk, "/desk/reviews", **form)
     assert "Take back" in said(sending(desk, "/desk/reviews/1/lift"))
     words = told(desk, "/desk/reviews/1/lift", **YES)
-    assert "Nothing is said of any submission." in words
-    assert "Lifted" in words
+    assert "No reviews." in words
+    assert "Lifted reviews" in words
     again = sending(desk, "/desk/reviews/1/lift", **YES)
     assert (again.status_code, "was lifted already" in said(again)) == (409, True)
 
@@ -178,7 +178,7 @@ def test_what_is_wrong_is_shown_beside_what_was_typed(desk: Visitor) -> None:
     form = {"submission_id": submission_id, "verdict": "verified", "reason": "x" * 501}
     page = sending(desk, "/desk/reviews", **form)
     assert page.status_code == 400
-    assert "reason: takes up to 500 letters" in said(page)
+    assert "reason: must have at most 500 characters" in said(page)
     assert 'value="verified" required checked' in page.text
     assert "x" * 501 in page.text
 
@@ -219,7 +219,7 @@ def test_only_results_are_reported(changes: Mapping[str, str], message: str, des
 def test_a_reported_result_is_removed(desk: Visitor) -> None:
     told(desk, "/desk/reported", **RESULT, success="5")
     assert "off its board?" in said(sending(desk, "/desk/reported/1/remove"))
-    assert "There are none." in told(desk, "/desk/reported/1/remove", **YES)
+    assert "No reported results." in told(desk, "/desk/reported/1/remove", **YES)
     assert sending(desk, "/desk/reported/1/remove", **YES).status_code == 404
     assert sending(desk, f"/desk/reported/{2**40}/remove", **YES).status_code == 400
 
@@ -228,19 +228,19 @@ def test_a_notice_is_looked_at_before_it_is_posted(desk: Visitor) -> None:
     form = {"banner": f"Down {MARKUP}", "paused": "true"}
     asked = sending(desk, "/desk/notice", **form)
     assert MARKUP not in asked.text
-    assert "Submissions are paused from then on" in said(asked)
+    assert "Submissions will be paused." in said(asked)
     assert not desk.server.ask(None, "GET", "/server").json()["paused"]
     words = told(desk, "/desk/notice", **form, **YES)
     assert f"Down {MARKUP}" in words
     assert "Submissions are paused; Olga posted this 2026-03-02 12:00 UTC" in words
     assert "Submissions are paused." in said(desk.get("/desk"))
     assert f"Down {MARKUP}" in said(desk.server.client.get("/sign-in"))
-    assert "taken again from then on" in said(sending(desk, "/desk/notice", banner=""))
-    assert "Submissions are taken" in told(desk, "/desk/notice", banner="", **YES)
+    assert "Submissions will be accepted again." in said(sending(desk, "/desk/notice", banner=""))
+    assert "Submissions are accepted" in told(desk, "/desk/notice", banner="", **YES)
 
 
 def test_a_team_and_its_people_are_added(desk: Visitor) -> None:
-    assert "The team is there." in told(desk, "/desk/people/teams", name=MARKUP)
+    assert "Team added." in told(desk, "/desk/people/teams", name=MARKUP)
     person = {"name": "Dora", "team": MARKUP, "role": "participant"}
     assert f"{MARKUP} Dora" in told(desk, "/desk/people", **person)
     twice = sending(desk, "/desk/people", **person)
@@ -262,7 +262,7 @@ def test_a_token_is_shown_once(kind: str, desk: Visitor) -> None:
     page = sending(desk, "/desk/people/tokens", **form)
     (text,) = set(re.findall(r"rv_[\w-]{43}", page.text))
     assert (page.status_code, page.headers["cache-control"]) == (200, "no-store")
-    assert "worthless after 2026-03-31 23:59 UTC" in said(page)
+    assert "It expires 2026-03-31 23:59 UTC." in said(page)
     assert "at http://server/sign-in" in said(page)
     with desk.server.state.database.reading() as session:
         token = list_tokens(session, Page()).rows[0]
@@ -292,7 +292,7 @@ def test_a_token_is_revoked_once_it_was_asked_twice(desk: Visitor) -> None:
     path = f"/desk/people/tokens/{hint}/revoke"
     assert f"Revoke the token that begins with {hint}?" in said(sending(desk, path))
     assert desk.server.ask(OWNER, "GET", "/me").status_code == 200
-    assert "The token is worthless now." in told(desk, path, **YES)
+    assert "Token revoked." in told(desk, path, **YES)
     assert desk.server.ask(OWNER, "GET", "/me").status_code == 401
     nobodys = "/desk/people/tokens/rv_12345678/revoke"
     assert sending(desk, nobodys, **YES).status_code == 404
@@ -324,13 +324,13 @@ def test_the_audit_log_is_paged_and_searched(desk: Visitor) -> None:
 
 
 def test_the_audit_log_says_whether_it_is_whole(desk: Visitor) -> None:
-    assert "The entries on this page are as they were written." in said(desk.get("/desk/audit"))
+    assert "The entries on this page are unchanged." in said(desk.get("/desk/audit"))
     assert "The chain is unbroken." in said(desk.get("/desk/audit?whole=yes"))
     with desk.server.state.database.writing() as session:
         session.execute(update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody"))
     for query in ("", "?whole=yes"):
         words = said(desk.get(f"/desk/audit{query}"))
-        assert "The log was changed at 1 entry, the first of them 2:" in words
+        assert "The log was changed at 1 entry, first at entry 2:" in words
         assert "unbroken" not in words
 
 
@@ -342,8 +342,8 @@ def test_what_is_on_another_page_of_the_log_is_checked_with_the_whole(desk: Visi
         transaction.session.execute(
             update(AuditEntry).where(AuditEntry.id == 2).values(actor="nobody")
         )
-    assert "as they were written" in said(desk.get("/desk/audit"))
-    assert "the first of them 2:" in said(desk.get("/desk/audit?whole=yes"))
+    assert "are unchanged" in said(desk.get("/desk/audit"))
+    assert "first at entry 2:" in said(desk.get("/desk/audit?whole=yes"))
 
 
 def test_an_upload_on_the_page_is_noted_too(server: Serving) -> None:

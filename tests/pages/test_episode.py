@@ -46,7 +46,7 @@ def test_from_an_episode_that_was_not_chosen_one_comes_to_the_nearest(
     ids = home.state.boards[OPEN].truth.episodes.instr_ids
     page = signed_in(home, OWNER).get(f"/episodes/{OPEN}/{ids[2]}?text={ids[3]}")
     assert urlsplit(linked(page, "next")).path == f"/episodes/{OPEN}/{ids[3]}"
-    assert (linked(page, "prev"), "not one of the 1 chosen" in said(page)) == (None, True)
+    assert (linked(page, "prev"), "not one of the 1 found" in said(page)) == (None, True)
 
 
 def test_a_walk_is_drawn_and_told(home: Serving, submission: str) -> None:
@@ -108,7 +108,7 @@ def test_equal_names_are_told_apart(home: Serving, submission: str) -> None:
 def test_an_unknown_episode(instr_id: str, home: Serving, submission: str) -> None:
     for query in ("", f"?submission={submission}"):
         reply = signed_in(home, OWNER).get(f"/episodes/{OPEN}/{instr_id}{query}")
-        assert (reply.status_code, "<h1>Nothing is here</h1>" in reply.text) == (404, True)
+        assert (reply.status_code, "<h1>Not found</h1>" in reply.text) == (404, True)
 
 
 @pytest.mark.parametrize("id_", ["0123456789abcdef", "%00", "'", "../x", "ünknown"])

@@ -112,17 +112,17 @@ def test_the_rules_are_those_of_the_settings(open_server: OpenServer, folder: Pa
     text = words(open_server(changed), "/rules")
     assert f"{PRIVATE} private duet 91 3 17 1,234" in text
     assert f"{PRIVATE} <i>Spring</i> 2027-03-02 12:00 UTC - closed" in text
-    assert "here also code, extra data" in text
+    assert "Required: the name, code, extra data." in text
 
 
 def test_large_numbers_can_be_read(open_server: OpenServer, folder: Path) -> None:
     limits = Limits(requests_per_minute=1_000_000)
     server = open_server(settings_of(folder).model_copy(update={"limits": limits}))
-    assert "Up to 1,000,000 requests a minute" in words(server, "/api")
+    assert "1,000,000 requests per minute" in words(server, "/api")
 
 
 def test_equal_values_and_unequal_ranks_are_explained(server: Serving) -> None:
-    assert "further digits decide" in words(server, "/rules")
+    assert "the same two decimals can have different ranks" in words(server, "/rules")
     assert "by all their digits, of which two decimals are shown" in words(server, "/metrics")
 
 

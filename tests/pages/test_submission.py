@@ -59,12 +59,12 @@ def test_the_team_sees_all_of_it(owner: Visitor) -> None:
     page = owner.get(f"/submissions/{submission}")
     words = said(page)
     assert page.status_code == 200
-    assert "unpublished val_unseen, Blue, sent by Ada 2026-03-02 12:00 UTC" in words
+    assert "unpublished val_unseen, Blue, submitted by Ada 2026-03-02 12:00 UTC" in words
     assert f"RGSPL % {100 * report['scores']['rgspl']:.2f}" in words
     assert "Success rate: the target object is visible where the agent stops." in words
     assert report["signature"] in words
     assert '"proof": "' in words
-    assert "199 of 200 in 24 hours; more from 2026-03-03 12:00 UTC" in words
+    assert "199 of 200 per 24 hours; one more from 2026-03-03 12:00 UTC" in words
     assert '<a href="https://example.org/p" rel="nofollow noopener noreferrer">Paper' in page.text
 
 
@@ -103,7 +103,7 @@ def test_publishing_and_taking_back(owner: Visitor) -> None:
     submission, nobody = sent(owner.server), Visitor(owner.server)
     path = f"/submissions/{submission}"
     assert nobody.get(path).status_code == 404
-    assert "The submission is published: see it on the board." in changed(
+    assert "The submission is published: see it on the leaderboard." in changed(
         owner, submission, published="true"
     )
     assert nobody.get(path).status_code == 200
@@ -155,7 +155,7 @@ def test_what_everybody_sees_of_a_published_submission(owner: Visitor) -> None:
             "/episodes/",
             "proof",
             "History",
-            "tries left",
+            "submissions left",
             "Withdraw",
             "/api/v1/submissions",
         ):
@@ -184,8 +184,8 @@ def test_there_is_no_such_submission(owner: Visitor, name: str) -> None:
 def test_an_anonymous_team_is_nowhere_named(owner: Visitor) -> None:
     submission = sent(owner.server)
     page = changed(owner, submission, published="true", anonymous_until="2026-04-01")
-    assert "Blue (hidden on the board)" in page
-    assert "The board names no team until 2026-04-01 00:00 UTC" in page
+    assert "Blue (hidden on the leaderboard)" in page
+    assert "The leaderboard does not name your team until 2026-04-01 00:00 UTC" in page
     assert "published; team hidden until 2026-04-01, by Ada" in page
     owner.server.clock.turn(days=29, hours=12, seconds=-1)
     for visitor in (Visitor(owner.server), signed_in(owner.server, OTHER)):
@@ -201,7 +201,7 @@ def test_an_anonymous_team_is_nowhere_named(owner: Visitor) -> None:
 def test_an_anonymous_team_is_named_when_it_wants_to_be(owner: Visitor) -> None:
     submission = sent(owner.server)
     changed(owner, submission, published="true", anonymous_until="2026-04-01")
-    assert "The board names your team." in changed(owner, submission, anonymous_until="")
+    assert "The leaderboard names your team." in changed(owner, submission, anonymous_until="")
     assert "Blue, on val_unseen" in said(Visitor(owner.server).get(f"/submissions/{submission}"))
 
 
@@ -219,14 +219,16 @@ def test_renaming_and_editing(owner: Visitor) -> None:
 # What a form may send that comes to nothing, and what the page says of it.
 WRONG = [
     pytest.param(
-        {"name": "", "description": "kept"}, "name: takes 1 or more letters", id="no name"
+        {"name": "", "description": "kept"}, "name: must have 1 or more characters", id="no name"
     ),
     pytest.param(
-        {"name": "x", "paper": "ftp://a", "description": "kept"}, "paper: takes a link", id="a link"
+        {"name": "x", "paper": "ftp://a", "description": "kept"},
+        "paper: must be a link",
+        id="a link",
     ),
-    pytest.param({"anonymous_until": "soon"}, "anonymous until: takes an instant", id="no date"),
-    pytest.param({"anonymous_until": "9999-01-01"}, "between the years", id="a far date"),
-    pytest.param({"published": "perhaps"}, "published: takes true or false", id="no switch"),
+    pytest.param({"anonymous_until": "soon"}, "anonymous until: must be a time", id="no date"),
+    pytest.param({"anonymous_until": "9999-01-01"}, "in the years 2000 to 2999", id="a far date"),
+    pytest.param({"published": "perhaps"}, "published: must be true or false", id="no switch"),
 ]
 
 
@@ -305,7 +307,7 @@ def test_a_disqualified_submission_cannot_be_taken_off_the_board(owner: Visitor)
     with owner.server.acting(ORGANISER) as transaction:
         review(transaction, submission, "disqualified", "Copied.")
     page = owner.get(f"/submissions/{submission}")
-    assert "it cannot be withdrawn or taken off the board" in said(page)
+    assert "it cannot be unpublished or withdrawn" in said(page)
     assert 'name="withdrawn"' not in page.text
     assert 'name="published"' not in page.text
     for field in ({"withdrawn": "true"}, {"published": "false"}):
@@ -324,15 +326,15 @@ def test_the_team_s_page(open_server: OpenServer, folder: Path) -> None:
     assert "Blue Ada, Ben (you)" in page
     assert page.index("Open walker") < page.index("Private walker")
     assert (
-        "test 0 tries left 0 of 1 in 24 hours; more from 2026-03-03 12:00 UTC 9 of 10 in 30 days"
-        in page
+        "test 0 submissions left 0 of 1 per 24 hours; one more from 2026-03-03 12:00 UTC "
+        "9 of 10 per 30 days" in page
     )
     assert server.tokens[MATE][:11] in page
     assert server.tokens[MATE] not in page
     assert server.tokens[OWNER][:11] not in page
     assert "valid (signed in with it)" in page
     other = said(signed_in(server, OTHER).get("/team"))
-    assert "Nothing yet." in other
+    assert "No submissions yet." in other
     assert "walker" not in other
 
 
@@ -356,7 +358,7 @@ def test_the_team_s_submissions_are_drawn_over_time(server: Serving) -> None:
     ]
     assert drawn["points"]["y"] == pytest.approx([100 * score for score in scores])
     assert drawn["points"]["at"] == [1772456400000, 1772452800000]  # 13:00 and 12:00 UTC
-    assert f"A circle for each submission to {PRIVATE}" in said(page)
+    assert f"One circle per submission to {PRIVATE}" in said(page)
 
 
 def test_a_name_cannot_leave_the_chart_s_data(server: Serving) -> None:

@@ -48,7 +48,7 @@ def owner(server: Serving) -> Visitor:
 
 
 def kept(server: Serving) -> int:
-    """Return how many submissions were kept, each of which has spent a try."""
+    """Return how many submissions were stored; each used one of the quota."""
     with server.state.database.reading() as session:
         return session.scalar(select(func.count()).select_from(Submission)) or 0
 
@@ -67,7 +67,7 @@ def test_the_whole_way_without_scripts(server: Serving) -> None:
     assert scored.status_code == 303
     assert scored.headers["location"] == f"/submissions/{place_of(scored)}?done=scored"
     page = owner.get(scored.headers["location"])
-    assert "Scored. One try was spent." in said(page)
+    assert "Scored. One submission was used." in said(page)
     published = owner.send(f"/submissions/{place_of(scored)}", {"published": "true"})
     assert "Saved. The submission is published" in said(owner.get(published.headers["location"]))
     board = server.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()
@@ -87,7 +87,7 @@ def test_all_problems_are_shown_with_their_places(owner: Visitor, what: str, sta
     reply = owner.upload(BROKEN, what)
     page = said(reply)
     assert reply.status_code == status
-    assert "24 problems in this file. Nothing was scored and nothing was spent" in page
+    assert "24 problems in this file. Nothing was scored and no submission was used" in page
     assert "[4].trajectory is empty; an agent that does not move has one pose" in page
     assert "[86] has no instr_id; add it" in page
     assert reply.text.count("<tr><td><code>") == 24
@@ -132,14 +132,14 @@ def test_where_no_file_was_chosen_that_is_what_is_said(owner: Visitor, what: str
 
 def test_who_has_no_scripts_is_told_to_choose_the_file_again(owner: Visitor) -> None:
     checked = owner.upload(GOOD, "check")
-    assert "<noscript> Choose the file once more before scoring" in checked.text
+    assert "<noscript> Choose the file again before scoring" in checked.text
 
 
 def test_what_is_wrong_with_a_field_is_said_in_words_of_ours(owner: Visitor) -> None:
     page = owner.upload(name="x" * 101, paper="http://example.org/")
     assert page.status_code == 400
-    assert "Takes up to 100 letters." in said(page)
-    assert "Takes a link that begins with https://." in said(page)
+    assert "Must have at most 100 characters." in said(page)
+    assert "Must be a link that begins with https://." in said(page)
 
 
 def test_what_a_file_says_is_escaped(owner: Visitor) -> None:
@@ -158,11 +158,11 @@ def test_of_a_private_split_no_problem_tells_of_answers(owner: Visitor) -> None:
 
 # What is typed besides a sound file, and what the page says of it.
 WRONG = [
-    pytest.param({"name": ""}, "Name", "Is missing.", id="no name"),
-    pytest.param({"name": "x" * 101}, "Name", "up to 100 letters", id="a long name"),
+    pytest.param({"name": ""}, "Name", "Required but missing.", id="no name"),
+    pytest.param({"name": "x" * 101}, "Name", "at most 100 characters", id="a long name"),
     pytest.param({"paper": "http://example.org"}, "Paper", "https://", id="another scheme"),
     pytest.param({"code": "javascript:alert(1)"}, "Code", "https://", id="a script"),
-    pytest.param({"name": "a\u202eb"}, "Name", "letters that can be seen", id="hidden letters"),
+    pytest.param({"name": "a\u202eb"}, "Name", "invisible characters", id="hidden letters"),
 ]
 
 
@@ -250,8 +250,8 @@ def test_the_same_file_leads_to_the_same_page_and_spends_once(owner: Visitor) ->
     assert place_of(first) == place_of(again) == place_of(mate)
     assert again.headers["location"].endswith("?done=again")
     page = said(owner.get(again.headers["location"]))
-    assert "This very file was scored before" in page
-    assert "nothing was spent" in page
+    assert "This file was scored before." in page
+    assert "no submission was used" in page
     assert "Another name" not in page
     assert kept(owner.server) == 1
 
@@ -271,13 +271,13 @@ def test_a_double_click_spends_once(owner: Visitor) -> None:
 def test_a_spent_quota_says_when_the_next_is(open_server: OpenServer, folder: Path) -> None:
     tight = adjusted(settings_of(folder), quota=Quota(day=1))
     owner = signed_in(open_server(tight), OWNER)
-    assert "1 try left: 1 of 1 in 24 hours" in said(owner.get("/submit"))
+    assert "1 submission left: 1 of 1 per 24 hours" in said(owner.get("/submit"))
     first, second = (submission_for(PRIVATE, "random", seed) for seed in (1, 2))
     assert owner.upload(first, split=PRIVATE).status_code == 303
     reply = owner.upload(second, split=PRIVATE, name="Kept name")
     page = said(reply)
     assert reply.status_code == 429
-    assert "No try left: 0 of 1 in 24 hours, 9 of 10 in 30 days" in page
+    assert "No submissions left: 0 of 1 per 24 hours, 9 of 10 per 30 days" in page
     assert "The next is possible from 2026-03-03 12:00 UTC" in page
     assert '<time datetime="2026-03-03T12:00:00+00:00">' in reply.text
     assert 'value="Kept name"' in reply.text
@@ -299,7 +299,7 @@ def test_while_paused_files_are_checked_and_not_scored(owner: Visitor) -> None:
 def test_a_closed_split_says_when_it_opens(open_server: OpenServer, folder: Path) -> None:
     later = (Phase(name="spring", opens=NOON.replace(month=4)),)
     owner = signed_in(open_server(adjusted(settings_of(folder), phases=later)), OWNER)
-    assert "Takes no submissions now; opens 2026-04-02 12:00 UTC" in said(owner.get("/submit"))
+    assert "Accepts no submissions now; opens 2026-04-02 12:00 UTC" in said(owner.get("/submit"))
     assert owner.upload(submission_for(PRIVATE), split=PRIVATE).status_code == 409
 
 

@@ -10,29 +10,31 @@ from reverie_eval.schemas.service import Method, SubmissionChange
 from reverie_eval.schemas.wire import Https, Instant, Name
 from reverie_eval.server.http.wrong_values import wrong_value
 
-LINK = "takes a link that begins with https://"
-INSTANT = "takes an instant with its time zone, such as 2027-06-01T12:00:00Z"
-DATE = "takes a date such as 2027-06-01"
+LINK = "must be a link that begins with https://"
+INSTANT = "must be a time with its time zone, such as 2027-06-01T12:00:00Z"
+DATE = "must be a date, such as 2027-06-01"
 
 WRONG = [
-    pytest.param(Name, "", "takes 1 or more letters", id="empty"),
-    pytest.param(Name, "x" * 101, "takes up to 100 letters", id="too long"),
-    pytest.param(Name, 7, "takes text", id="no text"),
-    pytest.param(Name, "a\nb", "takes letters that can be seen, in one line", id="two lines"),
+    pytest.param(Name, "", "must have 1 or more characters", id="empty"),
+    pytest.param(Name, "x" * 101, "must have at most 100 characters", id="too long"),
+    pytest.param(Name, 7, "must be text", id="no text"),
+    pytest.param(Name, "a\nb", "must be one line without invisible characters", id="two lines"),
     pytest.param(Https, "http://x.org/", LINK, id="another scheme"),
     pytest.param(Https, "x", LINK, id="no link"),
     pytest.param(Https, 7, LINK, id="a number for a link"),
-    pytest.param(Https, f"https://{'x' * 500}.org", "takes up to 500 letters", id="a long link"),
-    pytest.param(Literal["with", "without"], "x", "takes 'with' or 'without'", id="a choice"),
-    pytest.param(bool, "x", "takes true or false", id="neither yes nor no"),
-    pytest.param(int, "x", "takes a whole number", id="no number"),
-    pytest.param(int, 1.5, "takes a whole number", id="a fraction"),
-    pytest.param(float, "x", "takes a number", id="no number at all"),
     pytest.param(
-        Annotated[int, Field(ge=1, le=10_000)], 0, "takes 1 or more", id="too small a number"
+        Https, f"https://{'x' * 500}.org", "must have at most 500 characters", id="a long link"
+    ),
+    pytest.param(Literal["with", "without"], "x", "must be 'with' or 'without'", id="a choice"),
+    pytest.param(bool, "x", "must be true or false", id="neither yes nor no"),
+    pytest.param(int, "x", "must be a whole number", id="no number"),
+    pytest.param(int, 1.5, "must be a whole number", id="a fraction"),
+    pytest.param(float, "x", "must be a number", id="no number at all"),
+    pytest.param(
+        Annotated[int, Field(ge=1, le=10_000)], 0, "must be 1 or more", id="too small a number"
     ),
     pytest.param(
-        Annotated[int, Field(ge=1, le=10_000)], 10**5, "takes 10,000 or less", id="too large"
+        Annotated[int, Field(ge=1, le=10_000)], 10**5, "must be 10,000 or less", id="too large"
     ),
     pytest.param(date, "soon", DATE, id="no date"),
     pytest.param(date, "2027-06-31", DATE, id="no such day"),
@@ -41,14 +43,12 @@ WRONG = [
     pytest.param(
         Instant,
         "1999-06-01T12:00:00Z",
-        "is no date between the years 2000 and 3000",
+        "must be in the years 2000 to 2999",
         id="another century",
     ),
-    pytest.param(Method, {}, "is missing", id="missing"),
-    pytest.param(Method, [], "takes an object with named fields", id="a list for an object"),
-    pytest.param(
-        SubmissionChange, {"score": 1}, "is not known here; leave it out", id="one too many"
-    ),
+    pytest.param(Method, {}, "required but missing", id="missing"),
+    pytest.param(Method, [], "must be an object", id="a list for an object"),
+    pytest.param(SubmissionChange, {"score": 1}, "unknown field; remove it", id="one too many"),
 ]
 
 

@@ -1,4 +1,4 @@
-"""Archives that are no whole backup are refused, and nothing is left of them."""
+"""Archives that are not complete backups are rejected, and nothing is left of them."""
 
 import io
 import json
@@ -28,7 +28,7 @@ def refused(archive: Path, folder: Path, told: str) -> None:
 def test_what_is_cut_off_is_refused(share: float, archive: Path, tmp_path: Path) -> None:
     content = archive.read_bytes()
     archive.write_bytes(content[: int(share * len(content))])
-    refused(archive, tmp_path / "there", "no whole backup|is missing")
+    refused(archive, tmp_path / "there", "not a complete backup|is missing")
 
 
 def test_a_changed_byte_is_refused_or_changes_nothing(
@@ -56,7 +56,7 @@ def test_what_is_no_archive_is_refused(tmp_path: Path, run: Run) -> None:
     (tmp_path / "notes.txt").write_text("not an archive")
     outcome = run("server", "restore", str(tmp_path / "notes.txt"), str(tmp_path / "there"))
     assert (outcome.status, outcome.out) == (1, "")
-    assert "is no whole backup (not a gzip file); take another" in outcome.err
+    assert "is not a complete backup (not a gzip file); use another" in outcome.err
 
 
 def member(name: str, content: bytes = b"", **attributes: Any) -> tuple[tarfile.TarInfo, bytes]:
@@ -114,7 +114,7 @@ def test_what_would_reach_outside_is_refused(
 ) -> None:
     evil[0].name = evil[0].name.replace("/ABSOLUTE", str(tmp_path))
     rewritten(archive, lambda members: members.insert(0, evil))
-    refused(archive, tmp_path / "there", "has no place in one")
+    refused(archive, tmp_path / "there", "does not belong in one")
     assert not list(tmp_path.rglob("*evil*"))
 
 
@@ -138,22 +138,22 @@ def position(members: Members, name: str) -> int:
         ),
         pytest.param(
             lambda members: members.pop(position(members, "manifest.json")),
-            "there is no manifest.json",
+            "there is no valid manifest.json",
             id="manifest left out",
         ),
         pytest.param(
             lambda members: members.insert(0, member("further", b"x")),
-            "further: is not what was backed up",
+            "further: differs from what was backed up",
             id="something slipped in",
         ),
         pytest.param(
             lambda members: members.append(member("signing-key.pem", b"x")),
-            "signing-key.pem: is not what was backed up",
+            "signing-key.pem: differs from what was backed up",
             id="something replaced",
         ),
         pytest.param(
             lambda members: members.append(member("manifest.json", b"{}")),
-            "there is no manifest.json",
+            "there is no valid manifest.json",
             id="manifest that is none",
         ),
         pytest.param(

@@ -211,9 +211,9 @@ def test_files_from_elsewhere_come_into_the_folder(used: Path, tmp_path: Path, r
     ("output", "told"),
     [
         pytest.param("server/b.tar.gz", "is in the server's folder", id="in the folder"),
-        pytest.param("nowhere/b.tar.gz", "a folder that is there", id="no folder"),
+        pytest.param("nowhere/b.tar.gz", "an existing folder", id="no folder"),
         pytest.param(".", "cannot be written", id="a folder"),
-        pytest.param("answers.npz", "is to be backed up", id="over what it backs up"),
+        pytest.param("answers.npz", "is a file of the server", id="over what it backs up"),
     ],
 )
 def test_where_no_backup_is_written(

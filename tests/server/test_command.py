@@ -117,7 +117,7 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path: Path, run: Run) -
 
 def test_a_server_is_not_made_twice(lab: str, run: Run) -> None:
     before = (Path(lab) / "signing-key.pem").read_bytes()
-    assert "is a server's already" in run("server", "init", lab).err
+    assert "already contains a server" in run("server", "init", lab).err
     assert (Path(lab) / "signing-key.pem").read_bytes() == before
 
 

@@ -49,7 +49,7 @@ def test_a_sound_server_is_well(kept: Path, run: Run) -> None:
     assert outcome.status == 0
     assert " fault " not in outcome.out
     assert " note " not in outcome.out
-    for told in ("2 uploads whole, of 2", "3 receipts verified", "none changed or removed"):
+    for told in ("2 of 2 uploads intact", "3 receipts verified", "none changed or removed"):
         assert told in outcome.out
 
 
@@ -96,7 +96,7 @@ DAMAGES = [
     pytest.param(
         lambda folder: upload(folder).write_bytes(b"[]"),
         "uploads",
-        "not what was sent",
+        "differs from the file that was uploaded",
         id="upload",
     ),
     pytest.param(put_a_folder, "uploads", "cannot be read", id="upload that is no file"),
@@ -104,7 +104,7 @@ DAMAGES = [
     pytest.param(
         sql(f"UPDATE submission SET report = json_set(report, '$.scores.spl', 1.0) WHERE {FIRST}"),
         "receipts",
-        "says something else",
+        "differs from the submission's row",
         id="score",
     ),
     pytest.param(
@@ -122,13 +122,13 @@ DAMAGES = [
     pytest.param(
         sql("UPDATE submission SET team_id = 3 - team_id WHERE split = 'val_unseen'"),
         "receipts",
-        "says something else",
+        "differs from the submission's row",
         id="another team's",
     ),
     pytest.param(
         sql(f"UPDATE submission SET received_at = '2026-01-01 00:00:00.000000' WHERE {FIRST}"),
         "receipts",
-        "says something else",
+        "differs from the submission's row",
         id="time",
     ),
     pytest.param(
@@ -137,7 +137,7 @@ DAMAGES = [
             f" WHERE {FIRST}"
         ),
         "reports",
-        "does not name its ground truth",
+        "its signature names another ground truth",
         id="fingerprint",
     ),
     pytest.param(
@@ -161,13 +161,13 @@ DAMAGES = [
     pytest.param(
         sql(f"DELETE FROM submission WHERE {FIRST}"),
         "audit log",
-        "the audit log has it, but the database does not",
+        "logged, but no longer in the database",
         id="submission removed",
     ),
     pytest.param(
         sql(f"UPDATE submission SET id = 'f00' WHERE {FIRST}"),
         "audit log",
-        "submitted (submission:f00): the database has it, but the audit log does not",
+        "submitted (submission:f00): in the database, but not logged",
         id="submission slipped in",
     ),
     pytest.param(
@@ -185,19 +185,19 @@ DAMAGES = [
     pytest.param(
         sql("DELETE FROM audit WHERE id = 2"),
         "audit log",
-        "entry 3 was changed, or one before it was removed",
+        "entry 3 was changed, or the entry before it was removed",
         id="audit entry removed",
     ),
     pytest.param(
         sql("DELETE FROM audit WHERE id = 1"),
         "audit log",
-        "entry 2 was changed, or one before it was removed",
+        "entry 2 was changed, or the entry before it was removed",
         id="first audit entry removed",
     ),
     pytest.param(
         sql("DELETE FROM audit WHERE id = (SELECT max(id) FROM audit)"),
         "audit log",
-        "the database has it, but the audit log does not",
+        "in the database, but not logged",
         id="last audit entry removed",
     ),
     pytest.param(
@@ -207,7 +207,10 @@ DAMAGES = [
         id="audit entry that is no JSON",
     ),
     pytest.param(
-        sql("DELETE FROM team WHERE id = 1"), "database", "has lost its team", id="team removed"
+        sql("DELETE FROM team WHERE id = 1"),
+        "database",
+        "refers to a missing team",
+        id="team removed",
     ),
     pytest.param(spoil_pages, "database", "is malformed; restore the last", id="page"),
 ]
@@ -288,7 +291,7 @@ def test_a_log_that_was_cut_off_is_seen_by_what_is_still_there(
         transaction.session.execute(delete(AuditEntry).where(AuditEntry.id >= cut.id))
         add_team(transaction, "Newcomers")  # with the same number
     faults = [fault for fault in faults_of(kept) if "is called" not in fault]
-    expected = f"{action} ({cut.row}, {cut.at:%Y-%m-%d %H:%M:%S}): the database has it, but "
+    expected = f"{action} ({cut.row}, {cut.at:%Y-%m-%d %H:%M:%S}): in the database, but not logged"
     assert any(fault.startswith(expected) for fault in faults)
     assert len(faults) == len(ACTIONS) - ACTIONS.index(action)
 
@@ -340,7 +343,7 @@ def test_a_stray_file_is_no_fault(kept: Path, run: Run) -> None:
     (kept / "uploads" / "ab" / ".half").touch()
     outcome = run("server", "doctor", str(kept))
     assert (outcome.status, " note " in outcome.out) == (0, True)
-    assert "1 file of no submission: .half" in outcome.out
+    assert "1 file without a submission: .half" in outcome.out
 
 
 def test_other_ground_truth_since_then_is_no_fault(kept: Path, run: Run) -> None:
@@ -350,12 +353,12 @@ def test_other_ground_truth_since_then_is_no_fault(kept: Path, run: Run) -> None
     settings.write_text(only_seen)
     outcome = run("server", "doctor", str(kept))
     assert outcome.status == 0
-    assert "1 submission to val_unseen scored by ground truth" in outcome.out
+    assert "1 submission to val_unseen scored with other ground truth" in outcome.out
 
 
 def test_little_space_is_a_fault(kept: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=(1 << 30) - 1))
-    assert "1.0 GiB free; make room" in run("server", "doctor", str(kept)).out
+    assert "1.0 GiB free; free some space" in run("server", "doctor", str(kept)).out
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1 << 30))
     assert run("server", "doctor", str(kept)).status == 0
 

@@ -151,14 +151,14 @@ def test_another_key_for_another_file(server: Serving) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        pytest.param(b"[" * 100_000, "is nested too deeply", id="deep"),
-        pytest.param(b"9" * 5000, "holds a number with too many digits", id="long"),
-        pytest.param(b"\xff", "is the byte from which on this is no UTF-8", id="other letters"),
+        pytest.param(b"[" * 100_000, "nested too deeply", id="deep"),
+        pytest.param(b"9" * 5000, "contains a number with too many digits", id="long"),
+        pytest.param(b"\xff", "invalid UTF-8 from this byte on", id="other letters"),
     ],
 )
 def test_json_that_cannot_be_read(server: Serving, content: bytes, said: str) -> None:
     reply = server.ask(NOBODY, "POST", "/tokens", **raw(content)).json()
-    assert reply["detail"] == "the body cannot be read"
+    assert reply["detail"] == "the body cannot be read as JSON"
     assert [problem["message"] for problem in reply["problems"]] == [said]
 
 

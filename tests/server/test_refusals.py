@@ -65,9 +65,11 @@ TROUBLES = [
     pytest.param([no_database], ["reverie-eval server upgrade"], id="no database"),
     pytest.param([damaged_database], ["file is not a database"], id="damaged database"),
     pytest.param([later_database], ["install the latest"], id="later version"),
-    pytest.param([default_secret], ["everybody tries first", "connection"], id="default secret"),
+    pytest.param([default_secret], ["easy to guess", "connection"], id="default secret"),
     pytest.param(
-        [unknown_keys], ["spead: is no setting", "visability: is no setting"], id="unknown keys"
+        [unknown_keys],
+        ["spead: is not a setting", "visability: is not a setting"],
+        id="unknown keys",
     ),
     pytest.param(
         [no_bundle, open_key, later_database],
@@ -235,7 +237,7 @@ def test_uploads_that_are_no_folder_are_named(folder: Path, run: Run) -> None:
     (folder / "uploads").touch()
     checked = run("server", "check", str(folder))
     assert checked.status == 1
-    assert "uploads: Not a directory; name a folder that the server can write to" in checked.out
+    assert "uploads: Not a directory; choose a folder that the server can write to" in checked.out
 
 
 def test_uploads_that_cannot_be_written_are_named(laptop: Laptop) -> None:
@@ -245,7 +247,7 @@ def test_uploads_that_cannot_be_written_are_named(laptop: Laptop) -> None:
     (laptop.folder / "lab" / "uploads").chmod(0o500)
     checked = laptop.like_anybody("server", "check", "lab")
     assert checked.status == 1
-    assert "uploads: Permission denied; name a folder that the server" in checked.out
+    assert "uploads: Permission denied; choose a folder that the server" in checked.out
 
 
 NO_STORE = "s3://kept: Could not connect to the endpoint URL"

@@ -289,7 +289,7 @@ def test_a_server_refuses_to_keep_exact_values_of_a_private_split(
     file.write_text(file.read_text().replace('visibility = "open"', 'visibility = "private"'))
     (fault,) = [finding for finding in check_folder(folder) if finding.kind != "ok"]
     assert (fault.check, fault.kind) == ("secrets", "fault")
-    assert "val_unseen is private, but was open when 1 result of it came about" in fault.what
+    assert "val_unseen is private, but exact values of 1 result were stored" in fault.what
 
 
 def test_results_that_cannot_be_read_are_the_doctor_s(server: Serving, folder: Path) -> None:

@@ -29,7 +29,7 @@ from tests.support.serving import (
     settings_of,
 )
 
-UNKNOWN = ": is no setting; look for a spelling mistake"
+UNKNOWN = ": is not a setting; check its spelling"
 SPLIT = '[splits.test]\nbundle = "bundles/test.npz"\n'
 
 
@@ -99,7 +99,7 @@ def test_the_template_names_every_setting(folder: Path) -> None:
         pytest.param("title = 'x'\n", ["splits: field required"], id="no split"),
         pytest.param(
             "splits = 3\n",
-            ["splits: got 3; input should be a valid dictionary"],
+            ["splits: got 3; must be a valid dictionary"],
             id="splits are none",
         ),
         pytest.param(
@@ -110,19 +110,19 @@ def test_the_template_names_every_setting(folder: Path) -> None:
         pytest.param("[splits.test]\n", ["splits.test.bundle: field required"], id="no bundle"),
         pytest.param(
             f"{SPLIT}visibility = 'secret'\n",
-            ["splits.test.visibility: got 'secret'; input should be 'private' or 'open'"],
+            ["splits.test.visibility: got 'secret'; must be 'private' or 'open'"],
             id="visibility",
         ),
         pytest.param(
             f"{SPLIT}quota = {{ day = -1 }}\n",
-            ["splits.test.quota.day: got -1; input should be greater than or equal to 0"],
+            ["splits.test.quota.day: got -1; must be greater than or equal to 0"],
             id="negative quota",
         ),
         pytest.param(
             f"{SPLIT}quota = {{ day = 2.5 }}\n",
             [
                 (
-                    "splits.test.quota.day: got 2.5; input should be a valid integer, "
+                    "splits.test.quota.day: got 2.5; must be a valid integer, "
                     "got a number with a fractional part"
                 )
             ],
@@ -137,26 +137,26 @@ def test_the_template_names_every_setting(folder: Path) -> None:
             f"{SPLIT}phases = []\n",
             [
                 (
-                    "splits.test.phases: name a phase, or leave phases out: "
-                    "then submissions are always taken"
+                    "splits.test.phases: add a phase, or leave phases out to accept submissions "
+                    "at any time"
                 )
             ],
             id="no phase",
         ),
         pytest.param(
             f"{SPLIT}phases = [{{ name = 'a', opens = 2027-01-01T00:00:00 }}]\n",
-            ["splits.test.phases.0.opens: input should have timezone info"],
+            ["splits.test.phases.0.opens: must have timezone info"],
             id="a time without a zone",
         ),
         pytest.param(
             f"{SPLIT}phases = [{{ name = 'a', opens = 2027-01-02T00:00:00Z, "
             "closes = 2027-01-02T00:00:00Z }]\n",
-            ["splits.test.phases.0: a phase opens before it closes"],
+            ["splits.test.phases.0: a phase must open before it closes"],
             id="closes as it opens",
         ),
         pytest.param(
             f"{SPLIT}[limits]\nupload_mebibytes = 0\n",
-            ["limits.upload_mebibytes: got 0; input should be greater than 0"],
+            ["limits.upload_mebibytes: got 0; must be greater than 0"],
             id="no bytes",
         ),
         pytest.param(
@@ -167,8 +167,8 @@ def test_the_template_names_every_setting(folder: Path) -> None:
         pytest.param(
             f'title = "a\\u001b[31mb"\nbanner = "c\\nd"\n{SPLIT}',
             [
-                "title: got 'a\\x1b[31mb'; takes letters that can be seen, in one line",
-                "banner: got 'c\\nd'; takes letters that can be seen, in one line",
+                "title: got 'a\\x1b[31mb'; must be one line without invisible characters",
+                "banner: got 'c\\nd'; must be one line without invisible characters",
             ],
             id="what cannot be seen, and two lines",
         ),
@@ -176,7 +176,7 @@ def test_the_template_names_every_setting(folder: Path) -> None:
             f"required_metadata = ['hair']\n{SPLIT}",
             [
                 (
-                    "required_metadata.0: got 'hair'; input should be 'description', 'paper', "
+                    "required_metadata.0: got 'hair'; must be 'description', 'paper', "
                     "'code', 'extra_data', 'pre_exploration', 'ground_truth_objects' or 'ensemble'"
                 )
             ],
@@ -185,8 +185,8 @@ def test_the_template_names_every_setting(folder: Path) -> None:
         pytest.param(
             f"database = 5\nbanner = 3\nx = 1\n{SPLIT}",
             [
-                "database: input should be a valid string",
-                "banner: got 3; input should be a valid string",
+                "database: must be a valid string",
+                "banner: got 3; must be a valid string",
                 f"x{UNKNOWN}",
             ],
             id="everything at once, and no database's address",
@@ -229,7 +229,9 @@ def test_what_is_no_toml_is_told_with_its_place(
 
 
 def test_a_folder_without_settings_is_told_how_to_get_them(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=f"`reverie-eval server init {tmp_path}` makes one"):
+    with pytest.raises(
+        SettingsError, match=f"create one with `reverie-eval server init {tmp_path}`"
+    ):
         load_settings(tmp_path)
 
 
@@ -264,9 +266,9 @@ def test_variables_win_over_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
         (
             "SPLITS__test__quota__day",
             "many",
-            "splits.test.quota.day: got 'many'; input should be a valid integer",
+            "splits.test.quota.day: got 'many'; must be a valid integer",
         ),
-        ("LIMITS__SECONDS", "3", "limits.seconds: is no setting"),
+        ("LIMITS__SECONDS", "3", "limits.seconds: is not a setting"),
         ("SPLITS", "{", 'REVERIE_EVAL_: error parsing value for field "splits"'),
         ("SPLITS__val__visibility", "open", "splits.val.bundle: field required"),
     ],
@@ -297,8 +299,8 @@ def test_a_misspelt_variable_is_noted_and_that_of_another_program_is_no_fault(
     said: list[str] = []
     assert demand_sound(folder, said.append).title == "Ours"
     assert said == [
-        "REVERIE_EVAL_DATBASE is set, but is no setting; look for a spelling mistake",
-        "REVERIE_EVAL_PORT_80_TCP is set, but is no setting; look for a spelling mistake",
+        "the environment variable REVERIE_EVAL_DATBASE is not a setting; check its spelling",
+        "the environment variable REVERIE_EVAL_PORT_80_TCP is not a setting; check its spelling",
     ]
 
 
@@ -316,11 +318,11 @@ def test_sqlites_file_is_below_the_folder(database: str, url: str, tmp_path: Pat
 
 
 DATABASES = (
-    "database: takes a file of SQLite, sqlite:///FILE, or PostgreSQL, "
+    "database: must be an SQLite file, sqlite:///FILE, or PostgreSQL, "
     "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
 )
 BEFORE = (
-    "database: a user and a password stand before the @: "
+    "database: user and password must come before the @: "
     "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
 )
 
@@ -348,12 +350,14 @@ def test_what_is_no_database_is_told_with_what_is(database: str, told: str, tmp_
 @pytest.mark.parametrize(
     ("uploads", "told"),
     [
-        pytest.param("gs://bucket", "takes a folder, or an S3-compatible", id="another store"),
+        pytest.param("gs://bucket", "must be a folder, or an S3-compatible", id="another store"),
         pytest.param("s3://", "s3://BUCKET/PREFIX", id="no bucket"),
         pytest.param("s3:bucket", "s3://BUCKET/PREFIX", id="no address"),
-        pytest.param("", "is the server's own folder", id="the folder itself"),
-        pytest.param("uploads/..", "is the server's own folder", id="the folder, roundabout"),
-        pytest.param("/", "is the server's own folder, or around it", id="around the folder"),
+        pytest.param("", "is the server's folder or contains it", id="the folder itself"),
+        pytest.param(
+            "uploads/..", "is the server's folder or contains it", id="the folder, roundabout"
+        ),
+        pytest.param("/", "is the server's folder or contains it", id="around the folder"),
     ],
 )
 def test_what_is_no_place_for_uploads_is_told_with_what_is(

@@ -1,1 +1,1 @@
-"""What stands between the wire and the routes: limits, headers, and a line in the log."""
+"""HTTP around the routes: limits, headers, errors, logging and metrics."""

@@ -1,8 +1,8 @@
-"""How many uploads are held in memory, and how many are scored, at a time.
+"""How many uploads are held in memory, and how many are scored, at once.
 
-Those that wait have not been read: their bytes are still with their senders. So what five hundred
-uploads at once cost is what the first few of them do. Nobody holds more than a share of the places,
-so that whoever sends many slowly keeps but themselves waiting.
+Waiting uploads are not read yet: their bytes are still with the sender. So five hundred uploads at
+once need no more memory than the first few. Each person may hold only a share of the slots, so
+someone who sends many slow uploads delays only their own.
 """
 
 import asyncio
@@ -16,13 +16,13 @@ from reverie_eval.server.errors import BusyError
 SECONDS_TO_RETRY = 10
 
 _SHARE = 4
-"""One in so many places is what a person may hold, and one at least."""
+"""A person may hold one in this many slots, and at least one."""
 _SCORED_AT_ONCE = os.cpu_count() or 1
-"""More would not be faster, and take more memory."""
+"""More would not be faster, but take more memory."""
 
 
 class Admission:
-    """Lets uploads in one after the other, first come, first served, to each their share."""
+    """Admits uploads, first come, first served, up to each person's share."""
 
     def __init__(self, at_once: int, waiting: int, seconds: float) -> None:
         self._memory = asyncio.Semaphore(at_once)
@@ -35,12 +35,12 @@ class Admission:
 
     @asynccontextmanager
     async def hold(self, person: int) -> AsyncIterator[None]:
-        """Hold an upload of somebody's in memory, as soon as there is room.
+        """Wait for a slot for a person's upload, and hold it.
 
         Raises
         ------
         BusyError
-            If too many wait already, or none of them could be let in for too long.
+            If too many uploads are waiting, or no slot became free in time.
         """
         own = self._shares.setdefault(person, asyncio.Semaphore(self._share))
         has_to_wait = own.locked() or self._memory.locked()
@@ -54,7 +54,8 @@ class Admission:
         self.waiting += 1
         try:
             async with asyncio.timeout(self._seconds):
-                await places.enter_async_context(own)  # who has their share stands in no queue
+                # The person's own limit comes first, or their uploads would fill the queue.
+                await places.enter_async_context(own)
                 await places.enter_async_context(self._memory)
         except TimeoutError:
             raise BusyError(SECONDS_TO_RETRY) from None
@@ -62,5 +63,5 @@ class Admission:
             self.waiting -= 1
 
     def score(self) -> asyncio.Semaphore:
-        """Return what is entered to score."""
+        """Return the semaphore to hold while scoring."""
         return self._scoring

@@ -1,4 +1,4 @@
-"""Examples for the API's description: one exchange, told through."""
+"""Examples for the API's description; together they tell the story of one submission."""
 
 from datetime import UTC, datetime
 
@@ -54,7 +54,7 @@ _NOON = EXAMPLE_NOW
 _TOMORROW = datetime(2027, 6, 2, 12, tzinfo=UTC)
 _NEXT_MONTH = datetime(2027, 7, 1, 12, tzinfo=UTC)
 _NEXT_YEAR = datetime(2028, 5, 31, 12, tzinfo=UTC)
-_TOKEN = "rv_" + "3Zk0b9Xw" + 35 * "."  # nobody's
+_TOKEN = "rv_" + "3Zk0b9Xw" + 35 * "."  # not a real one
 _INVITATION = "rv_" + "Yq71mPaa" + 35 * "."
 _ID = "5f2b0c9a4d7e1f36"
 _SHA256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
@@ -73,7 +73,7 @@ _FIGURES = {
     "rgspl": 0.3102,
 }
 _SCORES = {
-    key: _FIGURES.get(key, 0.5)  # within the bounds of any metric
+    key: _FIGURES.get(key, 0.5)  # valid for every metric
     for key, metric in CATALOGUE.items()
     if metric.headline
 }
@@ -90,7 +90,7 @@ _QUOTA = QuotaReport(
 )
 _METHOD = Method(
     name="Walker",
-    description="Looks twice before it walks.",
+    description="A transformer over panoramas, with a pointer to objects.",
     paper=Https("https://example.org/walker.pdf"),
     code=Https("https://example.org/walker"),
     extra_data=True,
@@ -274,7 +274,7 @@ _SAID = (
 )
 
 EXAMPLES = {type(said).__name__: said.model_dump(mode="json", exclude_unset=True) for said in _SAID}
-"""By the model's name."""
+"""By the name of the model."""
 
 BOARD_CSV = (
     "rank,submission_id,team,published_at,...\n1,5f2b0c9a4d7e1f36,Blue,2027-06-02T12:00:00Z,...\n"

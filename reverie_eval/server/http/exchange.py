@@ -1,4 +1,4 @@
-"""A request and its reply, as far as the log, the metrics and a problem document speak of them."""
+"""What the log, the metrics and problem documents need to know about a request and its reply."""
 
 import secrets
 import time
@@ -10,17 +10,17 @@ from starlette.types import Scope
 from reverie_eval.schemas.service import QuotaReport
 
 OK = "ok"
-"""The outcome of a request that came to no problem."""
+"""The outcome of a request without a problem."""
 
 _KEY = "reverie_eval.exchange"
 
 
 @dataclass(slots=True)
 class Exchange:
-    """What is noted of a request while it is answered."""
+    """Notes about a request, taken while it is answered."""
 
     id: str = field(default_factory=lambda: secrets.token_hex(8))
-    """Tells the participant and the organiser that they speak of the same request."""
+    """Lets a participant report a request that the organiser can find in the log."""
     began: float = field(default_factory=time.perf_counter)
     received: int = 0
     """Bytes of the request's body."""
@@ -29,30 +29,31 @@ class Exchange:
     status: int | None = None
     """None until the reply has begun."""
     outcome: str = OK
-    """The code of the problem document, if it came to that."""
+    """Or the code of the problem document."""
     uploaded_to: str | None = None
-    """Of an upload to be scored, the split as its sender names it: empty until that is known."""
+    """For an upload to be scored, the requested split; empty until it is known."""
     is_repeat: bool = False
-    """Whether the upload was scored before."""
+    """Whether the same upload was scored before."""
     quota: Callable[[], QuotaReport] | None = None
-    """Tells what the caller has left, where a problem document is to say so."""
+    """Returns the caller's submissions left, if a problem document should include them."""
     asks_database: bool = True
-    """Whether a problem's reply may; not outside the routes, nor where the server has failed."""
+    """Whether the reply to a problem may query the database: not outside the routes, nor after a
+    fault of the server."""
 
     @property
     def seconds(self) -> float:
-        """How long it has taken until now."""
+        """The time since the request began."""
         return time.perf_counter() - self.began
 
 
 def begin(scope: Scope) -> Exchange:
-    """Begin to note what becomes of a request."""
+    """Attach new notes to a request."""
     exchange = Exchange()
     scope[_KEY] = exchange
     return exchange
 
 
 def exchange_of(scope: Scope) -> Exchange:
-    """Return what is noted of a request."""
+    """Return the notes about a request."""
     exchange: Exchange = scope[_KEY]
     return exchange

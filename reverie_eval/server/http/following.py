@@ -1,7 +1,7 @@
-"""Following a request from its first byte to its last: an id, a line in the log, the metrics.
+"""The outermost layer of every request: its id, its line in the log, the metrics.
 
-What goes wrong on the way ends here, as a problem document; nothing is left for the server to
-print. The reply is made in a thread of its own, so a refusal never delays another request.
+Exceptions end here as problem documents; none reaches uvicorn. The reply to an error is rendered in
+a thread of its own, so refusing one request never delays another.
 """
 
 import logging
@@ -20,25 +20,25 @@ from reverie_eval.server.http.problems import log_fault, reply_to
 
 REQUEST_ID = "X-Request-ID"
 HUNG_UP = "hung-up"
-"""The outcome of a request whose sender was gone before the reply."""
+"""The outcome of a request whose client disconnected before the reply."""
 
 _LOGGER = logging.getLogger("reverie_eval.server.requests")
 _TRACED = frozenset({401, 429})
-"""Statuses that whoever tries tokens or floods the server gets; the log says from where."""
+"""Statuses of guessed tokens and floods of requests; the log has the address of these."""
 
 
 class Following:
-    """Accounts for every request, whatever becomes of it."""
+    """Logs and counts every request."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app
         self._metrics = metrics
-        # Not one of the threads that answer requests: a flood of refusals cannot occupy those, and
-        # refusals do not wait while all of those wait for the database.
+        # A thread of its own: a flood of refused requests cannot occupy the threads that answer
+        # requests, and refusals need not wait while all of those wait for the database.
         self._thread = CapacityLimiter(1)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request and write down what came of it."""
+        """Answer a request, log it and count it."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -63,7 +63,7 @@ class Following:
             await self._app(scope, receive, send)
         except ClientDisconnect:
             exchange.outcome = HUNG_UP
-        except Exception as error:  # noqa: BLE001  # the last place where it can become a reply
+        except Exception as error:  # noqa: BLE001  # the last chance to turn it into a reply
             if exchange.status is None:
                 reply = await run_sync(reply_to, Request(scope), error, limiter=self._thread)
                 await reply(scope, receive, send)

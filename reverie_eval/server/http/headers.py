@@ -1,7 +1,7 @@
-"""What every reply has: its headers, and no body if only those were asked for.
+"""Headers of every reply, and HEAD requests.
 
-Strict-Transport-Security is not among them: whether this host speaks TLS only, the proxy knows
-that does the speaking.
+Strict-Transport-Security is left to the proxy that terminates TLS: only it knows whether the host
+is served over TLS alone.
 """
 
 from starlette.datastructures import MutableHeaders
@@ -17,11 +17,11 @@ ALWAYS = {
     "X-Frame-Options": "DENY",
     "Cache-Control": "no-store",
 }
-"""Where a route says something else, the route knows better."""
+"""Defaults; a route may set its own."""
 
 
 class SecurityHeaders:
-    """Tells browsers and caches what they may not do with a reply."""
+    """Adds security headers to every reply."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -40,13 +40,13 @@ class SecurityHeaders:
 
 
 class Heads:
-    """Lets GET answer HEAD: many a monitor asks so."""
+    """Answers HEAD like GET, without the body: many monitors send HEAD."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request; log and metrics, which are further out, know it as what it was."""
+        """Answer a request; the log and the metrics, which are further out, still see HEAD."""
         if scope["type"] != "http" or scope["method"] != "HEAD":
             await self._app(scope, receive, send)
             return

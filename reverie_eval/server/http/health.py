@@ -1,8 +1,8 @@
-"""Whether the server can do its work, found out by doing it.
+"""Whether the server works, checked by doing its work.
 
-A known submission is read, scored, rounded and signed for every split; the database takes a
-change, which is not kept; the uploads can be reached. What was found is said again for some
-seconds, so that asking often costs nothing. The reply names what failed; why, the log says.
+For every split, a known submission is read, scored, rounded and signed; the database executes an
+update that changes no row; the folder or store of uploads is accessed. The result is cached for
+some seconds, so frequent checks cost nothing. The reply names what failed; the log says why.
 """
 
 import asyncio
@@ -27,20 +27,20 @@ from reverie_eval.server.store.tables import Team
 
 SECONDS_KEPT = 10
 SECONDS_TO_ANSWER = 20
-"""After which something hangs."""
+"""What takes longer counts as failed."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 _AGENT = "stop"
-"""The reference agent that never moves: what it scores can be said beforehand."""
+"""The reference agent that never moves: its scores are known in advance."""
 _NO_DIGEST = "0" * 64
 
 
 class UnhealthyError(Exception):
-    """Something does not do what it should."""
+    """The known submission got wrong scores."""
 
 
 class Health:
-    """Looks after a server, at most every few seconds."""
+    """Checks a server, at most once every few seconds."""
 
     def __init__(self, server: ServerState) -> None:
         self._looks = dict(_looks(server))
@@ -49,7 +49,7 @@ class Health:
         self._until = 0.0
 
     async def report(self) -> HealthReport:
-        """Return what was found, lately or now."""
+        """Return the result of the last check, or of a new one if that is too old."""
         async with self._turn:
             if time.monotonic() >= self._until:
                 self._report = await self._examine()
@@ -64,7 +64,7 @@ class Health:
         return HealthReport(status="unhealthy" if failed else "ok", failed=failed)
 
     def _look(self, is_well: MutableMapping[str, bool]) -> None:
-        """Note of everything, as soon as it is known, whether it is well."""
+        """Run all checks and note each result at once, as a later one may hang."""
         for name, look in self._looks.items():
             try:
                 look()
@@ -94,12 +94,12 @@ class Canary:
         return json.dumps(run_agent(_AGENT, self._board.truth, 0)).encode()
 
     def score(self) -> None:
-        """Do with it what is done with every upload, but keep it.
+        """Treat it like an upload, but do not store it.
 
         Raises
         ------
         UnhealthyError
-            If it scores what it cannot have scored.
+            If its scores are wrong.
         """
         reading = self._board.read(self._content)
         report = self._board.report(self._board.score(reading), reading)
@@ -127,6 +127,6 @@ class Canary:
 
 
 def _write(server: ServerState) -> None:
-    """Let the database take its turn, its lock and a change, of no row."""
+    """Take the database's write lock and execute an update that changes no row."""
     with server.database.writing() as session:
         session.execute(update(Team).where(Team.id < 0).values(name=Team.name))

@@ -1,6 +1,6 @@
-"""What the server counts, for Prometheus.
+"""The server's metrics, for Prometheus.
 
-Nothing here tells of a team, a person or a score: labels are routes, statuses, splits and codes.
+None reveals a team, a person or a score: labels are routes, statuses, splits and codes.
 """
 
 from collections.abc import Callable, Collection
@@ -34,20 +34,20 @@ class Metrics:
         )
         self._seconds = Histogram(
             "reverie_eval_request_seconds",
-            "From a request's headers to the last byte of the reply.",
+            "Time from a request's headers to the last byte of the reply.",
             ("method", "route"),
             buckets=_SECONDS,
             registry=registry,
         )
         self._uploads = Counter(
             "reverie_eval_uploads",
-            "Uploads to be scored, by what they came to.",
+            "Uploads to be scored, by outcome.",
             ("split", "outcome"),
             registry=registry,
         )
         queue = Gauge(
             "reverie_eval_uploads_waiting",
-            "Uploads that wait to be taken in.",
+            "Uploads waiting to be read.",
             registry=registry,
         )
         queue.set_function(waiting)
@@ -59,14 +59,14 @@ class Metrics:
         self._seconds.labels(method, route).observe(exchange.seconds)
         if exchange.uploaded_to is not None:
             split = exchange.uploaded_to if exchange.uploaded_to in self._splits else "unknown"
-            self._uploads.labels(split, _came_to(exchange)).inc()
+            self._uploads.labels(split, _outcome_of(exchange)).inc()
 
     def text(self) -> bytes:
-        """Return the counts as Prometheus reads them."""
+        """Return the metrics in Prometheus's text format."""
         return generate_latest(self._registry)
 
 
-def _came_to(exchange: Exchange) -> str:
+def _outcome_of(exchange: Exchange) -> str:
     if exchange.outcome != OK:
         return exchange.outcome
     return "repeated" if exchange.is_repeat else "scored"

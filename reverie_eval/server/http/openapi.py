@@ -1,7 +1,7 @@
 """The API's description, OpenAPI 3.1: what the routes declare, with examples and all problems.
 
-FastAPI describes what it knows of. What it does not: that problems are documents of their own media
-type, which of them everything can come to, and that a cookie needs the CSRF token beside it.
+This adds what FastAPI does not know: that problems have their own media type, which problems every
+operation can return, and that a cookie needs the CSRF token as well.
 """
 
 from collections.abc import Iterator
@@ -37,7 +37,7 @@ _CHANGING = frozenset({"post", "patch", "put", "delete"})
 
 
 def problems(*codes: str) -> dict[int | str, Document]:
-    """Declare the problems that a route can come to, by their codes."""
+    """Declare the problems that a route can return, by their codes."""
     declared: dict[int | str, Document] = {}
     for code in codes:
         status = ERRORS[code].status
@@ -54,9 +54,9 @@ def _reply(status: HTTPStatus) -> Document:
 
 
 def describe(app: FastAPI) -> None:
-    """Let an application describe itself so.
+    """Add the route of the description to an application.
 
-    FastAPI's own route would do it on the event loop, and everybody else would wait.
+    FastAPI's own route would render it on the event loop and delay all other requests.
     """
 
     @cache
@@ -75,8 +75,8 @@ def describe(app: FastAPI) -> None:
             "type": "apiKey",
             "in": "header",
             "name": CSRF_HEADER,
-            "description": "The `csrf_token` of the session: with the cookie, for what changes "
-            "something.",
+            "description": "The session's `csrf_token`; required beside the cookie by every "
+            "request that changes something.",
         }
         for method, operation in _operations(document):
             _complete(method, operation)
@@ -94,7 +94,7 @@ def _operations(document: Document) -> Iterator[tuple[str, Document]]:
 
 
 def _complete(method: str, operation: Document) -> None:
-    """Add what is the same for all operations, and examples."""
+    """Add the problems that all operations share, and examples."""
     replies = operation["responses"]
     everywhere = _EVERYWHERE
     if "HTTPValidationError" in str(replies.get("422")):
@@ -117,7 +117,7 @@ def _complete(method: str, operation: Document) -> None:
 
 
 def _illustrate(media: Document) -> None:
-    """Give a body whose schema is a model, or a list of it, the model's example."""
+    """Add the model's example to a body whose schema is a model or a list of one."""
     schema = media.get("schema", {})
     many = schema.get("type") == "array"
     name = (schema.get("items", {}) if many else schema).get("$ref", "").removeprefix(_MODELS)

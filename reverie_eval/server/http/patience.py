@@ -1,9 +1,8 @@
-"""Not waiting for ever: for a connection to send a whole request, or to take its reply.
+"""Timeouts for connections that are slow to send a request or to read the reply.
 
-uvicorn waits as long as a client likes for the headers of a request, for what a client still sends
-of a body after it has had its reply, and for the reply to be read, which it holds until then. A few
-of those from many addresses would take all connections there are, and a few large replies all
-memory.
+uvicorn waits without limit for the headers of a request, for the rest of a body after the reply was
+sent, and for the client to read the reply, which stays in memory until then. Slow clients at many
+addresses could use up all connections, and large replies all memory.
 """
 
 import asyncio
@@ -14,11 +13,11 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 SECONDS_FOR_HEADERS = 10
 SECONDS_FOR_REPLY = 60
-"""In which the network takes what was written of a reply: all of it, or a piece of a file."""
+"""For a reply, or a piece of a file, to leave the server."""
 
 
 class PatientProtocol(H11Protocol):
-    """HTTP/1.1 that is patient, but not for ever."""
+    """HTTP/1.1 with timeouts."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
@@ -28,11 +27,11 @@ class PatientProtocol(H11Protocol):
     def connection_made(self, transport: Any) -> None:
         """Wait for the first request."""
         super().connection_made(transport)
-        transport.set_write_buffer_limits(high=0)  # so that we hear of all that is not taken
+        transport.set_write_buffer_limits(high=0)  # so that pause_writing is always called
         self._wait_for_request()
 
     def data_received(self, data: bytes) -> None:
-        """Take what came; whoever has sent all headers has the time that the application gives."""
+        """Read data; once the headers are complete, the application's own time limits apply."""
         super().data_received(data)
         if self._is_answering():
             self._for_request.call_off()
@@ -40,23 +39,23 @@ class PatientProtocol(H11Protocol):
             self._wait_for_request()
 
     def pause_writing(self) -> None:
-        """Wait for what was written to be taken."""
+        """Start the timeout for the reply."""
         super().pause_writing()
         self._for_reply.set(SECONDS_FOR_REPLY, self.transport.abort)
 
     def resume_writing(self) -> None:
-        """Go on, as all of it was."""
+        """Stop the timeout: all of the reply has left."""
         self._for_reply.call_off()
         super().resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop waiting."""
+        """Stop both timeouts."""
         self._for_request.call_off()
         self._for_reply.call_off()
         super().connection_lost(exc)
 
     def _is_answering(self) -> bool:
-        return not getattr(self.cycle, "response_complete", True)  # there may be none yet
+        return not getattr(self.cycle, "response_complete", True)  # no cycle before a request
 
     def _wait_for_request(self) -> None:
         self._for_request.set(SECONDS_FOR_HEADERS, self._close_unless_answering)
@@ -67,19 +66,19 @@ class PatientProtocol(H11Protocol):
 
 
 class _Deadline:
-    """When something happens that is not called off; one at a time."""
+    """A timer that can be called off; at most one runs at a time."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self._timer: asyncio.TimerHandle | None = None
 
     def set(self, seconds: float, action: Callable[[], None]) -> None:
-        """Let something happen so many seconds from now, unless it is to happen anyway."""
+        """Start the timer, unless it is running already."""
         if self._timer is None:
             self._timer = self._loop.call_later(seconds, self._happen, action)
 
     def call_off(self) -> None:
-        """Let it not happen."""
+        """Stop the timer."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -1,7 +1,7 @@
 """From errors to replies.
 
-Every reply that is no success is a problem document (RFC 9457) with a stable ``code``; a page says
-the same in words. Status and code of an error stand on its class.
+Every error is a problem document (RFC 9457) with a stable ``code``; pages show the same as HTML.
+Each error's class has its status and code.
 """
 
 import logging
@@ -36,27 +36,27 @@ from reverie_eval.server.store.space import is_full
 LOGGER = logging.getLogger("reverie_eval.server")
 
 FaultPage: TypeAlias = Callable[[Request, ProblemDocument], Response | None]
-"""Shows a problem as a page; None where no page was asked for."""
+"""Renders a problem as a page; None if the request is not for a page."""
 
 
 def add_error_handlers(app: FastAPI, fault_page: FaultPage) -> None:
-    """Turn whatever is raised into a problem document, or into a page for whoever looks at one."""
+    """Turn every exception into a problem document, or into a page for browsers."""
     app.state.fault_page = fault_page
     for kind in (ReverieEvalError, RequestValidationError, HTTPException):
         app.add_exception_handler(kind, _on_error)
 
 
 def reply_to(request: Request, error: Exception) -> Response:
-    """Return the reply to a request that ended outside the routes, whatever the error was.
+    """Return the reply to a request that failed outside the routes.
 
-    The database is not asked: it may be what failed, and a refusal must cost little.
+    It does not query the database, which may be what failed; and refusing must be cheap.
     """
     exchange_of(request.scope).asks_database = False
     return _on_error(request, error)
 
 
 def log_fault(request: Request, error: Exception) -> None:
-    """Tell the log alone what went wrong."""
+    """Write the exception to the log."""
     exchange = exchange_of(request.scope)
     exchange.outcome = FaultError.code
     LOGGER.error("fault", exc_info=error, extra={"fields": {"id": exchange.id}})
@@ -77,26 +77,26 @@ def _on_error(request: Request, error: Exception) -> Response:
 
 
 def _of_framework(error: HTTPException) -> RequestError | None:
-    """Say what the framework refused, as whoever asked should read it."""
+    """Return one of the framework's errors with a message of ours."""
     cause = error.__cause__
     if isinstance(cause, RequestError):
-        return cause  # the framework says of whatever stops a body that it could not be read
+        return cause  # the framework wraps every error that is raised while it reads a body
     match error.status_code:
         case HTTPStatus.NOT_FOUND:
-            return NotFoundError("there is nothing at this address")
+            return NotFoundError("there is no page at this address")
         case HTTPStatus.METHOD_NOT_ALLOWED:
             return WrongMethodError()
         case HTTPStatus.BAD_REQUEST if cause is None:
             return MalformedError(f"the form cannot be read: {error.detail}")
         case HTTPStatus.BAD_REQUEST if isinstance(cause, RecursionError | ValueError):
-            return MalformedError("the body cannot be read", [unreadable_json(cause)])
+            return MalformedError("the body cannot be read as JSON", [unreadable_json(cause)])
         case HTTPStatus.BAD_REQUEST if cause is not None:
             raise cause
     return None
 
 
 def _fault(request: Request, error: Exception) -> RequestError:
-    """Say that it was our fault, and to the log alone what it was."""
+    """Log an unexpected exception; the reply does not say what it was."""
     log_fault(request, error)
     exchange = exchange_of(request.scope)
     exchange.asks_database = False

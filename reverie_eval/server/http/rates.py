@@ -1,4 +1,4 @@
-"""How often one may ask: so many requests in a minute of an address, a token and a session."""
+"""Rate limits: requests per minute of an address, a token and a browser session."""
 
 import hashlib
 import ipaddress
@@ -14,19 +14,20 @@ from reverie_eval.server.errors import TooManyError
 from reverie_eval.server.http.labels import address_of, session_of, token_of
 
 FAILED_COST = 10
-"""Requests that an attempt with a wrong token or invitation counts for. A session's name, which is
-signed, nobody tries; browsers show one that is over."""
+"""How many requests a wrong token or invitation counts for. Expired sessions cost no more than
+others: browsers send them without being asked, and they cannot be guessed, because they are
+signed."""
 EXEMPT = ("/healthz", "/static/")
-"""The one's answer is kept for some seconds, and whoever watches the server must not be turned
-away; the others are the pages' own files, which browsers keep."""
+"""Monitoring must never be refused, and its result is cached for some seconds; static files are
+cached by browsers."""
 
 _NOT_SIGNED_IN = 401
 _IPV6_SITE = 64
-"""Bits of the network that a provider gives to one customer."""
+"""Prefix length of the network that a provider assigns to one customer."""
 
 
 class RateLimits:
-    """Turns away who asks too often."""
+    """Refuses requests over the limit."""
 
     def __init__(self, app: ASGIApp, per_minute: int) -> None:
         self._app = app
@@ -34,12 +35,12 @@ class RateLimits:
         self._counts = FixedWindowRateLimiter(MemoryStorage())
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request if it is not one too many.
+        """Answer a request that is within the limits.
 
         Raises
         ------
         TooManyError
-            If it is.
+            If it exceeds one.
         """
         if scope["type"] != "http" or scope["path"].startswith(EXEMPT):
             await self._app(scope, receive, send)
@@ -65,7 +66,7 @@ class RateLimits:
 
 
 def site_of(address: str) -> str:
-    """Return whose address it is: of IPv6, one customer has more addresses than can be counted."""
+    """Return what is counted for an address: of IPv6 the network, as one customer has 2^64."""
     try:
         parsed = ipaddress.ip_address(address)
     except ValueError:

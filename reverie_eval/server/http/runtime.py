@@ -1,4 +1,4 @@
-"""What one application keeps while it runs: its gate for uploads, its metrics, its health."""
+"""The state of one running application: admission of uploads, metrics, health."""
 
 from dataclasses import dataclass
 from typing import Annotated, Self
@@ -13,7 +13,7 @@ from reverie_eval.server.state import ServerState
 
 @dataclass(frozen=True)
 class RuntimeState:
-    """One of each for every application."""
+    """Admission, metrics and health checks of an application."""
 
     admission: Admission
     metrics: Metrics
@@ -21,7 +21,7 @@ class RuntimeState:
 
     @classmethod
     def of(cls, server: ServerState) -> Self:
-        """Make them for a server."""
+        """Create them for a server."""
         limits = server.settings.limits
         admission = Admission(
             limits.uploads_at_once, limits.uploads_waiting, limits.seconds_for_body
@@ -31,7 +31,7 @@ class RuntimeState:
 
 
 async def runtime_of(request: Request) -> RuntimeState:
-    """Return that of the application that answers a request."""
+    """Return the state of the application that answers a request."""
     runtime: RuntimeState = request.app.state.runtime
     return runtime
 

@@ -1,7 +1,7 @@
-"""Taking an upload off the wire: counted while it comes, in limited time, unpacked to a limit.
+"""Receiving an upload, within limits of size and time.
 
-The body is the result file itself, plain, gzipped or in a zip archive, or a form with a field
-``file``. What it is, its content says.
+The body is the result file itself (plain, gzipped or in a zip archive, which is detected from its
+content) or a form with a field ``file``.
 """
 
 import asyncio
@@ -16,19 +16,19 @@ from reverie_eval.server.http.bodies import expect, is_multipart
 from reverie_eval.server.settings import Limits
 
 _FORM_OVERHEAD = 64 << 10
-"""Bytes of a form that are not the file."""
+"""Bytes of a form besides the file."""
 _PIECE = 64 << 10
-"""Bytes of a form that are parsed before other requests have their turn."""
+"""Bytes of a form that are parsed before the event loop handles other requests."""
 
 
 class Upload(NamedTuple):
-    """What came in."""
+    """A received upload."""
 
     packed: bytes
     fields: Mapping[str, Any]
     """The form's other fields."""
     filename: str = ""
-    """What its sender calls it; a form in which no file was chosen has none."""
+    """Empty for a form in which no file was chosen."""
 
 
 async def receive(request: Request, limits: Limits) -> Upload:
@@ -37,13 +37,13 @@ async def receive(request: Request, limits: Limits) -> Upload:
     Raises
     ------
     TooLargeError
-        If it is more than the limit, whatever its headers said.
+        If it is larger than the limit, whatever its headers say.
     TooSlowError
-        If it did not come in time.
+        If it did not arrive in time.
     MalformedError
         If it is a form without a file.
     HTTPException
-        If it is no form that can be read.
+        If the form cannot be parsed.
     """
     is_form = is_multipart(request.headers)
     expect(request.scope, (limits.upload_mebibytes << 20) + _FORM_OVERHEAD * is_form)
@@ -59,14 +59,14 @@ async def _of_form(request: Request, body: bytes) -> Upload:
 async def _upload(form: FormData) -> Upload:
     file = form.get("file")
     if not isinstance(file, UploadFile):
-        raise MalformedError("the form has no file; name the field of the result file `file`")
+        raise MalformedError("the form has no file; send the result file in the field `file`")
     content = await file.read()
     fields = {name: value for name, value in form.items() if isinstance(value, str)}
     return Upload(content, fields, file.filename or "")
 
 
 def _replay(body: bytes) -> Any:
-    """Return what gives a body that has been read once more, piece by piece."""
+    """Return an ASGI ``receive`` that delivers a body that was already read, in pieces."""
     starts = iter(range(0, len(body), _PIECE))
 
     async def receive() -> Mapping[str, Any]:

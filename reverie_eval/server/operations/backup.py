@@ -1,14 +1,14 @@
-"""Backups: a server's folder, its database and its uploads in one archive, made while it serves.
+"""Backups: a server's folder, database and uploads in one archive, also while the server runs.
 
 ::
 
-    reverie-eval.toml, signing-key.pem, bundles/...    as they are
-    database.jsonl        every row at one moment, for any database
-    uploads/SHA-256.json  every upload that a row speaks of
-    manifest.json         what is in the archive, with its SHA-256
+    reverie-eval.toml, signing-key.pem, bundles/...    unchanged
+    database.jsonl        all rows at one moment, for any database
+    uploads/SHA-256.json  every upload that a row refers to
+    manifest.json         the contents of the archive, with their SHA-256
 
-An upload is kept before the row that speaks of it, and never changed or deleted. So what the rows
-of one moment speak of is there whenever it is read later.
+An upload is stored before the row that refers to it, and never changed or deleted. So every upload
+that the rows of one moment refer to can still be read later.
 """
 
 import hashlib
@@ -43,7 +43,7 @@ FORMAT = 1
 
 
 class Manifest(BaseModel):
-    """What is in an archive."""
+    """The contents of an archive."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -51,43 +51,43 @@ class Manifest(BaseModel):
     version: str
     """Of reverie-eval."""
     revision: str
-    """The migration that the rows are of."""
+    """The migration of the database."""
     rows: dict[str, int]
-    """Of each table that has any."""
+    """The number of rows of each table that has any."""
     lacking: tuple[str, ...]
-    """Uploads that were missing or damaged, by their SHA-256."""
+    """The SHA-256 of uploads that were missing or damaged."""
     sha256: dict[str, str]
-    """Of every other file of the archive."""
+    """Of every other file in the archive."""
 
 
 @dataclass(frozen=True, slots=True)
 class BackupReport:
-    """What a backup holds."""
+    """A backup that was written."""
 
     manifest: Manifest
     size: int
     """Bytes of the archive."""
     moved: Mapping[str, str]
-    """Files from outside of the folder, by their settings: where a restore puts them in it."""
+    """Where a restore puts files that are outside the server's folder, by their setting."""
 
 
 def write_backup(folder: Path, output: Path) -> BackupReport:
-    """Write a backup; a server may go on serving meanwhile.
+    """Write a backup; the server may be running.
 
     Raises
     ------
     ReverieEvalError
-        If the archive would lie in the server's folder or in none or in place of what it backs
-        up, or there is no database, or one of a later version.
+        If the archive would be in the server's folder, overwrite a file of the server, or be in a
+        folder that does not exist; or if the database is empty or was made by a later version.
     """
     settings = load_settings(folder)
     if output.resolve().is_relative_to(settings.folder):
-        raise ReverieEvalError(f"{output} is in the server's folder; keep backups elsewhere")
+        raise ReverieEvalError(f"{output} is in the server's folder; write the backup elsewhere")
     if output.resolve() in {path.resolve() for _, path in _files(settings).values()}:
-        raise ReverieEvalError(f"{output} is to be backed up; choose another file to write to")
+        raise ReverieEvalError(f"{output} is a file of the server; write the backup elsewhere")
     if output.is_dir() or not output.parent.is_dir():
-        raise ReverieEvalError(f"{output} cannot be written; name a file in a folder that is there")
-    # NamedTemporaryFile lets nobody else read: the archive holds answers and the signing key.
+        raise ReverieEvalError(f"{output} cannot be written; name a file in an existing folder")
+    # Files of NamedTemporaryFile are private: the archive contains answers and the signing key.
     with NamedTemporaryFile(dir=output.parent, prefix=f".{output.name}-", delete=False) as file:
         try:
             with tarfile.open(fileobj=file, mode="w:gz") as archive:
@@ -124,16 +124,19 @@ def _write(settings: Settings, archive: tarfile.TarFile) -> Manifest:
 
 
 def _rows(settings: Settings) -> tuple[str, Sequence[Row]]:
-    """Return every row, and the migration that they are of."""
+    """Return the migration of the database, and all rows."""
     with database_errors(), closing(Database(settings.database_url)) as database:
         revision = demand_known(database)
         if revision is None:
-            raise ReverieEvalError("there is no database to back up; `reverie-eval server check`")
+            raise ReverieEvalError(
+                "there is no database to back up; run `reverie-eval server check "
+                f"{settings.folder}`"
+            )
         return revision, list(dump(database))
 
 
 class _Contents:
-    """What is put into an archive, with its digests."""
+    """Adds files to an archive and records their digests."""
 
     def __init__(self, archive: tarfile.TarFile) -> None:
         self._archive = archive
@@ -146,7 +149,7 @@ class _Contents:
         self.digests[name] = hashlib.sha256(content).hexdigest()
 
     def add_upload(self, uploads: Uploads, sha256: str) -> bool:
-        """Add an upload if it is there and whole."""
+        """Add an upload and return True; return False if it is missing or damaged."""
         try:
             content = uploads.get(sha256)
         except FileNotFoundError:
@@ -158,7 +161,7 @@ class _Contents:
 
 
 def _files(settings: Settings) -> Mapping[str, tuple[str, Path]]:
-    """Return the files that the settings name, and their names in the archive, by the setting."""
+    """Return the files that the settings name, as name in the archive and path, by setting."""
     bundles: dict[str, Any] = {
         f"splits.{name}.bundle": (split.bundle, f"bundles/{bundle_name(name, public=False)}")
         for name, split in settings.splits.items()
@@ -171,7 +174,7 @@ def _files(settings: Settings) -> Mapping[str, tuple[str, Path]]:
 
 
 def _name(settings: Settings, path: Path) -> str | None:
-    """Return a file's name below the folder, if it lies there."""
+    """Return a file's path relative to the server's folder; None if it is outside."""
     place = Path(os.path.normpath(settings.path(path)))
     if not place.is_relative_to(settings.folder):
         return None

@@ -1,4 +1,4 @@
-"""What has to be right before a server starts, all looked at, each with its remedy."""
+"""Checks before a server starts; all problems are reported at once, each with its remedy."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -35,30 +35,30 @@ from reverie_eval.version import __version__
 
 _DEFAULT_PASSWORDS = frozenset({"postgres", "password", "secret", "changeme", "change-me", "admin"})
 REFUSALS = (SQLAlchemyError, ModuleNotFoundError, ValueError)
-"""What using a database may come to: a value that cannot be read is a ValueError."""
+"""Errors of using a database; a stored value that cannot be read is a ValueError."""
 _OTHERS_MAY_READ = 0o077
 _LATER_VERSION = f"was made by a later version than {__version__}; install the latest reverie-eval"
 
 
 class FolderError(RejectedError):
-    """A server's folder is not in order; ``problems`` names everything with its remedy."""
+    """A server cannot start from its folder; ``problems`` lists why, with remedies."""
 
     subject = "server's folder"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one look at a server came to."""
+    """One result of checking a server."""
 
     check: str
-    """What was looked at: ``signing key``."""
+    """What was checked: ``signing key``."""
     kind: Literal["ok", "note", "fault"]
     what: str
-    """What was found; of a fault, what to do too."""
+    """What was found; for a fault, also what to do."""
 
 
 def check_folder(folder: Path) -> Sequence[Finding]:
-    """Look at everything that a server needs to start."""
+    """Check everything that a server needs to start."""
     try:
         settings = load_settings(folder)
     except SettingsError as error:
@@ -75,14 +75,14 @@ def check_folder(folder: Path) -> Sequence[Finding]:
 
 
 def demand_sound(folder: Path, note: Callable[[str], None]) -> Settings:
-    """Return the settings of a folder that a server can start from.
+    """Check a server's folder and return its settings.
 
-    ``note`` is told what is worth a look, but no fault.
+    ``note`` is called with each finding that is not a fault but deserves attention.
 
     Raises
     ------
     FolderError
-        Listing everything that is wrong.
+        Listing all faults.
     """
     findings = check_folder(folder)
     faults = [finding for finding in findings if finding.kind == "fault"]
@@ -95,7 +95,7 @@ def demand_sound(folder: Path, note: Callable[[str], None]) -> Settings:
 
 
 def database_fault(settings: Settings) -> str | None:
-    """Return what keeps the database from being used by this version, and the remedy."""
+    """Return why this version cannot use the database, and the remedy; None if it can."""
     try:
         return _revision_fault(settings)
     except REFUSALS as error:
@@ -110,24 +110,24 @@ def _revision_fault(settings: Settings) -> str | None:
         return None
     if revision is None:
         return (
-            "is empty or not there; restore a backup with `reverie-eval server restore`, or begin "
-            f"with none: `reverie-eval server upgrade {settings.folder}`"
+            "is empty or missing; restore a backup with `reverie-eval server restore`, or create "
+            f"an empty database with `reverie-eval server upgrade {settings.folder}`"
         )
     if revision not in known_revisions():
         return _LATER_VERSION
     return (
-        "is of an earlier version; make a backup, then run "
+        "was made by an earlier version; make a backup, then run "
         f"`reverie-eval server upgrade {settings.folder}`"
     )
 
 
 def demand_known(database: Database) -> str | None:
-    """Return the migration that a database is of; None if it is empty.
+    """Return the migration of a database; None if it is empty.
 
     Raises
     ------
     FolderError
-        If it is of a version that is not known yet.
+        If it was made by a later version.
     """
     revision = database.revision()
     if revision is not None and revision not in known_revisions():
@@ -137,27 +137,27 @@ def demand_known(database: Database) -> str | None:
 
 @contextmanager
 def database_errors() -> Iterator[None]:
-    """Word what a database refuses, for whoever is to mend it.
+    """Turn errors of a database into one with a remedy.
 
     Raises
     ------
     ReverieEvalError
-        In place of the database's own.
+        In place of the database's own errors.
     """
     try:
         yield
     except REFUSALS as error:
-        raise ReverieEvalError(f"the database refused: {reason_of(error)}") from None
+        raise ReverieEvalError(f"database error: {reason_of(error)}") from None
 
 
 @contextmanager
 def opened(settings: Settings) -> Iterator[Database]:
-    """Open a server's database, whether or not it is serving.
+    """Open a server's database; the server may be running.
 
     Raises
     ------
     FolderError
-        If it is not of this version.
+        If this version cannot use it.
     """
     fault = database_fault(settings)
     if fault is not None:
@@ -187,19 +187,19 @@ def acting(
 
 
 def reason_of(error: Exception) -> str:
-    """Return what a database said, and what to do."""
+    """Return a database's error message, and what to do."""
     match error:
         case ModuleNotFoundError():
             return f"{error}; install it: pip install 'reverie-eval[postgresql]'"
         case OperationalError(orig=said) if "locked" in str(said):
-            return f"{said}; some program keeps it from all others: end that, or try again"
+            return f"{said}; another program has locked it: stop that program, or try again"
         case _:
-            remedy = "see that it is whole and runs, and `database` in the settings"
+            remedy = "check that it is running and undamaged, and `database` in the settings"
             return f"{said_by(error)}; {remedy}"
 
 
 def said_by(error: Exception) -> str:
-    """Return what a database said, on one line, without the statement."""
+    """Return a database's error message on one line, without the SQL statement."""
     said = error.orig if isinstance(error, DBAPIError) else error
     return " ".join(str(said).split())
 
@@ -209,15 +209,15 @@ def _at_settings(settings: Settings) -> Iterator[Finding]:
     is_private = not file.stat().st_mode & _OTHERS_MAY_READ
     yield Finding("settings", "ok", f"{file}, splits: {', '.join(settings.splits)}")
     for name in variables_ignored():
-        told = f"{name} is set, but is no setting; look for a spelling mistake"
-        yield Finding("settings", "note", told)
+        message = f"the environment variable {name} is not a setting; check its spelling"
+        yield Finding("settings", "note", message)
     url = settings.database_url
     if url.password and not is_private and "REVERIE_EVAL_DATABASE" not in os.environ:
-        told = f"others can read the database's password; run `chmod 600 {file}`"
-        yield Finding("settings", "fault", told)
+        message = f"other users can read the database's password; run `chmod 600 {file}`"
+        yield Finding("settings", "fault", message)
     if url.password and url.password in {*_DEFAULT_PASSWORDS, url.username}:
-        told = "the database's password is one that everybody tries first; choose another"
-        yield Finding("settings", "fault", told)
+        message = "the database's password is easy to guess; choose another"
+        yield Finding("settings", "fault", message)
 
 
 def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
@@ -246,12 +246,12 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
     if fault is not None:
         yield Finding("database", "fault", fault)
         return
-    # A query may hold the password of a key.
+    # The URL's query may contain the passphrase of a key.
     yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
 
 
 def _at_secrets(settings: Settings) -> Iterator[Finding]:
-    """Look for exact values of splits that are private now."""
+    """Look for stored exact values of splits that are private now."""
     if database_fault(settings) is not None:
         return
     try:
@@ -270,16 +270,15 @@ def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
         reports = map(ScoreReport.model_validate, session.scalars(kept))
         exact = sum(not board.may_keep(report) for report in reports)
     except REFUSALS:
-        told = f"not all results of {board.name} can be read; run `reverie-eval server doctor`"
-        yield Finding("secrets", "note", told)
+        message = f"some results of {board.name} cannot be read; run `reverie-eval server doctor`"
+        yield Finding("secrets", "note", message)
         return
     if exact:
-        told = (
-            f"{board.name} is private, but was open when {count_text(exact, 'result')} of it came "
-            "about, whose exact values are kept; make it open again, and give the private split a "
-            "name of its own"
+        message = (
+            f"{board.name} is private, but exact values of {count_text(exact, 'result')} were "
+            "stored while it was open; make it open again, and give the private split another name"
         )
-        yield Finding("secrets", "fault", told)
+        yield Finding("secrets", "fault", message)
 
 
 def _at_uploads(settings: Settings) -> Iterator[Finding]:
@@ -288,7 +287,8 @@ def _at_uploads(settings: Settings) -> Iterator[Finding]:
     except UploadsError as error:
         yield Finding("uploads", "fault", str(error))
     except OSError as error:
-        told = f"{settings.uploads}: {error.strerror}; name a folder that the server can write to"
-        yield Finding("uploads", "fault", told)
+        remedy = "choose a folder that the server can write to"
+        message = f"{settings.uploads}: {error.strerror}; {remedy}"
+        yield Finding("uploads", "fault", message)
     else:
         yield Finding("uploads", "ok", settings.uploads)

@@ -1,4 +1,4 @@
-"""Everything that can be found out about a server by looking at what it has kept."""
+"""Checks of all data that a server has stored."""
 
 import hashlib
 import shutil
@@ -25,19 +25,19 @@ from reverie_eval.server.store.uploads import Uploads, UploadsError, open_upload
 from reverie_eval.text import count_text, first_few
 
 Track = Callable[[Sequence[str], str], Iterable[str]]
-"""Shows progress while items are worked on."""
+"""Shows progress while iterating over items."""
 
 _LITTLE_SPACE = 1 << 30
-"""Bytes; a thousand uploads of the largest split's usual size, unpacked, are a few times that."""
+"""Bytes; a thousand typical uploads to the largest split, unpacked, take a few times as much."""
 
 
 def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Finding]:
-    """Check what a server needs to start, then all that it has kept."""
+    """Check what a server needs to start, then all stored data."""
     first = check_folder(folder)
     yield from first
     if any(finding.kind == "fault" for finding in first):
-        told = "what the server has kept was not looked at; mend the above first"
-        yield Finding("the rest", "note", told)
+        message = "the stored data was not checked; fix the faults above first"
+        yield Finding("stored data", "note", message)
         return
     state = ServerState.open(load_settings(folder))
     with closing(state.database), state.database.reading() as session:
@@ -48,7 +48,7 @@ def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Fin
 
 
 def _guarded(check: str, findings: Iterator[Finding]) -> Iterator[Finding]:
-    """Look as far as the database lets one."""
+    """Yield findings until the database fails, and then that failure."""
     try:
         yield from findings
     except REFUSALS as error:
@@ -60,11 +60,11 @@ def _at_the_file(database: Database, session: Session) -> Iterator[Finding]:
         return
     for (said,) in session.execute(text("PRAGMA integrity_check")):
         if said != "ok":
-            told = f"the file is damaged ({' '.join(said.split())}); restore the last backup"
-            yield Finding("database", "fault", told)
+            message = f"the file is damaged ({' '.join(said.split())}); restore the last backup"
+            yield Finding("database", "fault", message)
     for table, row, parent, _ in session.execute(text("PRAGMA foreign_key_check")):
-        told = f"row {row} of {table} has lost its {parent}; restore the last backup"
-        yield Finding("database", "fault", told)
+        message = f"row {row} of {table} refers to a missing {parent}; restore the last backup"
+        yield Finding("database", "fault", message)
 
 
 def _at_submissions(session: Session, state: ServerState, track: Track) -> Iterator[Finding]:
@@ -74,8 +74,8 @@ def _at_submissions(session: Session, state: ServerState, track: Track) -> Itera
         try:
             reports.append(submission_report(session.get_one(Submission, name)))
         except REFUSALS:
-            told = f"the row of {name} cannot be read; restore the last backup"
-            yield Finding("submissions", "fault", told)
+            message = f"the row of submission {name} cannot be read; restore the last backup"
+            yield Finding("submissions", "fault", message)
     yield from _at_uploads(reports, uploads, track)
     yield from _at_strays(session, uploads)
     yield from _at_reports(reports, state.boards)
@@ -92,32 +92,32 @@ def _at_uploads(
         sound += not trouble
         if trouble:
             whose = first_few([report.id for report in reports if report.sha256 == sha256])
-            remedy = f"put uploads/{sha256}.json of a backup in its place"
-            told = f"{sha256[:2]}/{sha256}.json of submission {whose} {trouble}; {remedy}"
-            yield Finding("uploads", "fault", told)
-    yield Finding("uploads", "ok", f"{count_text(sound, 'upload')} whole, of {len(expected):,}")
+            remedy = f"replace it with uploads/{sha256}.json from a backup"
+            message = f"{sha256[:2]}/{sha256}.json of submission {whose} {trouble}; {remedy}"
+            yield Finding("uploads", "fault", message)
+    yield Finding("uploads", "ok", f"{sound:,} of {count_text(len(expected), 'upload')} intact")
 
 
 def _trouble(uploads: Uploads, sha256: str) -> str:
-    """Return what is wrong with an upload, or nothing."""
+    """Return what is wrong with an upload; empty if nothing is."""
     try:
         found = hashlib.sha256(uploads.get(sha256)).hexdigest()
     except FileNotFoundError:
         return "is missing"
     except (OSError, UploadsError) as error:
         return f"cannot be read ({error})"
-    return "" if found == sha256 else "is not what was sent"
+    return "" if found == sha256 else "differs from the file that was uploaded"
 
 
 def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
     expected = {f"{sha256}.json" for sha256 in session.scalars(select(Submission.sha256))}
     strays = sorted(name for name in uploads.names() if name not in expected)
     if strays:
-        told = (
-            f"{count_text(len(strays), 'file')} of no submission: {first_few(strays)}; left by a "
-            "crash, or about to be accepted. Without a server running, they can be deleted"
+        message = (
+            f"{count_text(len(strays), 'file')} without a submission: {first_few(strays)}; left by "
+            "a crash, or being accepted now. If the server is stopped, they can be deleted"
         )
-        yield Finding("uploads", "note", told)
+        yield Finding("uploads", "note", message)
 
 
 def _at_reports(
@@ -128,19 +128,23 @@ def _at_reports(
     for submission in submissions:
         fingerprint, board = submission.report.fingerprint, boards.get(submission.split)
         if f"|data:{fingerprint[:12]}|" not in submission.report.signature:
-            told = f"{submission.id} does not name its ground truth as it is signed"
-            yield Finding("reports", "fault", f"{told}; restore the last backup")
+            message = (
+                f"{submission.id}: its signature names another ground truth than its report; "
+                "restore the last backup"
+            )
+            yield Finding("reports", "fault", message)
         elif board is None or board.truth.fingerprint != fingerprint:
             older[submission.split, fingerprint] += 1
         else:
             current += 1
     for (split, fingerprint), number in older.items():
-        told = (
-            f"{count_text(number, 'submission')} to {split} scored by ground truth "
-            f"{fingerprint[:12]}, which is not that of now: these scores do not compare"
+        message = (
+            f"{count_text(number, 'submission')} to {split} scored with other ground truth "
+            f"({fingerprint[:12]}) than the current one: not comparable with new scores"
         )
-        yield Finding("reports", "note", told)
-    yield Finding("reports", "ok", f"{count_text(current, 'report')} by the ground truth of now")
+        yield Finding("reports", "note", message)
+    scored = f"{count_text(current, 'report')} scored with the current ground truth"
+    yield Finding("reports", "ok", scored)
 
 
 def _at_receipts(
@@ -155,16 +159,16 @@ def _at_receipts(
         except ReceiptError as error:
             trouble = str(error)
         else:
-            is_said = _says_what_is_kept(submission, names[submission.team])
-            trouble = "" if is_said else "the submission's row says something else"
+            is_said = _matches_row(submission, names[submission.team])
+            trouble = "" if is_said else "the receipt differs from the submission's row"
         sound += not trouble
         if trouble:
-            remedy = "put back the key or the database of the last backup"
+            remedy = "restore the key or the database from the last backup"
             yield Finding("receipts", "fault", f"{submission.id}: {trouble}; {remedy}")
     yield Finding("receipts", "ok", f"{count_text(sound, 'receipt')} verified")
 
 
-def _says_what_is_kept(kept: SubmissionReport, names: Collection[str]) -> bool:
+def _matches_row(kept: SubmissionReport, names: Collection[str]) -> bool:
     said = kept.receipt
     return (
         (said.submission_id, said.split) == (kept.id, kept.split)
@@ -177,23 +181,23 @@ def _says_what_is_kept(kept: SubmissionReport, names: Collection[str]) -> bool:
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     broken, count = list(audit_log.broken_links(session)), len(entries(session))
     if len(broken) == count > 1:
-        told = "no entry was written with this signing key; put back the key of the last backup"
-        yield Finding("audit log", "fault", told)
+        message = "no entry was written with this signing key; restore the key from the last backup"
+        yield Finding("audit log", "fault", message)
     else:
         for number in broken:
-            told = f"entry {number} was changed, or one before it was removed"
-            yield Finding("audit log", "fault", f"{told}; compare with a backup")
-    for told in mismatches(session):
-        yield Finding("audit log", "fault", f"{told}; compare with a backup")
+            message = f"entry {number} was changed, or the entry before it was removed"
+            yield Finding("audit log", "fault", f"{message}; compare with a backup")
+    for message in mismatches(session):
+        yield Finding("audit log", "fault", f"{message}; compare with a backup")
     if not broken:
-        told = f"{count:,} entries, none changed or removed since it was written"
-        yield Finding("audit log", "ok", told)
+        message = f"{count_text(count, 'entry', 'entries')}, none changed or removed"
+        yield Finding("audit log", "ok", message)
 
 
 def _at_disk(folder: Path) -> Iterator[Finding]:
     free = shutil.disk_usage(folder).free
-    told = f"{free / (1 << 30):,.1f} GiB free"
+    message = f"{free / (1 << 30):,.1f} GiB free"
     if free < _LITTLE_SPACE:
-        yield Finding("disk", "fault", f"{told}; make room before uploads fail")
+        yield Finding("disk", "fault", f"{message}; free some space before uploads fail")
     else:
-        yield Finding("disk", "ok", told)
+        yield Finding("disk", "ok", message)

@@ -1,11 +1,11 @@
-"""A server's folder: everything it is, to be handed on as one thing.
+"""A server's folder, which contains everything that the server needs.
 
 ::
 
-    reverie-eval.toml     what the organiser decides
+    reverie-eval.toml     the organiser's settings
     signing-key.pem       signs receipts
     bundles/              ground truth, readable by its owner alone
-    server.db             SQLite's file, unless the database is elsewhere
+    server.db             the SQLite file, unless the database is elsewhere
     uploads/              every accepted file, by its SHA-256
 """
 
@@ -40,12 +40,12 @@ _DEMO_SPLITS = {
 
 
 def make_server(folder: Path, *, now: datetime, actor: str) -> str:
-    """Make a server's folder with an organiser in it, and return the organiser's token.
+    """Make a server's folder with one organiser, and return the organiser's token.
 
     Raises
     ------
     SettingsError
-        If something is in the folder already, or in the database that a variable names.
+        If the folder, or the database that an environment variable names, is not empty.
     """
     with building(folder) as aside:
         fill(aside)
@@ -53,7 +53,7 @@ def make_server(folder: Path, *, now: datetime, actor: str) -> str:
 
 
 def fill(folder: Path) -> None:
-    """Fill a folder with what a server is made of, on the demo world; nobody is in it."""
+    """Fill a folder with a server on the demo world, without teams or people."""
     bundles = folder / "bundles"
     bundles.mkdir(mode=0o700)
     for split, bundle in _DEMO_SPLITS.items():
@@ -63,7 +63,7 @@ def fill(folder: Path) -> None:
     make_key(folder / SIGNING_KEY)
     with as_file(files("reverie_eval.server") / "template.toml") as template:
         shutil.copyfile(template, folder / SETTINGS_FILE)
-    (folder / SETTINGS_FILE).chmod(_OWNER_ONLY)  # a database's URL may hold a password
+    (folder / SETTINGS_FILE).chmod(_OWNER_ONLY)  # the database's URL may contain a password
     demand_empty(load_settings(folder))
     upgrade_folder(folder)
 
@@ -76,34 +76,35 @@ def _add_first_organiser(folder: Path, *, now: datetime, actor: str) -> str:
 
 
 def demand_empty(settings: Settings) -> None:
-    """Make sure that a database is nobody's yet.
+    """Check that a database is empty.
 
     Raises
     ------
     SettingsError
-        If there is something in it.
+        If it is not.
     """
     with closing(Database(settings.database_url)) as database:
         if database.revision() is not None:
-            remedy = "is not empty; make a new one, and name it in REVERIE_EVAL_DATABASE"
+            remedy = "is not empty; create a new one and set REVERIE_EVAL_DATABASE to its URL"
             raise SettingsError([Problem("database-taken", "database", remedy)])
 
 
 @contextmanager
 def building(folder: Path) -> Iterator[Path]:
-    """Build a server's folder aside; it is put in its place when it is whole, or never was.
+    """Build a server's folder in a temporary place; it appears complete, or not at all.
 
     Raises
     ------
     SettingsError
-        If something is in the folder already.
+        If the folder is not empty.
     """
     place = folder.absolute()
     if place.exists() and any(place.iterdir()):
-        kind = "is a server's already" if (place / SETTINGS_FILE).exists() else "is not empty"
+        is_server = (place / SETTINGS_FILE).exists()
+        kind = "already contains a server" if is_server else "is not empty"
         remedy = f"{kind}; choose a new or an empty folder"
         raise SettingsError([Problem("folder-taken", str(folder), remedy)])
-    # The settings come last: with them, it is a server's folder.
+    # The settings file is written last: it is what makes a folder a server's.
     with staged_folder(folder, mode=0o700, last=SETTINGS_FILE) as aside:
         yield aside
         if place.exists():
@@ -111,12 +112,12 @@ def building(folder: Path) -> Iterator[Path]:
 
 
 def upgrade_folder(folder: Path) -> None:
-    """Bring a server's database to what this version needs.
+    """Upgrade a server's database to this version.
 
     Raises
     ------
     FolderError
-        If it is of a later version.
+        If it was made by a later version.
     """
     with closing(Database(load_settings(folder).database_url)) as database:
         demand_known(database)
@@ -125,6 +126,6 @@ def upgrade_folder(folder: Path) -> None:
 
 
 def make_private(database: Database) -> None:
-    """Make the file of SQLite, if it is not there, so that nobody else can read it."""
+    """Create a missing SQLite file so that other users cannot read it."""
     if database.is_sqlite:
         Path(str(database.engine.url.database)).touch(_OWNER_ONLY)

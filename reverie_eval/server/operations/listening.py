@@ -1,31 +1,32 @@
-"""Taking an address to listen at, before anything is said of it."""
+"""Listening at an address."""
 
 import socket
 
 from reverie_eval.errors import ReverieEvalError
 
 _WAITING = 2048
-"""Connections that may wait to be taken."""
+"""Connections that may wait to be accepted."""
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Listen at an address; port 0 takes any that is free.
+    """Listen at an address; port 0 means any free port.
 
     Raises
     ------
     ReverieEvalError
-        If the address is taken or not this machine's.
+        If the address is in use or not this machine's.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         listening = socket.create_server((host, port), family=family, backlog=_WAITING)
-        # Connections inherit it; without it a reply's body waits 40 ms for its head's receipt.
+        # Accepted connections inherit it. Without it, a reply's body waits 40 ms until the client
+        # acknowledges the headers.
         listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     except OSError as error:
         reason = (error.strerror or str(error)).partition(" (while")[0].lower()
         raise ReverieEvalError(
-            f"cannot listen at {host}, port {port}: {reason}; choose another with --host and "
-            "--port, 0 for any port that is free"
+            f"cannot listen at {host}, port {port}: {reason}; choose another address with --host "
+            "or --port (0 for any free port)"
         ) from None
     return listening
 

@@ -1,7 +1,7 @@
-"""Logs: a JSON object on a line of standard error for whatever happens.
+"""Logs: one JSON object per line on standard error.
 
-Never bodies, tokens or answers. Of a fault the log has every frame, and of what it says only what
-the operating system or the database says: the message of any other exception may quote an answer.
+They never contain bodies, tokens or answers. A fault is logged with all its frames, but exception
+messages only if they come from the operating system or the database: others may quote an answer.
 """
 
 import json
@@ -17,7 +17,7 @@ _SAID_BY_OTHERS = (OSError, SQLAlchemyError)
 
 
 class JsonLines(logging.Formatter):
-    """Writes a record as a line of JSON: time, level, logger, event, and what belongs to it."""
+    """Formats a record as a line of JSON: time, level, logger, event, and the event's fields."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the line."""
@@ -35,7 +35,7 @@ class JsonLines(logging.Formatter):
 
 
 def told(error: BaseException) -> Iterator[dict[str, Any]]:
-    """Tell of an exception, and of those that led to it, what happened and where."""
+    """Yield an exception and those that caused it, the first cause first, with their frames."""
     cause = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
     if cause is not None:
         yield from told(cause)
@@ -58,7 +58,7 @@ LOGGING: dict[str, Any] = {
     "loggers": {
         "reverie_eval.server": {"level": "INFO"},
         "uvicorn": {"level": "INFO"},
-        "python_multipart": {"level": "ERROR"},  # its warnings quote the form
+        "python_multipart": {"level": "ERROR"},  # its warnings quote form fields
     },
 }
-"""For everything in this process: ours, uvicorn's, and the warnings of every library."""
+"""Logging of the whole process: ours, uvicorn's, and warnings of all libraries."""

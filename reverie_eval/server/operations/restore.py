@@ -1,4 +1,4 @@
-"""Restoring a backup: somewhere else, into another database, or after a loss."""
+"""Restoring a backup: after a loss, on another machine, or into another database."""
 
 import hashlib
 import json
@@ -21,17 +21,17 @@ from reverie_eval.server.store.uploads import open_uploads
 
 _CHUNK = 1 << 20
 _NOT_WHOLE = (tarfile.TarError, BadGzipFile, EOFError, zlib.error, ValueError)
-"""What reading an archive that is cut off, damaged or none comes to."""
+"""Errors of reading a file that is truncated, damaged or not an archive."""
 
 
 class BackupError(RejectedError):
-    """An archive is no whole backup, or there is no empty place to restore it to."""
+    """An archive is not a complete backup, or was made by a later version."""
 
     subject = "backup"
 
 
 def restore_backup(archive: Path, folder: Path) -> Manifest:
-    """Restore a backup into an empty folder, and into the empty database that it is set to use.
+    """Restore a backup into an empty folder and the empty database that its settings name.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def restore_backup(archive: Path, folder: Path) -> Manifest:
 
 
 def _keep_uploads(settings: Settings, folder: Path) -> None:
-    """Keep the uploads; to do so again, if the database then refuses, changes nothing."""
+    """Store the uploads; storing them again, if loading the database fails, changes nothing."""
     uploads = open_uploads(settings.uploads, settings.folder)
     for file in sorted(folder.glob("*.json")):
         uploads.put(file.stem, file.read_bytes())
@@ -67,7 +67,7 @@ def _load(settings: Settings, manifest: Manifest, file: Path) -> None:
 
 
 def _unpack(archive: Path, aside: Path, extras: Path) -> Manifest:
-    """Unpack an archive and return its manifest, once everything is found to be whole."""
+    """Unpack an archive, check that it is complete, and return its manifest."""
     digests: dict[str, str] = {}
     try:
         with tarfile.open(archive, "r:gz") as members:
@@ -77,8 +77,8 @@ def _unpack(archive: Path, aside: Path, extras: Path) -> Manifest:
                 digests[member.name] = _extract(members, member, target)
         manifest = _manifest(archive, extras / MANIFEST)
     except _NOT_WHOLE as error:
-        told = f"is no whole backup ({error}); take another"
-        raise BackupError([Problem("not-whole", str(archive), told)]) from None
+        message = f"is not a complete backup ({error}); use another"
+        raise BackupError([Problem("not-whole", str(archive), message)]) from None
     problems = list(_problems(manifest, digests))
     if problems:
         raise BackupError(problems)
@@ -86,28 +86,28 @@ def _unpack(archive: Path, aside: Path, extras: Path) -> Manifest:
 
 
 def _manifest(archive: Path, file: Path) -> Manifest:
-    """Read what should be in the archive; a later version may write down other things."""
+    """Read the manifest; that of a later version may have other fields."""
     try:
         written = json.loads(file.read_bytes())
         if written["format"] == FORMAT and written["revision"] in known_revisions():
             return Manifest.model_validate(written)
         version = written["version"]
     except (FileNotFoundError, ValueError, KeyError, TypeError):
-        raise tarfile.ReadError(f"there is no {MANIFEST} at its end") from None
-    told = f"was made by reverie-eval {version}; install that version or a later one"
-    raise BackupError([Problem("later-version", str(archive), told)])
+        raise tarfile.ReadError(f"there is no valid {MANIFEST} at its end") from None
+    message = f"was made by reverie-eval {version}; install that version or a later one"
+    raise BackupError([Problem("later-version", str(archive), message)])
 
 
 def _safe(member: tarfile.TarInfo) -> PurePosixPath:
-    """Return where to put a member: below the folder, whoever wrote the archive."""
+    """Return where to put a member: always below the folder, even if the archive is malicious."""
     path = PurePosixPath(member.name)
     if not member.isfile() or path.is_absolute() or ".." in path.parts:
-        raise tarfile.TarError(f"{member.name!r} has no place in one")
+        raise tarfile.TarError(f"{member.name!r} does not belong in one")
     return path
 
 
 def _extract(members: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> str:
-    """Write a member to a file that nobody else can read, and return its SHA-256."""
+    """Write a member to a file that other users cannot read, and return its SHA-256."""
     target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     target.touch(mode=0o600)
     digest = hashlib.sha256()
@@ -122,5 +122,5 @@ def _extract(members: tarfile.TarFile, member: tarfile.TarInfo, target: Path) ->
 def _problems(manifest: Manifest, digests: Mapping[str, str]) -> Iterator[Problem]:
     for name in sorted({*manifest.sha256, *digests} - {MANIFEST}):
         if digests.get(name) != manifest.sha256.get(name):
-            found = "is missing" if name not in digests else "is not what was backed up"
-            yield Problem("damaged-backup", name, f"{found}; take another backup")
+            found = "is missing" if name not in digests else "differs from what was backed up"
+            yield Problem("damaged-backup", name, f"{found}; use another backup")

@@ -1,4 +1,4 @@
-"""Run the server until it is told to stop."""
+"""Running the server until it is stopped."""
 
 import gc
 import signal
@@ -17,39 +17,39 @@ from reverie_eval.server.operations.logs import LOGGING
 from reverie_eval.server.state import ServerState
 
 SECONDS_TO_FINISH = 90
-"""What an upload that is on its way when the server is stopped has left to be answered in."""
+"""How long requests that have begun may take to finish when the server is stopped."""
 
 
 def run_server(
     state: ServerState, host: str, port: int, announce: Callable[[str], None] = lambda _: None
 ) -> None:
-    """Serve until SIGTERM or SIGINT; what has begun is finished first.
+    """Serve until SIGTERM or SIGINT; requests that have begun are finished first.
 
     Parameters
     ----------
     state : ServerState
         An opened server; its database is closed at the end.
     host : str
-        An address to listen at; ``0.0.0.0`` for every one.
+        The address to listen at; ``0.0.0.0`` for all.
     port : int
-        0 for any that is free.
+        0 for any free port.
     announce : callable
-        Told the URL as soon as somebody listens there.
+        Called with the URL as soon as the server accepts requests.
 
     Raises
     ------
     ReverieEvalError
-        If the address is taken or not this machine's.
+        If the address is in use or not this machine's.
     """
     listening = listen(host, port)
     server = _Server(configuration(create_app(state)), lambda: announce(url_of(listening)))
-    gc.freeze()  # ground truth stays; looking through it for garbage is time lost
+    gc.freeze()  # the ground truth stays in memory; collecting it would only cost time
     with _stopped_is_done():
         server.run(sockets=[listening])
 
 
 def configuration(app: ASGIApp) -> uvicorn.Config:
-    """Return how an application is served: without a banner, with our logs, not for ever."""
+    """Return the configuration of uvicorn: our logs, no server header, limited shutdown time."""
     return uvicorn.Config(
         app,
         http=PatientProtocol,
@@ -57,27 +57,27 @@ def configuration(app: ASGIApp) -> uvicorn.Config:
         log_config=LOGGING,
         access_log=False,
         server_header=False,
-        proxy_headers=False,  # whom to believe, a setting says
+        proxy_headers=False,  # added by the application, for trusted proxies only
         timeout_graceful_shutdown=SECONDS_TO_FINISH,
     )
 
 
 class _Server(uvicorn.Server):
-    """Says so as soon as it serves, and may be told to stop from then on."""
+    """Announces when it has started; from then on, signals stop it."""
 
     def __init__(self, config: uvicorn.Config, announce: Callable[[], None]) -> None:
         super().__init__(config)
         self._announce = announce
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to serve."""
+        """Start, then announce it."""
         await super().startup(sockets)
         self._announce()
 
 
 @contextmanager
 def _stopped_is_done() -> Iterator[None]:
-    """End in status 0 on SIGTERM, which uvicorn raises once more when it has finished."""
+    """Exit with status 0 on SIGTERM, which uvicorn raises again after shutting down."""
     before = signal.signal(signal.SIGTERM, _exit)
     try:
         yield

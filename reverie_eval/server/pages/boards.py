@@ -1,4 +1,4 @@
-"""The leaderboards, their charts, and copies for papers."""
+"""The leaderboards, their charts, and export for papers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,34 +39,34 @@ Ranked = Annotated[Ranking, Depends(ranked)]
 
 @router.get("/")
 def show_home(server: Server) -> Response:
-    """Lead to the first split's board."""
+    """Redirect to the first split's leaderboard."""
     return RedirectResponse(f"/boards/{next(iter(server.boards))}")
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The rows of one page of a board."""
+    """The rows of one page of a leaderboard."""
 
     rows: Sequence[Row]
     first: int
-    """How many come before."""
+    """The number of rows on earlier pages."""
     count: int
-    """How many there are on all pages."""
+    """The number of rows on all pages."""
     number: int
     pages: int
 
 
 class Packed(Response):
-    """What is packed for whoever takes it so; for what is in no way secret."""
+    """A response that is gzipped if the client accepts it; only for content without secrets."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send it."""
+        """Send the response."""
         await GZipMiddleware(super().__call__, compresslevel=5)(scope, receive, send)
 
 
 @router.get("/boards/{split}")
 def show_board(split: str, visitor: Visitor, query: Asked) -> Response:
-    """Rank what teams have published."""
+    """Show the published results, ranked."""
     with visitor.snapshot() as snapshot:
         ranking = visitor.server.ranking(snapshot.session, split, query.ranked_by)
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
@@ -94,14 +94,14 @@ def show_board(split: str, visitor: Visitor, query: Asked) -> Response:
 
 @router.get("/boards/{split}/chart")  # noqa: FAST003  # of Ranked
 def show_chart(ranking: Ranked, query: Asked) -> Response:
-    """Return what the charts draw."""
+    """Return the data of the charts."""
     drawn = chart_of(ranking, query.shown.of(ranking.rows, ranking), query.x, query.y)
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
 @router.get("/boards/{split}/latex")  # noqa: FAST003  # of Ranked
 def show_latex(ranking: Ranked, request: Request, query: Asked) -> Response:
-    """Return the rows of a page as a table for LaTeX."""
+    """Return the rows of a page as a LaTeX table."""
     rows = _part(ranking, query).rows
     metrics = [metric for metric in _columns(query, rows) if _is_scored(metric, rows)]
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
@@ -109,14 +109,14 @@ def show_latex(ranking: Ranked, request: Request, query: Asked) -> Response:
 
 @router.get("/boards/{split}/bibtex")  # noqa: FAST003  # of Ranked
 def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Asked) -> Response:
-    """Return entries for BibTeX: the board's, and one for each row of a page."""
+    """Return BibTeX entries for the leaderboard and for each row of a page."""
     rows = _part(ranking, query).rows
     address = _address(request, query)
     return PlainTextResponse(as_bibtex(ranking, rows, server.settings.title, address))
 
 
 def _part(ranking: Ranking, query: BoardQuery) -> Part:
-    """Return the page that is asked for, or the last one."""
+    """Return the requested page, or the last one."""
     shown = _sorted(query.shown.of(ranking.rows, ranking), query)
     pages = max(1, ceil(len(shown) / PER_PAGE))
     number = min(query.page, pages)
@@ -125,16 +125,16 @@ def _part(ranking: Ranking, query: BoardQuery) -> Part:
 
 
 def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:
-    """Sort by a metric of which neither direction is better; ranked rows are sorted already."""
+    """Sort by a metric without a better direction; for other metrics, rows are already sorted."""
     if query.ranked_by == query.metric:
         return rows
     return sorted(rows, key=lambda row: row.entry.scores.get(query.metric, inf))
 
 
 def _columns(query: BoardQuery, rows: Sequence[Row]) -> Sequence[Metric]:
-    """Return what is shown: the primary metric, what it is sorted by, then the catalogue's order.
+    """Return the columns: the primary metric, the metric sorted by, then the catalogue's order.
 
-    On a phone there is no room for more than two columns beside the names.
+    A phone has room for only two columns beside the names.
     """
     keys = {key for key, metric in CATALOGUE.items() if metric.headline}
     if query.columns == "all":
@@ -146,7 +146,7 @@ def _columns(query: BoardQuery, rows: Sequence[Row]) -> Sequence[Metric]:
 
 
 def _numbers(here: int, pages: int) -> Sequence[int | None]:
-    """Return what pages to lead to: both ends and those near; None where some are left out.
+    """Return the page numbers to link: both ends and those nearby; None marks a gap.
 
     >>> _numbers(7, 20)
     [1, None, 5, 6, 7, 8, 9, None, 20]

@@ -1,4 +1,4 @@
-"""The episode browser: a list of the episodes, and each on its map."""
+"""The episode browser: the list of episodes, and each one on its map."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -24,23 +24,23 @@ router = APIRouter()
 
 PER_PAGE = 50
 MOST_STEPS = 200
-"""Of a walk that are listed."""
+"""The longest list of steps that a page shows."""
 
 
 @dataclass(frozen=True)
 class Selection(Wanted):
-    """What the address of a page says: which episodes, and whose ways through them."""
+    """The query of a page: which episodes, and the routes of which submissions."""
 
     submission: str = ""
     other: str = ""
 
     @property
     def submissions(self) -> Sequence[str]:
-        """Both, if there are two."""
+        """The ids of the chosen submissions: none, one or two."""
         return list(dict.fromkeys(filter(None, (self.submission, self.other))))
 
     def link(self, split: str, instr_id: str = "", **changes: str | int) -> str:
-        """Return where this is shown, of all episodes or of one, or what it is changed to."""
+        """Return the address of the list, or of one episode, with some of the query changed."""
         said = {key: value for key, value in (asdict(self) | changes).items() if value}
         place = "/".join(quote(part, safe="") for part in (split, instr_id) if part)
         return f"/episodes/{place}?{urlencode(said)}".removesuffix("?")
@@ -51,7 +51,7 @@ Selected = Annotated[Selection, Depends()]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """An outcome, and how many episodes have it."""
+    """An outcome and its number of episodes."""
 
     name: str
     meaning: str
@@ -61,33 +61,33 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """The episodes before and after one, among those that were chosen."""
+    """The episodes before and after one, among those that match the filter."""
 
     previous: str | None
     next: str | None
     number: int | None
-    """Its own place among them, from 1; None if it is not one of them."""
+    """Its own position among them, from 1; None if it does not match."""
     count: int
 
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """An agent's way through an episode, as a table shows it."""
+    """An agent's route through an episode, as a table shows it."""
 
     name: str
     run: Run
     episode: Episode
     details: str
-    """Its answer and its lengths."""
+    """The answer and the lengths."""
     steps: Sequence[Step]
-    """The first few."""
+    """At most MOST_STEPS."""
     unlisted: int
-    """How many more there are."""
+    """The number of further steps."""
 
 
 @router.get("/episodes")
 def show_splits(visitor: Visitor) -> Response:
-    """List the splits whose episodes can be browsed."""
+    """List the open splits."""
     episodes = visitor.server.episodes
     with visitor.snapshot() as snapshot:
         splits = [
@@ -142,7 +142,7 @@ def show_episode(
 
 
 def _browsing(visitor: Call, snapshot: Snapshot, split: str, selection: Selection) -> Browsing:
-    """Return what the address asks for, of what the visitor may see."""
+    """Return the requested episodes and submissions, if the visitor may see them."""
     episodes, submissions = visitor.server.episodes, selection.submissions
     return episodes.browse(snapshot.session, snapshot.caller, split, submissions)
 
@@ -174,12 +174,12 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
 
 
 def _markup(drawn: str) -> Markup:
-    """Take a picture for what it is: every text was escaped where it was drawn."""
+    """Mark a drawing as safe HTML: all text in it was escaped when it was drawn."""
     return Markup(drawn)  # noqa: S704
 
 
 def _names(runs: Sequence[Run]) -> Sequence[str]:
-    """Call submissions as their teams do, and by their ids where that is not clear."""
+    """Name submissions by their methods, with their ids if the methods have the same name."""
     methods = [run.submission.method.name for run in runs]
     if len(set(methods)) == len(methods):
         return methods
@@ -187,7 +187,7 @@ def _names(runs: Sequence[Run]) -> Sequence[str]:
 
 
 def _parts(browsing: Browsing, selection: Selection) -> Sequence[Part]:
-    """Count the episodes of every outcome, for every submission."""
+    """Count the episodes of every outcome for each submission."""
     found = [browsing.anatomy(run, selection) for run in browsing.runs]
     counted = [anatomy.counts for anatomy in found if anatomy is not None]
     if not counted:
@@ -226,7 +226,7 @@ def _walks(runs: Sequence[Run], walked: Mapping[str, Episode], shown: EpisodeMap
 
 
 def _goals(episode: Episode, shown: EpisodeMap) -> Sequence[tuple[str, int, float]]:
-    """List the goal viewpoints: each with its level and the metres to the path's end."""
+    """List the goal viewpoints, each with its level and the metres to the path's end."""
     levels = shown.storey[shown.goal_viewpoints] + 1
     metres = shown.to_path_end(shown.goal_viewpoints)
     listed = zip(episode.goal_viewpoints, levels.tolist(), metres.tolist(), strict=True)

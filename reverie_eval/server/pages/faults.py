@@ -1,4 +1,4 @@
-"""What a page becomes when there is a problem: the same problem document, in words."""
+"""Pages for errors: they show the problem document as HTML."""
 
 from collections.abc import Callable
 from urllib.parse import quote, urlsplit
@@ -18,17 +18,17 @@ _NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
 def show_faults_with(request: Request, draw: Callable[[ProblemDocument], Response]) -> None:
-    """Let a page with a form show from now on what is wrong, beside what was typed into it."""
+    """Let a page with a form show further problems itself, so that the input is not lost."""
     request.state.draw_fault = draw
 
 
 def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
-    """Show a problem; who has to sign in is led to where they can, and back again.
+    """Show a problem, or redirect to the sign-in page if signing in is needed.
 
     Returns
     -------
     Response or None
-        None if a program asked, and not a person.
+        None if the request is not for a page.
     """
     if request.url.path.startswith(_NOT_PAGES):
         return None
@@ -51,15 +51,15 @@ def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument
 
 
 def _way_on(request: Request, problem: ProblemDocument) -> Place:
-    """Return where to go on: to the very board, if it is what was asked of it that was wrong."""
+    """Return the link of the error page: to the same leaderboard if only its query was invalid."""
     if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
         split = request.path_params["split"]
-        return Place(f"To the whole leaderboard of {split}", f"/boards/{quote(split)}")
+        return Place(f"To the whole {split} leaderboard", f"/boards/{quote(split)}")
     return Place("To the leaderboard", "/")
 
 
 def _came_from(request: Request) -> str:
-    """Return the page to come back to: of a form, the path of the one that it is on."""
+    """Return the address to return to after signing in; for a form, the page that it is on."""
     if request.method == "GET":
         return f"{request.url.path}?{request.url.query}".removesuffix("?")
     return urlsplit(request.headers.get("referer", "")).path or "/"

@@ -1,4 +1,4 @@
-"""What there is to read: how to submit, what is measured, by which rules, and what is kept."""
+"""The guide: how to submit, metrics, protocols, rules, the API and privacy."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -31,13 +31,13 @@ _PLAIN = {
 
 @router.get("")
 def show_guide(visitor: Visitor) -> Response:
-    """List what there is to read."""
+    """Show the guide's table of contents."""
     return _page(visitor, "guide/index.html")
 
 
 @router.get("/submitting")
 def show_submitting(visitor: Visitor) -> Response:
-    """Tell how a submission is made, from the very schema that it is checked by."""
+    """Show how to submit; the fields come from the schema that submissions are checked with."""
     return _page(
         visitor,
         "guide/submitting.html",
@@ -52,13 +52,13 @@ def show_submitting(visitor: Visitor) -> Response:
 
 @router.get("/metrics")
 def show_metrics(visitor: Visitor) -> Response:
-    """Tell what each metric means."""
+    """Show what each metric means."""
     return _page(visitor, "guide/metrics.html")
 
 
 @router.get("/protocols")
 def show_protocols(visitor: Visitor) -> Response:
-    """Tell the rules that published evaluators score by."""
+    """Show the rules of the published evaluators."""
     used = {name: board.split.protocol for name, board in visitor.server.boards.items()}
     aliases = {
         name: [alias for alias, canonical in ALIASES.items() if canonical == name]
@@ -69,7 +69,7 @@ def show_protocols(visitor: Visitor) -> Response:
 
 @router.get("/rules")
 def show_rules(visitor: Visitor) -> Response:
-    """Tell this server's splits, quotas and phases."""
+    """Show this server's splits, quotas and phases."""
     return _page(
         visitor,
         "guide/rules.html",
@@ -82,7 +82,7 @@ def show_rules(visitor: Visitor) -> Response:
 
 @router.get("/api")
 def show_api(visitor: Visitor) -> Response:
-    """Tell how programs ask."""
+    """Show how to use the API."""
     return _page(
         visitor,
         "guide/api.html",
@@ -96,7 +96,7 @@ def show_api(visitor: Visitor) -> Response:
 
 @router.get("/privacy")
 def show_privacy(visitor: Visitor) -> Response:
-    """Tell what is kept, and who sees it."""
+    """Show what is stored, and who can see it."""
     return _page(
         visitor,
         "guide/privacy.html",
@@ -112,7 +112,7 @@ def _page(visitor: Call, template: str, **content: Any) -> Response:
 
 
 def _example() -> str:
-    """Return the example, a field a line, as people would write it."""
+    """Return the example submission as JSON with one field per line."""
     records = [
         ",\n   ".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in record.items())
         for record in SUBMISSION
@@ -125,7 +125,7 @@ def _address(request: Request) -> str:
 
 
 class Field(NamedTuple):
-    """A field of a submission, as a table shows it."""
+    """A field of a submission, as a row of a table."""
 
     name: str
     takes: str
@@ -134,7 +134,7 @@ class Field(NamedTuple):
 
 
 def fields_of(schema: Mapping[str, Any]) -> Sequence[Field]:
-    """Return the fields of an object's schema, in its order."""
+    """Return the fields of an object's schema, in the schema's order."""
     required = schema.get("required", ())
     return [
         Field(name, in_words(field), name in required, field.get("description", ""))
@@ -143,7 +143,7 @@ def fields_of(schema: Mapping[str, Any]) -> Sequence[Field]:
 
 
 def in_words(schema: Mapping[str, Any]) -> str:
-    """Say what a value is.
+    """Describe the values that a schema allows.
 
     >>> in_words({"type": "integer", "minimum": 0, "exclusiveMaximum": 36})
     'whole number, at least 0, below 36'

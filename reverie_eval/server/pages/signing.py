@@ -1,4 +1,4 @@
-"""Signing in with a token, or with an invitation that becomes one; and out."""
+"""Signing in with a token or an invitation, and signing out."""
 
 from datetime import datetime
 from typing import Annotated
@@ -19,7 +19,7 @@ SEE_OTHER = 303
 
 @router.get("/sign-in")
 def show_sign_in(visitor: Visitor, back: str = "/team") -> Response:
-    """Ask for a token, or an invitation."""
+    """Ask for a token or an invitation."""
     return _form(visitor, own_path(back))
 
 
@@ -29,7 +29,7 @@ def sign_in(
     token: Annotated[str, Form(max_length=200)] = "",
     back: Annotated[str, Form()] = "/team",
 ) -> Response:
-    """Begin a session, or say what is wrong with the token."""
+    """Begin a session, or show why the token is refused."""
     server, now = visitor.server, visitor.server.clock()
     try:
         with server.database.writing() as session:
@@ -46,9 +46,10 @@ def use_invitation(
     invitation: Annotated[str, Form(max_length=200)] = "",
     back: Annotated[str, Form()] = "/team",
 ) -> Response:
-    """Turn an invitation into a token, show it this once, and begin a session with it.
+    """Exchange an invitation for a token, show it once, and begin a session with it.
 
-    The token is in this reply and nowhere else: not in an address, and not in what a browser keeps.
+    Only this reply contains the token: it is never in an address, and the browser does not store
+    it.
     """
     request, server = visitor.request, visitor.server
     try:
@@ -74,7 +75,7 @@ def sign_out(visitor: Visitor, _: Posted) -> Response:
 
 
 def own_path(path: str) -> str:
-    """Return a path of this server's; whoever made a link might lead elsewhere."""
+    """Return a path if it is on this server, else ``/team``: a link could point to another site."""
     is_own = path.startswith("/") and not path.startswith(("//", "/\\")) and path.isprintable()
     return path if is_own else "/team"
 

@@ -49,9 +49,9 @@ def mismatches(session: Session) -> Iterator[str]:
     told, shown = set(_told(session)), set(_shown(session))
     for action in sorted(told - shown, key=str):
         if action.name not in _LEAVE_NO_TRACE:
-            yield f"{action}: the audit log has it, but the database does not"
+            yield f"{action}: logged, but no longer in the database"
     for action in sorted(shown - told, key=str):
-        yield f"{action}: the database has it, but the audit log does not"
+        yield f"{action}: in the database, but not logged"
     names = dict(_told_names(session))
     for table in (Team, Person):
         for key, name in session.execute(select(table.id, table.name)):

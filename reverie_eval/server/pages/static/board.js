@@ -1,5 +1,5 @@
 // The charts of a board: one metric against another, and the best over time.
-// The table has every number; what is drawn here can be pointed at and followed.
+// The table has all the numbers; points have tooltips and link to their submissions.
 
 const section = document.getElementById("charts");
 const charts = [];
@@ -53,7 +53,7 @@ function draw() {
 let underWay;
 
 async function load() {
-  underWay?.abort(); // or an earlier reply that comes late would be drawn under later axes
+  underWay?.abort(); // a late reply to an earlier request must not be drawn with the new axes
   underWay = new AbortController();
   const { signal } = underWay;
   const source = new URL(section.dataset.source, location.href);
@@ -69,7 +69,7 @@ async function load() {
   }
 }
 
-// The axes are in the address too, in what links lead to, and in what the filter's form sends.
+// Keeps the chosen axes in the page's address, in its links, and in the filter form.
 function keep({ name, value }) {
   const withAxis = (address) => {
     const changed = new URL(address);

@@ -1,4 +1,4 @@
-// What the charts of all pages share: colours of the theme, axes, and points that lead somewhere.
+// Shared by the charts of all pages: colours of the theme, axes, and points that are links.
 
 function colours() {
   const style = getComputedStyle(document.documentElement);
@@ -14,13 +14,13 @@ const short = (name) => (name.length > 36 ? `${name.slice(0, 35)}\u2026` : name)
 const day = (milliseconds) => new Date(milliseconds).toISOString().slice(0, 10);
 
 const DAY = 24 * 3600 * 1000;
-const STEPS = 3; // of time, as many as have room for their dates on a phone
+const STEPS = 3; // ticks of a time axis: as many dates as fit on a phone
 const FEWEST_DAYS = 6;
 
-// Where the least is next to nothing, room below it would be room for negative numbers.
+// If the smallest value is close to 0, padding below it would show negative numbers.
 const startsNearZero = (values) => Math.min(...values) < 0.1 * Math.max(...values);
 
-// Where the most is close to all there can be, room above it would be room for the impossible.
+// If the largest value is close to the maximum, padding above it would show impossible numbers.
 const endsAtAll = (values, most) => most !== null && Math.max(...values) > 0.9 * most;
 
 function axis(title, paint, more = {}) {
@@ -39,14 +39,14 @@ function valueAxis({ heading, most }, values, paint) {
   return axis(heading, paint, { grace: "6%", beginAtZero: startsNearZero(values), max });
 }
 
-// From the first of them until now, a few days at least; ticks are at midnight, UTC.
+// From the first point until now, and at least a few days; ticks are at midnight, UTC.
 function timeAxis(title, { points, until }, paint) {
   const first = Math.min(...points.at, until - FEWEST_DAYS * DAY);
   const stepSize = Math.ceil((until - first) / STEPS / DAY) * DAY;
   return axis(title, paint, { min: first, max: until, ticks: { callback: day, stepSize, includeBounds: false } });
 }
 
-// A step at each point that was better than all before it; the last of them holds until now.
+// A step at each point that was better than all before it; the last step extends until now.
 function bestSoFar({ points, best, until }, paint) {
   const line = best.map((place) => ({ x: points.at[place], y: points.y[place], place }));
   const look = { borderColor: paint.accent, backgroundColor: paint.accent, borderWidth: 2, showLine: true };
@@ -86,15 +86,15 @@ function drawing(canvas, datasets, axes, label, points) {
   });
 }
 
-// Shows what is drawn, or else that nothing could be.
+// Shows the charts, or a message that they could not be loaded.
 function reveal(section, isDrawn) {
   section.querySelector(".drawn").hidden = !isDrawn;
   section.querySelector(".fault").hidden = isDrawn;
 }
 
-// Makes a section ready to be drawn in, also again when the theme changes; returns whether it is.
+// Prepares a section for drawing, and redraws it when the theme changes; returns whether it worked.
 function prepare(section, draw) {
-  const isReady = typeof Chart === "function"; // a file of its own, which may not have arrived
+  const isReady = typeof Chart === "function"; // a separate file, which may have failed to load
   reveal(section, isReady);
   if (isReady) {
     Chart.defaults.font.family = getComputedStyle(document.body).fontFamily;

@@ -1,4 +1,4 @@
-// A button that copies what is written elsewhere on the page.
+// Buttons that copy text from elsewhere on the page.
 for (const button of document.querySelectorAll("button.copy")) {
   const words = document.querySelector(".copied");
   const text = document.getElementById(button.dataset.copies);
@@ -8,9 +8,9 @@ for (const button of document.querySelectorAll("button.copy")) {
       await navigator.clipboard.writeText(text.textContent);
       words.textContent = "Copied.";
     } catch {
-      // Without https there is no clipboard: it is marked, for the keyboard to copy.
+      // Without https there is no clipboard: select the text, so that it can be copied by keyboard.
       getSelection().selectAllChildren(text);
-      words.textContent = "Marked: copy it with the keyboard.";
+      words.textContent = "Selected: copy it with the keyboard.";
     }
   });
 }

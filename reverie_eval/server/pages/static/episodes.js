@@ -1,4 +1,4 @@
-// Walks an episode's trajectories on its map, picks a storey, and leads on with the arrow keys.
+// Replays an episode's trajectories on its map, selects a level, and navigates with the arrow keys.
 const figure = document.getElementById("walked");
 const map = figure?.querySelector("svg.walkable");
 const SVG = "http://www.w3.org/2000/svg";
@@ -85,7 +85,7 @@ function makeStepper(walks) {
   }
 
   function start() {
-    status.setAttribute("aria-live", "off"); // the end is said, not every step on the way
+    status.setAttribute("aria-live", "off"); // announce only the last step
     play.textContent = "Pause";
     if (Number(slider.value) >= last) show(0);
     timer = setInterval(() => {
@@ -107,7 +107,7 @@ function makeStepper(walks) {
   if (last === 0) figure.querySelector(".stepper").hidden = true;
 }
 
-// Rows of the tables point at places on the map.
+// Hovering over a row of a table marks its viewpoint on the map.
 
 function makePointer() {
   const ring = element("circle", { class: "pointer", r: 11, visibility: "hidden" }, map);
@@ -128,7 +128,7 @@ function makePointer() {
   }
 }
 
-// Arrow keys lead to the episodes before and after, where they mean nothing else.
+// Arrow keys open the previous and the next episode, unless a focused element uses them.
 
 document.addEventListener("keydown", (event) => {
   const direction = { ArrowLeft: "prev", ArrowRight: "next" }[event.key];

@@ -1,5 +1,5 @@
-// Sends the form piece by piece: the file to be checked as soon as it is chosen, all of it to be
-// scored when asked. What the server's page says of it is put in place, so nothing typed is lost.
+// Sends the form in the background: to check the file as soon as one is chosen, and to score it on
+// request. The outcome is copied from the server's page into this one, so no input is lost.
 const form = document.querySelector("form.upload");
 const { file } = form.elements;
 const drop = form.querySelector(".drop");
@@ -53,14 +53,14 @@ function take(reply, what) {
   const page = reply.response;
   const outcome = page?.querySelector("#outcome");
   const other = page?.querySelectorAll("main .fault") ?? [];
-  show(outcome ? outcome.childNodes : other.length ? other : [fault("The server's answer cannot be read; try again.")]);
+  show(outcome ? outcome.childNodes : other.length ? other : [fault("The server's reply could not be read. Try again.")]);
   say("");
   if (what === "check") checkButton.textContent = "Check again";
   for (const field of form.querySelectorAll(".field")) renew(field, page);
   if (what === "score") (form.querySelector("[aria-invalid=true]") ?? form.querySelector("#outcome")).focus();
 }
 
-// What the server said of a field, beside it.
+// Copies the server's message about a field.
 function renew(field, page) {
   const input = field.querySelector("[id]:is(input, textarea)");
   const now = page?.getElementById(input.id);
@@ -80,7 +80,7 @@ function send(what) {
   if (file.files[0]?.size > limit) {
     rest();
     say("");
-    show([fault(`${file.files[0].name} is larger than ${form.dataset.mebibytes} MiB; gzip it. Nothing was sent.`)]);
+    show([fault(`${file.files[0].name} is larger than ${form.dataset.mebibytes} MiB. Gzip it and choose it again; nothing was sent.`)]);
     return;
   }
   const content = new FormData(form);
@@ -100,7 +100,7 @@ function send(what) {
   request.addEventListener("error", () => {
     rest();
     say("");
-    show([fault("The connection broke, or the file was changed meanwhile. Choose it again; what was counted is not counted twice.")]);
+    show([fault("The connection failed, or the file changed during the upload. Choose the file again; it will not be counted twice.")]);
   });
   form.setAttribute("aria-busy", "true");
   for (const button of buttons) button.disabled = true;
@@ -129,7 +129,7 @@ form.addEventListener("submit", (event) => {
 for (const kind of ["dragenter", "dragover"]) {
   addEventListener(kind, (event) => {
     if (!event.dataTransfer?.types.includes("Files")) return;
-    event.preventDefault(); // beside the box, the browser would open the file and leave the page
+    event.preventDefault(); // outside the box, the browser would open the file and leave the page
     drop.classList.add("over");
   });
 }
@@ -147,4 +147,4 @@ addEventListener("drop", (event) => {
 });
 
 for (const each of form.querySelectorAll(".if-scripts")) each.hidden = false;
-addEventListener("pageshow", rest); // also on the way back, when the page comes out of a cache
+addEventListener("pageshow", rest); // also when the browser restores the page from its cache

@@ -1,4 +1,4 @@
-// A team's submissions over time, a chart for each split; the table has the numbers.
+// A team's submissions over time, one chart per split; the table has the numbers.
 
 const section = document.getElementById("over-time");
 const charts = [];

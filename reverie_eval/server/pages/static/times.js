@@ -1,4 +1,4 @@
-// Instants are written in UTC; beside them the viewer's own time, where that is another.
+// Times are written in UTC; this adds the viewer's local time if it differs.
 const WRITTEN_AS_UTC_IS = "sv"; // 2027-06-01 21:05, whatever the viewer's language
 
 function addOwnTimes(part) {

@@ -256,6 +256,14 @@ def test_an_organiser_is_added_once_it_was_asked_twice(desk: Visitor) -> None:
         assert person_named(session, "Dora").role == "organiser"
 
 
+def test_a_team_is_renamed(desk: Visitor) -> None:
+    words = told(desk, "/desk/people/teams/rename", team="Red", name=MARKUP)
+    assert "Team renamed. Receipts keep the old name." in words
+    assert MARKUP in words
+    taken = sending(desk, "/desk/people/teams/rename", team="Blue", name=MARKUP)
+    assert (taken.status_code, 'id="new-name"' in taken.text) == (409, True)
+
+
 @pytest.mark.parametrize("kind", ["invite", "access"])
 def test_a_token_is_shown_once(kind: str, desk: Visitor) -> None:
     form = {"person": OWNER, "kind": kind, "until": "2026-03-31"}

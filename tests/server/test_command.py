@@ -190,6 +190,14 @@ def test_people_tokens_and_grants_are_listed(lab: str, run: Run) -> None:
     assert re.search(rf"^{hint} .* revoked$", run("server", "token", "list", lab).out, re.MULTILINE)
 
 
+def test_a_team_is_renamed(lab: str, run: Run) -> None:
+    run("server", "team", "add", lab, "Blue")
+    outcome = run("server", "team", "rename", lab, "Blue", "Azure")
+    assert outcome.out == "team Blue renamed to Azure\n"
+    assert "\nAzure " in run("server", "team", "list", lab).out
+    assert "there is no team 'Blue'" in run("server", "team", "rename", lab, "Blue", "Azure").err
+
+
 @pytest.mark.parametrize(
     ("kind", "name", "revoked"),
     [

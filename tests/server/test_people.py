@@ -6,6 +6,7 @@ import secrets
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta
 from typing import Any
+from urllib.parse import quote
 
 import httpx
 import pytest
@@ -328,3 +329,31 @@ def test_what_was_changed_in_the_log_is_found(
     with opened.reading() as session:
         assert list(AUDIT_LOG.broken_links(session)) == expected
     opened.close()
+
+
+def test_a_team_is_renamed_over_http_whatever_its_name(server: Serving) -> None:
+    submission = server.upload(OTHER).json()["submission"]
+    server.ask(OTHER, "PATCH", f"/submissions/{submission['id']}", json={"published": True})
+    for old, new in (("Red", "Red/Green"), ("Red/Green", "Purple")):
+        path = f"/organiser/teams/{quote(old, safe='')}"
+        reply = server.ask(ORGANISER, "PATCH", path, json={"name": new})
+        assert (reply.status_code, reply.json()["name"]) == (200, new)
+    (row,) = server.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()["rows"]
+    assert row["team"] == "Purple"
+    receipt = server.ask(OTHER, "GET", f"/submissions/{submission['id']}/receipt").json()
+    assert receipt == submission["receipt"]
+    last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
+    assert (last["action"], last["subject"]) == ("team renamed", "Red/Green")
+    assert last["details"] == {"before": "Red/Green", "after": "Purple"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "status"), [("Nobody's", "Purple", 404), ("Red", "Blue", 409), ("Red", " ", 400)]
+)
+def test_a_team_is_not_renamed_to_nothing_or_to_another(
+    old: str, new: str, status: int, server: Serving
+) -> None:
+    reply = server.ask(ORGANISER, "PATCH", f"/organiser/teams/{old}", json={"name": new})
+    assert reply.status_code == status
+    teams = server.ask(ORGANISER, "GET", "/organiser/teams").json()
+    assert [team["name"] for team in teams] == ["Blue", "Organisers", "Red"]

@@ -2,6 +2,7 @@
 
 import lzma
 import os
+import signal
 from pathlib import Path
 from typing import NoReturn
 
@@ -14,6 +15,7 @@ from reverie_eval import GroundTruth
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval_cli.main import main
 from tests.support.flat import Outcome, Run, write_flat
+from tests.support.sharing import shared_folder
 
 pytest_plugins = [
     "tests.support.serving",
@@ -24,12 +26,33 @@ pytest_plugins = [
     "tests.support.episode_pages",
 ]
 
+# Tests interrupt what they start, which nohup or a script that runs this behind may have forbidden.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 settings.register_profile("unhurried", deadline=None)  # a slow machine is no failure
 settings.load_profile("unhurried")
 
 REPOSITORY = Path(__file__).parents[1]
 SAMPLES = REPOSITORY / "fixtures" / "submissions"
 TEST_EVERYTHING = "REVERIE_TEST_EVERYTHING"
+
+
+MARKS_OF_FOLDERS = {
+    "browser": ("browser", "server"),
+    "client": ("server",),
+    "pages": ("server",),
+    "server": ("server",),
+}
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark every test by the folder that it is in and the fixtures that it uses."""
+    for item in items:
+        for mark in MARKS_OF_FOLDERS.get(item.path.parent.name, ()):
+            item.add_marker(mark)
+        if "chromium" in getattr(item, "fixturenames", ()):
+            item.add_marker("browser")
 
 
 def unavailable(reason: str) -> NoReturn:
@@ -48,9 +71,7 @@ def _demo_ground_truth(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def demo_world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the demo world in the published file layout."""
-    folder = tmp_path_factory.mktemp("demo_world")
-    write_demo_world(folder)
-    return folder
+    return shared_folder(tmp_path_factory, "demo_world", write_demo_world)
 
 
 @pytest.fixture(scope="session")
@@ -59,31 +80,37 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = published_folder()
     if folder is None:
         unavailable("the published REVERIE files are not here (REVERIE_DATA names their folder)")
-    unpacked = tmp_path_factory.mktemp("published")
-    unpack_dataset(folder, unpacked)
-    (unpacked / "reference").symlink_to(folder / "reference")
-    return unpacked
+
+    def unpack(unpacked: Path) -> None:
+        unpack_dataset(folder, unpacked)
+        (unpacked / "reference").symlink_to(folder / "reference")
+
+    return shared_folder(tmp_path_factory, "published", unpack)
 
 
 @pytest.fixture(scope="session")
-def published_centres(published: Path) -> Path:
+def published_centres(published: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Unpack the centres of REVERIE's objects."""
     packed = (published_folder() or Path()) / "objpos.json.xz"
     if not packed.is_file():
         unavailable("the centres of the objects are not here (objpos.json.xz)")
-    centres = published / "objpos.json"
-    centres.write_bytes(lzma.decompress(packed.read_bytes()))
-    return centres
+
+    def unpack(folder: Path) -> None:
+        (folder / "objpos.json").write_bytes(lzma.decompress(packed.read_bytes()))
+
+    return shared_folder(tmp_path_factory, "published_centres", unpack) / "objpos.json"
 
 
 @pytest.fixture(scope="session")
 def published_bundles(published: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Compile the bundles of REVERIE v1."""
-    folder = tmp_path_factory.mktemp("bundles")
-    for split in ("val_seen", "val_unseen", "test"):
-        bundle = compile_split(DatasetFiles.find(published / "reverie-v1", split=split), split)
-        bundle.save(folder / f"{split}{'.public' if bundle.is_public else ''}.npz")
-    return folder
+
+    def make(folder: Path) -> None:
+        for split in ("val_seen", "val_unseen", "test"):
+            bundle = compile_split(DatasetFiles.find(published / "reverie-v1", split=split), split)
+            bundle.save(folder / f"{split}{'.public' if bundle.is_public else ''}.npz")
+
+    return shared_folder(tmp_path_factory, "published_bundles", make)
 
 
 @pytest.fixture(scope="session")

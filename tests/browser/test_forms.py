@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.browser.test_pages import TOO_WIDE
-from tests.support.browser import DESKTOP, NARROW, PHONE, OpenPage, demo_site, serious_violations
+from tests.support.browser import DESKTOP, NARROW, PHONE, OpenPage, copied_site, serious_violations
 from tests.support.demo_site import ENDLESS, MATE, OPEN, ORGANISER, OWNER, SAMPLES, Site
 
 SEND = "form => HTMLFormElement.prototype.submit.call(form)"
@@ -94,9 +94,9 @@ REPLIES = {
 
 
 @pytest.fixture(scope="module")
-def used_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+def used_site(stopped_site: Site, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """Run a server whose forms are sent."""
-    with demo_site(tmp_path_factory.mktemp("used") / "server") as site:
+    with copied_site(stopped_site, tmp_path_factory.mktemp("used") / "server") as site:
         yield site
 
 

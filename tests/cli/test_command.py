@@ -134,13 +134,19 @@ def test_only_a_terminal_gets_escape_codes() -> None:
 # Completion.
 
 COMPLETE = """
-eval "$(reverie-eval completion bash)"
+eval "$SCRIPT"
 compopt() { COMPREPLY+=($(compgen -f -- "${COMP_WORDS[COMP_CWORD]}")); }
 read -ra COMP_WORDS <<< "$1"
 COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
 _reverie_eval_completion reverie-eval "${COMP_WORDS[COMP_CWORD]}"
 printf '%s\\n' "${COMPREPLY[@]}"
 """
+
+
+@pytest.fixture(scope="module")
+def bash_script() -> str:
+    """Return what bash learns completion from, which it asks for once as well."""
+    return installed("completion", "bash").out
 
 
 @pytest.mark.parametrize(
@@ -166,7 +172,8 @@ printf '%s\\n' "${COMPREPLY[@]}"
         pytest.param("reverie-eval completion z", {"zsh"}, id="shell"),
     ],
 )
-def test_completion_in_bash(line: str, expected: set[str], here: Path) -> None:
+@pytest.mark.usefixtures("here")
+def test_completion_in_bash(line: str, expected: set[str], bash_script: str) -> None:
     bash = shutil.which("bash")
     if not bash:
         unavailable("there is no bash")
@@ -174,6 +181,6 @@ def test_completion_in_bash(line: str, expected: set[str], here: Path) -> None:
     completions = subprocess.check_output(
         [str(bash), "--norc", "-c", COMPLETE, "bash", line],
         text=True,
-        env=os.environ | {"PATH": path},
+        env=os.environ | {"PATH": path, "SCRIPT": bash_script},
     )
     assert {word.strip() for word in completions.splitlines()} - {""} == expected

@@ -63,7 +63,7 @@ def execute(notebook: Path) -> list[str]:
     notebook.write_text(json.dumps(document))
     jupyter = Path(sys.executable).with_name("jupyter-execute")
     process = subprocess.run(
-        [jupyter, "--inplace", f"--timeout={2 * MINUTES}", notebook.name],
+        [jupyter, "--inplace", f"--timeout={20 * MINUTES}", notebook.name],
         cwd=notebook.parent,
         capture_output=True,
         text=True,
@@ -121,7 +121,7 @@ def log_to(name: str, module: str, folder: Path) -> None:
         env=os.environ | quiet,
         check=True,
         capture_output=True,
-        timeout=5 * MINUTES,
+        timeout=20 * MINUTES,
     )
 
 

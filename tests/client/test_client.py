@@ -32,7 +32,8 @@ from tests.support.participants import (
     private_submission,
     problem,
 )
-from tests.support.serving import BROKEN, GOOD
+from tests.support.serving import BROKEN, GOOD, NO_TLS
+from tests.support.waiting import PATIENCE
 
 OURS = Method(name="Ours", description="Two lines\nof it & more = better? 漢", ensemble=True)
 GATEWAY = answer("502 Bad Gateway", b"<html>bad gateway</html>")
@@ -65,7 +66,8 @@ def quota_of(client: Client) -> int:
 def stored_of(server: RealServer, client: Client) -> list[str]:
     """Return what a client's team has on the server, asked without the client."""
     headers = {"Authorization": client._sender._http.headers["Authorization"]}  # noqa: SLF001
-    reply = httpx.get(f"{server.url}/api/v1/submissions", headers=headers)
+    url = f"{server.url}/api/v1/submissions"
+    reply = httpx.get(url, headers=headers, timeout=PATIENCE, verify=NO_TLS)
     assert reply.is_success
     found = reply.json()
     rows = found if isinstance(found, list) else found["submissions"]
@@ -163,8 +165,12 @@ def test_a_no_is_said_and_silence_is_not(real_server: RealServer) -> None:
 def test_a_slow_reply_is_asked_for_again(
     real_server: RealServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sending, "_TIMEOUT", httpx.Timeout(30, read=0.5))
     with somebody_at(real_server, "late") as (client, _):
+        http = client._sender._http  # noqa: SLF001
+        patient = http.timeout
+        assert patient == sending._TIMEOUT  # noqa: SLF001
+        monkeypatch.setattr(sending, "sleep", lambda _: setattr(http, "timeout", patient))
+        http.timeout = httpx.Timeout(PATIENCE, read=0.2)
         accepted = client.submit("test", private_submission(), OURS)
         assert (accepted.is_repeat, quota_of(client)) == (True, 1)
 
@@ -174,7 +180,7 @@ def test_a_server_that_says_nothing_is_given_up(
 ) -> None:
     monkeypatch.setattr(sending, "PATIENCE", 0)
     with somebody_at(real_server, "late") as (client, proxy):
-        client._sender._http.timeout = httpx.Timeout(30, read=0.2)  # noqa: SLF001
+        client._sender._http.timeout = httpx.Timeout(PATIENCE, read=0.2)  # noqa: SLF001
         with pytest.raises(UnreachableError, match="no reply in time"):
             client.submit("test", private_submission(), OURS)
     assert len(proxy.uploads) == 1

@@ -13,6 +13,8 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from tests.conftest import SAMPLES
 from tests.support.flat import Outcome, Run
 from tests.support.participants import RealServer, private_submission
+from tests.support.serving import NO_TLS
+from tests.support.waiting import PATIENCE
 
 BROKEN = str(SAMPLES / "broken.json")
 pytestmark = pytest.mark.usefixtures("at_home")
@@ -327,7 +329,8 @@ def test_a_key_in_a_file_does_without_the_server(
 ) -> None:
     import httpx
 
-    Path("key.pem").write_text(httpx.get(f"{real_server.url}/api/v1/key").text)
+    key = httpx.get(f"{real_server.url}/api/v1/key", timeout=PATIENCE, verify=NO_TLS)
+    Path("key.pem").write_text(key.text)
     assert run("verify", str(receipt), "--key", "key.pem").status == 0
     Path("key.pem").write_text("no key")
     outcome = run("verify", str(receipt), "--key", "key.pem")

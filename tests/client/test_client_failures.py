@@ -24,6 +24,7 @@ from reverie_eval.client import _sending as sending
 from tests.conftest import SAMPLES
 from tests.support.flat import Outcome, Run
 from tests.support.participants import Proxy, RealServer, Script, answer, problem
+from tests.support.waiting import PATIENCE
 
 pytestmark = pytest.mark.usefixtures("at_home")
 
@@ -274,7 +275,7 @@ class Mute(Proxy):
     def _serve(self, near: socket.socket) -> None:
         if near.recv(4, socket.MSG_PEEK) == b"POST":
             self.has_upload.set()
-            self.may_hang_up.wait(60)
+            self.may_hang_up.wait(PATIENCE)
         else:
             super()._serve(near)
 
@@ -291,9 +292,9 @@ def test_an_interrupted_upload_says_what_to_do(real_server: RealServer) -> None:
             text=True,
         )
         with process:
-            server.has_upload.wait(60)
+            assert server.has_upload.wait(PATIENCE)
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=60)
+            out, err = process.communicate(timeout=PATIENCE)
             server.may_hang_up.set()
     assert is_one_line(Outcome(process.returncode, out, err))
     assert err.startswith("reverie-eval: interrupted; it may have been scored: send the same file")

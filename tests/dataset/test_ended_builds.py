@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from reverie_eval.dataset import _box_builder as build
 from reverie_eval.dataset._box_builder import Scan
 from tests.conftest import REPOSITORY
 from tests.support.processes import COMMAND
+from tests.support.waiting import PATIENCE, wait_until
 
 
 def test_a_process_that_is_ended_from_outside() -> None:
@@ -31,28 +31,32 @@ def _end(_: Scan) -> Any:
     os._exit(1)
 
 
-TWO_SCANS = [Scan("x", Path(), Path()), Scan("y", Path(), Path())]
-LONG = 300
+LONG = 2 * PATIENCE
 """Seconds that no test would wait."""
 
 
-def _linger(_: Scan) -> Any:
+def _linger(scan: Scan) -> Any:
+    scan.house.touch()
     time.sleep(LONG)
 
 
-def test_an_interrupt_does_not_wait_for_scans() -> None:
-    interrupt = threading.Timer(2, os.kill, (os.getpid(), signal.SIGINT))
-    interrupt.start()
+def test_an_interrupt_does_not_wait_for_scans(tmp_path: Path) -> None:
+    scans = [Scan(name, tmp_path / name, Path()) for name in "xy"]
+
+    def interrupt() -> None:
+        wait_until(lambda: all(scan.house.exists() for scan in scans))
+        os.kill(os.getpid(), signal.SIGINT)
+
     start = time.monotonic()
-    try:
-        with (
-            pytest.raises(KeyboardInterrupt),
-            closing(build._build_all(_linger, TWO_SCANS, 2)) as results,  # noqa: SLF001
-        ):
-            list(results)
-    finally:
-        interrupt.cancel()
-    assert time.monotonic() - start < LONG / 2
+    interrupting = threading.Thread(target=interrupt)
+    interrupting.start()
+    with (
+        pytest.raises(KeyboardInterrupt),
+        closing(build._build_all(_linger, scans, 2)) as results,  # noqa: SLF001
+    ):
+        list(results)
+    interrupting.join()
+    assert time.monotonic() - start < LONG
     assert multiprocessing.active_children() == []
 
 
@@ -99,14 +103,6 @@ def is_held(path: Path) -> bool:
         except BlockingIOError:
             return True
     return False
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    """Wait for a condition, which comes true in a second or two."""
-    end = time.monotonic() + LONG / 2
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -11,7 +11,8 @@ import pytest
 from reverie_eval.server.app import create_app
 from tests.support.demo_site import MARKUP, Site
 from tests.support.page_routes import EXAMPLES, NO_PAGES, Example, page_routes
-from tests.support.serving import Serving
+from tests.support.serving import NO_TLS, Serving
+from tests.support.waiting import PATIENCE
 
 HTML = "{http://www.w3.org/1999/xhtml}"
 POLICY = {
@@ -29,17 +30,30 @@ POLICY = {
 every_page = pytest.mark.parametrize("example", EXAMPLES, ids=[each.name for each in EXAMPLES])
 
 
+_replies: dict[tuple[str, Example], httpx.Response] = {}
+_documents: dict[tuple[str, Example], ET.Element] = {}
+
+
+def connect(site: Site) -> httpx.Client:
+    return httpx.Client(base_url=site.url, timeout=PATIENCE, verify=NO_TLS)
+
+
 def get(site: Site, example: Example) -> httpx.Response:
-    with httpx.Client(base_url=site.url, timeout=60) as client:
-        if example.who is not None:
-            client.post("/sign-in", data={"token": site.tokens[example.who]})
-        return client.get(example.path(site))
+    """Return a page's reply, which several tests look at and none changes."""
+    if (site.url, example) not in _replies:
+        with connect(site) as client:
+            if example.who is not None:
+                client.post("/sign-in", data={"token": site.tokens[example.who]})
+            _replies[site.url, example] = client.get(example.path(site))
+    return _replies[site.url, example]
 
 
-def parsed(reply: httpx.Response) -> ET.Element:
+def parsed(site: Site, example: Example) -> ET.Element:
     """Read HTML as the standard has it, and accept no error in it."""
-    document: ET.Element = html5lib.HTMLParser(strict=True).parse(reply.text)
-    return document
+    if (site.url, example) not in _documents:
+        document = html5lib.HTMLParser(strict=True).parse(get(site, example).text)
+        _documents[site.url, example] = document
+    return _documents[site.url, example]
 
 
 def test_every_page_has_an_example(server: Serving) -> None:
@@ -61,8 +75,7 @@ def test_what_a_page_may_do(example: Example, site: Site) -> None:
 
 @every_page
 def test_sound_html(example: Example, site: Site) -> None:
-    reply = get(site, example)
-    document = parsed(reply)
+    document = parsed(site, example)
     assert document.get("lang") == "en"
     title = document.findtext(f".//{HTML}title") or ""
     assert title.endswith(" - REVERIE evaluation server")
@@ -78,7 +91,7 @@ def test_sound_html(example: Example, site: Site) -> None:
 
 @every_page
 def test_nothing_is_written_in_the_page_that_runs_or_styles(example: Example, site: Site) -> None:
-    document = parsed(get(site, example))
+    document = parsed(site, example)
     for element in document.iter():
         written = [name for name in element.attrib if name == "style" or name.startswith("on")]
         assert written == []
@@ -92,7 +105,7 @@ def test_nothing_is_written_in_the_page_that_runs_or_styles(example: Example, si
 
 @every_page
 def test_every_field_has_a_label(example: Example, site: Site) -> None:
-    document = parsed(get(site, example))
+    document = parsed(site, example)
     labels = {each.get("for") for each in document.iter(f"{HTML}label")}
     inside = {field for label in document.iter(f"{HTML}label") for field in label.iter()}
     for kind in ("input", "select", "textarea"):
@@ -104,14 +117,15 @@ def test_every_field_has_a_label(example: Example, site: Site) -> None:
 
 @every_page
 def test_what_a_page_needs_is_kept_for_a_year(example: Example, site: Site) -> None:
-    document = parsed(get(site, example))
+    document = parsed(site, example)
     needed = {
         each.get("src") or each.get("href") or ""
         for each in document.iter()
         if each.tag in (f"{HTML}script", f"{HTML}link", f"{HTML}img")
     }
-    for address in needed:
-        if address.startswith("/static/"):
-            reply = httpx.get(site.url + address)
-            assert reply.status_code == 200
-            assert reply.headers["cache-control"] == "public, max-age=31536000, immutable"
+    with connect(site) as client:
+        for address in needed:
+            if address.startswith("/static/"):
+                reply = client.get(address)
+                assert reply.status_code == 200
+                assert reply.headers["cache-control"] == "public, max-age=31536000, immutable"

@@ -12,7 +12,6 @@ import pytest
 from anyio.from_thread import BlockingPortal
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from reverie_eval.server.app import create_app
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.http.admission import Admission
 from reverie_eval.server.settings import Limits
@@ -24,12 +23,14 @@ from tests.support.serving import (
     InProcess,
     OpenServer,
     Serving,
+    make_app,
     settings_of,
 )
 from tests.support.visiting import signed_in
+from tests.support.waiting import PATIENCE
 
-PATIENCE = 30
-"""Seconds after which a test takes it that nobody's turn will come any more."""
+MANY = 30
+"""More places than any one person has."""
 ADA, BEN = 1, 2
 
 Around = Callable[[ASGIApp, Admission], ASGIApp]
@@ -47,7 +48,7 @@ def crowded(
     ) -> tuple[Serving, Admission]:
         limits = Limits(uploads_at_once=at_once, uploads_waiting=0)
         opened = open_server(settings_of(folder).model_copy(update={"limits": limits}))
-        app = create_app(opened.state)
+        app = make_app(opened.state)
         admission: Admission = app.state.runtime.admission
         transport = InProcess(around(app, admission), portal)
         clients.append(httpx.Client(transport=transport, base_url="http://server"))
@@ -94,7 +95,7 @@ def test_a_person_is_one_in_the_api_and_on_the_pages(
 
 async def held(admission: Admission, person: int, places: AsyncExitStack) -> int:
     """Return how many uploads of somebody's are let in without waiting, and let them stay."""
-    for count in range(PATIENCE):
+    for count in range(MANY):
         try:
             await places.enter_async_context(admission.hold(person))
         except BusyError:

@@ -18,7 +18,8 @@ from tests.support.acting import add_team
 from tests.support.flat import Run
 from tests.support.kept import faults, rows_of
 from tests.support.processes import TOKEN, Laptop
-from tests.support.serving import GOOD, OWNER, Serving
+from tests.support.serving import GOOD, NO_TLS, OWNER, Serving
+from tests.support.waiting import PATIENCE
 
 MANY = {"REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
 
@@ -42,11 +43,13 @@ def test_a_backup_in_a_stream_of_uploads_is_a_moment_that_was(tmp_path: Path) ->
             sent.append(reply.json()["submission"]["id"])
 
     def publish() -> None:
-        while not stop.is_set():
+        while not stop.wait(0.01):
             if len(published) < len(sent):
                 path = f"{server.url}/api/v1/submissions/{sent[len(published)]}"
                 headers = {"Authorization": f"Bearer {token}"}
-                changed = httpx.patch(path, json={"published": True}, headers=headers, timeout=60)
+                changed = httpx.patch(
+                    path, json={"published": True}, headers=headers, timeout=PATIENCE, verify=NO_TLS
+                )
                 assert changed.status_code == 200, changed.text
                 published.append(sent[len(published)])
 

@@ -14,6 +14,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES
 from tests.support.flat import Run
 from tests.support.participants import private_submission
 from tests.support.processes import TOKEN, Laptop
+from tests.support.waiting import PATIENCE
 
 SETTINGS = "reverie-eval.toml"
 
@@ -85,7 +86,7 @@ def test_it_stops_when_it_is_asked_to(asked: signal.Signals, laptop: Laptop) -> 
     laptop.run("server", "init", "lab")
     with laptop.serving("lab") as server:
         server.process.send_signal(asked)
-        assert server.process.wait(60) == 0
+        assert server.process.wait(PATIENCE) == 0
         assert "Traceback" not in server.log.read_text()
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from sqlalchemy import inspect, select, text
+from sqlalchemy import event, inspect, select, text
 from sqlalchemy.exc import IntegrityError, StatementError
 
 from reverie_eval import ReverieEvalError
@@ -20,6 +20,7 @@ from reverie_eval.server.store import database as database_module
 from reverie_eval.server.store.database import MIGRATIONS, Database
 from reverie_eval.server.store.tables import Base, Person, Team
 from tests.support.acting import NOON, acting, add_person, add_team, create_token
+from tests.support.waiting import PATIENCE
 
 
 def test_every_connection_to_sqlite_is_durable_and_strict(tmp_path: Path) -> None:
@@ -95,20 +96,24 @@ def test_writing_leaves_all_or_nothing(opened: Database) -> None:
 def test_writers_of_two_processes_take_turns(opened: Database) -> None:
     """The second sees what the first has left, however long that takes."""
     other = Database(opened.engine.url.render_as_string(hide_password=False))
-    inside = threading.Event()
+    asked, inside = threading.Event(), threading.Event()
     seen: list[str] = []
 
+    @event.listens_for(other.engine, "before_cursor_execute")
+    def note(_: object, __: object, statement: str, *___: object) -> None:
+        if "BEGIN IMMEDIATE" in statement or "pg_advisory_xact_lock" in statement:
+            asked.set()
+
     def second() -> None:
-        inside.wait()
         with other.writing() as session:
+            inside.set()
             seen.extend(team.name for team in session.scalars(select(Team).order_by(Team.name)))
 
     thread = threading.Thread(target=second)
-    thread.start()
     with acting(opened) as transaction:
-        inside.set()
-        thread.join(timeout=0.3)
-        assert thread.is_alive()
+        thread.start()
+        assert asked.wait(PATIENCE)
+        assert not inside.wait(0.3)
         add_team(transaction, "Red")
     thread.join()
     other.close()
@@ -199,7 +204,7 @@ def test_a_later_step_keeps_every_row(
             assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
 
 
-@pytest.mark.parametrize("empty_database", ["sqlite"], indirect=True)
+@pytest.mark.parametrize("kind_of_database", ["sqlite"], indirect=True)
 @pytest.mark.parametrize(
     ("further", "error"),
     [

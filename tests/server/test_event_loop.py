@@ -23,9 +23,8 @@ from reverie_eval.server.http.uploading import receive
 from reverie_eval.server.pages import faults, guide
 from reverie_eval.server.settings import Limits
 from tests.support.serving import OpenServer, Serving, settings_of
+from tests.support.waiting import PATIENCE
 
-PATIENCE = 20
-"""Seconds after which a test takes it that an answer will not come."""
 PER_MINUTE = 30
 FLOODING, ANOTHER = "192.0.2.1", "192.0.2.2"
 LATIN = "application/x-www-form-urlencoded; charset=latin-1"
@@ -47,7 +46,7 @@ class Standstill:
 
 
 @pytest.fixture
-def flooded(folder: Path, open_server: OpenServer) -> Serving:
+def flooded(folder: Path, open_server: OpenServer, within_a_minute: None) -> Serving:
     """Return a server that refuses whatever else comes from one address."""
     limits = Limits(requests_per_minute=PER_MINUTE)
     changes = {"limits": limits, "trusted_proxies": (ip_network("127.0.0.1"),)}

@@ -17,6 +17,7 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.uploads import FolderUploads
 from tests.support.processes import Laptop, Server
 from tests.support.serving import GOOD, OPEN, ORGANISER, PRIVATE, Serving
+from tests.support.waiting import PATIENCE
 
 
 def fail(*_: object, **__: object) -> None:
@@ -92,6 +93,7 @@ def test_health_is_looked_at_once_for_many_who_ask(
         return read(*given)
 
     monkeypatch.setattr(Board, "read", counting)
+    monkeypatch.setattr(health, "time", SimpleNamespace(monotonic=lambda: 1000.0))
     assert [health_of(server) for _ in range(5)] == [WELL] * 5
     assert len(reads) == 3
 
@@ -112,7 +114,9 @@ def test_health_is_looked_at_again_after_ten_seconds(
 def test_health_does_not_wait_for_what_hangs(
     server: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(health, "SECONDS_TO_ANSWER", 1)
+    monkeypatch.setattr(health, "SECONDS_KEPT", 0)
+    assert health_of(server) == WELL  # from now on, what does not hang takes no time
+    monkeypatch.setattr(health, "SECONDS_TO_ANSWER", 2)
     with server.state.database.writing():  # and everybody else waits
         assert health_of(server)[1]["failed"] == ["database", "uploads"]
 
@@ -155,25 +159,25 @@ def test_an_upload_on_its_way_is_answered_before_the_end(
         "Expect: 100-continue\r\n\r\n"
     )
     with (
-        socket.create_connection(("127.0.0.1", port), timeout=60) as upload,
-        socket.create_connection(("127.0.0.1", port), timeout=60) as idle,
+        socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as upload,
+        socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as idle,
     ):
         upload.sendall(head.encode())
         assert upload.recv(1000).startswith(b"HTTP/1.1 100")  # it is being read
         process.send_signal(signal.SIGTERM)
         assert idle.recv(1) == b""
         with pytest.raises(ConnectionRefusedError):
-            socket.create_connection(("127.0.0.1", port), timeout=60)
+            socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
         assert process.poll() is None
         upload.sendall(GOOD)
         reply = b"".join(iter(lambda: upload.recv(1 << 16), b""))
     assert reply.startswith(b"HTTP/1.1 201")
     assert b'"receipt"' in reply
-    assert process.wait(60) == 0
+    assert process.wait(PATIENCE) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_told_to_stop_it_stops(number: int, running: Running) -> None:
     process = running.server.process
     process.send_signal(number)
-    assert process.wait(60) == 0
+    assert process.wait(PATIENCE) == 0

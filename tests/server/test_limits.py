@@ -10,13 +10,13 @@ import codecs
 import encodings
 import json
 import pkgutil
+import re
 import socket
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from time import sleep
 from typing import Any
 from unittest.mock import AsyncMock
 
@@ -26,7 +26,6 @@ import uvicorn
 from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
-from reverie_eval.server.app import create_app
 from reverie_eval.server.http import patience
 from reverie_eval.server.http.bodies import BodyLimits
 from reverie_eval.server.http.exchange import begin, exchange_of
@@ -35,12 +34,11 @@ from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.listening import listen
 from reverie_eval.server.settings import load_settings
 from tests.support.acting import add_person, add_team, create_token
-from tests.support.serving import GOOD, OPEN, OWNER, Serving, running
+from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, Serving, make_app, running
+from tests.support.waiting import PATIENCE, wait_until
 
-SECONDS = 3
-"""That the server gives to a body."""
-PATIENCE = 30
-"""Seconds after which a test takes it that nothing will come any more."""
+SECONDS = 1
+"""That a hasty server gives to a body."""
 MEBIBYTE = 1 << 20
 SMALL = MEBIBYTE // 4
 """What a request may send that is no upload."""
@@ -49,9 +47,11 @@ SMALL = MEBIBYTE // 4
 class Small:
     """A server with room for one upload."""
 
-    def __init__(self, port: int, token: str, log: Path) -> None:
+    def __init__(self, port: int, token: str, organiser: str, log: Path) -> None:
         self.port = port
         self.token = token
+        self.organiser = organiser
+        """The token of who may read the metrics."""
         self.log = log
 
     def connect(self) -> socket.socket:
@@ -68,28 +68,61 @@ class Small:
         """Return an upload up to its body."""
         return self.head("/api/v1/splits/val_unseen/submissions?name=x", *headers)
 
+    def logged(self) -> Sequence[Mapping[str, Any]]:
+        """Return the lines of its log, of which the last may be on its way."""
+        whole, _, _ = self.log.read_text().rpartition("\n")
+        return [json.loads(line) for line in whole.splitlines()]
 
-@pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Small]:
-    """Run the server."""
-    folder = tmp_path_factory.mktemp("small") / "server"
+    def hung_up(self, route: str) -> Sequence[Mapping[str, Any]]:
+        """Return the lines about requests of a route whose senders were gone before the reply."""
+        gone = [line for line in self.logged() if line.get("outcome") == "hung-up"]
+        return [line for line in gone if line["route"] == route]
+
+    def uploads_waiting(self) -> int:
+        """Return how many uploads wait for their turn."""
+        headers = {"Authorization": f"Bearer {self.organiser}"}
+        url = f"http://127.0.0.1:{self.port}/metrics"
+        metrics = httpx.get(url, headers=headers, timeout=PATIENCE, verify=NO_TLS).text
+        (line,) = re.findall(r"^reverie_eval_uploads_waiting (\S+)$", metrics, re.MULTILINE)
+        return int(float(line))
+
+
+@contextmanager
+def serving_few(folder: Path, **limits: int) -> Iterator[Small]:
+    """Run a server with room for one upload and for one that waits."""
     make_folder(folder)
     with acting(load_settings(folder), "test") as transaction:
         add_team(transaction, "Blue")
         add_person(transaction, "Blue", "Ada")
-        token = create_token(transaction, "Ada").token
-    log = folder / "log"
+        add_person(transaction, "Blue", "Olga", "organiser")
+        token, organiser = (create_token(transaction, name).token for name in ("Ada", "Olga"))
     limits = {
-        "SECONDS_FOR_BODY": SECONDS,
         "UPLOAD_MEBIBYTES": 1,
         "UNPACKED_MEBIBYTES": 2,
         "REQUESTS_PER_MINUTE": 1_000_000,
         "UPLOADS_AT_ONCE": 1,
         "UPLOADS_WAITING": 1,
+        **limits,
     }
     variables = {f"REVERIE_EVAL_LIMITS__{name}": str(value) for name, value in limits.items()}
     with running(folder, **variables) as (_, url):
-        yield Small(int(url.rpartition(":")[2]), token, log)
+        yield Small(int(url.rpartition(":")[2]), token, organiser, folder / "log")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Small]:
+    """Run a server on which no body is too slow."""
+    folder = tmp_path_factory.mktemp("small") / "server"
+    with serving_few(folder, SECONDS_FOR_BODY=PATIENCE) as small:
+        yield small
+
+
+@pytest.fixture(scope="module")
+def hasty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Small]:
+    """Run a server on which bodies are soon too slow."""
+    folder = tmp_path_factory.mktemp("hasty") / "server"
+    with serving_few(folder, SECONDS_FOR_BODY=SECONDS) as hasty:
+        yield hasty
 
 
 def reply_on(connection: socket.socket) -> tuple[int, str]:
@@ -112,10 +145,13 @@ def reply_on(connection: socket.socket) -> tuple[int, str]:
 TOKENS = "/api/v1/tokens"
 CHUNK = b"10000\r\n" + b" " * 0x10000 + b"\r\n"
 JSON = "Content-Type: application/json"
+CONTINUE = "Expect: 100-continue"
 FORM = "Content-Type: multipart/form-data"
+SLOWNESS = {
+    "a body that does not come": (["Content-Length: 100"], b"["),
+    "chunks that do not come": (["Transfer-Encoding: chunked"], b"1\r\n[\r\n"),
+}
 MEANNESS = {
-    "a body that does not come": (["Content-Length: 100"], b"[", 408, "too-slow"),
-    "chunks that do not come": (["Transfer-Encoding: chunked"], b"1\r\n[\r\n", 408, "too-slow"),
     "a large file": ([f"Content-Length: {2 * MEBIBYTE}"], b" " * 2 * MEBIBYTE, 413, "too-large"),
     "a large file in chunks": (["Transfer-Encoding: chunked"], CHUNK * 32, 413, "too-large"),
     "a lie about the length": (
@@ -153,6 +189,15 @@ def test_whatever_is_uploaded_the_reply_says_why_not(
     with small.connect() as connection:
         connection.sendall(small.upload(*headers) + body)
         assert reply_on(connection) == (status, code)
+
+
+@pytest.mark.parametrize(("headers", "body"), SLOWNESS.values(), ids=SLOWNESS)
+def test_whatever_does_not_come_the_reply_says_so(
+    headers: list[str], body: bytes, hasty: Small
+) -> None:
+    with hasty.connect() as connection:
+        connection.sendall(hasty.upload(*headers) + body)
+        assert reply_on(connection) == (408, "too-slow")
 
 
 def codec_of(name: str) -> str:
@@ -199,7 +244,6 @@ def test_a_form_may_say_that_it_is_in_utf_8(charset: str, server: Serving) -> No
 @pytest.mark.parametrize(
     ("length", "body", "expected"),
     [
-        pytest.param(100, b"{", (408, "too-slow"), id="slow"),
         pytest.param(SMALL + 1, b" " * (SMALL + 1), (413, "too-large"), id="large"),
         pytest.param(SMALL, b" " * SMALL, (400, "malformed-request"), id="just not too large"),
     ],
@@ -212,12 +256,18 @@ def test_what_is_no_upload_is_short_and_quick(
         assert reply_on(connection) == expected
 
 
+def test_what_is_no_upload_is_not_waited_for_either(hasty: Small) -> None:
+    with hasty.connect() as connection:
+        connection.sendall(hasty.head(TOKENS, JSON, "Content-Length: 100") + b"{")
+        assert reply_on(connection) == (408, "too-slow")
+
+
 def test_headers_without_end_are_cut_short(small: Small) -> None:
+    """At 16 KiB; what came after them unread would take the reply away."""
     with small.connect() as connection:
         connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: server\r\n")
-        for _ in range(4):
-            connection.sendall(b"X-More: " + b"x" * 8000)
-            sleep(0.05)
+        for size in (8000, 8000, 400):
+            connection.sendall(b"X-More: " + b"x" * size)
         assert reply_on(connection)[0] == 400
 
 
@@ -233,20 +283,27 @@ def test_a_broken_form_is_not_quoted_in_the_log(small: Small) -> None:
     with small.connect() as connection:
         connection.sendall(small.upload(*headers) + body)
         assert reply_on(connection) == (400, "malformed-request")
-    logged = [json.loads(line) for line in small.log.read_text().splitlines()]
-    assert {line["logger"] for line in logged} <= {"reverie_eval.server.requests", "uvicorn.error"}
+    assert {line["logger"] for line in small.logged()} <= {
+        "reverie_eval.server.requests",
+        "uvicorn.error",
+    }
 
 
 def test_nobody_is_believed_about_an_address_unless_a_setting_says_so(small: Small) -> None:
+    before = len(refused(small))
     with small.connect() as connection:
         head = small.head("/api/v1/nothing", "X-Forwarded-For: 192.0.2.7", method="GET")
         connection.sendall(
             head.replace(small.token.encode(), b"rv_wrong").replace(b"nothing", b"me")
         )
         assert reply_on(connection) == (401, "not-signed-in")
-    wait_until_held(small)
-    lines = [json.loads(line) for line in small.log.read_text().splitlines()]
-    assert {line["address"] for line in lines if "address" in line} == {"127.0.0.1"}
+    wait_until(lambda: len(refused(small)) > before)
+    assert {line["address"] for line in refused(small)} == {"127.0.0.1"}
+
+
+def refused(small: Small) -> Sequence[Mapping[str, Any]]:
+    """Return what the log says of requests whose sender's address it names."""
+    return [line for line in small.logged() if "address" in line]
 
 
 def test_a_connection_sends_what_it_has_at_once() -> None:
@@ -272,33 +329,35 @@ def test_a_connection_goes_on_after_head(small: Small) -> None:
 def test_uploads_wait_for_their_turn_and_too_many_are_sent_away(small: Small) -> None:
     head = small.upload(f"Content-Length: {len(GOOD)}")
     with small.connect() as first, small.connect() as second, small.connect() as third:
-        first.sendall(head + GOOD[:1])
-        wait_until_held(small)
+        begin_upload(first, small)
         second.sendall(head + GOOD)
-        sleep(0.5)
+        wait_until(lambda: small.uploads_waiting() == 1)
         third.sendall(head + GOOD)
         assert reply_on(third) == (503, "busy")
-        first.sendall(GOOD[1:])
+        first.sendall(GOOD)
         assert {reply_on(first)[0], reply_on(second)[0]} <= {200, 201}
 
 
-def wait_until_held(small: Small) -> None:
-    """Wait until an upload that was just begun is surely the one that is held."""
-    with small.connect() as other:
-        for _ in range(3):
-            other.sendall(small.head("/api/v1/me", method="GET"))
-            assert reply_on(other)[0] == 200
-    sleep(0.1)
+def begin_upload(connection: socket.socket, small: Small) -> None:
+    """Send an upload up to its body, and wait until the server holds a place for it."""
+    begin_request(connection, small.upload(f"Content-Length: {len(GOOD)}", CONTINUE))
 
 
-def test_nobody_waits_for_the_slow_longer_than_they_may_take(small: Small) -> None:
-    head = small.upload(f"Content-Length: {len(GOOD)}")
-    with small.connect() as slow, small.connect() as patient:
-        slow.sendall(head + GOOD[:1])
+def begin_request(connection: socket.socket, head: bytes) -> None:
+    """Send a request up to its body, and wait until the server reads that."""
+    connection.sendall(head)
+    assert connection.recv(1000).startswith(b"HTTP/1.1 100")
+
+
+def test_nobody_waits_for_the_slow_longer_than_they_may_take(hasty: Small) -> None:
+    head = hasty.upload(f"Content-Length: {len(GOOD)}")
+    with hasty.connect() as slow, hasty.connect() as patient:
+        begin_upload(slow, hasty)
+        slow.sendall(GOOD[:1])
         patient.sendall(head + GOOD)
         assert reply_on(slow) == (408, "too-slow")
         assert reply_on(patient)[0] in {200, 201, 503}
-    with small.connect() as later:
+    with hasty.connect() as later:
         later.sendall(head + GOOD)
         assert reply_on(later)[0] in {200, 201}
 
@@ -306,31 +365,24 @@ def test_nobody_waits_for_the_slow_longer_than_they_may_take(small: Small) -> No
 def test_whoever_hangs_up_leaves_the_place_to_others(small: Small) -> None:
     for _ in range(3):
         with small.connect() as connection:
-            connection.sendall(small.upload("Content-Length: 100") + b"[")
-            wait_until_held(small)
+            begin_upload(connection, small)
+            connection.sendall(GOOD[:1])
     with small.connect() as connection:
         connection.sendall(small.upload(f"Content-Length: {len(GOOD)}") + GOOD)
         assert reply_on(connection)[0] in {200, 201}
-    assert len(hung_up(small, "/api/v1/splits/{split}/submissions")) == 3
-
-
-def hung_up(small: Small, route: str) -> Sequence[Mapping[str, Any]]:
-    """Return what the log says of requests of a route whose senders were gone before the reply."""
-    lines = [json.loads(line) for line in small.log.read_text().splitlines()]
-    gone = [line for line in lines if line.get("outcome") == "hung-up"]
-    return [line for line in gone if line["route"] == route]
+    wait_until(lambda: len(small.hung_up("/api/v1/splits/{split}/submissions")) == 3)
 
 
 def test_whoever_hangs_up_before_the_end_of_their_json_gets_no_reply(small: Small) -> None:
     with small.connect() as connection:
-        connection.sendall(small.head(TOKENS, JSON, "Content-Length: 100") + b"{")
-        wait_until_held(small)
-    wait_until_held(small)
-    assert [line["status"] for line in hung_up(small, TOKENS)] == [None]
+        begin_request(connection, small.head(TOKENS, JSON, "Content-Length: 100", CONTINUE))
+        connection.sendall(b"{")
+    wait_until(lambda: small.hung_up(TOKENS))
+    assert [line["status"] for line in small.hung_up(TOKENS)] == [None]
 
 
-def test_nothing_of_all_that_was_a_fault(small: Small) -> None:
-    lines = [json.loads(line) for line in small.log.read_text().splitlines()]
+def test_nothing_of_all_that_was_a_fault(small: Small, hasty: Small) -> None:
+    lines = [*small.logged(), *hasty.logged()]
     assert [line for line in lines if line["level"] == "error" or "fault" in line] == []
     assert [line for line in lines if line.get("status") == 500] == []
 
@@ -352,22 +404,27 @@ class Impatient:
 
     def wait_until_closed(self) -> None:
         """Wait until nobody is connected any more."""
-        for _ in range(20 * PATIENCE):
-            if not self.server.server_state.connections:
-                return
-            sleep(0.05)
-        pytest.fail("the connection is still open")
+        wait_until(lambda: not self.server.server_state.connections)
+
+
+@pytest.fixture
+def of_headers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(patience, "SECONDS_FOR_HEADERS", 0.3)
+
+
+@pytest.fixture
+def of_readers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(patience, "SECONDS_FOR_HEADERS", PATIENCE)
+    monkeypatch.setattr(patience, "SECONDS_FOR_REPLY", 0.3)
 
 
 @pytest.fixture
 def impatient(server: Serving, monkeypatch: pytest.MonkeyPatch) -> Iterator[Impatient]:
     """Serve to sockets in this process; the network takes little that is not read."""
-    monkeypatch.setattr(patience, "SECONDS_FOR_HEADERS", 0.3)
-    monkeypatch.setattr(patience, "SECONDS_FOR_REPLY", 0.3)
     monkeypatch.setattr(run, "LOGGING", None)  # the logs of this process are pytest's
     listening = listen("127.0.0.1", 0)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 14)
-    running = uvicorn.Server(run.configuration(create_app(server.state)))
+    running = uvicorn.Server(run.configuration(make_app(server.state)))
     thread = threading.Thread(target=running.run, kwargs={"sockets": [listening]})
     thread.start()
     yield Impatient(running, listening.getsockname()[1])
@@ -375,6 +432,7 @@ def impatient(server: Serving, monkeypatch: pytest.MonkeyPatch) -> Iterator[Impa
     thread.join()
 
 
+@pytest.mark.usefixtures("of_headers")
 @pytest.mark.parametrize(
     ("sent", "then"),
     [
@@ -425,11 +483,13 @@ def unread(impatient: Impatient, head: bytes) -> bytes:
     return received
 
 
+@pytest.mark.usefixtures("of_readers")
 def test_a_reply_that_nobody_takes_is_given_up(impatient: Impatient, server: Serving) -> None:
     whole = server.client.get("/api/v1/openapi.json").content
     assert len(unread(impatient, b"GET /api/v1/openapi.json HTTP/1.1\r\n")) < len(whole)
 
 
+@pytest.mark.usefixtures("of_readers")
 def test_a_file_that_nobody_takes_is_given_up(impatient: Impatient, server: Serving) -> None:
     content = GOOD + b" " * 2 * MEBIBYTE
     submission = server.upload(OWNER, content).json()["submission"]["id"]

@@ -17,6 +17,7 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
 from tests.support.participants import RealServer, private_submission
 from tests.support.serving import MATE, OPEN, OWNER, PRIVATE, Serving, submission_for
+from tests.support.waiting import PATIENCE
 
 MANY = 50
 ALLOWED = 2
@@ -110,7 +111,7 @@ def test_a_real_process_scores_as_many_as_the_quota_allows(real_server: RealServ
     content = private_submission()
     address = f"{real_server.url}/api/v1/splits/{PRIVATE}/submissions?name=Walker"
     limits = httpx.Limits(max_connections=MANY)
-    with httpx.Client(headers=headers, limits=limits, timeout=60) as client:
+    with httpx.Client(headers=headers, limits=limits, timeout=PATIENCE) as client:
         replies = at_once(lambda n: client.post(address, content=content + b" " * n))
         assert statuses(replies) == {201: ALLOWED, 429: MANY - ALLOWED}
         again = at_once(lambda _: client.post(address, content=content))

@@ -19,6 +19,9 @@ PROXY = "127.0.0.1"
 """From where all requests of these tests come."""
 
 
+pytestmark = pytest.mark.usefixtures("within_a_minute")
+
+
 @pytest.fixture
 def limited(folder: Path, open_server: OpenServer) -> Callable[..., Serving]:
     """Return what opens a server that answers few requests, and believes these proxies."""

@@ -42,6 +42,7 @@ from tests.support.serving import (
     submission_for,
 )
 from tests.support.visiting import FIELD
+from tests.support.waiting import PATIENCE
 
 PLENTY = {"day": 1000, "month": 1000, "year": 1000}
 EVERYBODY = (ANYBODY, OWNER, OTHER, ORGANISER)
@@ -270,7 +271,7 @@ def test_neither_does_what_a_real_process_logs_and_keeps(
         f"REVERIE_EVAL_SPLITS__test__quota__{name}": str(limit) for name, limit in PLENTY.items()
     }
     generous["REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE"] = "1000000"
-    with running(planted_folder, **generous) as (_, url), httpx.Client(timeout=60) as client:
+    with running(planted_folder, **generous) as (_, url), httpx.Client(timeout=PATIENCE) as client:
         said = everything_said(asking_with(client, server, url), server)
         assert leaks(secrets, said) == set()
     kept = dict(everything_kept(planted_folder, tmp_path))

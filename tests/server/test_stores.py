@@ -18,7 +18,8 @@ from reverie_eval.server.store.uploads import (
     open_uploads,
 )
 from tests.support.participants import private_submission
-from tests.support.serving import OWNER, PRIVATE, Serving, running
+from tests.support.serving import NO_TLS, OWNER, PRIVATE, Serving, running
+from tests.support.waiting import PATIENCE
 
 CONTENT = b'[{"instr_id": "7_1_0"}]'
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
@@ -204,17 +205,26 @@ def test_what_was_acknowledged_survives_a_kill(server: Serving) -> None:
         content = private_submission() + b" " * number
         with running(folder) as (process, url):
             address = f"{url}/api/v1/splits/{PRIVATE}/submissions?name=Walker"
-            reply = httpx.post(address, content=content, headers=headers, timeout=60)
+            reply = httpx.post(
+                address, content=content, headers=headers, timeout=PATIENCE, verify=NO_TLS
+            )
             process.kill()
         assert reply.status_code == 201, reply.text
         acknowledged.insert(0, reply.json()["submission"])
     with running(folder) as (_, url):
         address = f"{url}/api/v1/submissions"
-        assert httpx.get(address, headers=headers, timeout=60).json() == acknowledged
+        assert (
+            httpx.get(address, headers=headers, timeout=PATIENCE, verify=NO_TLS).json()
+            == acknowledged
+        )
         again = f"{url}/api/v1/splits/{PRIVATE}/submissions?name=Walker"
-        repeat = httpx.post(again, content=private_submission(), headers=headers, timeout=60)
+        repeat = httpx.post(
+            again, content=private_submission(), headers=headers, timeout=PATIENCE, verify=NO_TLS
+        )
         assert repeat.json()["submission"] == acknowledged[-1]
         assert repeat.json()["quota"]["remaining"] == 0
         for each in acknowledged:
-            file = httpx.get(f"{address}/{each['id']}/file", headers=headers, timeout=60).content
+            file = httpx.get(
+                f"{address}/{each['id']}/file", headers=headers, timeout=PATIENCE, verify=NO_TLS
+            ).content
             assert hashlib.sha256(file).hexdigest() == each["sha256"]

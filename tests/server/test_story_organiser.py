@@ -19,7 +19,7 @@ phases = [{ name = "always" }]
 
 
 def test_an_organiser_begins(tmp_path: Path, demo_world: Path) -> None:
-    desk = Laptop(tmp_path)
+    desk = Laptop(tmp_path, is_real=True)
     made = desk.run("server", "init", "lab")
     organiser = TOKEN.search(made.out)
     assert organiser is not None

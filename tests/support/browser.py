@@ -1,9 +1,11 @@
 """A real Chromium before a real server, and an ear on all that the browser complains of."""
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -24,9 +26,10 @@ from fixtures.servers import make_folder
 from tests.conftest import unavailable
 from tests.support.demo_site import Site, furnish
 from tests.support.serving import running
+from tests.support.sharing import shared_folder
 
 CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome")
-MILLISECONDS = 30_000
+MILLISECONDS = 120_000
 """That a page has for what is waited for."""
 expect.set_options(timeout=MILLISECONDS)
 
@@ -124,8 +127,14 @@ def browser(chromium: str) -> Iterator[Browser]:
 @pytest.fixture(scope="session")
 def stopped_site(tmp_path_factory: pytest.TempPathFactory) -> Site:
     """Furnish a server once, and stop it; tests run copies."""
-    with demo_site(tmp_path_factory.mktemp("stopped_site") / "server") as site:
-        return site
+
+    def make(folder: Path) -> None:
+        with demo_site(folder / "server") as site:
+            (folder / "site.json").write_text(json.dumps([site.tokens, [*site.ids.items()]]))
+
+    folder = shared_folder(tmp_path_factory, "stopped_site", make)
+    tokens, ids = json.loads((folder / "site.json").read_text())
+    return Site("", folder / "server", tokens, {tuple(method): id_ for method, id_ in ids})
 
 
 @pytest.fixture(scope="session")
@@ -186,6 +195,18 @@ def sign_in(page: Page, token: str) -> None:
     page.wait_for_url(lambda url: "/sign-in" not in url)
 
 
+AXE = """axe.run({
+    rules: { "target-size": { enabled: true } },
+    resultTypes: ["violations"],
+})"""
+"""What is in order is not described at length."""
+
+
+@cache
+def _axe() -> str:
+    return files("axe_playwright_python").joinpath("axe.min.js").read_text()
+
+
 def serious_violations(page: Page) -> list[str]:
     """Return what axe finds that keeps people out: the rule, and where.
 
@@ -193,8 +214,9 @@ def serious_violations(page: Page) -> list[str]:
     ----------
     axe-core 4.12 (Deque Systems), which comes with the package axe-playwright-python.
     """
-    page.evaluate(files("axe_playwright_python").joinpath("axe.min.js").read_text())
-    found = page.evaluate("axe.run({ rules: { 'target-size': { enabled: true } } })")["violations"]
+    if not page.evaluate("'axe' in window"):
+        page.evaluate(_axe())
+    found = page.evaluate(AXE)["violations"]
     return [
         f"{each['id']}: {each['help']}: {node['target']} {node.get('failureSummary', '')}"
         for each in found

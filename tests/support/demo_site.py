@@ -18,7 +18,8 @@ from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Attempt, Person, ReportedResult, Review, Submission
-from tests.support.serving import populate
+from tests.support.serving import NO_TLS, populate
+from tests.support.waiting import PATIENCE
 
 SAMPLES = Path(__file__).parents[2] / "fixtures" / "submissions"
 MARKUP = "<script>alert(1)</script>"
@@ -93,7 +94,12 @@ class Site:
         """Ask the API with somebody's token."""
         headers = {"Authorization": f"Bearer {self.tokens[who]}"}
         reply = httpx.request(
-            method, f"{self.url}/api/v1{path}", headers=headers, timeout=60, **content
+            method,
+            f"{self.url}/api/v1{path}",
+            headers=headers,
+            timeout=PATIENCE,
+            verify=NO_TLS,
+            **content,
         )
         return reply.raise_for_status()
 

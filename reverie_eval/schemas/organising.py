@@ -5,8 +5,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from reverie_eval.schemas.service import Method, PublicReview
+from reverie_eval.schemas.service import Method, PublicReview, Role, Verdict
 from reverie_eval.schemas.wire import Https, Instant, Line, Name, Reason, WireModel
+
+TokenKind = Literal["access", "invite"]
 
 
 class NewTeam(WireModel):
@@ -28,7 +30,7 @@ class NewPerson(WireModel):
 
     team: Name
     name: Name
-    role: Literal["participant", "organiser"] = "participant"
+    role: Role = "participant"
 
 
 class PersonReport(WireModel):
@@ -36,7 +38,7 @@ class PersonReport(WireModel):
 
     name: str
     team: str
-    role: Literal["participant", "organiser"]
+    role: Role
     created_at: datetime
 
 
@@ -44,7 +46,7 @@ class NewToken(WireModel):
     """A token to be created for a person."""
 
     person: Name
-    kind: Literal["access", "invite"] = "invite"
+    kind: TokenKind = "invite"
     """An invitation can be exchanged for an access token once, by anyone who has it."""
     expires_at: Instant | None = None
 
@@ -54,7 +56,7 @@ class TokenReport(WireModel):
 
     hint: str
     """Its first letters."""
-    kind: Literal["access", "invite"]
+    kind: TokenKind
     person: str
     created_at: datetime
     expires_at: datetime | None
@@ -115,7 +117,7 @@ class NewReview(WireModel):
     """A public verdict on a submission."""
 
     submission_id: Annotated[str, Field(max_length=32)]
-    verdict: Literal["verified", "baseline", "flagged", "disqualified"]
+    verdict: Verdict
     """Verified, flagged and disqualified replace each other; baseline is independent of them."""
     reason: Reason
     """Public; one line."""

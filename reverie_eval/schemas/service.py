@@ -8,6 +8,12 @@ from pydantic import AwareDatetime, Field
 from reverie_eval.schemas.report import ProblemReport, ScoreReport, ValidationReport
 from reverie_eval.schemas.wire import Https, Instant, Name, Secret, Text, WireModel
 
+Role = Literal["participant", "organiser"]
+Verdict = Literal["verified", "baseline", "flagged", "disqualified"]
+Standing = Literal["ranked", "disqualified", "reported", "other-rules"]
+"""Of a leaderboard's row: whether it takes part in the ranking, and if not, why."""
+WindowName = Literal["day", "month", "year"]
+
 
 class ServerReport(WireModel):
     """The server itself."""
@@ -30,7 +36,7 @@ class Me(WireModel):
 
     person: str
     team: str
-    role: Literal["participant", "organiser"]
+    role: Role
 
 
 class Invitation(WireModel):
@@ -90,7 +96,7 @@ class MethodChange(Method):
 class QuotaWindow(WireModel):
     """The submissions left in one rolling window."""
 
-    name: Literal["day", "month", "year"]
+    name: WindowName
     """24 hours, 30 days, 365 days."""
     limit: int
     remaining: int
@@ -210,7 +216,7 @@ class SubmissionChange(WireModel):
 class PublicReview(WireModel):
     """The organiser's verdict on a published result."""
 
-    verdict: Literal["verified", "baseline", "flagged", "disqualified"]
+    verdict: Verdict
     reason: str
     reviewer: str
     created_at: datetime
@@ -235,7 +241,7 @@ class LeaderboardRow(WireModel):
     """Low and high of the headline metrics' 95 % intervals; for open splits alone."""
     signature: str = ""
     """Everything that the scores depend on; empty for a reported result."""
-    standing: Literal["ranked", "disqualified", "reported", "other-rules"] = "ranked"
+    standing: Standing = "ranked"
     """Whether it takes part in the ranking, or why it does not: the organiser has disqualified it,
     a paper reports it, or it was scored by another protocol or ground truth than the split's."""
     source: str = ""

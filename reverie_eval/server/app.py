@@ -6,25 +6,22 @@ from contextlib import asynccontextmanager
 from fastapi import Depends, FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from reverie_eval.server.http.bodies import BodyLimits, FormCharsets
-from reverie_eval.server.http.following import Following
-from reverie_eval.server.http.headers import Heads, SecurityHeaders
-from reverie_eval.server.http.labels import API
+from reverie_eval.server.http.exchange import API
+from reverie_eval.server.http.middleware import (
+    BodyLimits,
+    FormCharsets,
+    HeadRequests,
+    RateLimits,
+    SecurityHeaders,
+)
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
-from reverie_eval.server.http.rates import RateLimits
 from reverie_eval.server.http.runtime import RuntimeState
+from reverie_eval.server.http.telemetry import RequestTelemetry
 from reverie_eval.server.pages import add_pages
-from reverie_eval.server.pages.faults import fault_page
-from reverie_eval.server.routes import (
-    access,
-    operations,
-    organising,
-    sessions,
-    splits,
-    submissions,
-)
+from reverie_eval.server.pages.rendering import fault_page
+from reverie_eval.server.routes import access, operations, organising, splits, submissions
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
@@ -49,7 +46,7 @@ def create_app(server: ServerState) -> FastAPI:
     )
     app.state.server = server
     app.state.runtime = RuntimeState.of(server)
-    for part in (access, sessions, splits, submissions, organising):
+    for part in (access, splits, submissions, organising):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
     app.include_router(operations.router)
     add_pages(app)
@@ -62,11 +59,11 @@ def create_app(server: ServerState) -> FastAPI:
 def add_edge(app: FastAPI, settings: Settings) -> None:
     """Put around the routes what every request passes, the innermost first."""
     limits = settings.limits
-    app.add_middleware(Heads)
+    app.add_middleware(HeadRequests)
     app.add_middleware(FormCharsets)
     app.add_middleware(BodyLimits, seconds=limits.seconds_for_body)
     app.add_middleware(RateLimits, per_minute=limits.requests_per_minute)
-    app.add_middleware(Following, metrics=app.state.runtime.metrics)
+    app.add_middleware(RequestTelemetry, metrics=app.state.runtime.metrics)
     app.add_middleware(SecurityHeaders)
     if settings.trusted_proxies:
         trusted = [str(network) for network in settings.trusted_proxies]

@@ -12,14 +12,14 @@ from reverie_eval.errors import Problem
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, board_named, load_boards
+from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
 from reverie_eval.server.service.intake import Clock, Intake
 from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.receipts import Signer, load_key
-from reverie_eval.server.service.sessions import Sessions
-from reverie_eval.server.service.standings import Standings
 from reverie_eval.server.service.submissions import SubmissionService
+from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.store.database import Database
@@ -46,7 +46,7 @@ class ServerState:
     submissions: SubmissionService
     notices: Notices
     sessions: Sessions
-    standings: Standings
+    entries: EntriesCache
     episodes: EpisodeService
     clock: Clock
 
@@ -77,14 +77,14 @@ class ServerState:
             uploads,
             signer,
             clock,
-            transactions=transactions,
-            notices=notices,
-            attempts=Attempts(database, clock),
-            required_metadata=settings.required_metadata,
+            transactions,
+            notices,
+            Attempts(database, clock),
+            settings.required_metadata,
             most_bytes=settings.limits.unpacked_mebibytes << 20,
         )
         submissions = SubmissionService(
-            boards, database, uploads, transactions, required_metadata=settings.required_metadata
+            boards, database, uploads, transactions, settings.required_metadata
         )
         sessions = Sessions(signer.secret_for("browser sessions"))
         return cls(
@@ -99,7 +99,7 @@ class ServerState:
             submissions,
             notices,
             sessions,
-            Standings(),
+            EntriesCache(),
             EpisodeService(boards, submissions),
             clock,
         )
@@ -116,7 +116,7 @@ class ServerState:
         NotFoundError
             If the server has no such split.
         """
-        return leaderboard(session, self.standings, self.board(split), metric, self.clock())
+        return leaderboard(session, self.entries, self.board(split), metric, self.clock())
 
 
 def state_of(request: Request) -> ServerState:

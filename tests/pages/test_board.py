@@ -12,11 +12,10 @@ from pydantic import HttpUrl
 
 from reverie_eval import CATALOGUE
 from reverie_eval.schemas.organising import NewReported
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.service import Method, Verdict
 from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import submission_of
-from reverie_eval.server.store.tables import Verdict
 from tests.support.acting import review
 from tests.support.entries import BOARD, HTML, entered, get, named, tables
 from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving

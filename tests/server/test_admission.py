@@ -13,7 +13,7 @@ from anyio.from_thread import BlockingPortal
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.http.admission import Admission
+from reverie_eval.server.http.runtime import Admission
 from reverie_eval.server.settings import Limits
 from tests.support.serving import (
     GOOD,

@@ -8,9 +8,8 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from reverie_eval.server.service import attempts
-from reverie_eval.server.service.attempts import Attempts, list_attempts
+from reverie_eval.server.service.attempts import Attempts, last_day, list_attempts
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.overview import last_day
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.store.tables import Attempt
 from tests.support.acting import NOON
@@ -121,7 +120,7 @@ def test_what_cannot_be_noted_fails_no_upload(
 
     monkeypatch.setattr(
         server.state.intake,
-        "_attempts",
+        "attempts",
         Attempts(Full(), server.clock),  # type: ignore[arg-type]
     )
     assert server.upload(OWNER).status_code == 201

@@ -16,11 +16,11 @@ import pytest
 from starlette.requests import Request
 
 from reverie_eval.server.http import openapi, problems
-from reverie_eval.server.http.bodies import BodyLimits
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.exchange import begin
-from reverie_eval.server.http.uploading import receive
-from reverie_eval.server.pages import faults, guide
+from reverie_eval.server.http.middleware import BodyLimits
+from reverie_eval.server.http.uploads import receive
+from reverie_eval.server.pages import guide, rendering
 from reverie_eval.server.settings import Limits
 from tests.support.serving import OpenServer, Serving, settings_of
 from tests.support.waiting import PATIENCE
@@ -88,9 +88,9 @@ class Slow(NamedTuple):
 
 
 SLOW = {
-    "a page that refuses": Slow(faults, "page", "/episodes", 429, FLOODING),
+    "a page that refuses": Slow(rendering, "page", "/episodes", 429, FLOODING),
     "a refusal": Slow(problems, "_document", "/api/v1/me", 429, FLOODING),
-    "a charset": Slow(faults, "page", "/guide", 400, headers={"Content-Type": LATIN}),
+    "a charset": Slow(rendering, "page", "/guide", 400, headers={"Content-Type": LATIN}),
     "a fault": Slow(problems, "log_fault", "/guide/protocols", 500),
     "the description": Slow(openapi, "get_openapi", "/api/v1/openapi.json", 200),
 }

@@ -27,8 +27,8 @@ from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
 from reverie_eval.server.http import patience
-from reverie_eval.server.http.bodies import BodyLimits
 from reverie_eval.server.http.exchange import begin, exchange_of
+from reverie_eval.server.http.middleware import BodyLimits
 from reverie_eval.server.operations import run
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.listening import listen

@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.http.rates import FAILED_COST, site_of
+from reverie_eval.server.http.middleware import FAILED_COST, site_of
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.submissions import list_submissions
 from reverie_eval.server.settings import Limits

@@ -7,12 +7,12 @@ import httpx
 import pytest
 from pydantic import ValidationError
 
+from reverie_eval.schemas.service import Verdict
 from reverie_eval.schemas.wire import LONGEST_LINE
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import lift_review, reviews_of, standing_reviews
-from reverie_eval.server.store.tables import Verdict
 from tests.support.acting import review
 from tests.support.serving import OPEN, ORGANISER, OWNER, PRIVATE, Serving
 

@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from reverie_eval.server.http.admission import Admission
+from reverie_eval.server.http.runtime import Admission
 from reverie_eval.server.service.boards import Board
 from tests.support.serving import OPEN, OWNER, OpenServer, Serving
 from tests.support.visiting import signed_in
@@ -66,7 +66,7 @@ class Watched:
 @pytest.fixture
 def server(open_server: OpenServer, monkeypatch: pytest.MonkeyPatch) -> Serving:
     """Return a server on a machine with one processor."""
-    monkeypatch.setattr("reverie_eval.server.http.admission._SCORED_AT_ONCE", 1)
+    monkeypatch.setattr("reverie_eval.server.http.runtime._SCORED_AT_ONCE", 1)
     return open_server()
 
 

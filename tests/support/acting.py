@@ -11,12 +11,13 @@ from reverie_eval.schemas.organising import (
     NewToken,
     NewTokenReport,
     ReviewEntry,
+    TokenKind,
 )
+from reverie_eval.schemas.service import Role, Verdict
 from reverie_eval.server.service import people, reviews, tokens
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Role, TokenKind, Verdict
 
 NOON = datetime(2026, 3, 2, 12, tzinfo=UTC)
 """When every test begins."""

@@ -21,12 +21,13 @@ from reverie_eval import GroundTruth
 from reverie_eval.agents import run_agent
 from reverie_eval.client._logins import login_path
 from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.schemas.organising import TokenKind
+from reverie_eval.schemas.service import Role
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Role, TokenKind
 from tests.support.acting import add_person, add_team, create_token
 from tests.support.flat import Outcome
 from tests.support.serving import running

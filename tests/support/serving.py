@@ -12,6 +12,7 @@ import shutil
 import ssl
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
@@ -22,7 +23,7 @@ from itertools import count
 from pathlib import Path
 from tempfile import mkdtemp
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
 import httpx
@@ -39,16 +40,19 @@ from reverie_eval.agents import run_agent
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.server.app import create_app
-from reverie_eval.server.http import rates
+from reverie_eval.server.http import middleware
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Limits, Settings, load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Person, Role
+from reverie_eval.server.store.tables import Person
 from tests.conftest import SAMPLES, unavailable
 from tests.support.acting import NOON, add_person, add_team, create_token
+
+if TYPE_CHECKING:
+    from reverie_eval.schemas.service import Role
 
 PEOPLE = {"Ada": "Blue", "Ben": "Blue", "Carl": "Red", "Olga": "Organisers"}
 """Everybody's team; Olga is the organiser."""
@@ -223,6 +227,7 @@ def populate(transaction: Transaction, people: Mapping[str, str]) -> Mapping[str
 
 SERVE = """
 import sys
+import time
 from functools import partial
 from pathlib import Path
 from reverie_eval.server.operations.run import run_server
@@ -345,8 +350,8 @@ def open_server(folder: Path, portal: BlockingPortal, populated: Populated) -> I
 @pytest.fixture
 def within_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the time stand still by which requests are counted, so that all come in one minute."""
-    standing = SimpleNamespace(time=NOON.timestamp)
-    monkeypatch.setattr(rates, "time", standing)
+    standing = SimpleNamespace(time=NOON.timestamp, monotonic=time.monotonic)
+    monkeypatch.setattr(middleware, "time", standing)
     monkeypatch.setattr(memory, "time", standing)
 
 

@@ -2,25 +2,30 @@
 
 A token in the Authorization header is sent on purpose. A cookie is sent by the browser, whoever
 made the page: so it counts for requests of our own pages only, and what changes something needs the
-session's CSRF token as well.
+session's CSRF token as well. The API takes both, pages take cookies alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
-from typing import Annotated
+from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar
 from urllib.parse import urlsplit
 
 from fastapi import Depends, Request, Response
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
 from sqlalchemy.orm import Session
+from starlette.datastructures import FormData
 
-from reverie_eval.server.errors import NotAllowedError, NotSignedInError
-from reverie_eval.server.service.tokens import person_with_token
+from reverie_eval.schemas.service import Role
+from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
+from reverie_eval.server.service.tokens import valid_token
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.state import ServerState, state_of
-from reverie_eval.server.store.tables import BrowserSession, Person, Role
+from reverie_eval.server.store.tables import BrowserSession, Person
+
+Given = ParamSpec("Given")
+Report = TypeVar("Report")
 
 COOKIE = "reverie_eval_session"
 CSRF_HEADER = "X-CSRF-Token"
@@ -94,7 +99,9 @@ class Call:
             browser, caller = self._sender(session)
             snapshot = Snapshot(session, self.server.clock(), browser, caller)
             if self.required is not None:
-                self._demand_allowed(snapshot.person)
+                role = snapshot.person.role
+                if self.required == "organiser" and role != "organiser":
+                    raise NotAllowedError("only the organiser may do this")
             yield snapshot
 
     def person(self) -> Person:
@@ -102,25 +109,28 @@ class Call:
         with self.snapshot() as snapshot:
             return snapshot.person
 
-    @contextmanager
-    def transaction(self) -> Iterator[Transaction]:
-        """Change something as whoever is calling; errors are those of :meth:`snapshot`."""
-        actor = self.person().name
-        with self.server.transactions.begin(actor) as transaction:
-            yield transaction
+    def perform(
+        self,
+        action: Callable[Concatenate[Transaction, Given], Report],
+        *given: Given.args,
+        **named: Given.kwargs,
+    ) -> Report:
+        """Change something as whoever is calling; errors are also those of :meth:`snapshot`."""
+        with self.server.transactions.begin(self.person().name) as transaction:
+            return action(transaction, *given, **named)
 
     def _sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
         """Return who has sent the request, looked up once."""
         state = self.request.state
         if not hasattr(state, "sender"):
-            state.sender = self._looked_up(session)
+            state.sender = self._find_sender(session)
         sender: tuple[BrowserSession | None, Person | None] = state.sender
         return sender
 
-    def _looked_up(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
+    def _find_sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
         now, sessions = self.server.clock(), self.server.sessions
         if self.token is not None:
-            return None, person_with_token(session, self.token, now)
+            return None, valid_token(session, self.token, "access", now).person
         if self.session_id is None:
             return None, None
         browser = sessions.find(session, self.session_id, now)
@@ -129,10 +139,6 @@ class Call:
         if self.csrf_token is not None and self.request.method not in _SAFE_METHODS:
             sessions.demand_csrf_token(browser.id, self.csrf_token)
         return browser, browser.token.person
-
-    def _demand_allowed(self, person: Person) -> None:
-        if self.required == "organiser" and person.role != "organiser":
-            raise NotAllowedError("only the organiser may do this")
 
 
 def is_of_another_site(request: Request) -> bool:
@@ -198,6 +204,53 @@ async def organiser(call: Annotated[Call, Depends(anybody)]) -> Call:
 Anybody = Annotated[Call, Depends(anybody)]
 Caller = Annotated[Call, Depends(caller)]
 Organiser = Annotated[Call, Depends(organiser)]
+
+
+def visit_of(request: Request) -> Call:
+    """Return the visit that a request is, of anybody."""
+    cookie = request.cookies.get(COOKIE)
+    return Call(request, state_of(request), None, session_id_of(request, cookie))
+
+
+async def visitor(request: Request) -> Call:
+    """Return the visit of anybody."""
+    return visit_of(request)
+
+
+async def member(visit: Annotated[Call, Depends(visitor)]) -> Call:
+    """Return the visit of somebody who is signed in."""
+    return replace(visit, required="participant")
+
+
+async def desk(visit: Annotated[Call, Depends(visitor)]) -> Call:
+    """Return the visit of an organiser."""
+    return replace(visit, required="organiser")
+
+
+async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
+    """Return the fields of a form that one of our own pages sent.
+
+    Raises
+    ------
+    NotSignedInError
+        If nobody is signed in, before any of the form is read.
+    ForgedError
+        If it does not carry the session's CSRF token.
+    """
+    if visit.session_id is None:
+        raise NotSignedInError("sign in to see this page")
+    form = await visit.request.form()
+    shown: Any = form.get("csrf_token", "")
+    if not isinstance(shown, str):
+        raise ForgedError("csrf_token is no file")
+    visit.server.sessions.demand_csrf_token(visit.session_id, shown)
+    return form
+
+
+Visitor = Annotated[Call, Depends(visitor)]
+Member = Annotated[Call, Depends(member)]
+Desk = Annotated[Call, Depends(desk)]
+Posted = Annotated[FormData, Depends(posted)]
 
 
 def set_cookie(request: Request, response: Response, cookie: str, lifetime: timedelta) -> None:

@@ -143,10 +143,21 @@ _TOKEN_REPORT = TokenReport(
 
 _WHY = "We ran the published code and got the same file."
 _PAPER = Https("https://arxiv.org/abs/1904.10151")
-_REPORTED = Method(name="Interactive Navigator-Pointer", paper=_PAPER)
 _PUBLISHED = {"success": 0.1153, "spl": 0.0947, "rgs": 0.0562}
+_REVIEW = NewReview(submission_id=_ID, verdict="verified", reason=_WHY)
+_REPORTED = NewReported(
+    split="test",
+    method=Method(name="Interactive Navigator-Pointer", paper=_PAPER),
+    team="Qi et al., 2020",
+    scores=_PUBLISHED,
+    source=_PAPER,
+)
+_GRANT = NewGrant(
+    team="Blue", split="test", extra=2, reason="our disk was full", expires_at=_NEXT_MONTH
+)
+_NOTICE = NewNotice(banner="Down for maintenance until 09:00 UTC.", paused=True)
 
-_SAID = (
+_MESSAGES = (
     HealthReport(status="ok"),
     ServerReport(
         title="REVERIE evaluation server",
@@ -209,17 +220,8 @@ _SAID = (
     NewToken(person="Ada", expires_at=_NEXT_MONTH),
     _TOKEN_REPORT,
     NewTokenReport(**_TOKEN_REPORT.model_dump(), token=_INVITATION),
-    NewGrant(
-        team="Blue", split="test", extra=2, reason="our disk was full", expires_at=_NEXT_MONTH
-    ),
-    GrantReport(
-        team="Blue",
-        split="test",
-        extra=2,
-        reason="our disk was full",
-        created_at=_NOON,
-        expires_at=_NEXT_MONTH,
-    ),
+    _GRANT,
+    GrantReport(**_GRANT.model_dump(), created_at=_NOON),
     AuditReport(
         id=17,
         at=_NOON,
@@ -231,36 +233,17 @@ _SAID = (
         previous=_SHA256,
         digest=_FINGERPRINT,
     ),
-    NewReview(submission_id=_ID, verdict="verified", reason=_WHY),
-    ReviewEntry(
-        id=3,
-        submission_id=_ID,
-        verdict="verified",
-        reason=_WHY,
-        reviewer="Olga",
-        created_at=_NOON,
-        lifted_at=None,
-    ),
-    NewReported(
-        split="test", method=_REPORTED, team="Qi et al., 2020", scores=_PUBLISHED, source=_PAPER
-    ),
+    _REVIEW,
+    ReviewEntry(**_REVIEW.model_dump(), id=3, reviewer="Olga", created_at=_NOON, lifted_at=None),
+    _REPORTED,
     ReportedEntry(
+        **_REPORTED.model_dump(mode="json", exclude_unset=True),
         id=1,
-        split="test",
-        method=_REPORTED,
-        team="Qi et al., 2020",
-        scores=_PUBLISHED,
-        source=str(_PAPER),
         added_by="Olga",
         created_at=_NOON,
     ),
-    NewNotice(banner="Down for maintenance until 09:00 UTC.", paused=True),
-    NoticeReport(
-        banner="Down for maintenance until 09:00 UTC.",
-        paused=True,
-        posted_by="Olga",
-        created_at=_NOON,
-    ),
+    _NOTICE,
+    NoticeReport(**_NOTICE.model_dump(), posted_by="Olga", created_at=_NOON),
     AttemptReport(
         id=41,
         at=_NOON,
@@ -273,7 +256,10 @@ _SAID = (
     ),
 )
 
-EXAMPLES = {type(said).__name__: said.model_dump(mode="json", exclude_unset=True) for said in _SAID}
+EXAMPLES = {
+    type(message).__name__: message.model_dump(mode="json", exclude_unset=True)
+    for message in _MESSAGES
+}
 """By the name of the model."""
 
 BOARD_CSV = (

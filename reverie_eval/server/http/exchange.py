@@ -1,18 +1,30 @@
-"""What the log, the metrics and problem documents need to know about a request and its reply."""
+"""What the log, the metrics and problem documents need to know about a request and its reply.
+
+Of what its sender chose, they contain few values: a route, a method, an address, a token's hint.
+"""
 
 import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from fastapi.security.utils import get_authorization_scheme_param
+from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
 from reverie_eval.schemas.service import QuotaReport
+from reverie_eval.server.http.callers import COOKIE
+from reverie_eval.server.service.tokens import HINT_LENGTH, PREFIX, name_in
 
+API = "/api/v1"
+UNMATCHED = "unmatched"
+"""The route of a request that matches none."""
 OK = "ok"
 """The outcome of a request without a problem."""
 
 _KEY = "reverie_eval.exchange"
+_METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 
 
 @dataclass(slots=True)
@@ -57,3 +69,41 @@ def exchange_of(scope: Scope) -> Exchange:
     """Return the notes about a request."""
     exchange: Exchange = scope[_KEY]
     return exchange
+
+
+def route_of(scope: Scope) -> str:
+    """Return the template of the route that a request matched: ``/api/v1/splits/{split}``."""
+    template: str | None = getattr(scope.get("route"), "path", None)
+    if template is None:
+        return UNMATCHED
+    # Later versions of FastAPI give the path relative to the router that includes the route.
+    is_below = scope["path"].startswith(f"{API}/") and not template.startswith(API)
+    return f"{API}{template}" if is_below else template
+
+
+def method_of(scope: Scope) -> str:
+    """Return the method, or ``other`` if it is not a standard one."""
+    method: str = scope["method"]
+    return method if method in _METHODS else "other"
+
+
+def address_of(scope: Scope) -> str:
+    """Return the sender's address, from the connection or a trusted proxy."""
+    client = scope.get("client")
+    return str(client[0]) if client else "unknown"
+
+
+def token_of(scope: Scope) -> str:
+    """Return the token of a request, parsed as the routes do; empty if it has none."""
+    return get_authorization_scheme_param(Headers(scope=scope).get("authorization"))[1]
+
+
+def session_of(scope: Scope) -> str:
+    """Return the name of the browser session in the cookie; empty if there is none."""
+    return name_in(HTTPConnection(scope).cookies.get(COOKIE, ""))
+
+
+def hint_of(scope: Scope) -> str:
+    """Return the first characters of a token, by which the organiser knows it; never more."""
+    token = token_of(scope)
+    return token[:HINT_LENGTH] if token.startswith(PREFIX) else ""

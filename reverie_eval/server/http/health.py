@@ -9,7 +9,7 @@ import asyncio
 import json
 import logging
 import time
-from collections.abc import Callable, Iterator, MutableMapping
+from collections.abc import Callable, Mapping, MutableMapping
 from functools import cached_property, partial
 
 from anyio import move_on_after
@@ -43,7 +43,12 @@ class Health:
     """Checks a server, at most once every few seconds."""
 
     def __init__(self, server: ServerState) -> None:
-        self._looks = dict(_looks(server))
+        canaries = {name: Canary(server, board) for name, board in server.boards.items()}
+        self._checks: Mapping[str, Callable[[], None]] = {
+            **{f"scoring of {name}": canary.score for name, canary in canaries.items()},
+            "database": partial(_write, server),
+            "uploads": server.uploads.try_out,
+        }
         self._turn = asyncio.Lock()
         self._report = HealthReport(status="ok")
         self._until = 0.0
@@ -59,27 +64,20 @@ class Health:
     async def _examine(self) -> HealthReport:
         is_well: dict[str, bool] = {}
         with move_on_after(SECONDS_TO_ANSWER):
-            await run_sync(self._look, is_well, abandon_on_cancel=True)
-        failed = [name for name in self._looks if not is_well.get(name)]
+            await run_sync(self._run_checks, is_well, abandon_on_cancel=True)
+        failed = [name for name in self._checks if not is_well.get(name)]
         return HealthReport(status="unhealthy" if failed else "ok", failed=failed)
 
-    def _look(self, is_well: MutableMapping[str, bool]) -> None:
+    def _run_checks(self, is_well: MutableMapping[str, bool]) -> None:
         """Run all checks and note each result at once, as a later one may hang."""
-        for name, look in self._looks.items():
+        for name, check in self._checks.items():
             try:
-                look()
+                check()
             except Exception:
                 _LOGGER.exception("unhealthy", extra={"fields": {"failed": name}})
                 is_well[name] = False
             else:
                 is_well[name] = True
-
-
-def _looks(server: ServerState) -> Iterator[tuple[str, Callable[[], None]]]:
-    for board in server.boards.values():
-        yield f"scoring of {board.name}", Canary(server, board).score
-    yield "database", partial(_write, server)
-    yield "uploads", server.uploads.try_out
 
 
 class Canary:

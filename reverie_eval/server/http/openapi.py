@@ -4,9 +4,7 @@ This adds what FastAPI does not know: that problems have their own media type, w
 operation can return, and that a cookie needs the CSRF token as well.
 """
 
-from collections.abc import Iterator
 from functools import cache
-from http import HTTPStatus
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -24,7 +22,7 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.http.callers import CSRF_HEADER
 from reverie_eval.server.http.examples import EXAMPLES
-from reverie_eval.server.http.labels import API
+from reverie_eval.server.http.exchange import API
 
 Document = dict[str, Any]
 
@@ -41,16 +39,13 @@ def problems(*codes: str) -> dict[int | str, Document]:
     declared: dict[int | str, Document] = {}
     for code in codes:
         status = ERRORS[code].status
-        reply = declared.setdefault(status.value, _reply(status))
+        content = {"schema": {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}, "examples": {}}
+        empty = {"description": status.phrase, "content": {MEDIA_TYPE: content}}
+        reply = declared.setdefault(status.value, empty)
         reply["content"][MEDIA_TYPE]["examples"][code] = {
             "value": ERRORS[code].example().document().model_dump(mode="json")
         }
     return declared
-
-
-def _reply(status: HTTPStatus) -> Document:
-    content = {"schema": {"$ref": f"{_MODELS}{ProblemDocument.__name__}"}, "examples": {}}
-    return {"description": status.phrase, "content": {MEDIA_TYPE: content}}
 
 
 def describe(app: FastAPI) -> None:
@@ -78,19 +73,15 @@ def describe(app: FastAPI) -> None:
             "description": "The session's `csrf_token`; required beside the cookie by every "
             "request that changes something.",
         }
-        for method, operation in _operations(document):
-            _complete(method, operation)
+        for operations in document["paths"].values():
+            for method, operation in operations.items():
+                _complete(method, operation)
         return document
 
     def show_description(_: Request) -> JSONResponse:
         return JSONResponse(description())
 
     app.add_route(f"{API}/openapi.json", show_description, include_in_schema=False)
-
-
-def _operations(document: Document) -> Iterator[tuple[str, Document]]:
-    for operations in document["paths"].values():
-        yield from operations.items()
 
 
 def _complete(method: str, operation: Document) -> None:

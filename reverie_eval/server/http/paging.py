@@ -4,15 +4,17 @@ from collections.abc import Iterator
 from typing import Annotated, TypeVar
 from urllib.parse import urlencode
 
-from fastapi import Depends, Query, Request, Response
+from fastapi import Depends, Path, Query, Request, Response
 from fastapi.dependencies.models import Dependant
 
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
-from reverie_eval.server.service.paging import LONGEST, Listed, Page
+from reverie_eval.server.service.paging import LARGEST, LONGEST, Listed, Page
 from reverie_eval.text import did_you_mean
 
 Report = TypeVar("Report")
+Number = Annotated[int, Path(ge=1, le=LARGEST, examples=[1])]
+"""Of a row."""
 
 
 class Pager:
@@ -54,15 +56,15 @@ async def known_query(request: Request) -> None:
     known |= {each["name"] for each in (route.openapi_extra or {}).get("parameters", ())}
     unknown = sorted(set(request.query_params) - known)
     if unknown:
-        raise MalformedError(WRONG_FORM, [_unknown(name, known) for name in unknown])
+        problems = []
+        for name in unknown:
+            remedy = did_you_mean(name, sorted(known)) if known else "; leave it out"
+            message = f"is not known here{remedy}"
+            problems.append(ProblemReport(code="wrong-value", where=name, message=message))
+        raise MalformedError(WRONG_FORM, problems)
 
 
 def _parameters(dependant: Dependant) -> Iterator[str]:
     yield from (field.alias for field in dependant.query_params)
     for dependency in dependant.dependencies:
         yield from _parameters(dependency)
-
-
-def _unknown(name: str, known: set[str]) -> ProblemReport:
-    remedy = did_you_mean(name, sorted(known)) if known else "; leave it out"
-    return ProblemReport(code="wrong-value", where=name, message=f"is not known here{remedy}")

@@ -5,13 +5,14 @@ Each error's class has its status and code.
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
-from typing import TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
+from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
 from reverie_eval.errors import ReverieEvalError
@@ -31,7 +32,9 @@ from reverie_eval.server.errors import (
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.openapi import MEDIA_TYPE
 from reverie_eval.server.http.wrong_values import unreadable_json, wrong_value
-from reverie_eval.server.store.space import is_full
+from reverie_eval.server.store.database import is_full
+
+Model = TypeVar("Model", bound=BaseModel)
 
 LOGGER = logging.getLogger("reverie_eval.server")
 
@@ -44,6 +47,20 @@ def add_error_handlers(app: FastAPI, fault_page: FaultPage) -> None:
     app.state.fault_page = fault_page
     for kind in (ReverieEvalError, RequestValidationError, HTTPException):
         app.add_exception_handler(kind, _on_error)
+
+
+def read_model(model: type[Model], fields: Mapping[str, Any]) -> Model:
+    """Return what fields of a form or a query say, as the body of a request says it.
+
+    Raises
+    ------
+    RequestValidationError
+        Naming each field that is wrong.
+    """
+    try:
+        return model.model_validate(fields)
+    except ValidationError as error:
+        raise RequestValidationError(error.errors()) from None
 
 
 def reply_to(request: Request, error: Exception) -> Response:

@@ -1,14 +1,79 @@
-"""The state of one running application: admission of uploads, metrics, health."""
+"""The state of one running application: admission of uploads, metrics, health.
 
+Admission limits how many uploads are held in memory, and how many are scored, at once.
+
+Waiting uploads are not read yet: their bytes are still with the sender. So five hundred uploads at
+once need no more memory than the first few. Each person may hold only a share of the slots, so
+someone who sends many slow uploads delays only their own.
+"""
+
+import asyncio
+import os
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from typing import Annotated, Self
+from weakref import WeakValueDictionary
 
 from fastapi import Depends, Request
 
-from reverie_eval.server.http.admission import Admission
+from reverie_eval.server.errors import BusyError
 from reverie_eval.server.http.health import Health
-from reverie_eval.server.http.metrics import Metrics
+from reverie_eval.server.http.telemetry import Metrics
 from reverie_eval.server.state import ServerState
+
+SECONDS_TO_RETRY = 10
+
+_SHARE = 4
+"""A person may hold one in this many slots, and at least one."""
+_SCORED_AT_ONCE = os.cpu_count() or 1
+"""More would not be faster, but take more memory."""
+
+
+class Admission:
+    """Admits uploads, first come, first served, up to each person's share."""
+
+    def __init__(self, at_once: int, waiting: int, seconds: float) -> None:
+        self._memory = asyncio.Semaphore(at_once)
+        self._share = max(1, at_once // _SHARE)
+        self._shares: WeakValueDictionary[int, asyncio.Semaphore] = WeakValueDictionary()
+        self._scoring = asyncio.Semaphore(min(at_once, _SCORED_AT_ONCE))
+        self._longest_queue = waiting
+        self._seconds = seconds
+        self.waiting = 0
+
+    @asynccontextmanager
+    async def hold(self, person: int) -> AsyncIterator[None]:
+        """Wait for a slot for a person's upload, and hold it.
+
+        Raises
+        ------
+        BusyError
+            If too many uploads are waiting, or no slot became free in time.
+        """
+        own = self._shares.setdefault(person, asyncio.Semaphore(self._share))
+        has_to_wait = own.locked() or self._memory.locked()
+        if has_to_wait and self.waiting >= self._longest_queue:
+            raise BusyError(SECONDS_TO_RETRY)
+        async with AsyncExitStack() as places:
+            await self._wait(places, own)
+            yield
+
+    async def _wait(self, places: AsyncExitStack, own: asyncio.Semaphore) -> None:
+        self.waiting += 1
+        try:
+            async with asyncio.timeout(self._seconds):
+                # The person's own limit comes first, or their uploads would fill the queue.
+                await places.enter_async_context(own)
+                await places.enter_async_context(self._memory)
+        except TimeoutError:
+            raise BusyError(SECONDS_TO_RETRY) from None
+        finally:
+            self.waiting -= 1
+
+    def score(self) -> asyncio.Semaphore:
+        """Return the semaphore to hold while scoring."""
+        return self._scoring
 
 
 @dataclass(frozen=True)

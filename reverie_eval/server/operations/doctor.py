@@ -13,10 +13,14 @@ from sqlalchemy.orm import Session
 from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folder, said_by
-from reverie_eval.server.service.audit import AuditLog, entries
+from reverie_eval.server.service.audit import (
+    AuditLog,
+    all_names_of_teams,
+    entries,
+    mismatches,
+)
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.records import mismatches, names_of_teams
-from reverie_eval.server.service.reports import submission_report
+from reverie_eval.server.service.submissions import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
@@ -79,7 +83,7 @@ def _at_submissions(session: Session, state: ServerState, track: Track) -> Itera
     yield from _at_uploads(reports, uploads, track)
     yield from _at_strays(session, uploads)
     yield from _at_reports(reports, state.boards)
-    yield from _at_receipts(reports, state.signer.public_pem, names_of_teams(session))
+    yield from _at_receipts(reports, state.signer.public_pem, all_names_of_teams(session))
 
 
 def _at_uploads(

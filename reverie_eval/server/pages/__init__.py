@@ -13,8 +13,7 @@ from reverie_eval.server.pages import (
     submitting,
     teams,
 )
-from reverie_eval.server.pages.files import StaticPages
-from reverie_eval.server.pages.rendering import STATIC
+from reverie_eval.server.pages.rendering import STATIC, StaticPages
 
 
 def add_pages(app: FastAPI) -> None:

@@ -2,33 +2,99 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date
 from math import ceil, inf
-from typing import Annotated
+from typing import Annotated, Any, Literal
+from urllib.parse import urlencode
 
 import msgspec
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import PlainTextResponse, RedirectResponse, Response
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
-from reverie_eval.server.http.callers import Server
-from reverie_eval.server.pages.board_query import BoardQuery
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.pages.visitors import Visitor
 from reverie_eval.server.service.charts import chart_of
-from reverie_eval.server.service.citing import as_bibtex, as_latex
-from reverie_eval.server.service.leaderboard import Ranking
-from reverie_eval.server.service.standings import Row
+from reverie_eval.server.service.entries import Row
+from reverie_eval.server.service.leaderboard import SORTABLE, Filter, Ranking, as_bibtex, as_latex
 
 PER_PAGE = 100
 
 router = APIRouter()
 
-Asked = Annotated[BoardQuery, Query()]
+Choice = Literal["", "with", "without"]
 
 
-def ranked(split: str, server: Server, query: Asked) -> Ranking:
+def _known(key: str) -> str:
+    if key not in CATALOGUE:
+        raise ValueError(f"there is no such metric; choose one of: {', '.join(CATALOGUE)}")
+    return key
+
+
+MetricKey = Annotated[str, AfterValidator(_known)]
+Day = Annotated[date | None, BeforeValidator(lambda value: value or None)]
+
+
+class BoardQuery(BaseModel):
+    """The query of a board's address; what is empty is not asked for, as forms send it."""
+
+    model_config = ConfigDict(frozen=True)
+
+    metric: MetricKey = PRIMARY_METRIC
+    extra_data: Choice = ""
+    pre_exploration: Choice = ""
+    ground_truth_objects: Choice = ""
+    ensemble: Choice = ""
+    since: Day = None
+    until: Day = None
+    text: Annotated[str, Field(max_length=100)] = ""
+    columns: Literal["", "all"] = ""
+    x: MetricKey = "path_length"
+    y: MetricKey = "success"
+    page: Annotated[int, Field(ge=1, le=100_000)] = 1
+
+    @property
+    def ranked_by(self) -> str:
+        """What ranks are by: the metric, or the primary one where neither direction is better."""
+        return self.metric if self.metric in SORTABLE else PRIMARY_METRIC
+
+    @property
+    def shown(self) -> Filter:
+        """Which rows are shown."""
+        flags = {
+            flag: getattr(self, flag) == "with" for flag in METHOD_FLAGS if getattr(self, flag)
+        }
+        return Filter(flags, self.since, self.until, self.text.strip())
+
+    @property
+    def is_filtered(self) -> bool:
+        """Whether rows may be left out."""
+        return self.shown != Filter({})
+
+    def link(self, **changes: Any) -> str:
+        """Return the address's query with some of it changed, the defaults left out."""
+        changed = type(self).model_validate(self.model_dump() | changes)
+        return f"?{urlencode(changed.model_dump(mode='json', exclude_defaults=True))}"
+
+    @property
+    def unfiltered(self) -> str:
+        """Return the address's query with every row shown, from the first page on."""
+        kept = self.model_dump(include={"metric", "columns", "x", "y"})
+        return type(self).model_validate(kept).link()
+
+    def direction(self, metric: Metric) -> Literal["ascending", "descending"]:
+        """Return the order of the column that the board is sorted by: best first, or least."""
+        return "descending" if metric.better == "higher" else "ascending"
+
+
+Shown = Annotated[BoardQuery, Query()]
+
+
+def ranked(split: str, server: Server, query: Shown) -> Ranking:
     """Return the board that is asked for."""
     with server.database.reading() as session:
         return server.ranking(session, split, query.ranked_by)
@@ -65,7 +131,7 @@ class Packed(Response):
 
 
 @router.get("/boards/{split}")
-def show_board(split: str, visitor: Visitor, query: Asked) -> Response:
+def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
     """Show the published results, ranked."""
     with visitor.snapshot() as snapshot:
         ranking = visitor.server.ranking(snapshot.session, split, query.ranked_by)
@@ -93,22 +159,23 @@ def show_board(split: str, visitor: Visitor, query: Asked) -> Response:
 
 
 @router.get("/boards/{split}/chart")  # noqa: FAST003  # of Ranked
-def show_chart(ranking: Ranked, query: Asked) -> Response:
+def show_chart(ranking: Ranked, query: Shown) -> Response:
     """Return the data of the charts."""
     drawn = chart_of(ranking, query.shown.of(ranking.rows, ranking), query.x, query.y)
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
 @router.get("/boards/{split}/latex")  # noqa: FAST003  # of Ranked
-def show_latex(ranking: Ranked, request: Request, query: Asked) -> Response:
+def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     """Return the rows of a page as a LaTeX table."""
     rows = _part(ranking, query).rows
-    metrics = [metric for metric in _columns(query, rows) if _is_scored(metric, rows)]
+    scored = {key for row in rows for key in row.entry.scores}
+    metrics = [metric for metric in _columns(query, rows) if metric.key in scored]
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
 
 
 @router.get("/boards/{split}/bibtex")  # noqa: FAST003  # of Ranked
-def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Asked) -> Response:
+def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
     """Return BibTeX entries for the leaderboard and for each row of a page."""
     rows = _part(ranking, query).rows
     address = _address(request, query)
@@ -158,10 +225,6 @@ def _numbers(here: int, pages: int) -> Sequence[int | None]:
             numbers.append(None)
         numbers.append(number)
     return numbers
-
-
-def _is_scored(metric: Metric, rows: Sequence[Row]) -> bool:
-    return any(metric.key in row.entry.scores for row in rows)
 
 
 def _address(request: Request, query: BoardQuery) -> str:

@@ -14,11 +14,10 @@ from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._map_svg import interactive_map_svg, map_key
 from reverie_eval.reporting._maps import EpisodeMap, Step
 from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST
-from reverie_eval.server.http.callers import Call, Snapshot
-from reverie_eval.server.http.dependencies import Turn
+from reverie_eval.server.http.callers import Call, Snapshot, Visitor
+from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.pages.visitors import Visitor
-from reverie_eval.server.service.episodes import Browsing, Run, Wanted
+from reverie_eval.server.service.episodes import Browsing, EpisodeFilter, Run
 
 router = APIRouter()
 
@@ -28,7 +27,7 @@ MOST_STEPS = 200
 
 
 @dataclass(frozen=True)
-class Selection(Wanted):
+class Selection(EpisodeFilter):
     """The query of a page: which episodes, and the routes of which submissions."""
 
     submission: str = ""
@@ -41,9 +40,9 @@ class Selection(Wanted):
 
     def link(self, split: str, instr_id: str = "", **changes: str | int) -> str:
         """Return the address of the list, or of one episode, with some of the query changed."""
-        said = {key: value for key, value in (asdict(self) | changes).items() if value}
+        query = {key: value for key, value in (asdict(self) | changes).items() if value}
         place = "/".join(quote(part, safe="") for part in (split, instr_id) if part)
-        return f"/episodes/{place}?{urlencode(said)}".removesuffix("?")
+        return f"/episodes/{place}?{urlencode(query)}".removesuffix("?")
 
 
 Selected = Annotated[Selection, Depends()]
@@ -102,13 +101,15 @@ def show_episodes(
     split: str,
     visitor: Visitor,
     selection: Selected,
-    _: Turn,
+    _: ScoringSlot,
     number: Annotated[int, Query(alias="page", ge=1)] = 1,
 ) -> Response:
     """List the episodes of an open split, with their outcomes."""
     with visitor.snapshot() as snapshot:
         browsing = _browsing(visitor, snapshot, split, selection)
         rows = browsing.rows(selection)
+        found = [browsing.anatomy(run, selection) for run in browsing.runs]
+        failures = [modes for modes in found if modes is not None]
         pages = max(1, -(-len(rows) // PER_PAGE))
         number = min(number, pages)
         return page(
@@ -122,8 +123,12 @@ def show_episodes(
             count=len(rows),
             number=number,
             pages=pages,
-            funnels=_funnels(browsing, selection),
-            parts=_parts(browsing, selection),
+            funnels=[modes.funnel for modes in failures],
+            parts=[
+                Part(name, meaning, [modes.counts[name] for modes in failures])
+                for name, meaning in BEST_OUTCOME_FIRST.items()
+                if failures
+            ],
             outcomes=BEST_OUTCOME_FIRST,
             scans=sorted(set(browsing.annotations.scan)),
             categories=sorted(set(browsing.annotations.category)),
@@ -132,7 +137,7 @@ def show_episodes(
 
 @router.get("/episodes/{split}/{instr_id}")
 def show_episode(
-    split: str, instr_id: str, visitor: Visitor, selection: Selected, _: Turn
+    split: str, instr_id: str, visitor: Visitor, selection: Selected, _: ScoringSlot
 ) -> Response:
     """Show an episode on the map of its scan, with the routes of up to two submissions."""
     with visitor.snapshot() as snapshot:
@@ -169,7 +174,7 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
         "outcomes": BEST_OUTCOME_FIRST,
         "headline": [key for key in keys if CATALOGUE[key].headline],
         "further": [key for key in keys if not CATALOGUE[key].headline],
-        "kept": {field.name: getattr(selection, field.name) for field in fields(Wanted)},
+        "kept": {field.name: getattr(selection, field.name) for field in fields(EpisodeFilter)},
     }
 
 
@@ -184,23 +189,6 @@ def _names(runs: Sequence[Run]) -> Sequence[str]:
     if len(set(methods)) == len(methods):
         return methods
     return [f"{name} ({run.submission.id})" for name, run in zip(methods, runs, strict=True)]
-
-
-def _parts(browsing: Browsing, selection: Selection) -> Sequence[Part]:
-    """Count the episodes of every outcome for each submission."""
-    found = [browsing.anatomy(run, selection) for run in browsing.runs]
-    counted = [anatomy.counts for anatomy in found if anatomy is not None]
-    if not counted:
-        return []
-    return [
-        Part(name, meaning, [counts[name] for counts in counted])
-        for name, meaning in BEST_OUTCOME_FIRST.items()
-    ]
-
-
-def _funnels(browsing: Browsing, selection: Selection) -> Sequence[Mapping[str, int]]:
-    found = [browsing.anatomy(run, selection) for run in browsing.runs]
-    return [anatomy.funnel for anatomy in found if anatomy is not None]
 
 
 def _neighbours(browsing: Browsing, selection: Selection, instr_id: str) -> Neighbours:

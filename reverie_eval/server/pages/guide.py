@@ -11,12 +11,11 @@ from reverie_eval.geometry import HEIGHT, WIDTH
 from reverie_eval.schemas.service import Method
 from reverie_eval.scoring import ALIASES, PROTOCOLS
 from reverie_eval.server.errors import ERRORS
-from reverie_eval.server.http.callers import Call
+from reverie_eval.server.http.callers import Call, Visitor
 from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.pages.visitors import Visitor
 from reverie_eval.server.service.attempts import DAYS_KEPT
-from reverie_eval.server.service.sessions import LIFETIME
+from reverie_eval.server.service.tokens import LIFETIME
 from reverie_eval.submissions import submission_schema
 
 router = APIRouter(prefix="/guide")
@@ -26,6 +25,12 @@ _PLAIN = {
     "number": "number",
     "integer": "whole number",
     "boolean": "true or false",
+}
+_BOUNDS = {
+    "minimum": "at least",
+    "exclusiveMinimum": "above",
+    "maximum": "at most",
+    "exclusiveMaximum": "below",
 }
 
 
@@ -155,7 +160,8 @@ def in_words(schema: Mapping[str, Any]) -> str:
         return " or ".join(map(in_words, kinds))
     if schema["type"] == "array":
         return _list_in_words(schema)
-    return ", ".join([_PLAIN[schema["type"]], *_bounds(schema)])
+    bounds = [f"{words} {schema[key]:,}" for key, words in _BOUNDS.items() if key in schema]
+    return ", ".join([_PLAIN[schema["type"]], *bounds])
 
 
 def _list_in_words(schema: Mapping[str, Any]) -> str:
@@ -163,13 +169,3 @@ def _list_in_words(schema: Mapping[str, Any]) -> str:
         return f"list of [{', '.join(_PLAIN[item['type']] for item in schema['prefixItems'])}]"
     least = f"{schema['minItems']} or more of " if "minItems" in schema else ""
     return f"list of {least}{in_words(schema['items']).removeprefix('list of ')}"
-
-
-def _bounds(schema: Mapping[str, Any]) -> Sequence[str]:
-    said = {
-        "minimum": "at least",
-        "exclusiveMinimum": "above",
-        "maximum": "at most",
-        "exclusiveMaximum": "below",
-    }
-    return [f"{words} {schema[key]:,}" for key, words in said.items() if key in schema]

@@ -1,23 +1,27 @@
 """From templates to pages: what every page shows, and how numbers and instants are written."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from importlib.resources import files
 from typing import Any
+from urllib.parse import quote, urlsplit
 
 from fastapi import Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
-from reverie_eval.server.errors import ERRORS
-from reverie_eval.server.http.callers import Snapshot
-from reverie_eval.server.pages.files import SHELVES
+from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
+from reverie_eval.server.http.callers import Snapshot, visit_of
+from reverie_eval.server.http.exchange import API, exchange_of
 from reverie_eval.server.service.tokens import TOKEN_NAMES
 from reverie_eval.server.state import state_of
 from reverie_eval.server.store.tables import Person
@@ -25,6 +29,12 @@ from reverie_eval.text import category_text, count_text
 from reverie_eval.version import __version__
 
 STATIC = "/static"
+STATIC_FOLDERS = (
+    ("reverie_eval.server.pages", "static"),
+    ("reverie_eval.reporting", "resources/shared"),
+)
+"""Packages with the folders in them where the files are; the second has what reports use too."""
+_FOR_A_YEAR = "public, max-age=31536000, immutable"
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' data:; connect-src 'self'; form-action 'self'; base-uri 'none'; "
@@ -32,6 +42,7 @@ HEADERS = {
     "Referrer-Policy": "same-origin",
 }
 """What a page may do: nothing comes from another host, nothing runs that is written in the page."""
+_NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +82,11 @@ def page(
     site = _site(request, snapshot)
     html = _environment().get_template(template).render(site=site, **content)
     return HTMLResponse(html, status, HEADERS)
+
+
+def see_other(path: str) -> RedirectResponse:
+    """Lead on from a form, to be opened by GET."""
+    return RedirectResponse(path, 303)
 
 
 def _site(request: Request, snapshot: Snapshot | None) -> Site:
@@ -122,7 +138,7 @@ def _environment() -> Environment:
 @cache
 def static_url(name: str) -> str:
     """Return the address of a file that never changes under that address."""
-    files_named = (files(package).joinpath(folder, name) for package, folder in SHELVES)
+    files_named = (files(package).joinpath(folder, name) for package, folder in STATIC_FOLDERS)
     content = next(file for file in files_named if file.is_file()).read_bytes()
     return f"{STATIC}/{name}?{hashlib.sha256(content).hexdigest()[:12]}"
 
@@ -146,3 +162,59 @@ def sentence(text: str) -> str:
     'The SPL is missing'
     """
     return text[:1].upper() + text[1:]
+
+
+class StaticPages(StaticFiles):
+    """Serves the package's files; browsers keep them."""
+
+    def __init__(self) -> None:
+        super().__init__(packages=[*STATIC_FOLDERS])
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Return a file, to be kept if its address names its content."""
+        reply = await super().get_response(path, scope)
+        if scope["query_string"]:
+            reply.headers["Cache-Control"] = _FOR_A_YEAR
+        return reply
+
+
+def show_faults_with(request: Request, draw: Callable[[ProblemDocument], Response]) -> None:
+    """Let a page with a form show further problems itself, so that the input is not lost."""
+    request.state.draw_fault = draw
+
+
+def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
+    """Show a problem, or redirect to the sign-in page if signing in is needed.
+
+    Returns
+    -------
+    Response or None
+        None if the request is not for a page.
+    """
+    if request.url.path.startswith(_NOT_PAGES):
+        return None
+    if problem.code == NotSignedInError.code:
+        return see_other(f"/sign-in?back={quote(_came_from(request))}")
+    if not exchange_of(request.scope).asks_database:
+        return _fault(request, None, problem)
+    if hasattr(request.state, "draw_fault"):
+        drawn: Response = request.state.draw_fault(problem)
+        return drawn
+    with visit_of(request).snapshot() as snapshot:
+        return _fault(request, snapshot, problem)
+
+
+def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument) -> Response:
+    way_on = Place("To the leaderboard", "/")
+    # To the same leaderboard if only its query was invalid.
+    if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
+        split = request.path_params["split"]
+        way_on = Place(f"To the whole {split} leaderboard", f"/boards/{quote(split)}")
+    return page(request, "fault.html", snapshot, problem.status, problem=problem, way_on=way_on)
+
+
+def _came_from(request: Request) -> str:
+    """Return the address to return to after signing in; for a form, the page that it is on."""
+    if request.method == "GET":
+        return f"{request.url.path}?{request.url.query}".removesuffix("?")
+    return urlsplit(request.headers.get("referer", "")).path or "/"

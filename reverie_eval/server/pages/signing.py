@@ -1,20 +1,24 @@
 """Signing in with a token or an invitation, and signing out."""
 
-from datetime import datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Form, Request
-from fastapi.responses import RedirectResponse, Response
+from fastapi import APIRouter, Depends, Form
+from fastapi.responses import Response
 
 from reverie_eval.server.errors import NotSignedInError
-from reverie_eval.server.http.callers import Call, Snapshot, drop_cookie, own_page, set_cookie
-from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.pages.visitors import Posted, Visitor
-from reverie_eval.server.service.sessions import Begun
+from reverie_eval.server.http.callers import (
+    Call,
+    Posted,
+    Snapshot,
+    Visitor,
+    drop_cookie,
+    own_page,
+    set_cookie,
+)
+from reverie_eval.server.pages.rendering import page, see_other
 from reverie_eval.server.service.tokens import accept_invitation
 
 router = APIRouter()
-SEE_OTHER = 303
 
 
 @router.get("/sign-in")
@@ -36,8 +40,9 @@ def sign_in(
             begun = server.sessions.begin(session, token.strip(), now)
     except NotSignedInError as error:
         return _form(visitor, own_path(back), 401, wrong="token", fault=str(error))
-    reply = RedirectResponse(own_path(back), SEE_OTHER)
-    return _with_cookie(visitor.request, reply, begun, now)
+    reply = see_other(own_path(back))
+    set_cookie(visitor.request, reply, begun.cookie, begun.session.expires_at - now)
+    return reply
 
 
 @router.post("/sign-in/invitation", dependencies=[Depends(own_page)])
@@ -61,7 +66,8 @@ def use_invitation(
             reply = page(request, "welcome.html", own, token=token, back=own_path(back))
     except NotSignedInError as error:
         return _form(visitor, own_path(back), 401, wrong="invitation", fault=str(error))
-    return _with_cookie(request, reply, begun, now)
+    set_cookie(request, reply, begun.cookie, begun.session.expires_at - now)
+    return reply
 
 
 @router.post("/sign-out")
@@ -69,7 +75,7 @@ def sign_out(visitor: Visitor, _: Posted) -> Response:
     """End the session."""
     with visitor.server.database.writing() as session:
         visitor.server.sessions.end(session, visitor.session_id or "")
-    reply = RedirectResponse("/", SEE_OTHER)
+    reply = see_other("/")
     drop_cookie(reply)
     return reply
 
@@ -86,8 +92,3 @@ def _form(
     with visitor.snapshot() as snapshot:
         request, content = visitor.request, {"fault": fault, "wrong": wrong, "back": back}
         return page(request, "sign-in.html", snapshot, status, **content)
-
-
-def _with_cookie(request: Request, reply: Response, begun: Begun, now: datetime) -> Response:
-    set_cookie(request, reply, begun.cookie, begun.session.expires_at - now)
-    return reply

@@ -5,27 +5,20 @@ from types import MappingProxyType
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
-from fastapi.exceptions import RequestValidationError
-from fastapi.responses import RedirectResponse, Response
-from pydantic import ValidationError
+from fastapi.responses import Response
 
 from reverie_eval.metrics import PRIMARY_METRIC
-from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.http.callers import Call, Snapshot
-from reverie_eval.server.http.dependencies import Turn
-from reverie_eval.server.pages.faults import show_faults_with
-from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.pages.visitors import Member, Posted, Visitor
-from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.history import history
-from reverie_eval.server.service.publications import publication
+from reverie_eval.server.http.callers import Call, Member, Posted, Snapshot, Visitor
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
+from reverie_eval.server.service.audit import history
 from reverie_eval.server.service.reviews import standing_reviews
-from reverie_eval.server.service.submissions import submission_of
+from reverie_eval.server.service.submissions import publication, submission_of
 
 router = APIRouter()
-SEE_OTHER = 303
 
 _EMPTY_IS_NONE = frozenset({"paper", "code"})
 
@@ -52,7 +45,7 @@ def show_submission(
 
 
 @router.post("/submissions/{submission_id}")
-def change_submission(submission_id: str, member: Member, form: Posted, _: Turn) -> Response:
+def change_submission(submission_id: str, member: Member, form: Posted, _: ScoringSlot) -> Response:
     """Change what one of the page's small forms is about: each sends its own fields only."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}
     with member.snapshot() as snapshot:
@@ -65,7 +58,7 @@ def change_submission(submission_id: str, member: Member, form: Posted, _: Turn)
 
     show_faults_with(member.request, draw)
     member.server.submissions.change(member.person(), submission_id, change_of(typed))
-    return RedirectResponse(f"/submissions/{submission_id}?done=changed", SEE_OTHER)
+    return see_other(f"/submissions/{submission_id}?done=changed")
 
 
 def _own_page(
@@ -88,6 +81,8 @@ def _own_page(
     shown = submission_of(session, person, submission_id)
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
+    # The values of single episodes may be seen, and still are what was scored.
+    has_episodes = board is not None and not board.is_private and board.measures_as(shown.report)
     return page(
         visit.request,
         "submission.html",
@@ -95,7 +90,7 @@ def _own_page(
         problem.status if problem else 200,
         shown=shown,
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
-        has_episodes=_has_episodes(board, shown.report),
+        has_episodes=has_episodes,
         events=history(session, shown.id),
         reviews=standing_reviews(session, shown.id),
         now=snapshot.now,
@@ -127,21 +122,12 @@ def change_of(typed: Mapping[str, str]) -> SubmissionChange:
         for name in Method.model_fields
         if name in typed
     }
-    try:
-        return SubmissionChange.model_validate(change | ({"method": method} if method else {}))
-    except ValidationError as error:
-        raise RequestValidationError(error.errors()) from None
-
-
-def _has_episodes(board: Board | None, report: ScoreReport) -> bool:
-    """Whether the values of single episodes may be seen, and still are what was scored."""
-    return board is not None and not board.is_private and board.measures_as(report)
+    return read_model(SubmissionChange, change | ({"method": method} if method else {}))
 
 
 def _texts(method: Method) -> Mapping[str, str]:
     """Return what is said of a method as its form has it."""
-    said = method.model_dump(mode="json")
     return {
         name: str(value).lower() if isinstance(value, bool) else value or ""
-        for name, value in said.items()
+        for name, value in method.model_dump(mode="json").items()
     }

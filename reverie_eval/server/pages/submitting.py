@@ -15,23 +15,19 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import RedirectResponse, Response
+from fastapi.responses import Response
 
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.errors import MalformedError, RejectedFileError
-from reverie_eval.server.http.callers import Call, Server
-from reverie_eval.server.http.dependencies import content_of, method_from
+from reverie_eval.server.http.callers import Call, Member, Server
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.runtime import Runtime
-from reverie_eval.server.http.uploading import Upload, receive
-from reverie_eval.server.pages.faults import show_faults_with
-from reverie_eval.server.pages.quotas import split_quotas
-from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.pages.visitors import Member
+from reverie_eval.server.http.uploads import Upload, content_of, method_from, receive
+from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
+from reverie_eval.server.pages.teams import split_quotas
 
 router = APIRouter()
 OK = 200
-SEE_OTHER = 303
 
 _NOTHING = dict.fromkeys(("split", *Method.model_fields), "")
 
@@ -104,9 +100,8 @@ def submit(member: Member, upload: PostedUpload) -> Response:
     if typed.get("what") != "score":
         report = server.intake.validate(person, board.name, content_of(upload, server))
         return draw(member, typed, report=report)
-    said = {name: typed[name] for name in Method.model_fields if name in typed}
-    method = method_from(said)
+    method = method_from({name: typed[name] for name in Method.model_fields if name in typed})
     accepted = server.intake.submit(person, board.name, upload.packed, method, key=None)
     exchange_of(member.request.scope).is_repeat = accepted.is_repeat
     came = "again" if accepted.is_repeat else "scored"
-    return RedirectResponse(f"/submissions/{accepted.submission.id}?done={came}", SEE_OTHER)
+    return see_other(f"/submissions/{accepted.submission.id}?done={came}")

@@ -1,6 +1,7 @@
-"""``/team``: one's own team, where signing in leads to."""
+"""``/team``: one's own team, where signing in leads to, and what it has left on each split."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -8,11 +9,12 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
-from reverie_eval.server.pages.quotas import split_quotas
+from reverie_eval.schemas.service import QuotaReport
+from reverie_eval.server.http.callers import Member, Snapshot
 from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.pages.visitors import Member
+from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import progress_of
-from reverie_eval.server.service.teams import TeamView, team_of
+from reverie_eval.server.service.people import TeamView, team_of
 from reverie_eval.server.state import ServerState
 
 router = APIRouter()
@@ -55,3 +57,38 @@ def show_team(member: Member) -> Response:
             progress=_progress(team, server, snapshot.now),
             now=snapshot.now,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class SplitQuota:
+    """A split, for one person."""
+
+    board: Board
+    quota: QuotaReport
+    is_open: bool
+    opens_at: datetime | None
+    """When the next phase begins; None if none will."""
+    closes_at: datetime | None
+    """When the phase ends that is open now; None if it does not, or none is."""
+
+
+def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota]:
+    """Return what every split has for whoever is signed in."""
+    quotas = server.intake.quotas(snapshot.session, snapshot.person)
+    return [
+        _split_quota(board, quotas[name], snapshot.now) for name, board in server.boards.items()
+    ]
+
+
+def _split_quota(board: Board, quota: QuotaReport, now: datetime) -> SplitQuota:
+    phases = board.split.phases
+    coming = [phase.opens for phase in phases if phase.opens and phase.opens > now]
+    ending = [phase.closes for phase in phases if phase.is_open(now)]
+    closing = [closes for closes in ending if closes is not None]
+    return SplitQuota(
+        board=board,
+        quota=quota,
+        is_open=board.is_open(now),
+        opens_at=min(coming, default=None),
+        closes_at=max(closing) if closing and len(closing) == len(ending) else None,
+    )

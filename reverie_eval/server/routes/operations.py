@@ -8,10 +8,10 @@ from fastapi import APIRouter, Request, Response, status
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.http.callers import Anybody, Server
 from reverie_eval.server.http.examples import METRICS
-from reverie_eval.server.http.labels import address_of
-from reverie_eval.server.http.metrics import MEDIA_TYPE
+from reverie_eval.server.http.exchange import address_of
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.runtime import Runtime
+from reverie_eval.server.http.telemetry import MEDIA_TYPE
 
 router = APIRouter(tags=["operations"])
 

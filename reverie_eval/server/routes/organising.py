@@ -26,17 +26,8 @@ from reverie_eval.schemas.organising import (
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
-from reverie_eval.server.http.paging import Paging
-from reverie_eval.server.service import (
-    attempts,
-    audit,
-    people,
-    quotas,
-    reported,
-    reviews,
-    tokens,
-)
-from reverie_eval.server.service.paging import LARGEST
+from reverie_eval.server.http.paging import Number, Paging
+from reverie_eval.server.service import attempts, audit, people, quotas, reported, reviews, tokens
 
 router = APIRouter(
     prefix="/organiser",
@@ -46,7 +37,6 @@ router = APIRouter(
 
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
 TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
-Number = Annotated[int, Path(ge=1, le=LARGEST, examples=[1])]
 
 
 @router.get("/teams")
@@ -59,15 +49,13 @@ def list_teams(organiser: Organiser, paging: Paging) -> list[TeamReport]:
 @router.post("/teams", status_code=201, responses=problems("conflict"))
 def add_team(new: NewTeam, organiser: Organiser) -> TeamReport:
     """Add a team."""
-    with organiser.transaction() as transaction:
-        return people.add_team(transaction, new)
+    return organiser.perform(people.add_team, new)
 
 
 @router.patch("/teams/{name:path}", responses=problems("not-found", "conflict"))
 def rename_team(name: TeamName, new: NewTeam, organiser: Organiser) -> TeamReport:
     """Rename a team; its receipts keep the name under which they were signed."""
-    with organiser.transaction() as transaction:
-        return people.rename_team(transaction, name, new)
+    return organiser.perform(people.rename_team, name, new)
 
 
 @router.get("/people")
@@ -80,8 +68,7 @@ def list_people(organiser: Organiser, paging: Paging) -> list[PersonReport]:
 @router.post("/people", status_code=201, responses=problems("not-found", "conflict"))
 def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
     """Add a person to a team."""
-    with organiser.transaction() as transaction:
-        return people.add_person(transaction, new)
+    return organiser.perform(people.add_person, new)
 
 
 @router.get("/tokens")
@@ -94,15 +81,13 @@ def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
 @router.post("/tokens", status_code=201, responses=problems("not-found"))
 def create_token(new: NewToken, organiser: Organiser) -> NewTokenReport:
     """Create an invitation or a token for somebody; its text cannot be had again."""
-    with organiser.transaction() as transaction:
-        return tokens.create_token(transaction, new)
+    return organiser.perform(tokens.create_token, new)
 
 
 @router.delete("/tokens/{hint}", responses=problems("not-found"))
 def revoke_token(hint: Hint, organiser: Organiser) -> TokenReport:
     """Revoke a token, with the browser sessions that began with it."""
-    with organiser.transaction() as transaction:
-        return tokens.revoke_token(transaction, hint)
+    return organiser.perform(tokens.revoke_token, hint)
 
 
 @router.get("/grants")
@@ -115,8 +100,7 @@ def list_grants(organiser: Organiser, paging: Paging) -> list[GrantReport]:
 @router.post("/grants", status_code=201, responses=problems("not-found"))
 def grant(new: NewGrant, organiser: Organiser) -> GrantReport:
     """Raise every limit of a team on a split until a date; the reason goes on record."""
-    with organiser.transaction() as transaction:
-        return quotas.grant(transaction, new, organiser.server.boards)
+    return organiser.perform(quotas.grant, new, organiser.server.boards)
 
 
 @router.get("/reviews")
@@ -129,15 +113,13 @@ def list_reviews(organiser: Organiser, paging: Paging) -> list[ReviewEntry]:
 @router.post("/reviews", status_code=201, responses=problems("not-found"))
 def review_submission(new: NewReview, organiser: Organiser) -> ReviewEntry:
     """Verify, flag or disqualify a submission, or call it a baseline, with a public reason."""
-    with organiser.transaction() as transaction:
-        return reviews.review(transaction, new)
+    return organiser.perform(reviews.review, new)
 
 
 @router.delete("/reviews/{review_id}", responses=problems("not-found", "conflict"))
 def lift_review(review_id: Number, organiser: Organiser) -> ReviewEntry:
     """Take back what was said of a submission; it stays on record."""
-    with organiser.transaction() as transaction:
-        return reviews.lift_review(transaction, review_id)
+    return organiser.perform(reviews.lift_review, review_id)
 
 
 @router.get("/reported")
@@ -150,15 +132,13 @@ def list_reported(organiser: Organiser, paging: Paging) -> list[ReportedEntry]:
 @router.post("/reported", status_code=201, responses=problems("not-found", "conflict"))
 def add_reported_result(new: NewReported, organiser: Organiser) -> ReportedEntry:
     """Put a result on a board that a paper reports and no server has scored."""
-    with organiser.transaction() as transaction:
-        return reported.add_reported(transaction, new, organiser.server.boards)
+    return organiser.perform(reported.add_reported, new, organiser.server.boards)
 
 
 @router.delete("/reported/{result_id}", responses=problems("not-found"))
 def remove_reported_result(result_id: Number, organiser: Organiser) -> ReportedEntry:
     """Take a reported result off its board."""
-    with organiser.transaction() as transaction:
-        return reported.remove_reported(transaction, result_id)
+    return organiser.perform(reported.remove_reported, result_id)
 
 
 @router.get("/notice")
@@ -171,8 +151,7 @@ def show_notice(organiser: Organiser) -> NoticeReport:
 @router.put("/notice")
 def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
     """Say something to everybody, pause submissions, or take them again, at once."""
-    with organiser.transaction() as transaction:
-        return organiser.server.notices.post(transaction, new)
+    return organiser.perform(organiser.server.notices.post, new)
 
 
 @router.get("/attempts")

@@ -4,7 +4,7 @@ from collections.abc import Collection
 from datetime import datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Response, status
+from fastapi import APIRouter, Header, Path, Query, Response, status
 from fastapi.responses import PlainTextResponse
 
 from reverie_eval.metrics import PRIMARY_METRIC
@@ -17,16 +17,17 @@ from reverie_eval.schemas.service import (
     SplitReport,
 )
 from reverie_eval.server.http.callers import Anybody, Call, Server
-from reverie_eval.server.http.dependencies import (
+from reverie_eval.server.http.examples import BOARD_CSV
+from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.uploads import (
     FILE_BODY,
     METHOD_PARAMETERS,
     Content,
     Counted,
-    Entered,
+    Received,
     Sender,
+    SentMethod,
 )
-from reverie_eval.server.http.examples import BOARD_CSV
-from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.leaderboard import SORTABLE, as_csv, as_json
 
@@ -78,7 +79,9 @@ def submit(
     counted: Counted,
     split: SplitName,
     person: Sender,
-    entry: Entered,
+    upload: Received,
+    method: SentMethod,
+    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
     server: Server,
     response: Response,
 ) -> Accepted:
@@ -87,7 +90,7 @@ def submit(
     What is said of the method goes into the query or into the form beside the file. The same file,
     or the same Idempotency-Key, gets the first reply again, with status 200, and spends nothing.
     """
-    accepted = server.intake.submit(person, split, entry.packed, entry.method, entry.key)
+    accepted = server.intake.submit(person, split, upload.packed, method, idempotency_key)
     counted.is_repeat = accepted.is_repeat
     response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
     return accepted

@@ -9,10 +9,10 @@ from fastapi.responses import StreamingResponse
 from reverie_eval.reporting._scores import write_episodes
 from reverie_eval.schemas.service import Receipt, SubmissionChange, SubmissionReport
 from reverie_eval.server.http.callers import Caller
-from reverie_eval.server.http.dependencies import Turn
 from reverie_eval.server.http.examples import EPISODES_CSV, SUBMISSION
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Paging
+from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.service.submissions import list_submissions, submission_of
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
@@ -37,7 +37,7 @@ def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionRe
 
 @router.patch("/{submission_id}", responses=problems("not-signed-in", "not-found", "conflict"))
 def change_submission(
-    submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: Turn
+    submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: ScoringSlot
 ) -> SubmissionReport:
     """Publish or withdraw a submission, edit what is said of it, hide your team until a date."""
     return caller.server.submissions.change(caller.person(), submission_id, change)
@@ -71,7 +71,7 @@ def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
         **_OF_ONE,
     },
 )
-def download_episodes(submission_id: SubmissionId, caller: Caller, _: Turn) -> Response:
+def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringSlot) -> Response:
     """Return the values of every episode as CSV; of open splits only."""
     scores = caller.server.submissions.episodes(show_submission(submission_id, caller))
     text = io.StringIO()

@@ -1,4 +1,4 @@
-"""Every upload and what it came to, for the organiser to see that all is well.
+"""What an organiser looks at first: every upload and what it came to, and how much was sent.
 
 This is written when the upload has been dealt with, in a transaction of its own: that it could not
 be written is told to the log, and is nothing to the participant. Neither bodies nor what was said
@@ -7,12 +7,13 @@ of them are kept.
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from statistics import median
 
-from sqlalchemy import delete, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import AttemptReport
@@ -27,7 +28,7 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Attempt, Person
+from reverie_eval.server.store.tables import Attempt, Person, Submission, Team
 
 DAYS_KEPT = 90
 MOST_KEPT = 50_000
@@ -42,57 +43,44 @@ FAILURES = (
     FaultError,
 )
 """What an upload can come to besides a score."""
+HOURS = 24
+_WELL = frozenset({"scored", "repeat"})
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 
 
-@dataclass(slots=True)
-class Noted:
-    """What is noted of an upload while it is dealt with."""
-
-    size: int
-    """Bytes, unpacked as soon as they are."""
-    outcome: str = "scored"
-
-
+@dataclass(frozen=True, slots=True)
 class Attempts:
-    """Notes every upload of a server."""
+    """Records every upload of a server."""
 
-    def __init__(self, database: Database, clock: Callable[[], datetime]) -> None:
-        self._database = database
-        self._clock = clock
+    database: Database
+    clock: Callable[[], datetime]
 
     @contextmanager
-    def noting(self, person: Person, split: str, size: int) -> Iterator[Noted]:
-        """Note what an upload comes to inside, and how long it takes."""
-        noted, began, problems = Noted(size), time.perf_counter(), 0
+    def recording(self, person: Person, split: str, size: int) -> Iterator[Attempt]:
+        """Record what an upload comes to inside, and how long it takes."""
+        attempt = Attempt(person_id=person.id, split=split, size=size, outcome="scored", problems=0)
+        began = time.perf_counter()
         try:
-            yield noted
+            yield attempt
         except Exception as error:
             known = request_error(error)
-            noted.outcome = known.code if isinstance(known, FAILURES) else FaultError.code
-            problems = len(known.problems) if isinstance(known, RejectedFileError) else 0
+            attempt.outcome = known.code if isinstance(known, FAILURES) else FaultError.code
+            attempt.problems = len(known.problems) if isinstance(known, RejectedFileError) else 0
             raise
         finally:
-            milliseconds = round(1000 * (time.perf_counter() - began))
-            self._keep(
-                Attempt(
-                    at=self._clock(),
-                    person_id=person.id,
-                    split=split,
-                    outcome=noted.outcome,
-                    problems=problems,
-                    size=noted.size,
-                    milliseconds=milliseconds,
-                )
-            )
+            attempt.milliseconds = round(1000 * (time.perf_counter() - began))
+            attempt.at = self.clock()
+            self._write(attempt)
 
-    def _keep(self, attempt: Attempt) -> None:
+    def _write(self, attempt: Attempt) -> None:
         try:
-            with self._database.writing() as session:
+            with self.database.writing() as session:
                 session.add(attempt)
                 session.flush()
-                _forget(session, attempt)
+                is_old = Attempt.at < attempt.at - timedelta(days=DAYS_KEPT)
+                is_beyond = Attempt.id <= attempt.id - MOST_KEPT
+                session.execute(delete(Attempt).where(is_old | is_beyond))
         except Exception:
             _LOGGER.exception("an upload was dealt with, but not noted")
 
@@ -103,18 +91,6 @@ def list_attempts(session: Session, page: Page, outcome: str = "") -> Listed[Att
     if outcome:
         rows = rows.where(Attempt.outcome == outcome)
     return list_page(session, rows, Attempt.id, page, attempt_report, newest_first=True)
-
-
-def attempts_since(session: Session, since: datetime) -> Sequence[Attempt]:
-    """Return the uploads since an instant, the latest first."""
-    return session.scalars(
-        select(Attempt).where(Attempt.at >= since).order_by(Attempt.id.desc())
-    ).all()
-
-
-def _forget(session: Session, latest: Attempt) -> None:
-    is_old = Attempt.at < latest.at - timedelta(days=DAYS_KEPT)
-    session.execute(delete(Attempt).where(is_old | (Attempt.id <= latest.id - MOST_KEPT)))
 
 
 def attempt_report(attempt: Attempt) -> AttemptReport:
@@ -130,3 +106,101 @@ def attempt_report(attempt: Attempt) -> AttemptReport:
         size=attempt.size,
         milliseconds=attempt.milliseconds,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class SplitCounts:
+    """What was sent to a split."""
+
+    submissions: int = 0
+    published: int = 0
+    latest: datetime | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Totals:
+    """What the server keeps."""
+
+    teams: int
+    people: int
+    bytes_kept: int
+    """Of uploads; the same file of two teams is kept once and counted twice."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hour:
+    """The uploads of an hour."""
+
+    begins: datetime
+    scored: int
+    repeats: int
+    refused: int
+
+
+@dataclass(frozen=True, slots=True)
+class Day:
+    """The uploads of the last 24 hours."""
+
+    hours: Sequence[Hour]
+    """The oldest first; the last one has not ended."""
+    uploads: int
+    refused: int
+    median_milliseconds: int | None
+    """None if there were no uploads."""
+    slowest_milliseconds: int | None
+
+    @property
+    def busiest(self) -> int:
+        """The uploads of the busiest hour."""
+        return max(hour.scored + hour.repeats + hour.refused for hour in self.hours)
+
+
+def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
+    """Count the submissions of each split that has any."""
+    is_published = Submission.published_at.is_not(None) & Submission.withdrawn_at.is_(None)
+    chosen = select(
+        Submission.split,
+        func.count(),
+        func.count().filter(is_published),
+        func.max(Submission.received_at),
+    ).group_by(Submission.split)
+    return {
+        split: SplitCounts(submissions, published, latest)
+        for split, submissions, published, latest in session.execute(chosen)
+    }
+
+
+def totals(session: Session) -> Totals:
+    """Count what the server keeps."""
+    counted = session.execute(
+        select(
+            select(func.count()).select_from(Team).scalar_subquery(),
+            select(func.count()).select_from(Person).scalar_subquery(),
+            select(func.coalesce(func.sum(Submission.size), 0)).scalar_subquery(),
+        )
+    )
+    return Totals(*counted.one())
+
+
+def last_day(session: Session, now: datetime) -> Day:
+    """Return what came of the uploads of the last 24 hours, by the hours of the clock."""
+    this_hour = now.replace(minute=0, second=0, microsecond=0)
+    begins = [this_hour - timedelta(hours=ago) for ago in reversed(range(HOURS))]
+    chosen = select(Attempt).where(Attempt.at >= begins[0]).order_by(Attempt.id.desc())
+    found = session.scalars(chosen).all()
+    times = [each.milliseconds for each in found]
+    return Day(
+        hours=[_hour(begin, found) for begin in begins],
+        uploads=len(found),
+        refused=sum(each.outcome not in _WELL for each in found),
+        median_milliseconds=round(median(times)) if times else None,
+        slowest_milliseconds=max(times, default=None),
+    )
+
+
+def _hour(begins: datetime, attempts: Sequence[Attempt]) -> Hour:
+    outcomes = [
+        each.outcome for each in attempts if begins <= each.at < begins + timedelta(hours=1)
+    ]
+    scored, repeats = outcomes.count("scored"), outcomes.count("repeat")
+    return Hour(begins, scored, repeats, len(outcomes) - scored - repeats)

@@ -83,7 +83,8 @@ class Board:
         if not self.is_private:
             return scores.to_report()
         # What is not shown is not computed either: path fidelity takes longer than all the rest.
-        report = _headline_alone(scores).to_report()
+        shown = {metric.key: scores.episodes[metric.key] for metric in scores.headline}
+        report = replace(scores, episodes=MappingProxyType(shown)).to_report()
         return _discreet(report, reading.validation().notes)
 
     def may_keep(self, report: ScoreReport) -> bool:
@@ -92,11 +93,6 @@ class Board:
         One of a private split does if it was scored while the split was open.
         """
         return not self.is_private or report == _discreet(report, report.notes)
-
-
-def _headline_alone(scores: Scores) -> Scores:
-    shown = {metric.key: scores.episodes[metric.key] for metric in scores.headline}
-    return replace(scores, episodes=MappingProxyType(shown))
 
 
 def _discreet(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:

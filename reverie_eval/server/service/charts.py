@@ -8,8 +8,8 @@ from typing import Any
 
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import Ranking
-from reverie_eval.server.service.standings import Row
 
 
 def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[str, Any]:
@@ -20,7 +20,7 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
     the rows that were better than all before them, in the order of their publication.
     """
     shown = [row for row in rows if x in row.entry.scores and y in row.entry.scores]
-    across, up = (_displayed(CATALOGUE[key], _scores(shown)) for key in (x, y))
+    across, up = (_displayed(CATALOGUE[key], [row.entry.scores for row in shown]) for key in (x, y))
     return {
         "x": _axis(CATALOGUE[x]),
         "y": _axis(CATALOGUE[y]),
@@ -34,16 +34,17 @@ def _progress(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:
     metric = CATALOGUE[ranking.metric]
     scored = [row for row in rows if metric.key in row.entry.scores]
     published = [row.entry.published_at for row in scored]
-    found = records(published, _costs(metric, _displayed(metric, _scores(scored))))
-    best = [scored[place] for place in found]
+    values = _displayed(metric, [row.entry.scores for row in scored])
+    best = records(published, _costs(metric, values))
+    rows = [scored[place] for place in best]
     return {
         "y": _axis(metric),
         "points": {
-            "y": _displayed(metric, _scores(best)),
-            "at": [_milliseconds(row.entry.published_at) for row in best],
-            **_about(ranking, best),
+            "y": [values[place] for place in best],
+            "at": [_milliseconds(published[place]) for place in best],
+            **_about(ranking, rows),
         },
-        "best": [*range(len(best))],
+        "best": [*range(len(rows))],
         "until": _milliseconds(ranking.now),
     }
 
@@ -119,10 +120,6 @@ def _about(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:
         "team": [ranking.team(row.entry) or "anonymous" for row in rows],
         "submission": [row.entry.submission_id for row in rows],
     }
-
-
-def _scores(rows: Sequence[Row]) -> Sequence[Mapping[str, float]]:
-    return [row.entry.scores for row in rows]
 
 
 def _displayed(metric: Metric, scores: Sequence[Mapping[str, float]]) -> Sequence[float]:

@@ -35,7 +35,7 @@ MOST_LISTED = 200
 
 
 @dataclass(frozen=True)
-class Wanted:
+class EpisodeFilter:
     """Which episodes somebody wants to see; empty is any."""
 
     outcome: str = ""
@@ -108,7 +108,7 @@ class Browsing:
     choices: Sequence[SubmissionReport]
     """What else the same person may look at."""
 
-    def rows(self, wanted: Wanted) -> IntArray:
+    def rows(self, wanted: EpisodeFilter) -> IntArray:
         """Return the rows of the episodes that are wanted, in their order."""
         fits = self._is(self.annotations.scan, wanted.scan)
         fits &= self._is(self.annotations.category, wanted.category)
@@ -118,7 +118,7 @@ class Browsing:
         fits &= np.array([sought in text for text in self.annotations.searched], dtype=bool)
         return np.flatnonzero(fits)
 
-    def anatomy(self, run: Run, wanted: Wanted) -> FailureModes | None:
+    def anatomy(self, run: Run, wanted: EpisodeFilter) -> FailureModes | None:
         """Count what became of the episodes that are wanted, whatever became of them.
 
         None if the protocol does not score what it takes.
@@ -159,7 +159,7 @@ class EpisodeService:
         self.boards: Sequence[Board] = [board for board in boards.values() if not board.is_private]
         """Of the open splits."""
         self._submissions = submissions
-        self._annotations = lru_cache(len(boards))(self._annotated)
+        self._annotations = lru_cache(len(boards))(lambda split: Annotations.of(self._board(split)))
 
     def browse(
         self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
@@ -211,9 +211,6 @@ class EpisodeService:
         if known.split != split:
             raise NotFoundError(f"there is no submission {submission_id!r} of your team")
         return Run(known, self._submissions.episodes(known))
-
-    def _annotated(self, split: str) -> Annotations:
-        return Annotations.of(self._board(split))
 
 
 def _standing(truth: GroundTruth) -> AlignedSubmission:

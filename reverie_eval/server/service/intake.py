@@ -9,20 +9,20 @@ arrived: who is in time need not be fast.
 import hashlib
 import secrets
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import and_, or_, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.service import Accepted, Checked, Method, QuotaReport, Receipt
+from reverie_eval.schemas.service import Accepted, Checked, Method, QuotaReport
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.boards import Board, board_named
-from reverie_eval.server.service.methods import demand_metadata
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.quotas import QuotaUsage, quota_usages
 from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.reports import quota_report, submission_report
+from reverie_eval.server.service.submissions import demand_metadata, submission_report
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
@@ -32,6 +32,7 @@ from reverie_eval.submissions._sources import unpack
 Clock = Callable[[], datetime]
 
 
+@dataclass
 class Intake:
     """Where submissions come in.
 
@@ -39,30 +40,16 @@ class Intake:
     is asked here.
     """
 
-    def __init__(
-        self,
-        boards: Mapping[str, Board],
-        database: Database,
-        uploads: Uploads,
-        signer: Signer,
-        clock: Clock,
-        *,
-        transactions: Transactions,
-        notices: Notices,
-        attempts: Attempts,
-        required_metadata: Collection[str],
-        most_bytes: int,
-    ) -> None:
-        self._boards = boards
-        self._database = database
-        self._uploads = uploads
-        self._signer = signer
-        self._clock = clock
-        self._transactions = transactions
-        self._notices = notices
-        self._attempts = attempts
-        self._required_metadata = required_metadata
-        self._most_bytes = most_bytes
+    boards: Mapping[str, Board]
+    database: Database
+    uploads: Uploads
+    signer: Signer
+    clock: Clock
+    transactions: Transactions
+    notices: Notices
+    attempts: Attempts
+    required_metadata: Collection[str]
+    most_bytes: int
 
     def validate(self, person: Person, split: str, content: bytes) -> Checked:
         """Check a submission without looking at answers; nothing is spent or kept.
@@ -72,18 +59,18 @@ class Intake:
         SubmissionError
             Listing everything that is wrong.
         """
-        board = board_named(self._boards, split)
+        board = board_named(self.boards, split)
         notes = board.check(content).validation().notes
-        with self._database.reading() as session:
+        with self.database.reading() as session:
             quota = self.quotas(session, person, split)[split]
         return Checked(split=split, valid=True, notes=list(notes), quota=quota)
 
     def quotas(self, session: Session, person: Person, *splits: str) -> Mapping[str, QuotaReport]:
         """Return what somebody has left on these splits, or on each split of the server."""
-        now = self._clock()
+        now = self.clock()
         return {
-            split: quota_report(usage.state(now), now)
-            for split, usage in self._usages(session, person, splits or self._boards, now).items()
+            split: usage.state(now)
+            for split, usage in self._usages(session, person, splits or self.boards, now).items()
         }
 
     def submit(
@@ -108,13 +95,13 @@ class Intake:
         MalformedError
             If something is not said of the method that the organiser asks for.
         """
-        arrived = self._clock()
-        board = board_named(self._boards, split)
-        with self._attempts.noting(person, split, len(packed)) as noted:
-            content = unpack(packed, self._most_bytes)
-            noted.size = len(content)
+        arrived = self.clock()
+        board = board_named(self.boards, split)
+        with self.attempts.recording(person, split, len(packed)) as attempt:
+            content = unpack(packed, self.most_bytes)
+            attempt.size = len(content)
             accepted = self._submit(person, board, content, method, key, arrived=arrived)
-            noted.outcome = "repeat" if accepted.is_repeat else "scored"
+            attempt.outcome = "repeat" if accepted.is_repeat else "scored"
         return accepted
 
     def _submit(
@@ -128,16 +115,16 @@ class Intake:
         arrived: datetime,
     ) -> Accepted:
         split, sha256 = board.name, hashlib.sha256(content).hexdigest()
-        with self._database.reading() as session:
+        with self.database.reading() as session:
             known = self._known(session, person, split, sha256, key)
             if known is not None:
                 return self._repeated(session, known, board, person)
-            demand_metadata(method, self._required_metadata)
+            demand_metadata(method, self.required_metadata)
             self._demand_open(session, board, arrived)
             self._demand_quota(session, person, board, arrived)
         reading = board.read(content)
         report = board.report(board.score(reading), reading)
-        self._uploads.put(sha256, content)
+        self.uploads.put(sha256, content)
         row = Submission(
             id=secrets.token_hex(8),
             split=split,
@@ -148,31 +135,29 @@ class Intake:
             method=method.model_dump(mode="json"),
             report=report.model_dump(mode="json"),
         )
-        with self._transactions.begin(person.name) as transaction:
+        with self.transactions.begin(person.name) as transaction:
             session = transaction.session
             known = self._known(session, person, split, sha256, key)
             if known is not None:
                 return self._repeated(session, known, board, person)
             usage = self._demand_quota(session, person, board, arrived)
-            quota = quota_report(usage.with_one_more(arrived).state(arrived), arrived)
+            quota = usage.with_one_more(arrived).state(arrived)
             row.person = session.merge(person, load=False)
             row.team = row.person.team
-            row.receipt = self._receipt(row, quota).model_dump(mode="json")
+            receipt = self.signer.sign(
+                submission_id=row.id,
+                team=row.team.name,
+                sha256=sha256,
+                received_at=arrived,
+                split=split,
+                signature=report.signature,
+                scores=report.scores,
+                quota=quota,
+            )
+            row.receipt = receipt.model_dump(mode="json")
             transaction.add(row)
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
             return Accepted(submission=submission_report(row), quota=quota, is_repeat=False)
-
-    def _receipt(self, row: Submission, quota: QuotaReport) -> Receipt:
-        return self._signer.sign(
-            submission_id=row.id,
-            team=row.team.name,
-            sha256=row.sha256,
-            received_at=row.received_at,
-            split=row.split,
-            signature=row.report["signature"],
-            scores=row.report["scores"],
-            quota=quota,
-        )
 
     def _known(
         self, session: Session, person: Person, split: str, sha256: str, key: str | None
@@ -203,7 +188,7 @@ class Intake:
         return Accepted(submission=submission_report(row), quota=quota, is_repeat=True)
 
     def _demand_open(self, session: Session, board: Board, now: datetime) -> None:
-        notice = self._notices.current(session)
+        notice = self.notices.current(session)
         if notice.paused:
             why = f": {notice.banner}" if notice.banner else ""
             raise NotOpenError(f"the organiser has paused submissions{why}")
@@ -216,7 +201,7 @@ class Intake:
         self, session: Session, person: Person, board: Board, now: datetime
     ) -> QuotaUsage:
         usage = self._usages(session, person, [board.name], now)[board.name]
-        left = quota_report(usage.state(now), now)
+        left = usage.state(now)
         if not left.remaining:
             raise QuotaSpentError(left)
         return usage
@@ -224,6 +209,6 @@ class Intake:
     def _usages(
         self, session: Session, person: Person, splits: Iterable[str], now: datetime
     ) -> Mapping[str, QuotaUsage]:
-        boards = [board_named(self._boards, split) for split in splits]
+        boards = [board_named(self.boards, split) for split in splits]
         quotas = {board.name: board.split.effective_quota for board in boards}
         return quota_usages(session, quotas, person, now)

@@ -1,21 +1,28 @@
-"""The leaderboard: what teams have published, ranked by any metric."""
+"""The leaderboard: what teams have published, ranked by any metric, and parts of it.
+
+It is written as JSON, as CSV, and as papers take it: a table for LaTeX, entries for BibTeX.
+"""
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, date, datetime
 from math import inf
 from typing import Any
+from urllib.parse import urljoin
 
 import msgspec
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.reporting._results import methods_table
+from reverie_eval.reporting._table import latex_comments, latex_text
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.standings import Entry, Row, Standings
+from reverie_eval.server.service.entries import EntriesCache, Entry, Row
 
 SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "neither")
 """Metrics of which one direction is better."""
@@ -24,6 +31,9 @@ _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
 _OF_METHOD = tuple(name for name in Method.model_fields if name != "description")
 _STANDING = ("standing", "reviews", "source", "signature")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
+"""BibTeX counts braces, also those with a backslash before them."""
+_ANONYMOUS = "Anonymous"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +69,37 @@ class Ranking:
         return entry.anonymous_until is not None and entry.anonymous_until > self.now
 
 
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """Which rows are shown; ranks stay those of the whole board."""
+
+    flags: Mapping[str, bool]
+    """What must be said of a method; a flag that is not in it may be either."""
+    since: date | None = None
+    until: date | None = None
+    """Days in UTC, both included."""
+    text: str = ""
+    """In the name of the method or the team, whatever the case."""
+
+    def of(self, rows: Sequence[Row], ranking: Ranking) -> Sequence[Row]:
+        """Return the rows of a ranking that are shown."""
+        return rows if self == Filter({}) else [row for row in rows if self._admits(row, ranking)]
+
+    def _admits(self, row: Row, ranking: Ranking) -> bool:
+        method, day = row.entry.method, row.entry.published_at.date()
+        wanted = self.text.casefold()
+        return (
+            all(bool(method.get(flag)) == asked for flag, asked in self.flags.items())
+            and (self.since is None or self.since <= day)
+            and (self.until is None or day <= self.until)
+            and (
+                wanted in method["name"].casefold() or wanted in ranking.team(row.entry).casefold()
+            )
+        )
+
+
 def leaderboard(
-    session: Session, standings: Standings, board: Board, metric: str, now: datetime
+    session: Session, cache: EntriesCache, board: Board, metric: str, now: datetime
 ) -> Ranking:
     """Rank the published submissions of a split.
 
@@ -76,17 +115,13 @@ def leaderboard(
     if metric not in SORTABLE:
         known = ", ".join(SORTABLE)
         raise MalformedError(f"a board is not sorted by {metric!r}; choose one of: {known}")
-    kept = standings.of(session, board)
-    if metric not in kept.ranked:
-        kept.ranked[metric] = _ranked(kept.entries, CATALOGUE[metric])
-    counts = standings.submissions_of_teams(session, board.name)
-    return Ranking(board, metric, kept.ranked[metric], kept.apart, kept.metrics, now, counts)
-
-
-def _ranked(entries: Sequence[Entry], metric: Metric) -> Sequence[Row]:
-    ranks = _ranks([entry.scores.get(metric.key) for entry in entries], metric)
-    rows = map(Row, ranks, entries)
-    return sorted(rows, key=lambda row: inf if row.rank is None else row.rank)
+    found = cache.entries(session, board)
+    if metric not in found.ranked:
+        values = [entry.scores.get(metric) for entry in found.entries]
+        rows = map(Row, _ranks(values, CATALOGUE[metric]), found.entries)
+        found.ranked[metric] = sorted(rows, key=lambda row: inf if row.rank is None else row.rank)
+    counts = cache.submissions_of_teams(session, board.name)
+    return Ranking(board, metric, found.ranked[metric], found.apart, found.metrics, now, counts)
 
 
 def _ranks(values: Sequence[float | None], metric: Metric) -> list[int | None]:
@@ -108,13 +143,13 @@ def as_json(ranking: Ranking) -> bytes:
             "metric": ranking.metric,
             "fingerprint": board.truth.fingerprint,
             "signature": board.signature,
-            "rows": [_said(ranking, row) for row in ranking.rows],
-            "apart": [_said(ranking, row) for row in ranking.apart],
+            "rows": [_row_json(ranking, row) for row in ranking.rows],
+            "apart": [_row_json(ranking, row) for row in ranking.apart],
         }
     )
 
 
-def _said(ranking: Ranking, row: Row) -> Mapping[str, Any]:
+def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
     entry = row.entry
     return {
         "rank": row.rank,
@@ -150,26 +185,103 @@ def as_csv(ranking: Ranking) -> str:
     headings = ["method" if name == "name" else name for name in _OF_METHOD]
     writer.writerow([*_ABOUT, *headings, *_STANDING, *shown])
     for row in rows:
-        scores = row.entry.scores
-        words = map(_cell, _words(ranking, row))
-        writer.writerow([*words, *(scores.get(key) for key in shown)])
+        entry = row.entry
+        published = entry.published_at.isoformat().replace("+00:00", "Z")
+        reviews = "; ".join(f"{review.verdict}: {review.reason}" for review in entry.reviews)
+        words = [
+            *(row.rank, entry.submission_id, ranking.team(entry), published),
+            ranking.submissions(entry),
+            *(entry.method.get(name) for name in _OF_METHOD),
+            *(entry.standing, reviews, entry.source, entry.signature),
+        ]
+        writer.writerow([*map(_cell, words), *(entry.scores.get(key) for key in shown)])
     return text.getvalue()
-
-
-def _words(ranking: Ranking, row: Row) -> Sequence[Any]:
-    """Return what a row of the CSV file says before its scores, in the order of its headings."""
-    entry = row.entry
-    published = entry.published_at.isoformat().replace("+00:00", "Z")
-    reviews = "; ".join(f"{review.verdict}: {review.reason}" for review in entry.reviews)
-    return [
-        *(row.rank, entry.submission_id, ranking.team(entry), published),
-        ranking.submissions(entry),
-        *(entry.method.get(name) for name in _OF_METHOD),
-        *(entry.standing, reviews, entry.source, entry.signature),
-    ]
 
 
 def _cell(value: str | int | None) -> str | int | None:
     if isinstance(value, bool):
         return str(value).lower()
     return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+
+
+def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:
+    """Return the rows as a table for LaTeX's booktabs package, the best of each column in bold.
+
+    Without a row, or a metric that any row has, there is no table: LaTeX cannot set one without
+    columns.
+    """
+    board = ranking.board
+    if not metrics:
+        nothing = f"No result of {board.name} is shown at {address}"
+        return "\n".join(latex_comments([nothing])) + "\n"
+    methods = {
+        name: [row.entry.scores]
+        for name, row in zip(_method_names(ranking, rows), rows, strict=True)
+    }
+    caption = f"Leaderboard of {board.name}: {board.signature}. {address}"
+    return methods_table(methods, [board.name], metrics, caption).to_latex() + "\n"
+
+
+def _method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
+    """Name methods; who has one of the same name is told apart by its team, then by its number."""
+    methods = [row.entry.method["name"] for row in rows]
+    named = _told_apart(methods, [ranking.team(row.entry) or _ANONYMOUS.lower() for row in rows])
+    return _told_apart(named, [row.entry.submission_id or str(row.rank) for row in rows])
+
+
+def _told_apart(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
+    counts = Counter(names)
+    return [
+        f"{name} ({more})" if counts[name] > 1 else name
+        for name, more in zip(names, by, strict=True)
+    ]
+
+
+def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, address: str) -> str:
+    """Return an entry for the board as it is now, and one for each row."""
+    board, today = ranking.board, ranking.now.astimezone(UTC)
+    of_board = _bibtex_entry(
+        f"reverie-{board.name}-{today:%Y-%m-%d}",
+        author=title,
+        title=f"Leaderboard of {board.name}",
+        address=address,
+        at=today,
+        note=f"{board.signature}, as of {today:%Y-%m-%d}",
+    )
+    of_rows = [
+        _bibtex_entry(
+            f"reverie-{entry.submission_id}",
+            author=ranking.team(entry) or _ANONYMOUS,
+            title=entry.method["name"],
+            address=urljoin(address, f"/submissions/{entry.submission_id}"),
+            at=entry.published_at,
+            note=f"{title}, {entry.signature}",
+        )
+        for entry in (row.entry for row in rows)
+    ]
+    return "\n".join([of_board, *of_rows])
+
+
+def _bibtex_entry(
+    key: str, *, author: str, title: str, address: str, at: datetime, note: str
+) -> str:
+    lines = [
+        f"@misc{{{_bibtex_key(key)},",
+        f"  author = {{{{{_bibtex_text(author)}}}}},",
+        f"  title = {{{{{_bibtex_text(title)}}}}},",
+        f"  year = {{{at:%Y}}},",
+        f"  howpublished = {{\\url{{{address}}}}},",
+        f"  note = {{{_bibtex_text(note)}}},",
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _bibtex_key(text: str) -> str:
+    """Keep what every BibTeX takes in a key."""
+    return "".join(letter if letter.isascii() and letter.isalnum() else "-" for letter in text)
+
+
+def _bibtex_text(text: str) -> str:
+    """Write a text so that BibTeX and then LaTeX show it as it is."""
+    return "".join(_BRACES.get(letter) or latex_text(letter) for letter in text)

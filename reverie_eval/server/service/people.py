@@ -1,16 +1,19 @@
-"""Teams and the people in them: added, renamed, listed."""
+"""Teams and the people in them: added, renamed, listed, and a team as its people see it."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, selectinload
 
 from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport, TeamReport
+from reverie_eval.schemas.service import Role, SubmissionReport
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.paging import Listed, Page, list_page
+from reverie_eval.server.service.submissions import submission_report
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.store.tables import Person, Role, Team
+from reverie_eval.server.store.tables import Person, Submission, Team, Token
 
 
 def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
@@ -81,6 +84,34 @@ def names_and_roles(session: Session) -> Mapping[str, Role]:
     """Return everybody's role by their name, for a choice among all."""
     rows = session.execute(select(Person.name, Person.role).order_by(Person.name))
     return {name: role for name, role in rows}  # noqa: C416  # a row is no pair for mypy
+
+
+@dataclass(frozen=True, slots=True)
+class TeamView:
+    """What one sees of one's own team."""
+
+    people: Sequence[Person]
+    submissions: Sequence[SubmissionReport]
+    """The latest, the newest first."""
+    submitted: int
+    """How many there are in all."""
+    tokens: Sequence[Token]
+    """One's own, not those of others; the newest first."""
+
+
+def team_of(session: Session, person: Person, most: int) -> TeamView:
+    """Return somebody's team, with at most so many of its submissions."""
+    of_team = Submission.team_id == person.team_id
+    latest = select(Submission).where(of_team).order_by(Submission.received_at.desc()).limit(most)
+    members = select(Person).where(Person.team_id == person.team_id).order_by(Person.name)
+    tokens = select(Token).where(Token.person_id == person.id).order_by(Token.id.desc())
+    counted = select(func.count()).select_from(Submission).where(of_team)
+    return TeamView(
+        people=session.scalars(members).all(),
+        submissions=[submission_report(row) for row in session.scalars(latest)],
+        submitted=session.scalar(counted) or 0,
+        tokens=session.scalars(tokens).all(),
+    )
 
 
 def team_named(session: Session, name: str) -> Team:

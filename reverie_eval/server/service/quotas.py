@@ -10,11 +10,13 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from heapq import merge
+from math import ceil
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import GrantReport, NewGrant
+from reverie_eval.schemas.service import QuotaReport, QuotaWindow, WindowName
 from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.people import team_named
@@ -22,33 +24,11 @@ from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Quota
 from reverie_eval.server.store.tables import Grant, Person, Submission
 
-WINDOWS = {"day": timedelta(hours=24), "month": timedelta(days=30), "year": timedelta(days=365)}
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """What is left in one rolling window."""
-
-    name: str
-    limit: int
-    """What was granted in addition included."""
-    remaining: int
-    resets_at: datetime | None
-    """When there will be more than now; None if there will not."""
-
-
-@dataclass(frozen=True, slots=True)
-class QuotaState:
-    """What is left for somebody on a split."""
-
-    windows: Sequence[Window]
-    next_at: datetime | None
-    """When the next submission will be possible; None if one is now, or none ever."""
-
-    @property
-    def remaining(self) -> int:
-        """How many submissions all windows allow now."""
-        return min(window.remaining for window in self.windows)
+WINDOWS: Mapping[WindowName, timedelta] = {
+    "day": timedelta(hours=24),
+    "month": timedelta(days=30),
+    "year": timedelta(days=365),
+}
 
 
 def quota_usages(
@@ -96,17 +76,27 @@ class QuotaUsage:
         """Count one that comes now."""
         return replace(self, received=[sorted([*times, now]) for times in self.received])
 
-    def state(self, now: datetime) -> QuotaState:
-        """Say what is left now."""
-        windows = [self._window(name, now) for name in WINDOWS]
-        is_spent = not all(window.remaining for window in windows)
-        return QuotaState(windows, self._first_rise(WINDOWS, now) if is_spent else None)
+    def state(self, now: datetime) -> QuotaReport:
+        """Say what is left now: the smallest remainder of all windows."""
+        windows = [
+            QuotaWindow(
+                name=name,
+                limit=self._limit(name, now),
+                remaining=self._left(name, now),
+                resets_at=self._first_rise([name], now),
+            )
+            for name in WINDOWS
+        ]
+        remaining = min(window.remaining for window in windows)
+        next_at = None if remaining else self._first_rise(WINDOWS, now)
+        return QuotaReport(
+            remaining=remaining,
+            next_at=next_at,
+            seconds_to_next=ceil((next_at - now).total_seconds()) if next_at else 0,
+            windows=windows,
+        )
 
-    def _window(self, name: str, now: datetime) -> Window:
-        limit, left = self._limit(name, now), self._left(name, now)
-        return Window(name, limit, left, self._first_rise([name], now))
-
-    def _first_rise(self, windows: Collection[str], now: datetime) -> datetime | None:
+    def _first_rise(self, windows: Collection[WindowName], now: datetime) -> datetime | None:
         """Return when the windows together will allow more than now.
 
         Only what leaves a window can bring that about; until then grants may expire.
@@ -116,16 +106,16 @@ class QuotaUsage:
         later = (at for at in leaving if min(self._left(name, at) for name in windows) > allowed)
         return next(later, None)
 
-    def _limit(self, window: str, at: datetime) -> int:
+    def _limit(self, window: WindowName, at: datetime) -> int:
         allowed: int = getattr(self.quota, window)
         return allowed + sum(extra for extra, until in self.grants if until > at)
 
-    def _left(self, window: str, at: datetime) -> int:
+    def _left(self, window: WindowName, at: datetime) -> int:
         before = at - WINDOWS[window]
         used = max(len(times) - bisect_right(times, before) for times in self.received)
         return max(self._limit(window, at) - used, 0)
 
-    def _leaving(self, window: str, now: datetime) -> Iterator[Iterator[datetime]]:
+    def _leaving(self, window: WindowName, now: datetime) -> Iterator[Iterator[datetime]]:
         """Return when the team's and when the person's leave the window, the earliest first."""
         for times in self.received:
             counted = bisect_right(times, now - WINDOWS[window])

@@ -53,7 +53,7 @@ class Signer:
         quota: QuotaReport,
     ) -> Receipt:
         """Say and sign what a submission scored, and what it left of the quota."""
-        said = Receipt(
+        unsigned = Receipt(
             server=self._server,
             submission_id=submission_id,
             team=team,
@@ -66,8 +66,8 @@ class Signer:
             key_id=self.key_id,
             proof="",
         )
-        proof = base64.b64encode(self._key.sign(canonical(said))).decode()
-        return said.model_copy(update={"proof": proof})
+        proof = base64.b64encode(self._key.sign(canonical(unsigned))).decode()
+        return unsigned.model_copy(update={"proof": proof})
 
 
 def make_key(path: Path) -> None:

@@ -4,7 +4,7 @@ They stand on a board beside what was scored here, marked as what they are. What
 and shown no more.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from math import isfinite
 
 from sqlalchemy import select
@@ -35,7 +35,15 @@ def add_reported(
     name, split = new.method.name, new.split
     if split not in splits:
         raise NotFoundError(f"there is no split {split!r}; there are: {', '.join(splits)}")
-    _demand_scores(new.scores)
+    unknown = [key for key in new.scores if key not in CATALOGUE]
+    if unknown:
+        known = ", ".join(CATALOGUE)
+        raise MalformedError(f"there is no metric {unknown[0]!r}; choose of: {known}")
+    for key, value in new.scores.items():
+        bound = CATALOGUE[key].upper_bound
+        if not isfinite(value) or not 0 <= value <= bound:
+            expected = "a fraction from 0 to 1" if bound == 1 else "0 or more"
+            raise MalformedError(f"{key} is {value}; expected {expected}")
     if any(each.method["name"] == name for each in reported_of(transaction.session, split)):
         raise ConflictError(
             f"{name!r} is on the board of {split} already; remove it first to enter it anew"
@@ -71,15 +79,3 @@ def reported_of(session: Session, split: str) -> Sequence[ReportedResult]:
     chosen = select(ReportedResult).where(ReportedResult.split == split)
     standing = chosen.where(ReportedResult.removed_at.is_(None))
     return session.scalars(standing.order_by(ReportedResult.id)).all()
-
-
-def _demand_scores(scores: Mapping[str, float]) -> None:
-    unknown = [key for key in scores if key not in CATALOGUE]
-    if unknown:
-        known = ", ".join(CATALOGUE)
-        raise MalformedError(f"there is no metric {unknown[0]!r}; choose of: {known}")
-    for key, value in scores.items():
-        bound = CATALOGUE[key].upper_bound
-        if not isfinite(value) or not 0 <= value <= bound:
-            expected = "a fraction from 0 to 1" if bound == 1 else "0 or more"
-            raise MalformedError(f"{key} is {value}; expected {expected}")

@@ -12,10 +12,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload
 
 from reverie_eval.schemas.organising import NewReview, ReviewEntry
+from reverie_eval.schemas.service import Verdict
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.store.tables import Review, Submission, Verdict
+from reverie_eval.server.store.tables import Review, Submission
 
 JUDGEMENTS: frozenset[Verdict] = frozenset({"verified", "flagged", "disqualified"})
 """Of which one stands at a time."""
@@ -31,12 +32,12 @@ def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
     """
     submission = any_submission(transaction.session, new.submission_id)
     for earlier in standing_reviews(transaction.session, submission.id):
-        if _excludes(new.verdict, earlier.verdict):
+        if new.verdict == earlier.verdict or {new.verdict, earlier.verdict} <= JUDGEMENTS:
             _lift(transaction, earlier)
-    said = Review(**new.model_dump(), reviewer=transaction.actor, created_at=transaction.now)
-    transaction.add(said)
-    transaction.record(said.verdict, said, submission.id, reason=said.reason)
-    return ReviewEntry.model_validate(said)
+    row = Review(**new.model_dump(), reviewer=transaction.actor, created_at=transaction.now)
+    transaction.add(row)
+    transaction.record(row.verdict, row, submission.id, reason=row.reason)
+    return ReviewEntry.model_validate(row)
 
 
 def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
@@ -49,13 +50,13 @@ def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
     ConflictError
         If it was lifted already.
     """
-    said = transaction.session.get(Review, review_id)
-    if said is None:
+    row = transaction.session.get(Review, review_id)
+    if row is None:
         raise NotFoundError(f"there is no review {review_id}")
-    if said.lifted_at is not None:
+    if row.lifted_at is not None:
         raise ConflictError(f"review {review_id} was lifted already")
-    _lift(transaction, said)
-    return ReviewEntry.model_validate(said)
+    _lift(transaction, row)
+    return ReviewEntry.model_validate(row)
 
 
 def list_reviews(session: Session, page: Page) -> Listed[ReviewEntry]:
@@ -79,8 +80,8 @@ def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
         .order_by(Review.id)
     )
     by_submission: defaultdict[str, list[Review]] = defaultdict(list)
-    for said in session.scalars(chosen):
-        by_submission[said.submission_id].append(said)
+    for row in session.scalars(chosen):
+        by_submission[row.submission_id].append(row)
     return dict(by_submission)
 
 
@@ -97,19 +98,20 @@ def latest_submissions(session: Session, limit: int) -> Sequence[Submission]:
     return session.scalars(chosen.limit(limit)).all()
 
 
+def find_submission(session: Session, submission_id: str) -> Submission | None:
+    """Return a submission, whoever's it is; None if there is none."""
+    # A database may not be able to look for every text: PostgreSQL has none with a zero byte.
+    return session.get(Submission, submission_id) if submission_id.isalnum() else None
+
+
 def any_submission(session: Session, submission_id: str) -> Submission:
     """Return a submission, whoever's it is; NotFoundError if there is none."""
-    # A database may not be able to look for every text: PostgreSQL has none with a zero byte.
-    row = session.get(Submission, submission_id) if submission_id.isalnum() else None
+    row = find_submission(session, submission_id)
     if row is None:
         raise NotFoundError(f"there is no submission {submission_id!r}")
     return row
 
 
-def _excludes(verdict: Verdict, earlier: Verdict) -> bool:
-    return verdict == earlier or {verdict, earlier} <= JUDGEMENTS
-
-
-def _lift(transaction: Transaction, said: Review) -> None:
-    said.lifted_at = transaction.now
-    transaction.record("review lifted", said, said.submission_id, verdict=said.verdict)
+def _lift(transaction: Transaction, row: Review) -> None:
+    row.lifted_at = transaction.now
+    transaction.record("review lifted", row, row.submission_id, verdict=row.verdict)

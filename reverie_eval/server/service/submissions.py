@@ -1,7 +1,11 @@
-"""Submissions that are there: looked at, scored again for their episodes, published, withdrawn."""
+"""Submissions that are there: looked at, scored again for their episodes, published, withdrawn.
 
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
+Their teams see all of them, everybody else what was published.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
@@ -10,17 +14,16 @@ from sqlalchemy import select, tuple_
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ProtocolError
-from reverie_eval.schemas.service import Method, SubmissionChange, SubmissionReport
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.schemas.service import Method, Receipt, SubmissionChange, SubmissionReport
 from reverie_eval.scoring import Scores
-from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.service.boards import Board, board_named
-from reverie_eval.server.service.methods import demand_metadata
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
-from reverie_eval.server.service.reports import submission_report
-from reverie_eval.server.service.reviews import standing_reviews
+from reverie_eval.server.service.reviews import find_submission, standing_reviews
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Person, Submission
+from reverie_eval.server.store.tables import Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 RECENT = 8
@@ -66,28 +69,97 @@ def submission_of(session: Session, person: Person, submission_id: str) -> Submi
     return submission_report(_row_of(session, person, submission_id))
 
 
+def submission_report(row: Submission) -> SubmissionReport:
+    """Word a submission for its team."""
+    return SubmissionReport(
+        id=row.id,
+        split=row.split,
+        team=row.team.name,
+        person=row.person.name,
+        sha256=row.sha256,
+        received_at=row.received_at,
+        method=Method.model_validate(row.method),
+        report=ScoreReport.model_validate(row.report),
+        receipt=Receipt.model_validate(row.receipt),
+        status="withdrawn"
+        if row.withdrawn_at
+        else "published"
+        if row.published_at
+        else "unpublished",
+        published_at=row.published_at,
+        withdrawn_at=row.withdrawn_at,
+        anonymous_until=row.anonymous_until,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Publication:
+    """A published submission, for whoever reads the board."""
+
+    id: str
+    split: str
+    team: str
+    """Empty while the team chose to be anonymous."""
+    method: Method
+    report: ScoreReport
+    published_at: datetime
+    reviews: Sequence[Review]
+
+
+def publication(session: Session, submission_id: str, now: datetime) -> Publication:
+    """Return a published submission; while its team is anonymous, nothing in it tells which it is.
+
+    Raises
+    ------
+    NotFoundError
+        If there is none, it is not published, or it was withdrawn: nobody learns which.
+    """
+    row = find_submission(session, submission_id)
+    if row is None or row.published_at is None or row.withdrawn_at is not None:
+        raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
+    is_anonymous = row.anonymous_until is not None and row.anonymous_until > now
+    return Publication(
+        id=row.id,
+        split=row.split,
+        team="" if is_anonymous else row.team.name,
+        method=Method.model_validate(row.method),
+        report=ScoreReport.model_validate(row.report),
+        published_at=row.published_at,
+        reviews=standing_reviews(session, row.id),
+    )
+
+
+def demand_metadata(method: Method, required: Collection[str]) -> None:
+    """Make sure that everything is said that the organiser asks for.
+
+    Raises
+    ------
+    MalformedError
+        Naming what is missing.
+    """
+    given = {name for name in method.model_fields_set if getattr(method, name) not in {"", None}}
+    missing = [name for name in required if name not in given]
+    if missing:
+        raise MalformedError(f"the organiser asks for more on the method: {', '.join(missing)}")
+
+
+@dataclass
 class SubmissionService:
     """What can be done with a submission beyond looking at its row."""
 
-    def __init__(
-        self,
-        boards: Mapping[str, Board],
-        database: Database,
-        uploads: Uploads,
-        transactions: Transactions,
-        *,
-        required_metadata: Collection[str],
-    ) -> None:
-        self._boards = boards
-        self._database = database
-        self._uploads = uploads
-        self._transactions = transactions
-        self._required_metadata = required_metadata
+    boards: Mapping[str, Board]
+    database: Database
+    uploads: Uploads
+    transactions: Transactions
+    required_metadata: Collection[str]
+
+    def __post_init__(self) -> None:
+        """Keep the latest scores at hand."""
         self._scored = lru_cache(RECENT)(self._score_again)
 
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
         """Return what was uploaded, byte for byte, in pieces."""
-        return self._uploads.pieces(submission.sha256)
+        return self.uploads.pieces(submission.sha256)
 
     def episodes(self, submission: SubmissionReport) -> Scores:
         """Return the scores of every episode, computed again from the upload.
@@ -98,7 +170,7 @@ class SubmissionService:
             For every submission to a private split, whoever asks; also where the ground truth or
             the protocol is not what the submission was scored by.
         """
-        board = board_named(self._boards, submission.split)
+        board = board_named(self.boards, submission.split)
         if board.is_private:
             raise NotFoundError(f"values per episode of {board.name} leave the server never")
         if not board.measures_as(submission.report):
@@ -113,8 +185,8 @@ class SubmissionService:
 
         What the values were computed from is let go: it may be a hundred times as large.
         """
-        board = board_named(self._boards, split)
-        scores = board.score(board.read(self._uploads.get(sha256)))
+        board = board_named(self.boards, split)
+        scores = board.score(board.read(self.uploads.get(sha256)))
         return replace(scores, episodes=MappingProxyType(dict(scores.episodes)))
 
     def change(
@@ -131,21 +203,26 @@ class SubmissionService:
         MalformedError
             If something is not said of the method any more that the organiser asks for.
         """
-        with self._database.reading() as session:
+        with self.database.reading() as session:
             known = submission_of(session, person, submission_id)
         if not change.model_fields_set:
             return known
         intervals = self._intervals(known) if change.published else None
-        with self._transactions.begin(person.name) as transaction:
+        with self.transactions.begin(person.name) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
             if change.withdrawn or change.published is False:
-                _demand_not_disqualified(transaction.session, row)
+                standing = standing_reviews(transaction.session, row.id)
+                if any(review.verdict == "disqualified" for review in standing):
+                    raise ConflictError(
+                        "the organiser has disqualified this submission: it stays on the board, "
+                        "with the reason, for as long as that stands"
+                    )
             if intervals is not None:
                 row.report = {**row.report, "intervals": intervals}
             if change.method is not None:
-                said = change.method.model_dump(mode="json", exclude_unset=True)
-                method = Method.model_validate({**row.method, **said})
-                demand_metadata(method, self._required_metadata)
+                edited = change.method.model_dump(mode="json", exclude_unset=True)
+                method = Method.model_validate({**row.method, **edited})
+                demand_metadata(method, self.required_metadata)
                 row.method = method.model_dump(mode="json")
             if change.withdrawn is not None:
                 row.withdrawn_at = (row.withdrawn_at or now) if change.withdrawn else None
@@ -164,11 +241,11 @@ class SubmissionService:
 
         They take longer than scoring does, so they wait until there are readers.
         """
-        board = board_named(self._boards, known.split)
+        board = board_named(self.boards, known.split)
         is_drawn = known.report.intervals is not None
         if board.is_private or is_drawn or not board.measures_as(known.report):
             return None
-        scores = board.score(board.read(self._uploads.get(known.sha256)))
+        scores = board.score(board.read(self.uploads.get(known.sha256)))
         try:
             drawn = scores.with_intervals().to_report().intervals
         except ProtocolError:  # all episodes are of one target, which tells nothing of others
@@ -176,17 +253,8 @@ class SubmissionService:
         return None if drawn is None else drawn.model_dump(mode="json")
 
 
-def _demand_not_disqualified(session: Session, row: Submission) -> None:
-    if any(said.verdict == "disqualified" for said in standing_reviews(session, row.id)):
-        raise ConflictError(
-            "the organiser has disqualified this submission: it stays on the board, with the "
-            "reason, for as long as that stands"
-        )
-
-
 def _row_of(session: Session, person: Person, submission_id: str) -> Submission:
-    # A database may not be able to look for every text: PostgreSQL has none with a zero byte.
-    row = session.get(Submission, submission_id) if submission_id.isalnum() else None
+    row = find_submission(session, submission_id)
     if row is None or (person.role != "organiser" and row.team_id != person.team_id):
         raise NotFoundError(f"there is no submission {submission_id!r} of your team")
     return row

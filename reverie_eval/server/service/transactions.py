@@ -45,18 +45,16 @@ class Transaction:
         )
 
 
+@dataclass(frozen=True, slots=True)
 class Transactions:
     """Begins the transactions of a server, one at a time."""
 
-    def __init__(
-        self, database: Database, audit_log: AuditLog, clock: Callable[[], datetime]
-    ) -> None:
-        self._database = database
-        self._audit_log = audit_log
-        self._clock = clock
+    database: Database
+    audit_log: AuditLog
+    clock: Callable[[], datetime]
 
     @contextmanager
     def begin(self, actor: str) -> Iterator[Transaction]:
         """Begin a transaction of somebody's; it is committed at the end, or leaves no trace."""
-        with self._database.writing() as session:
-            yield Transaction(session, actor, self._clock(), self._audit_log)
+        with self.database.writing() as session:
+            yield Transaction(session, actor, self.clock(), self.audit_log)

@@ -5,6 +5,7 @@ advisory lock. Scoring happens before, so a turn is a few inserts long, and what
 it - quotas, the chain of the audit log - is decided on what is really there.
 """
 
+import errno
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,6 +25,9 @@ from reverie_eval.text import first_few
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+_FULL_SQLSTATE = "53100"
+"""PostgreSQL's ``disk_full``: https://www.postgresql.org/docs/current/errcodes-appendix.html"""
 _WRITER_LOCK = 0x5EEDED
 """Any number; PostgreSQL's advisory locks are known by theirs."""
 
@@ -120,6 +124,20 @@ def known_revisions() -> frozenset[str]:
     """Return the migrations of this version and of all before it."""
     revisions = ScriptDirectory(str(MIGRATIONS)).walk_revisions()
     return frozenset(script.revision for script in revisions)
+
+
+def is_full(error: BaseException | None) -> bool:
+    """Whether an error, or what led to it, is that nothing more can be written."""
+    if error is None:
+        return False
+    match error:
+        case OSError(errno=code) if code in _FULL:
+            return True
+        case sqlite3.Error(sqlite_errorcode=sqlite3.SQLITE_FULL):
+            return True
+        case _ if getattr(error, "sqlstate", None) == _FULL_SQLSTATE:
+            return True
+    return is_full(error.__cause__ or error.__context__)
 
 
 def _alembic(connection: Connection) -> Config:

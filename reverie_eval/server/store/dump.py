@@ -23,7 +23,8 @@ Row = Sequence[Any]
 
 def dump(database: Database) -> Iterator[Row]:
     """Return every row as it was at one moment, while others go on writing."""
-    with _snapshot(database) as connection:
+    with database.reading() as session:
+        connection = session.connection()
         for table in _tables(connection):
             rows = connection.execute(select(table).order_by(*table.primary_key)).mappings()
             for row in rows:
@@ -41,14 +42,6 @@ def load(database: Database, revision: str, rows: Iterable[Row]) -> None:
             for table in tables.values():
                 _continue_numbers(connection, table)
         migrate(connection, "head")
-
-
-def _snapshot(database: Database) -> Connection:
-    """Return a connection that sees one moment; SQLite's readers always do."""
-    connection = database.engine.connect()
-    if database.is_sqlite:
-        return connection
-    return connection.execution_options(isolation_level="REPEATABLE READ")
 
 
 def _tables(connection: Connection) -> list[Table]:

@@ -1,14 +1,13 @@
 """The rows of the database."""
 
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any
 
 from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
-Role = Literal["participant", "organiser"]
-TokenKind = Literal["access", "invite"]
-Verdict = Literal["verified", "baseline", "flagged", "disqualified"]
+from reverie_eval.schemas.organising import TokenKind
+from reverie_eval.schemas.service import Role, Verdict
 
 
 class UtcDateTime(TypeDecorator[datetime]):

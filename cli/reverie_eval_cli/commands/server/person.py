@@ -12,7 +12,7 @@ from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import acting, minute, print_list, reading
 
 if TYPE_CHECKING:
-    from reverie_eval.server.store.tables import Role
+    from reverie_eval.schemas.service import Role
 
 
 @click.group(cls=Group)

@@ -5,21 +5,17 @@ shall be, with the same fields.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeAlias
 
-from fastapi import Path, Query
-from fastapi.exceptions import RequestValidationError
-from fastapi.responses import RedirectResponse, Response
-from pydantic import BaseModel, ValidationError
+from fastapi import Query
+from fastapi.responses import Response
 from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.http.callers import Call, Snapshot
-from reverie_eval.server.pages.faults import show_faults_with
-from reverie_eval.server.pages.rendering import page
-from reverie_eval.server.service.paging import LARGEST, Page
+from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
+from reverie_eval.server.service.paging import Page
 
-SEE_OTHER = 303
 ON_A_PAGE = 100
 """Rows of a list."""
 _OURS = frozenset({"csrf_token", "confirmed"})
@@ -28,11 +24,8 @@ Typed: TypeAlias = Mapping[str, str]
 """What somebody typed into a form, by the names of its fields."""
 Draw: TypeAlias = Callable[[Call, Typed, ProblemDocument], Response]
 """Shows a page again, with what was typed into its form and what is wrong with it."""
-Said = TypeVar("Said", bound=BaseModel)
 Done = Annotated[str, Query(max_length=20)]
 """What a form has just done; a page words those that it knows."""
-Number = Annotated[int, Path(ge=1, le=LARGEST)]
-"""Of a row."""
 
 
 def desk_page(
@@ -66,7 +59,7 @@ def page_at(desk: Call, name: str) -> Page:
     return Page(ON_A_PAGE, desk.request.query_params.get(name))
 
 
-def typed_into(form: FormData) -> dict[str, str]:
+def typed_into(form: FormData) -> Typed:
     """Return what somebody typed into a form."""
     return {
         name: value.strip()
@@ -75,23 +68,16 @@ def typed_into(form: FormData) -> dict[str, str]:
     }
 
 
+def typed_by(desk: Call, form: FormData, draw: Draw) -> Typed:
+    """Return what an organiser typed into a form, and show further problems beside it."""
+    typed = typed_into(form)
+    show_faults(desk, typed, draw)
+    return typed
+
+
 def is_confirmed(form: FormData) -> bool:
     """Whether somebody was asked, and said yes."""
     return form.get("confirmed") == "yes"
-
-
-def read(model: type[Said], fields: Mapping[str, Any]) -> Said:
-    """Return what a form says.
-
-    Raises
-    ------
-    RequestValidationError
-        Naming each field that is wrong.
-    """
-    try:
-        return model.model_validate(fields)
-    except ValidationError as error:
-        raise RequestValidationError(error.errors()) from None
 
 
 def end_of_day(date: str) -> str | None:
@@ -105,4 +91,4 @@ def end_of_day(date: str) -> str | None:
 
 def done(path: str, what: str) -> Response:
     """Lead back to the page of a form, which says what was done."""
-    return RedirectResponse(f"{path}?done={what}", SEE_OTHER)
+    return see_other(f"{path}?done={what}")

@@ -7,12 +7,17 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.responses import Response
 
 from reverie_eval.schemas.service import HealthReport
+from reverie_eval.server.http.callers import Desk
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.pages.desk.forms import desk_page
-from reverie_eval.server.pages.visitors import Desk
-from reverie_eval.server.service.attempts import FAILURES, list_attempts
+from reverie_eval.server.service.attempts import (
+    FAILURES,
+    counts_of_splits,
+    last_day,
+    list_attempts,
+    totals,
+)
 from reverie_eval.server.service.audit import list_entries
-from reverie_eval.server.service.overview import counts_of_splits, last_day, totals
 from reverie_eval.server.service.paging import Page
 
 router = APIRouter()

@@ -7,21 +7,9 @@ from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Call
-from reverie_eval.server.pages.desk.forms import (
-    Done,
-    Typed,
-    ask,
-    desk_page,
-    done,
-    end_of_day,
-    is_confirmed,
-    page_at,
-    read,
-    show_faults,
-    typed_into,
-)
-from reverie_eval.server.pages.visitors import Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service import people, tokens
 
 router = APIRouter()
@@ -31,21 +19,21 @@ PAGE = "/desk/people"
 
 
 def draw(
-    desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
     """Show everybody, their tokens, and the forms to add more."""
     with desk.snapshot() as snapshot:
         session, browser = snapshot.session, snapshot.browser
         everybody = people.names_and_roles(session)
-        return desk_page(
+        return forms.desk_page(
             desk,
             snapshot,
             "people.html",
             problem,
-            teams=people.list_teams(session, page_at(desk, "teams")),
+            teams=people.list_teams(session, forms.page_at(desk, "teams")),
             team_names=people.names_of_teams(session),
             everybody=everybody,
-            tokens=tokens.list_tokens(session, page_at(desk, "tokens")),
+            tokens=tokens.list_tokens(session, forms.page_at(desk, "tokens")),
             own=browser and browser.token.hint,
             typed=typed,
             done=what,
@@ -53,7 +41,7 @@ def draw(
 
 
 @router.get(PAGE)
-def show_people(desk: Desk, done: Done = "") -> Response:
+def show_people(desk: Desk, done: forms.Done = "") -> Response:
     """Show everybody and their tokens."""
     return draw(desk, {}, what=done)
 
@@ -61,61 +49,54 @@ def show_people(desk: Desk, done: Done = "") -> Response:
 @router.post(f"{PAGE}/teams")
 def add_team(desk: Desk, form: Posted) -> Response:
     """Add a team."""
-    typed = typed_into(form)
-    show_faults(desk, {"team_name": typed.get("name", "")}, draw)
-    with desk.transaction() as transaction:
-        people.add_team(transaction, read(NewTeam, typed))
-    return done(PAGE, "team")
+    typed = forms.typed_into(form)
+    forms.show_faults(desk, {"team_name": typed.get("name", "")}, draw)
+    desk.perform(people.add_team, read_model(NewTeam, typed))
+    return forms.done(PAGE, "team")
 
 
 @router.post(f"{PAGE}/teams/rename")
 def rename_team(desk: Desk, form: Posted) -> Response:
     """Rename a team."""
-    typed = typed_into(form)
+    typed = forms.typed_into(form)
     team, name = typed.get("team", ""), typed.get("name", "")
-    show_faults(desk, {"old_name": team, "new_name": name}, draw)
-    with desk.transaction() as transaction:
-        people.rename_team(transaction, team, read(NewTeam, {"name": name}))
-    return done(PAGE, "renamed")
+    forms.show_faults(desk, {"old_name": team, "new_name": name}, draw)
+    desk.perform(people.rename_team, team, read_model(NewTeam, {"name": name}))
+    return forms.done(PAGE, "renamed")
 
 
 @router.post(PAGE)
 def add_person(desk: Desk, form: Posted) -> Response:
     """Add a person to a team; an organiser, only once it was asked for twice."""
-    typed = typed_into(form)
-    show_faults(desk, typed, draw)
-    new = read(NewPerson, typed)
-    if new.role == "organiser" and not is_confirmed(form):
+    typed = forms.typed_by(desk, form, draw)
+    new = read_model(NewPerson, typed)
+    if new.role == "organiser" and not forms.is_confirmed(form):
         question = f"Make {new.name} an organiser?"
         remark = "Organisers see everything at this desk and may do all that you may."
-        return ask(desk, typed, question=question, remark=remark, yes="Add them", back=PAGE)
-    with desk.transaction() as transaction:
-        people.add_person(transaction, new)
-    return done(PAGE, "person")
+        return forms.ask(desk, typed, question=question, remark=remark, yes="Add them", back=PAGE)
+    desk.perform(people.add_person, new)
+    return forms.done(PAGE, "person")
 
 
 @router.post(f"{PAGE}/tokens")
 def create_token(desk: Desk, form: Posted) -> Response:
     """Create an invitation or a token, and show its text in this one reply."""
-    typed = typed_into(form)
-    show_faults(desk, typed, draw)
+    typed = forms.typed_by(desk, form, draw)
     asked = {name: typed.get(name, "") for name in ("person", "kind")}
-    new = read(NewToken, {**asked, "expires_at": end_of_day(typed.get("until", ""))})
-    with desk.transaction() as transaction:
-        created = tokens.create_token(transaction, new)
+    new = read_model(NewToken, {**asked, "expires_at": forms.end_of_day(typed.get("until", ""))})
+    created = desk.perform(tokens.create_token, new)
     sign_in = str(desk.request.url_for("show_sign_in"))
     with desk.snapshot() as snapshot:
-        return desk_page(desk, snapshot, "token.html", created=created, sign_in=sign_in)
+        return forms.desk_page(desk, snapshot, "token.html", created=created, sign_in=sign_in)
 
 
 @router.post(f"{PAGE}/tokens/{{hint}}/revoke")
 def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
     """Revoke a token."""
-    show_faults(desk, {}, draw)
-    if not is_confirmed(form):
+    forms.show_faults(desk, {}, draw)
+    if not forms.is_confirmed(form):
         question = f"Revoke the token that begins with {hint}?"
         remark = "Whoever uses it is signed out at once, and needs another."
-        return ask(desk, {}, question=question, remark=remark, yes="Revoke it", back=PAGE)
-    with desk.transaction() as transaction:
-        tokens.revoke_token(transaction, hint)
-    return done(PAGE, "revoked")
+        return forms.ask(desk, {}, question=question, remark=remark, yes="Revoke it", back=PAGE)
+    desk.perform(tokens.revoke_token, hint)
+    return forms.done(PAGE, "revoked")

@@ -12,21 +12,10 @@ from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http.callers import Call
-from reverie_eval.server.pages.desk.forms import (
-    Done,
-    Number,
-    Typed,
-    ask,
-    desk_page,
-    done,
-    is_confirmed,
-    page_at,
-    read,
-    show_faults,
-    typed_into,
-)
-from reverie_eval.server.pages.visitors import Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.paging import Number
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service import reported
 
 router = APIRouter()
@@ -36,16 +25,16 @@ _PER_CENT = 100
 
 
 def draw(
-    desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
     """Show the reported results on the boards, and the form for another."""
     with desk.snapshot() as snapshot:
-        return desk_page(
+        return forms.desk_page(
             desk,
             snapshot,
             "reported.html",
             problem,
-            results=reported.list_reported(snapshot.session, page_at(desk, "results")),
+            results=reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
             splits=list(desk.server.boards),
             catalogue=CATALOGUE.values(),
             said=Method.model_fields,
@@ -55,7 +44,7 @@ def draw(
 
 
 @router.get(PAGE)
-def show_reported(desk: Desk, done: Done = "") -> Response:
+def show_reported(desk: Desk, done: forms.Done = "") -> Response:
     """Show the reported results on the boards."""
     return draw(desk, {}, what=done)
 
@@ -63,15 +52,14 @@ def show_reported(desk: Desk, done: Done = "") -> Response:
 @router.post(PAGE)
 def add(desk: Desk, form: Posted) -> Response:
     """Put a result on a board that a paper reports."""
-    typed = typed_into(form)
-    show_faults(desk, typed, draw)
+    typed = forms.typed_by(desk, form, draw)
     method = {
         "name": typed.get("name", ""),
         "paper": typed.get("source", ""),
         "code": typed.get("code") or None,
         **{name: True for name in METHOD_FLAGS if name in typed},
     }
-    new = read(
+    new = read_model(
         NewReported,
         {
             "split": typed.get("split", ""),
@@ -81,12 +69,11 @@ def add(desk: Desk, form: Posted) -> Response:
             "scores": scores_of(typed),
         },
     )
-    with desk.transaction() as transaction:
-        reported.add_reported(transaction, new, desk.server.boards)
-    return done(PAGE, "added")
+    desk.perform(reported.add_reported, new, desk.server.boards)
+    return forms.done(PAGE, "added")
 
 
-def scores_of(typed: Typed) -> Mapping[str, float]:
+def scores_of(typed: forms.Typed) -> Mapping[str, float]:
     """Return the scores that were typed as papers print them: percent, metres.
 
     Raises
@@ -118,11 +105,10 @@ def scores_of(typed: Typed) -> Mapping[str, float]:
 @router.post(f"{PAGE}/{{result_id}}/remove")
 def remove(result_id: Number, desk: Desk, form: Posted) -> Response:
     """Take a reported result off its board."""
-    show_faults(desk, {}, draw)
-    if not is_confirmed(form):
+    forms.show_faults(desk, {}, draw)
+    if not forms.is_confirmed(form):
         question = "Take this reported result off its board?"
         remark = "It can be entered again. That it stood there stays in the audit log."
-        return ask(desk, {}, question=question, remark=remark, yes="Remove it", back=PAGE)
-    with desk.transaction() as transaction:
-        reported.remove_reported(transaction, result_id)
-    return done(PAGE, "removed")
+        return forms.ask(desk, {}, question=question, remark=remark, yes="Remove it", back=PAGE)
+    desk.perform(reported.remove_reported, result_id)
+    return forms.done(PAGE, "removed")

@@ -10,21 +10,10 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.organising import NewReview
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.http.callers import Call
-from reverie_eval.server.pages.desk.forms import (
-    Done,
-    Number,
-    Typed,
-    ask,
-    desk_page,
-    done,
-    is_confirmed,
-    page_at,
-    read,
-    show_faults,
-    typed_into,
-)
-from reverie_eval.server.pages.visitors import Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.paging import Number
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service import reviews
 from reverie_eval.server.store.tables import Submission
 
@@ -42,13 +31,13 @@ _HARMFUL = frozenset({"flagged", "disqualified"})
 
 
 def draw(
-    desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
     """Show what is said of submissions, and the form to say something of one."""
     with desk.snapshot() as snapshot:
         session = snapshot.session
-        standing, lifted = page_at(desk, "standing"), page_at(desk, "lifted")
-        return desk_page(
+        standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
+        return forms.desk_page(
             desk,
             snapshot,
             "reviews.html",
@@ -67,7 +56,7 @@ def draw(
 def show_reviews(
     desk: Desk,
     submission: Annotated[str, Query(max_length=32)] = "",
-    done: Done = "",
+    done: forms.Done = "",
 ) -> Response:
     """Show what is said of submissions; a link may choose one to say something of."""
     return draw(desk, {"submission_id": submission}, what=done)
@@ -76,33 +65,30 @@ def show_reviews(
 @router.post(PAGE)
 def review(desk: Desk, form: Posted) -> Response:
     """Say something of a submission; what does harm, only once it was asked for twice."""
-    typed = typed_into(form)
-    show_faults(desk, typed, draw)
-    new = read(NewReview, typed)
-    if new.verdict in _HARMFUL and not is_confirmed(form):
+    typed = forms.typed_by(desk, form, draw)
+    new = read_model(NewReview, typed)
+    if new.verdict in _HARMFUL and not forms.is_confirmed(form):
         with desk.snapshot() as snapshot:
             row = reviews.any_submission(snapshot.session, new.submission_id)
         about = {"row": row, "verdict": new.verdict, "effect": VERDICTS[new.verdict]}
-        return ask(desk, typed, "confirm-review.html", **about)
-    with desk.transaction() as transaction:
-        reviews.review(transaction, new)
-    return done(PAGE, new.verdict)
+        return forms.ask(desk, typed, "confirm-review.html", **about)
+    desk.perform(reviews.review, new)
+    return forms.done(PAGE, new.verdict)
 
 
 @router.post(f"{PAGE}/{{review_id}}/lift")
 def lift_review(review_id: Number, desk: Desk, form: Posted) -> Response:
     """Take back what was said of a submission."""
-    show_faults(desk, {}, draw)
-    if not is_confirmed(form):
+    forms.show_faults(desk, {}, draw)
+    if not forms.is_confirmed(form):
         question = "Take back what was said of this submission?"
         remark = "It disappears from the board; that it was said, and lifted, stays on record."
-        return ask(desk, {}, question=question, remark=remark, yes="Lift it", back=PAGE)
-    with desk.transaction() as transaction:
-        reviews.lift_review(transaction, review_id)
-    return done(PAGE, "lifted")
+        return forms.ask(desk, {}, question=question, remark=remark, yes="Lift it", back=PAGE)
+    desk.perform(reviews.lift_review, review_id)
+    return forms.done(PAGE, "lifted")
 
 
-def _chosen(session: Session, typed: Typed) -> Submission | None:
+def _chosen(session: Session, typed: forms.Typed) -> Submission | None:
     try:
         return reviews.any_submission(session, typed.get("submission_id", ""))
     except NotFoundError:

@@ -1,23 +1,36 @@
 """The outermost layer of every request: its id, its line in the log, the metrics.
 
+No metric reveals a team, a person or a score: labels are routes, statuses, splits and codes.
 Exceptions end here as problem documents; none reaches uvicorn. The reply to an error is rendered in
 a thread of its own, so refusing one request never delays another.
 """
 
 import logging
+from collections.abc import Callable, Collection
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from fastapi import Request
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from reverie_eval.server.http.exchange import Exchange, begin
-from reverie_eval.server.http.labels import address_of, hint_of, method_of, route_of
-from reverie_eval.server.http.metrics import Metrics
+from reverie_eval.server.http.exchange import (
+    OK,
+    Exchange,
+    address_of,
+    begin,
+    hint_of,
+    method_of,
+    route_of,
+)
+from reverie_eval.server.http.middleware import Middleware
 from reverie_eval.server.http.problems import log_fault, reply_to
 
+MEDIA_TYPE = CONTENT_TYPE_LATEST
+"""Of the metrics."""
 REQUEST_ID = "X-Request-ID"
 HUNG_UP = "hung-up"
 """The outcome of a request whose client disconnected before the reply."""
@@ -25,26 +38,75 @@ HUNG_UP = "hung-up"
 _LOGGER = logging.getLogger("reverie_eval.server.requests")
 _TRACED = frozenset({401, 429})
 """Statuses of guessed tokens and floods of requests; the log has the address of these."""
+_SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 
 
-class Following:
+class Metrics:
+    """The counts of one application."""
+
+    def __init__(self, splits: Collection[str], waiting: Callable[[], float]) -> None:
+        self._splits = frozenset(splits)
+        self._registry = registry = CollectorRegistry()
+        self.in_flight = Gauge(
+            "reverie_eval_requests_in_flight", "Requests being answered.", registry=registry
+        )
+        self._requests = Counter(
+            "reverie_eval_requests",
+            "Requests answered.",
+            ("method", "route", "status"),
+            registry=registry,
+        )
+        self._seconds = Histogram(
+            "reverie_eval_request_seconds",
+            "Time from a request's headers to the last byte of the reply.",
+            ("method", "route"),
+            buckets=_SECONDS,
+            registry=registry,
+        )
+        self._uploads = Counter(
+            "reverie_eval_uploads",
+            "Uploads to be scored, by outcome.",
+            ("split", "outcome"),
+            registry=registry,
+        )
+        queue = Gauge(
+            "reverie_eval_uploads_waiting",
+            "Uploads waiting to be read.",
+            registry=registry,
+        )
+        queue.set_function(waiting)
+
+    def count(self, exchange: Exchange, scope: Scope) -> None:
+        """Count a request that has been answered."""
+        method, route = method_of(scope), route_of(scope)
+        self._requests.labels(method, route, exchange.status or "none").inc()
+        self._seconds.labels(method, route).observe(exchange.seconds)
+        if exchange.uploaded_to is not None:
+            split = exchange.uploaded_to if exchange.uploaded_to in self._splits else "unknown"
+            scored = "repeated" if exchange.is_repeat else "scored"
+            outcome = scored if exchange.outcome == OK else exchange.outcome
+            self._uploads.labels(split, outcome).inc()
+
+    def text(self) -> bytes:
+        """Return the metrics in Prometheus's text format."""
+        return generate_latest(self._registry)
+
+
+class RequestTelemetry(Middleware):
     """Logs and counts every request."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
-        self._app = app
+        super().__init__(app)
         self._metrics = metrics
         # A thread of its own: a flood of refused requests cannot occupy the threads that answer
         # requests, and refusals need not wait while all of those wait for the database.
         self._thread = CapacityLimiter(1)
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, log it and count it."""
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
         exchange = begin(scope)
 
-        async def noting(message: Message) -> None:
+        async def recording(message: Message) -> None:
             if message["type"] == "http.response.start":
                 exchange.status = message["status"]
                 MutableHeaders(scope=message)[REQUEST_ID] = exchange.id
@@ -53,14 +115,14 @@ class Following:
 
         with self._metrics.in_flight.track_inprogress():
             try:
-                await self._answer(exchange, scope, receive, noting)
+                await self._answer(exchange, scope, receive, recording)
             finally:
                 self._metrics.count(exchange, scope)
                 _LOGGER.info("request", extra={"fields": _line(exchange, scope)})
 
     async def _answer(self, exchange: Exchange, scope: Scope, receive: Receive, send: Send) -> None:
         try:
-            await self._app(scope, receive, send)
+            await self.app(scope, receive, send)
         except ClientDisconnect:
             exchange.outcome = HUNG_UP
         except Exception as error:  # noqa: BLE001  # the last chance to turn it into a reply

@@ -1,25 +1,34 @@
-"""What routes ask for: a submission with what is said of its method, or one's turn to score."""
+"""Receiving an upload, within limits of size and time, and what routes take of it.
 
+The body is the result file itself (plain, gzipped or in a zip archive, which is detected from its
+content) or a form with a field ``file``. The method is described in the query or in the form.
+"""
+
+import asyncio
 from collections.abc import AsyncIterator, Mapping
-from functools import partial
 from typing import Annotated, Any, NamedTuple
 
-from fastapi import Depends, Header, Request
+from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
-from fastapi.exceptions import RequestValidationError
-from pydantic import ValidationError
+from starlette.datastructures import UploadFile
 
 from reverie_eval.schemas.service import Method, QuotaReport
+from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Caller, Server
 from reverie_eval.server.http.examples import FORM, SUBMISSION
 from reverie_eval.server.http.exchange import Exchange, exchange_of
+from reverie_eval.server.http.middleware import allow_body, is_multipart
+from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import Runtime
-from reverie_eval.server.http.uploading import Upload, receive
-from reverie_eval.server.state import ServerState
+from reverie_eval.server.settings import Limits
 from reverie_eval.server.store.tables import Person
 from reverie_eval.submissions._sources import unpack
 
-_SAID: dict[str, Any] = Method.model_json_schema()["properties"]
+_FORM_OVERHEAD = 64 << 10
+"""Bytes of a form besides the file."""
+_PIECE = 64 << 10
+"""Bytes of a form that are parsed before the event loop handles other requests."""
+_METHOD_FIELDS: dict[str, Any] = Method.model_json_schema()["properties"]
 _PACKED = {"schema": {"type": "string", "format": "binary"}}
 
 METHOD_PARAMETERS = [
@@ -29,7 +38,7 @@ METHOD_PARAMETERS = [
         "description": f"{schema.get('description', 'Of the method.')} Or a field of the form.",
         "schema": schema,
     }
-    for name, schema in _SAID.items()
+    for name, schema in _METHOD_FIELDS.items()
 ]
 """What is said of a method in the query, for the API's description."""
 
@@ -46,7 +55,10 @@ FILE_BODY: dict[str, Any] = {
                 "schema": {
                     "type": "object",
                     "required": ["file"],
-                    "properties": {"file": {"type": "string", "format": "binary"}, **_SAID},
+                    "properties": {
+                        "file": {"type": "string", "format": "binary"},
+                        **_METHOD_FIELDS,
+                    },
                 },
                 "example": FORM,
             },
@@ -54,6 +66,56 @@ FILE_BODY: dict[str, Any] = {
     }
 }
 """The body of an upload, for the API's description."""
+
+
+class Upload(NamedTuple):
+    """A received upload."""
+
+    packed: bytes
+    fields: Mapping[str, Any]
+    """The form's other fields."""
+    filename: str = ""
+    """Empty for a form in which no file was chosen."""
+
+
+async def receive(request: Request, limits: Limits) -> Upload:
+    """Read an upload.
+
+    Raises
+    ------
+    TooLargeError
+        If it is larger than the limit, whatever its headers say.
+    TooSlowError
+        If it did not arrive in time.
+    MalformedError
+        If it is a form without a file.
+    HTTPException
+        If the form cannot be parsed.
+    """
+    is_form = is_multipart(request.headers)
+    allow_body(request.scope, (limits.upload_mebibytes << 20) + _FORM_OVERHEAD * is_form)
+    body = await request.body()
+    if not is_form:
+        return Upload(body, {})
+    async with Request(request.scope, _replay(body)).form(max_files=1, max_fields=20) as form:
+        file = form.get("file")
+        if not isinstance(file, UploadFile):
+            raise MalformedError("the form has no file; send the result file in the field `file`")
+        fields = {name: value for name, value in form.items() if isinstance(value, str)}
+        return Upload(await file.read(), fields, file.filename or "")
+
+
+def _replay(body: bytes) -> Any:
+    """Return an ASGI ``receive`` that delivers a body that was already read, in pieces."""
+    starts = iter(range(0, len(body), _PIECE))
+
+    async def receive() -> Mapping[str, Any]:
+        await asyncio.sleep(0)  # parsing is done on the event loop
+        start = next(starts, 0)
+        end = start + _PIECE
+        return {"type": "http.request", "body": body[start:end], "more_body": end < len(body)}
+
+    return receive
 
 
 async def counted(request: Request) -> Exchange:
@@ -82,30 +144,30 @@ async def received(
     Whatever is wrong with it, the reply says from now on what is left of the quota.
     """
     split = request.path_params["split"]
+
+    def quota_left() -> QuotaReport:
+        with server.database.reading() as session:
+            return server.intake.quotas(session, person, split)[split]
+
     if split in server.boards:
-        exchange_of(request.scope).quota = partial(_quota_left, server, person, split)
+        exchange_of(request.scope).quota = quota_left
     async with runtime.admission.hold(person.id):
         upload = await receive(request, server.settings.limits)
         async with runtime.admission.score():
             yield upload
 
 
-def _quota_left(server: ServerState, person: Person, split: str) -> QuotaReport:
-    with server.database.reading() as session:
-        return server.intake.quotas(session, person, split)[split]
-
-
 # Whoever reads the reply slowly keeps nobody waiting: what was taken is given back before it.
 Received = Annotated[Upload, Depends(received, scope="function")]
 
 
-async def turn(runtime: Runtime) -> AsyncIterator[None]:
+async def scoring_slot(runtime: Runtime) -> AsyncIterator[None]:
     """Wait, as uploads do, until it is one's turn to score; no thread is kept meanwhile."""
     async with runtime.admission.score():
         yield
 
 
-Turn = Annotated[None, Depends(turn, scope="function")]
+ScoringSlot = Annotated[None, Depends(scoring_slot, scope="function")]
 """Of what may score a kept submission again."""
 
 
@@ -116,11 +178,14 @@ def content_of(upload: Received, server: Server) -> bytes:
 
 async def method_of(request: Request, upload: Received) -> Method:
     """Return what was said of the method, in the query or in the form, which wins."""
-    said = {**request.query_params, **upload.fields}
-    return method_from({name: value for name, value in said.items() if name != "file"})
+    given = {**request.query_params, **upload.fields}
+    return method_from({name: value for name, value in given.items() if name != "file"})
 
 
-def method_from(said: Mapping[str, Any]) -> Method:
+SentMethod = Annotated[Method, Depends(method_of)]
+
+
+def method_from(given: Mapping[str, Any]) -> Method:
     """Return what was said of a method, of which an empty text says nothing.
 
     Raises
@@ -128,31 +193,7 @@ def method_from(said: Mapping[str, Any]) -> Method:
     RequestValidationError
         Naming each field that is wrong.
     """
-    try:
-        return Method.model_validate({name: value for name, value in said.items() if value != ""})
-    except ValidationError as error:
-        raise RequestValidationError(error.errors()) from None
+    return read_model(Method, {name: value for name, value in given.items() if value != ""})
 
 
 Content = Annotated[bytes, Depends(content_of)]
-
-
-class Entry(NamedTuple):
-    """A submission to be scored, with what was said of it."""
-
-    packed: bytes
-    method: Method
-    key: str | None
-    """The Idempotency-Key, if there was one."""
-
-
-async def entry_of(
-    upload: Received,
-    method: Annotated[Method, Depends(method_of)],
-    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
-) -> Entry:
-    """Return what is to be scored."""
-    return Entry(upload.packed, method, idempotency_key)
-
-
-Entered = Annotated[Entry, Depends(entry_of)]

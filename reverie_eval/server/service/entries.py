@@ -9,19 +9,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from threading import Lock
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 from sqlalchemy import ColumnElement, Text, cast, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE
+from reverie_eval.schemas.service import Standing, Verdict
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import reviews_of
-from reverie_eval.server.store.tables import AuditEntry, Submission, Team, Verdict
-
-Standing = Literal["ranked", "disqualified", "reported", "other-rules"]
+from reverie_eval.server.store.tables import AuditEntry, Submission, Team
 
 _CHANGES_NO_BOARD = "submitted"
 """By far the most frequent entry: nothing is on a board before it is published."""
@@ -86,8 +85,8 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
-    """A board as it was when something was last recorded."""
+class BoardEntries:
+    """The entries of a board as they were when something was last recorded."""
 
     number: int
     """Of what was recorded last."""
@@ -101,24 +100,23 @@ class Kept:
     """By the metrics that were asked for since."""
 
 
-class Standings:
+class EntriesCache:
     """The entries of every board, never older than what was committed when they are asked for."""
 
     def __init__(self) -> None:
-        self._kept: dict[str, Kept] = {}
+        self._cached: dict[str, BoardEntries] = {}
         self._counts: dict[str, tuple[int, Mapping[int, int]]] = {}
-        self._turn = Lock()
+        self._lock = Lock()
         """Whoever comes while entries are read waits for them."""
 
-    def of(self, session: Session, board: Board) -> Kept:
+    def entries(self, session: Session, board: Board) -> BoardEntries:
         """Return what is on a board."""
         number = _last_recorded(session, AuditEntry.action != _CHANGES_NO_BOARD)
-        with self._turn:
-            kept = self._kept.get(board.name)
-            if kept is None or kept.number < number:
-                entries = [*_scored(session, board), *_reported(session, board)]
-                kept = self._kept[board.name] = _kept(number, entries)
-            return kept
+        with self._lock:
+            cached = self._cached.get(board.name)
+            if cached is None or cached.number < number:
+                cached = self._cached[board.name] = _read_entries(session, board, number)
+            return cached
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
         """Count what each team has submitted to a split, published or not."""
@@ -131,11 +129,12 @@ class Standings:
         return counts
 
 
-def _kept(number: int, entries: Sequence[Entry]) -> Kept:
+def _read_entries(session: Session, board: Board, number: int) -> BoardEntries:
+    entries = [*_scored(session, board), *_reported(session, board)]
     taking_part = [entry for entry in entries if entry.standing == "ranked"]
     apart = [Row(None, entry) for entry in entries if entry.standing != "ranked"]
     metrics = frozenset(key for entry in taking_part for key in entry.scores)
-    return Kept(number, taking_part, apart, metrics)
+    return BoardEntries(number, taking_part, apart, metrics)
 
 
 def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:
@@ -159,14 +158,24 @@ def _scored(session: Session, board: Board) -> Sequence[Entry]:
         .where(Submission.published_at.is_not(None), Submission.withdrawn_at.is_(None))
         .order_by(Submission.published_at, Submission.id)
     )
-    reviews = _reviews(session, board.name)
+    reviews = {
+        submission: [
+            PublishedReview(row.verdict, row.reason, row.reviewer, row.created_at) for row in rows
+        ]
+        for submission, rows in reviews_of(session, board.name).items()
+    }
     rules = _without_version(board.signature)
     return [_entry(row, reviews.get(row.id, ()), rules) for row in session.execute(chosen)]
 
 
 def _entry(row: Any, reviews: Sequence[PublishedReview], rules: str) -> Entry:
     report = _REPORT.decode(row.report)
-    is_comparable = _without_version(report.signature) == rules
+    drawn = {} if report.intervals is None else report.intervals.intervals
+    standing: Standing = "ranked"
+    if any(review.verdict == "disqualified" for review in reviews):
+        standing = "disqualified"
+    elif _without_version(report.signature) != rules:
+        standing = "other-rules"
     return Entry(
         submission_id=row.id,
         team_id=row.team_id,
@@ -175,39 +184,18 @@ def _entry(row: Any, reviews: Sequence[PublishedReview], rules: str) -> Entry:
         published_at=row.published_at,
         anonymous_until=row.anonymous_until,
         scores=report.scores,
-        intervals=_headline(report.intervals),
+        intervals={
+            key: drawn[key] for key, metric in CATALOGUE.items() if metric.headline and key in drawn
+        },
         signature=report.signature,
-        standing=_standing(reviews, is_comparable=is_comparable),
+        standing=standing,
         reviews=reviews,
     )
-
-
-def _reviews(session: Session, split: str) -> Mapping[str, Sequence[PublishedReview]]:
-    return {
-        submission: [
-            PublishedReview(said.verdict, said.reason, said.reviewer, said.created_at)
-            for said in reviews
-        ]
-        for submission, reviews in reviews_of(session, split).items()
-    }
-
-
-def _standing(reviews: Sequence[PublishedReview], *, is_comparable: bool) -> Standing:
-    if any(review.verdict == "disqualified" for review in reviews):
-        return "disqualified"
-    return "ranked" if is_comparable else "other-rules"
 
 
 def _without_version(signature: str) -> str:
     """Return what scores compare by: a released protocol's numbers are those of every version."""
     return signature.rpartition("|version:")[0]
-
-
-def _headline(intervals: _Intervals | None) -> Mapping[str, tuple[float, float]]:
-    drawn = {} if intervals is None else intervals.intervals
-    return {
-        key: drawn[key] for key, metric in CATALOGUE.items() if metric.headline and key in drawn
-    }
 
 
 def _reported(session: Session, board: Board) -> Sequence[Entry]:

@@ -1,0 +1,269 @@
+"""What every request passes before it is routed: limits of rate, size and time, headers, HEAD.
+
+Bytes are counted as they arrive, whatever the headers say. A route that accepts more than a few
+lines of JSON raises the limit once it knows who is sending: :func:`allow_body`.
+
+Strict-Transport-Security is left to the proxy that terminates TLS: only it knows whether the host
+is served over TLS alone.
+"""
+
+import asyncio
+import hashlib
+import ipaddress
+import math
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from limits import RateLimitItemPerMinute
+from limits.storage import MemoryStorage
+from limits.strategies import FixedWindowRateLimiter
+from python_multipart.multipart import parse_options_header
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from reverie_eval.server.errors import MalformedError, TooLargeError, TooManyError, TooSlowError
+from reverie_eval.server.http.exchange import address_of, exchange_of, session_of, token_of
+
+SMALL = 256 << 10
+"""Bytes; several times the longest JSON, other than a submission, that any route accepts."""
+
+_KEY = "reverie_eval.allowance"
+_MULTIPART = b"multipart/form-data"
+_FORMS = frozenset({_MULTIPART, b"application/x-www-form-urlencoded"})
+_UTF_8 = b"utf-8"
+_NAMES_OF_UTF_8 = frozenset({_UTF_8, b"utf8", b"us-ascii"})
+"""ASCII is a subset of UTF-8."""
+
+FAILED_COST = 10
+"""How many requests a wrong token or invitation counts for. Expired sessions cost no more than
+others: browsers send them without being asked, and they cannot be guessed, because they are
+signed."""
+EXEMPT = ("/healthz", "/static/")
+"""Monitoring must never be refused, and its result is cached for some seconds; static files are
+cached by browsers."""
+
+_NOT_SIGNED_IN = 401
+_IPV6_SITE = 64
+"""Prefix length of the network that a provider assigns to one customer."""
+
+ALWAYS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Content-Security-Policy": "default-src 'none'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
+    "X-Frame-Options": "DENY",
+    "Cache-Control": "no-store",
+}
+"""Defaults; a route may set its own."""
+
+
+class Middleware(ABC):
+    """Answers HTTP requests; whatever else reaches the application passes unchanged."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer what is a request."""
+        answer = self.answer if scope["type"] == "http" else self.app
+        await answer(scope, receive, send)
+
+    @abstractmethod
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, with the help of the application inside."""
+
+
+class SecurityHeaders(Middleware):
+    """Adds security headers to every reply."""
+
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer with the headers added."""
+
+        async def adding(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in ALWAYS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await self.app(scope, receive, adding)
+
+
+class HeadRequests(Middleware):
+    """Answers HEAD like GET, without the body: many monitors send HEAD."""
+
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request; the log and the metrics, which are further out, still see HEAD."""
+        if scope["method"] != "HEAD":
+            await self.app(scope, receive, send)
+            return
+
+        async def without_body(message: Message) -> None:
+            is_body = message["type"] == "http.response.body"
+            await send({**message, "body": b""} if is_body else message)
+
+        scope["method"] = "GET"
+        try:
+            await self.app(scope, receive, without_body)
+        finally:
+            scope["method"] = "HEAD"
+
+
+class RateLimits(Middleware):
+    """Refuses requests over the limit."""
+
+    def __init__(self, app: ASGIApp, per_minute: int) -> None:
+        super().__init__(app)
+        self._limit = RateLimitItemPerMinute(per_minute)
+        self._counts = FixedWindowRateLimiter(MemoryStorage())
+
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request that is within the limits.
+
+        Raises
+        ------
+        TooManyError
+            If it exceeds one.
+        """
+        if scope["path"].startswith(EXEMPT):
+            await self.app(scope, receive, send)
+            return
+        address, token = site_of(address_of(scope)), token_of(scope)
+        self._take("address", address)
+        for kind, shown in (("token", token), ("session", session_of(scope))):
+            if shown:
+                self._take(kind, hashlib.sha256(shown.encode()).hexdigest())
+        attempts = bool(token) or scope["method"] == "POST"
+
+        async def watching(message: Message) -> None:
+            if message.get("status") == _NOT_SIGNED_IN and attempts:
+                self._counts.hit(self._limit, "address", address, cost=FAILED_COST - 1)
+            await send(message)
+
+        await self.app(scope, receive, watching)
+
+    def _take(self, kind: str, whose: str) -> None:
+        if not self._counts.hit(self._limit, kind, whose):
+            until = self._counts.get_window_stats(self._limit, kind, whose).reset_time
+            raise TooManyError(max(1, math.ceil(until - time.time())))
+
+
+def site_of(address: str) -> str:
+    """Return what is counted for an address: of IPv6 the network, as one customer has 2^64."""
+    try:
+        parsed = ipaddress.ip_address(address)
+    except ValueError:
+        return address
+    if parsed.version == 4:
+        return address
+    return str(ipaddress.ip_network((parsed, _IPV6_SITE), strict=False))
+
+
+@dataclass(slots=True)
+class Allowance:
+    """The limits of a request's body."""
+
+    size: int
+    """Bytes."""
+    seconds: float
+    until: float
+    """Deadline on the monotonic clock."""
+
+
+class BodyLimits(Middleware):
+    """Enforces the size and the deadline of each request's body."""
+
+    def __init__(self, app: ASGIApp, seconds: float) -> None:
+        super().__init__(app)
+        self._seconds = seconds
+
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request while counting its body.
+
+        Raises
+        ------
+        TooLargeError, TooSlowError
+            From ``receive``, as soon as a limit is exceeded.
+        """
+        exchange = exchange_of(scope)
+        allowance = Allowance(SMALL, self._seconds, time.monotonic() + self._seconds)
+        scope[_KEY] = allowance
+        is_whole = False
+
+        async def counting() -> Message:
+            nonlocal is_whole
+            if is_whole or exchange.status is not None:  # the body is no longer read
+                return await receive()
+            message = await _in_time(receive, allowance)
+            exchange.received += len(message.get("body", b""))
+            if exchange.received > allowance.size:
+                raise TooLargeError(_too_large(allowance.size))
+            is_whole = not message.get("more_body", False)
+            return message
+
+        await self.app(scope, counting, send)
+
+
+class FormCharsets(Middleware):
+    """Refuses forms that are not UTF-8 before they are parsed; browsers always send UTF-8.
+
+    The framework decodes fields on the event loop with whatever codec the content type names. Some
+    of Python's codecs take minutes for a megabyte, and some do not decode text at all.
+    """
+
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request.
+
+        Raises
+        ------
+        MalformedError
+            If it is a form whose content type names another charset than UTF-8.
+        """
+        media_type, options = _content_type(Headers(scope=scope))
+        charset = options.get(b"charset", _UTF_8).lower()
+        if media_type in _FORMS and charset not in _NAMES_OF_UTF_8:
+            raise MalformedError(
+                "the form's content type names a charset other than UTF-8; send the fields as "
+                "UTF-8 and leave `charset` out"
+            )
+        await self.app(scope, receive, send)
+
+
+def allow_body(scope: Scope, size: int) -> None:
+    """Set a request's size limit and restart its deadline."""
+    allowance: Allowance = scope[_KEY]
+    allowance.size = size
+    allowance.until = time.monotonic() + allowance.seconds
+
+
+def is_multipart(headers: Headers) -> bool:
+    """Whether a request is a form that can contain files."""
+    return _content_type(headers)[0] == _MULTIPART
+
+
+async def _in_time(receive: Receive, allowance: Allowance) -> Message:
+    try:
+        async with asyncio.timeout(allowance.until - time.monotonic()):
+            return await receive()
+    except TimeoutError:
+        raise TooSlowError(
+            f"the upload did not arrive within {allowance.seconds:g} seconds; gzip it, or try "
+            "again. No submission was used"
+        ) from None
+
+
+def _too_large(size: int) -> str:
+    if size == SMALL:
+        return f"the request is larger than {size >> 10} KiB"
+    return (
+        f"the upload is larger than {size >> 20} MiB; gzip it, and leave out fields other than "
+        "instr_id, trajectory and the answer"
+    )
+
+
+def _content_type(headers: Headers) -> tuple[bytes, dict[bytes, bytes]]:
+    """Return media type and parameters, parsed as the framework does: parsers differ."""
+    return parse_options_header(headers.get("content-type"))

@@ -143,7 +143,7 @@ class NotOpenError(RequestError):
     code = "not-open"
     heading = "Submissions are closed"
     example_arguments = (
-        "test takes no submissions now; the next phase opens 2027-07-01T12:00:00+00:00",
+        "test accepts no submissions now; the next phase opens 2027-07-01T12:00:00+00:00",
     )
 
 
@@ -153,7 +153,7 @@ class ConflictError(RequestError):
     status = HTTPStatus.CONFLICT
     code = "conflict"
     heading = "Not possible now"
-    example_arguments = ("a withdrawn submission is not published; restore it first",)
+    example_arguments = ("a withdrawn submission cannot be published; restore it first",)
 
 
 class MalformedError(RequestError):

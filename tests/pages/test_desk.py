@@ -165,7 +165,7 @@ def test_a_review_is_lifted_and_stays_on_record(desk: Visitor) -> None:
     submission_id = sent(desk.server)
     form = {"submission_id": submission_id, "verdict": "baseline", "reason": "to compare with"}
     told(desk, "/desk/reviews", **form)
-    assert "Take back" in said(sending(desk, "/desk/reviews/1/lift"))
+    assert "Lift this review?" in said(sending(desk, "/desk/reviews/1/lift"))
     words = told(desk, "/desk/reviews/1/lift", **YES)
     assert "No reviews." in words
     assert "Lifted reviews" in words
@@ -200,9 +200,9 @@ def test_a_reported_result_is_entered_as_papers_print_it(desk: Visitor) -> None:
         pytest.param({"success": "115.3"}, "SR %: 115.3 is not from 0 to 100", id="too much"),
         pytest.param({"success": "-1"}, "SR %: -1 is not from 0 to 100", id="too little"),
         pytest.param({"path_length": "-1"}, "TL m: -1 is not 0 or more", id="metres"),
-        pytest.param({"success": "11,53"}, "'11,53' is no number", id="no number"),
+        pytest.param({"success": "11,53"}, "'11,53' is not a number", id="no number"),
         pytest.param({"success": "nan"}, "nan is not from 0 to 100", id="not a number"),
-        pytest.param({"success": "sNaN"}, "'sNaN' is no number", id="not a number, loudly"),
+        pytest.param({"success": "sNaN"}, "'sNaN' is not a number", id="not a number, loudly"),
         pytest.param({"path_length": "1e9999"}, "TL m: 1e9999 is", id="endless"),
         pytest.param({}, "scores:", id="no score"),
         pytest.param({"success": "5", "source": "javascript:alert(1)"}, "source:", id="no paper"),
@@ -218,7 +218,7 @@ def test_only_results_are_reported(changes: Mapping[str, str], message: str, des
 
 def test_a_reported_result_is_removed(desk: Visitor) -> None:
     told(desk, "/desk/reported", **RESULT, success="5")
-    assert "off its board?" in said(sending(desk, "/desk/reported/1/remove"))
+    assert "from the leaderboard?" in said(sending(desk, "/desk/reported/1/remove"))
     assert "No reported results." in told(desk, "/desk/reported/1/remove", **YES)
     assert sending(desk, "/desk/reported/1/remove", **YES).status_code == 404
     assert sending(desk, f"/desk/reported/{2**40}/remove", **YES).status_code == 400
@@ -290,7 +290,7 @@ def test_an_invitation_is_not_over_before_it_is_made(desk: Visitor) -> None:
     form = {"person": OWNER, "kind": "invite", "until": "2026-03-01"}
     page = sending(desk, "/desk/people/tokens", **form)
     assert page.status_code == 400
-    assert "It would have expired already; choose a later time" in said(page)
+    assert "The expiry time is in the past; choose a later time" in said(page)
     for path in ("/desk/people", "/desk/quotas"):
         assert 'name="until" type="date" min="2026-03-02"' in desk.get(path).text
 

@@ -130,7 +130,7 @@ def test_a_withdrawn_submission_is_not_published(owner: Visitor) -> None:
     changed(owner, submission, withdrawn="true")
     reply = owner.send(f"/submissions/{submission}", {"published": "true"})
     assert reply.status_code == 409
-    assert "Nothing was changed. A withdrawn submission is not published" in said(reply)
+    assert "Nothing was changed. A withdrawn submission cannot be published" in said(reply)
     assert 'name="published"' not in reply.text
 
 
@@ -313,7 +313,7 @@ def test_a_disqualified_submission_cannot_be_taken_off_the_board(owner: Visitor)
     for field in ({"withdrawn": "true"}, {"published": "false"}):
         reply = owner.send(f"/submissions/{submission}", field)
         assert reply.status_code == 409
-        assert "it stays on the board, with the reason" in said(reply)
+        assert "it cannot be unpublished or withdrawn" in said(reply)
 
 
 def test_the_team_s_page(open_server: OpenServer, folder: Path) -> None:

@@ -187,7 +187,7 @@ def test_what_the_organiser_asks_for_has_to_be_said(open_server: OpenServer, fol
     form = owner.get("/submit").text
     assert re.search(r'id="paper"[^>]* required ', form)
     assert form.count('type="radio" name="extra_data"') == 2
-    assert "asks for more on the method: paper, extra_data" in said(owner.upload())
+    assert "about the method is missing: paper, extra_data" in said(owner.upload())
     complete = owner.upload(paper="https://example.org/", extra_data="false")
     assert complete.status_code == 303
 
@@ -331,7 +331,7 @@ def test_a_wrong_token_is_refused_in_place(server: Serving, token: str) -> None:
     shown = token.format(invitation=invitation(server))
     reply = server.client.post("/sign-in", data={"token": shown, "back": "/submit"})
     assert (reply.status_code, "set-cookie" in reply.headers) == (401, False)
-    assert "this is no token of this server" in said(reply)
+    assert "unknown token; ask the organiser for another" in said(reply)
     assert 'name="back" value="/submit"' in reply.text
 
 

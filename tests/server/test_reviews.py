@@ -99,7 +99,7 @@ def test_what_is_disqualified_does_not_disappear(
     number = say(server, submission_id, "disqualified")
     refused = server.ask(OWNER, "PATCH", path, json=change)
     assert refused.status_code == 409
-    assert "disqualified this submission: it stays on the board" in refused.json()["detail"]
+    assert "until that is lifted, it cannot be unpublished or withdrawn" in refused.json()["detail"]
     assert server.ask(OWNER, "GET", path).json()["status"] == "published"
     hidden = {"anonymous_until": "2026-12-31T00:00:00Z", "published": True}
     assert server.ask(OWNER, "PATCH", path, json=hidden).status_code == 200

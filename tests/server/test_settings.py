@@ -437,8 +437,8 @@ def test_a_phase_closes_with_the_end_of_a_second(moment: str, *, is_open: bool) 
 @pytest.mark.parametrize(
     ("phases", "status", "message"),
     [
-        pytest.param((), 409, "takes no submissions now", id="never"),
-        pytest.param((Phase(name="a", closes=PAST),), 409, "takes no submissions now", id="over"),
+        pytest.param((), 409, "accepts no submissions now", id="never"),
+        pytest.param((Phase(name="a", closes=PAST),), 409, "accepts no submissions now", id="over"),
         pytest.param(
             (Phase(name="a", closes=PAST), Phase(name="b", opens=NOON + HOUR)),
             409,
@@ -506,7 +506,7 @@ def test_what_the_organiser_asks_for_has_to_be_said_of_a_method(
     reply = server.upload(OWNER, GOOD, **said)
     assert reply.status_code == (201 if missing is None else 400)
     if missing:
-        assert reply.json()["detail"].endswith(f"asks for more on the method: {missing}")
+        assert reply.json()["detail"].endswith(f"the method is missing: {missing}")
         assert server.ask(OWNER, "GET", "/submissions").json() == []
 
 

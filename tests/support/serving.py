@@ -227,7 +227,6 @@ def populate(transaction: Transaction, people: Mapping[str, str]) -> Mapping[str
 
 SERVE = """
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from reverie_eval.server.operations.run import run_server

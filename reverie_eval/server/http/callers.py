@@ -242,7 +242,7 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
     form = await visit.request.form()
     shown: Any = form.get("csrf_token", "")
     if not isinstance(shown, str):
-        raise ForgedError("csrf_token is no file")
+        raise ForgedError("csrf_token must be text, not a file")
     visit.server.sessions.demand_csrf_token(visit.session_id, shown)
     return form
 

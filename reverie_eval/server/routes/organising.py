@@ -118,7 +118,7 @@ def review_submission(new: NewReview, organiser: Organiser) -> ReviewEntry:
 
 @router.delete("/reviews/{review_id}", responses=problems("not-found", "conflict"))
 def lift_review(review_id: Number, organiser: Organiser) -> ReviewEntry:
-    """Take back what was said of a submission; it stays on record."""
+    """Lift a review; it stays on record."""
     return organiser.perform(reviews.lift_review, review_id)
 
 
@@ -137,7 +137,7 @@ def add_reported_result(new: NewReported, organiser: Organiser) -> ReportedEntry
 
 @router.delete("/reported/{result_id}", responses=problems("not-found"))
 def remove_reported_result(result_id: Number, organiser: Organiser) -> ReportedEntry:
-    """Take a reported result off its board."""
+    """Remove a reported result from the leaderboard."""
     return organiser.perform(reported.remove_reported, result_id)
 
 

@@ -209,7 +209,7 @@ class EpisodeService:
             raise NotSignedInError("sign in to look at a submission of your team")
         known = submission_of(session, person, submission_id)
         if known.split != split:
-            raise NotFoundError(f"there is no submission {submission_id!r} of your team")
+            raise NotFoundError(f"your team has no submission {submission_id!r}")
         return Run(known, self._submissions.episodes(known))
 
 

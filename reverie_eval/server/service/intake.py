@@ -89,7 +89,7 @@ class Intake:
         QuotaSpentError
             If nothing is left.
         NotOpenError
-            If the split takes no submissions now.
+            If the split accepts no submissions now.
         ConflictError
             If the key was used for another file.
         MalformedError
@@ -195,7 +195,7 @@ class Intake:
         if not board.is_open(now):
             opening = [p.opens for p in board.split.phases if p.opens and p.opens > now]
             after = f"; the next phase opens {min(opening).isoformat()}" if opening else ""
-            raise NotOpenError(f"{board.name} takes no submissions now{after}")
+            raise NotOpenError(f"{board.name} accepts no submissions now{after}")
 
     def _demand_quota(
         self, session: Session, person: Person, board: Board, now: datetime

@@ -128,12 +128,12 @@ def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> G
     Raises
     ------
     MalformedError
-        If it would have expired already.
+        If the expiry time is in the past.
     NotFoundError
         If there is no such team or split.
     """
     if new.expires_at <= transaction.now:
-        raise MalformedError("the grant would have expired already; choose a later time")
+        raise MalformedError("the expiry time is in the past; choose a later time")
     if new.split not in splits:
         raise NotFoundError(f"there is no split {new.split!r}; there are: {', '.join(splits)}")
     given = Grant(

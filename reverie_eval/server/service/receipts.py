@@ -88,18 +88,18 @@ def load_key(path: Path) -> Ed25519PrivateKey:
     """
     try:
         if path.stat().st_mode & 0o077:
-            raise ReceiptError(f"others can read {path}; run `chmod 600 {path}`")
+            raise ReceiptError(f"other users can read {path}; run `chmod 600 {path}`")
         key = load_pem_private_key(path.read_bytes(), password=None)
     except FileNotFoundError:
         raise ReceiptError(f"{path} is missing; restore it from the backup of the server") from None
     except OSError as error:
         raise ReceiptError(f"{path} cannot be read: {error.strerror}") from None
     except (ValueError, UnsupportedAlgorithm):
-        raise ReceiptError(f"{path} is no private key in PEM form") from None
+        raise ReceiptError(f"{path} is not a private key in PEM format") from None
     except TypeError:  # the library wants a password
         raise ReceiptError(f"{path} is locked with a password; store it without one") from None
     if not isinstance(key, Ed25519PrivateKey):
-        raise ReceiptError(f"{path} is no Ed25519 key")
+        raise ReceiptError(f"{path} is not an Ed25519 key")
     return key
 
 

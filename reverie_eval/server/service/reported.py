@@ -38,7 +38,7 @@ def add_reported(
     unknown = [key for key in new.scores if key not in CATALOGUE]
     if unknown:
         known = ", ".join(CATALOGUE)
-        raise MalformedError(f"there is no metric {unknown[0]!r}; choose of: {known}")
+        raise MalformedError(f"there is no metric {unknown[0]!r}; choose one of: {known}")
     for key, value in new.scores.items():
         bound = CATALOGUE[key].upper_bound
         if not isfinite(value) or not 0 <= value <= bound:
@@ -60,7 +60,7 @@ def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
     """Take a reported result off its board; NotFoundError if it is on none."""
     result = transaction.session.get(ReportedResult, result_id)
     if result is None or result.removed_at is not None:
-        raise NotFoundError(f"there is no reported result {result_id} on any board")
+        raise NotFoundError(f"there is no reported result {result_id} on any leaderboard")
     result.removed_at = transaction.now
     name = result.method["name"]
     transaction.record("reported result removed", result, name, split=result.split)

@@ -140,7 +140,8 @@ def demand_metadata(method: Method, required: Collection[str]) -> None:
     given = {name for name in method.model_fields_set if getattr(method, name) not in {"", None}}
     missing = [name for name in required if name not in given]
     if missing:
-        raise MalformedError(f"the organiser asks for more on the method: {', '.join(missing)}")
+        told = "required information about the method is missing"
+        raise MalformedError(f"{told}: {', '.join(missing)}")
 
 
 @dataclass
@@ -172,11 +173,11 @@ class SubmissionService:
         """
         board = board_named(self.boards, submission.split)
         if board.is_private:
-            raise NotFoundError(f"values per episode of {board.name} leave the server never")
+            raise NotFoundError("per-episode values of private splits are never released")
         if not board.measures_as(submission.report):
             raise NotFoundError(
-                f"{board.name} is scored by other data or another protocol now than this "
-                "submission was; see its signature"
+                f"the ground truth or protocol of {board.name} has changed since this submission; "
+                "see its signature"
             )
         return self._scored(submission.split, submission.sha256)
 
@@ -214,8 +215,8 @@ class SubmissionService:
                 standing = standing_reviews(transaction.session, row.id)
                 if any(review.verdict == "disqualified" for review in standing):
                     raise ConflictError(
-                        "the organiser has disqualified this submission: it stays on the board, "
-                        "with the reason, for as long as that stands"
+                        "the organiser has disqualified this submission; until that is lifted, it "
+                        "cannot be unpublished or withdrawn"
                     )
             if intervals is not None:
                 row.report = {**row.report, "intervals": intervals}
@@ -231,7 +232,7 @@ class SubmissionService:
             if "anonymous_until" in change.model_fields_set:
                 row.anonymous_until = change.anonymous_until
             if change.published and row.withdrawn_at is not None:
-                raise ConflictError("a withdrawn submission is not published; restore it first")
+                raise ConflictError("a withdrawn submission cannot be published; restore it first")
             changed = change.model_dump(mode="json", exclude_unset=True)
             transaction.record("changed", row, row.id, **changed)
             return submission_report(row)
@@ -256,5 +257,5 @@ class SubmissionService:
 def _row_of(session: Session, person: Person, submission_id: str) -> Submission:
     row = find_submission(session, submission_id)
     if row is None or (person.role != "organiser" and row.team_id != person.team_id):
-        raise NotFoundError(f"there is no submission {submission_id!r} of your team")
+        raise NotFoundError(f"your team has no submission {submission_id!r}")
     return row

@@ -124,7 +124,7 @@ def valid_token(session: Session, text: str, kind: TokenKind, now: datetime) -> 
     # The index has compared digests, whose timing tells nothing of the text; this compares all.
     is_known = token is not None and secrets.compare_digest(token.digest, digest)
     if token is None or not is_known or token.kind != kind:
-        raise NotSignedInError(f"this is no {TOKEN_NAMES[kind]} of this server")
+        raise NotSignedInError(f"unknown {TOKEN_NAMES[kind]}; ask the organiser for another")
     demand_valid(token, now)
     return token
 
@@ -222,7 +222,7 @@ class Sessions:
         """
         if not secrets.compare_digest(self.csrf_token(session_id).encode(), shown.encode()):
             raise ForgedError(
-                "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session tells it"
+                "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session returns it"
             )
 
 
@@ -242,7 +242,7 @@ def _create(
     transaction: Transaction, person: Person, kind: TokenKind, expires_at: datetime | None
 ) -> NewTokenReport:
     if expires_at is not None and expires_at <= transaction.now:
-        raise MalformedError("it would have expired already; choose a later time")
+        raise MalformedError("the expiry time is in the past; choose a later time")
     text = PREFIX + secrets.token_urlsafe(32)
     token = Token(
         person=person,

@@ -94,7 +94,7 @@ def scores_of(typed: forms.Typed) -> Mapping[str, float]:
         try:
             value = float(Decimal(text) / (_PER_CENT if metric.unit == "fraction" else 1))
         except InvalidOperation:
-            raise MalformedError(f"{metric.label}: {text!r} is no number") from None
+            raise MalformedError(f"{metric.label}: {text!r} is not a number") from None
         if not isfinite(value) or not 0 <= value <= metric.upper_bound:
             expected = "from 0 to 100" if metric.unit == "fraction" else "0 or more"
             raise MalformedError(f"{metric.heading}: {text} is not {expected}")
@@ -104,11 +104,11 @@ def scores_of(typed: forms.Typed) -> Mapping[str, float]:
 
 @router.post(f"{PAGE}/{{result_id}}/remove")
 def remove(result_id: Number, desk: Desk, form: Posted) -> Response:
-    """Take a reported result off its board."""
+    """Remove a reported result from the leaderboard."""
     forms.show_faults(desk, {}, draw)
     if not forms.is_confirmed(form):
-        question = "Take this reported result off its board?"
-        remark = "It can be entered again. That it stood there stays in the audit log."
+        question = "Remove this reported result from the leaderboard?"
+        remark = "You can enter it again. The audit log keeps a record."
         return forms.ask(desk, {}, question=question, remark=remark, yes="Remove it", back=PAGE)
     desk.perform(reported.remove_reported, result_id)
     return forms.done(PAGE, "removed")

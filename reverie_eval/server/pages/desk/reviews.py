@@ -23,7 +23,7 @@ PAGE = "/desk/reviews"
 A_FEW = 30
 VERDICTS: Mapping[str, str] = {
     "verified": "You have checked it: its code was run, or its files were compared.",
-    "baseline": "A reference to compare with. It says nothing of its worth.",
+    "baseline": "A reference for comparison.",
     "flagged": "Something is doubtful. It keeps its rank.",
     "disqualified": "It broke the rules. It loses its rank and stays visible.",
 }
@@ -81,8 +81,8 @@ def lift_review(review_id: Number, desk: Desk, form: Posted) -> Response:
     """Take back what was said of a submission."""
     forms.show_faults(desk, {}, draw)
     if not forms.is_confirmed(form):
-        question = "Take back what was said of this submission?"
-        remark = "It disappears from the board; that it was said, and lifted, stays on record."
+        question = "Lift this review?"
+        remark = "It disappears from the leaderboard; the audit log keeps a record."
         return forms.ask(desk, {}, question=question, remark=remark, yes="Lift it", back=PAGE)
     desk.perform(reviews.lift_review, review_id)
     return forms.done(PAGE, "lifted")

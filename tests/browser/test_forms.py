@@ -81,7 +81,7 @@ def rename(page: Page, site: Site) -> None:
 
 REPLIES = {
     "a file with problems": Reply("/submit", OWNER, upload, "Submit"),
-    "a question": Reply("/desk/people", ORGANISER, revoke, "Make the token"),
+    "a question": Reply("/desk/people", ORGANISER, revoke, "Revoke the token"),
     "another question": Reply("/desk/people", ORGANISER, make_organiser, "Make Zed an organiser"),
     "a refusal": Reply("/desk/people", ORGANISER, make_team_again, "People"),
     "a token": Reply("/desk/people", ORGANISER, make_token, "Invitation for Ada"),

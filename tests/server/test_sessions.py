@@ -72,7 +72,7 @@ def submission(server: Serving) -> str:
     return str(accepted["submission"]["id"])
 
 
-def minted(server: Serving, **lifetime: float) -> tuple[str, str]:
+def created(server: Serving, **lifetime: float) -> tuple[str, str]:
     """Make a token of the owner's with a lifetime; return its text and what shows of it."""
     with server.acting() as transaction:
         made = create_token(transaction, OWNER, "access", NOON + timedelta(**lifetime))
@@ -227,7 +227,7 @@ def test_a_session_ends_after_half_a_day(browser: Browser, hours: float, *, expe
 
 @pytest.mark.parametrize(("minutes", "expected"), [(59.9, True), (60, False)])
 def test_a_session_ends_with_its_token(server: Serving, minutes: float, *, expected: bool) -> None:
-    token, _ = minted(server, hours=1)
+    token, _ = created(server, hours=1)
     browser = signed_in(server, token)
     said = browser.ask("GET", "/session").json()
     assert said["expires_at"] == "2026-03-02T13:00:00Z"
@@ -236,7 +236,7 @@ def test_a_session_ends_with_its_token(server: Serving, minutes: float, *, expec
 
 
 def test_to_revoke_a_token_ends_its_sessions_and_no_others(server: Serving) -> None:
-    token, hint = minted(server, days=1)
+    token, hint = created(server, days=1)
     one, other = signed_in(server, token), signed_in(server, server.tokens[OWNER])
     with server.acting() as transaction:
         revoke_token(transaction, hint)

@@ -56,7 +56,7 @@ def test_an_organiser_begins(tmp_path: Path, demo_world: Path) -> None:
         desk.run(*words, "--server", server.url, variables=signed_in)
 
     recorded = desk.run("server", "audit", "lab").out.splitlines()
-    actions = ["team added", "person added", "access token minted"]
+    actions = ["team added", "person added", "access token created"]
     expected = [*actions, *actions, "submitted", "granted", "submitted"]
     done = [next((a for a in {*expected} if a in line), line) for line in recorded[1:]]
     assert done == expected

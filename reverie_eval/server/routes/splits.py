@@ -96,9 +96,16 @@ def submit(
     return accepted
 
 
-@router.post("/{split}/validate", responses=problems(*_OF_FILES), openapi_extra=FILE_BODY)
+@router.post(
+    "/{split}/validate",
+    responses=problems(*_OF_FILES),
+    openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
+)
 def validate(split: SplitName, person: Sender, content: Content, server: Server) -> Checked:
-    """Run every check of an upload; no answer is looked at, and nothing is spent or kept."""
+    """Run every check of an upload without using answers; nothing is stored, no submission is used.
+
+    It takes what an upload takes; the description of the method is not looked at.
+    """
     return server.intake.validate(person, split, content)
 
 

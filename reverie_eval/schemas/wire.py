@@ -21,6 +21,7 @@ from reverie_eval.schemas.report import Report
 LONGEST_NAME = 100
 LONGEST_LINE = 500
 LONGEST_LINK = 500
+LONGEST_TEXT = 2000
 
 _BLANK = re.compile(
     r"[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef\u2800]"
@@ -90,7 +91,7 @@ Line = Annotated[str, Field(max_length=LONGEST_LINE), BeforeValidator(_line)]
 Reason = Annotated[
     str, StringConstraints(min_length=1, max_length=LONGEST_LINE), BeforeValidator(_line)
 ]
-Text = Annotated[str, Field(max_length=2000), BeforeValidator(_lines)]
+Text = Annotated[str, Field(max_length=LONGEST_TEXT), BeforeValidator(_lines)]
 Https = Annotated[
     HttpUrl,
     UrlConstraints(allowed_schemes=["https"], max_length=LONGEST_LINK),

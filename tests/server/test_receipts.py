@@ -233,7 +233,7 @@ def pem(key: Any, encryption: Any) -> bytes:
     [
         pytest.param(lambda path: path.unlink(), "is missing; restore it", id="missing"),
         pytest.param(lambda path: path.chmod(0o640), "run `chmod 600", id="others can read it"),
-        pytest.param(lambda path: path.write_bytes(b"key"), "no private key", id="no key"),
+        pytest.param(lambda path: path.write_bytes(b"key"), "not a private key", id="no key"),
         pytest.param(
             lambda path: path.write_bytes(pem(KEY, BestAvailableEncryption(b"secret"))),
             "locked with a password",
@@ -241,7 +241,7 @@ def pem(key: Any, encryption: Any) -> bytes:
         ),
         pytest.param(
             lambda path: path.write_bytes(pem(generate_private_key(SECP256R1()), NoEncryption())),
-            "no Ed25519 key",
+            "not an Ed25519 key",
             id="another kind",
         ),
         pytest.param(

@@ -18,7 +18,9 @@ from starlette.types import Scope
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.schemas.wire import LONGEST_LINE, LONGEST_LINK, LONGEST_NAME, LONGEST_TEXT
 from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
 from reverie_eval.server.http.callers import Snapshot, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
@@ -120,7 +122,14 @@ def _environment() -> Environment:
     environment.globals |= {
         "called": TOKEN_NAMES,
         "flags": METHOD_FLAGS,
+        "longest": {
+            "name": LONGEST_NAME,
+            "line": LONGEST_LINE,
+            "link": LONGEST_LINK,
+            "text": LONGEST_TEXT,
+        },
         "metrics": CATALOGUE,
+        "most_extra": MOST_EXTRA,
         "static": static_url,
     }
     environment.filters |= {

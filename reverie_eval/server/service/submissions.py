@@ -140,8 +140,9 @@ def demand_metadata(method: Method, required: Collection[str]) -> None:
     given = {name for name in method.model_fields_set if getattr(method, name) not in {"", None}}
     missing = [name for name in required if name not in given]
     if missing:
-        told = "required information about the method is missing"
-        raise MalformedError(f"{told}: {', '.join(missing)}")
+        raise MalformedError(
+            f"required information about the method is missing: {', '.join(missing)}"
+        )
 
 
 @dataclass

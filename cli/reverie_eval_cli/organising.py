@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.reporting._table import Table, print_table
@@ -15,8 +15,11 @@ from reverie_eval_cli.output import show
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
+    from reverie_eval.schemas.wire import WireModel
     from reverie_eval.server.operations.checks import Finding
     from reverie_eval.server.service.transactions import Transaction
+
+Request = TypeVar("Request", bound="WireModel")
 
 
 def actor() -> str:
@@ -40,27 +43,32 @@ def after(days: int | None) -> datetime | None:
 
 @contextmanager
 def acting(folder: Path) -> Iterator["Transaction"]:
-    """Change something on a server, as the user; it may be serving meanwhile.
+    """Change something on a server, as the user; it may be serving meanwhile."""
+    from reverie_eval.server.operations.checks import acting as acting_on
+    from reverie_eval.server.settings import load_settings
+
+    with acting_on(load_settings(folder), actor()) as transaction:
+        yield transaction
+
+
+def checked(model: type[Request], **fields: object) -> Request:
+    """Return a request for a change, checked as the API checks it.
 
     Raises
     ------
     ReverieEvalError
-        Also in place of pydantic's error, if what is asked for is not well-formed.
+        Naming each field that is wrong.
     """
     from pydantic import ValidationError
 
     from reverie_eval.server.http.wrong_values import wrong_value
-    from reverie_eval.server.operations.checks import acting as acting_on
-    from reverie_eval.server.settings import load_settings
 
     try:
-        with acting_on(load_settings(folder), actor()) as transaction:
-            yield transaction
+        return model.model_validate(fields)
     except ValidationError as error:
-        found = [wrong_value(detail) for detail in error.errors()]
-        raise ReverieEvalError(
-            "; ".join(f"{each.where} {each.message}" for each in found)
-        ) from None
+        wrong = [wrong_value(detail) for detail in error.errors()]
+        told = "; ".join(f"{each.where}: {each.message}" for each in wrong)
+        raise ReverieEvalError(told) from None
 
 
 @contextmanager

@@ -283,3 +283,24 @@ def test_the_audit_log_says_who_did_what(lab: str, run: Run) -> None:
     entries = json.loads(run("server", "audit", lab, "--format", "json").out)
     assert [entry["action"] for entry in entries] == ["team added", "granted"]
     assert entries[1]["previous"] == entries[0]["digest"]
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (["team", "add", "LAB", ""], "name: must have 1 or more characters"),
+        (["team", "rename", "LAB", "Blue", "a\nb"], "name: must be one line without invisible"),
+        (["person", "add", "LAB", "x" * 101, "--team", "Blue"], "name: must have at most 100"),
+        (["grant", "LAB", "Blue", "test", "1", "--reason", " "], "reason: must have 1 or more"),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_field(
+    command: list[str], told: str, lab: str, run: Run
+) -> None:
+    run("server", "team", "add", lab, "Blue")
+    before = run("server", "audit", lab).out
+    outcome = run("server", *(lab if word == "LAB" else word for word in command))
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.startswith(f"reverie-eval: {told}")
+    assert "pydantic" not in outcome.err
+    assert run("server", "audit", lab).out == before

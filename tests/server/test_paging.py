@@ -101,10 +101,25 @@ def test_a_page_is_of_a_bounded_length(path: str, limit: object, server: Serving
     assert (reply.status_code, reply.json()["problems"][0]["where"]) == (400, "limit")
 
 
-@pytest.mark.parametrize("cursor", ["x", "-1", "1.5", "9" * 20, "\u0663", "\0"])
-def test_a_cursor_that_is_none_is_refused(cursor: str, server: Serving) -> None:
-    reply = server.ask(ORGANISER, "GET", "/organiser/tokens", params={"cursor": cursor})
+@pytest.mark.parametrize(
+    "cursor", ["", "x", "-1", "1.5", "9" * 20, "2147483648", f"{0:020}{9:012}", "\u0663", "\0"]
+)
+@pytest.mark.parametrize("path", ["/organiser/tokens", "/submissions"])
+def test_a_cursor_that_is_none_is_refused(path: str, cursor: str, server_on: Serving) -> None:
+    reply = server_on.ask(ORGANISER, "GET", path, params={"cursor": cursor})
     assert (reply.status_code, reply.json()["problems"][0]["where"]) == (400, "cursor")
+
+
+@pytest.mark.parametrize("cursor", ["\0", "Blue\0"])
+def test_a_name_with_a_zero_byte_is_no_cursor(cursor: str, server_on: Serving) -> None:
+    for path in ("/organiser/teams", "/organiser/people"):
+        reply = server_on.ask(ORGANISER, "GET", path, params={"cursor": cursor})
+        assert (reply.status_code, reply.json()["problems"][0]["where"]) == (400, "cursor")
+
+
+def test_the_largest_key_is_a_cursor(server: Serving) -> None:
+    reply = server.ask(ORGANISER, "GET", "/organiser/audit", params={"cursor": "2147483647"})
+    assert (reply.status_code, reply.json()) == (200, [])
 
 
 @pytest.mark.parametrize(
@@ -112,11 +127,11 @@ def test_a_cursor_that_is_none_is_refused(cursor: str, server: Serving) -> None:
     [
         (
             "/submissions?limt=3",
-            "is not known here; did you mean limit? Choose one of: cursor, limit",
+            "unknown parameter; did you mean limit? Choose one of: cursor, limit",
         ),
-        ("/organiser/attempts?before=3", "is not known here; choose one of: cursor, limit"),
+        ("/organiser/attempts?before=3", "unknown parameter; choose one of: cursor, limit"),
         (f"/splits/{OPEN}/leaderboard?metrics=spl", "did you mean metric?"),
-        ("/me?verbose=1", "is not known here; leave it out"),
+        ("/me?verbose=1", "unknown parameter; remove it"),
     ],
 )
 def test_a_parameter_that_a_route_does_not_have_is_refused(

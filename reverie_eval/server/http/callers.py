@@ -1,4 +1,4 @@
-"""Who is calling: whoever shows a token, or has signed in with a browser.
+"""Who is calling: a person with a token, or signed in with a browser.
 
 A token in the Authorization header is sent on purpose. A cookie is sent by the browser, whoever
 made the page: so it counts for requests of our own pages only, and what changes something needs the
@@ -47,7 +47,7 @@ class Snapshot:
     session: Session
     now: datetime
     browser: BrowserSession | None
-    """Of whoever has signed in with a browser."""
+    """The browser session of the caller, if there is one."""
     caller: Person | None
 
     @property
@@ -115,7 +115,7 @@ class Call:
         *given: Given.args,
         **named: Given.kwargs,
     ) -> Report:
-        """Change something as whoever is calling; errors are also those of :meth:`snapshot`."""
+        """Change something as the caller; may also raise the errors of :meth:`snapshot`."""
         with self.server.transactions.begin(self.person().name) as transaction:
             return action(transaction, *given, **named)
 

@@ -1,6 +1,7 @@
 """Pages of the API's lists: ``limit`` and ``cursor`` in, a Link to the next page out (RFC 8288)."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Annotated, TypeVar
 from urllib.parse import urlencode
 
@@ -14,42 +15,46 @@ from reverie_eval.text import did_you_mean
 
 Report = TypeVar("Report")
 Number = Annotated[int, Path(ge=1, le=LARGEST, examples=[1])]
-"""Of a row."""
+"""The number of a row, in a path."""
 
 
+@dataclass(frozen=True, slots=True)
 class Pager:
-    """Which page is asked for, and the reply to lead on from."""
+    """The requested page of a list, and the response that links the next page."""
 
-    def __init__(
-        self,
-        response: Response,
-        limit: Annotated[int, Query(ge=1, le=LONGEST)] = 100,
-        cursor: Annotated[
-            str | None,
-            Query(max_length=200, description="From the Link header of the page before."),
-        ] = None,
-    ) -> None:
-        self._response = response
-        self.page = Page(limit, cursor)
+    response: Response
+    page: Page
 
     def reply(self, listed: Listed[Report]) -> list[Report]:
-        """Return the rows of a page, and link the next one."""
+        """Return the rows of the page, and link the next page."""
         if listed.next_cursor is not None:
             query = urlencode({"limit": self.page.limit, "cursor": listed.next_cursor})
-            self._response.headers["Link"] = f'<?{query}>; rel="next"'
+            self.response.headers["Link"] = f'<?{query}>; rel="next"'
         return listed.rows
 
 
-Paging = Annotated[Pager, Depends()]
+async def pager(
+    response: Response,
+    limit: Annotated[int, Query(ge=1, le=LONGEST)] = 100,
+    cursor: Annotated[
+        str | None,
+        Query(max_length=200, description="From the Link header of the previous page."),
+    ] = None,
+) -> Pager:
+    """Return the pager of a request."""
+    return Pager(response, Page(limit, cursor))
+
+
+Paging = Annotated[Pager, Depends(pager)]
 
 
 async def known_query(request: Request) -> None:
-    """Refuse parameters that a route does not have, which would be ignored.
+    """Refuse unknown query parameters, which would otherwise be ignored.
 
     Raises
     ------
     MalformedError
-        Naming each, and what was perhaps meant.
+        Naming each, with the closest known parameter.
     """
     route = request.scope["route"]
     known = set(_parameters(route.dependant))
@@ -58,8 +63,8 @@ async def known_query(request: Request) -> None:
     if unknown:
         problems = []
         for name in unknown:
-            remedy = did_you_mean(name, sorted(known)) if known else "; leave it out"
-            message = f"is not known here{remedy}"
+            remedy = did_you_mean(name, sorted(known)) if known else "; remove it"
+            message = f"unknown parameter{remedy}"
             problems.append(ProblemReport(code="wrong-value", where=name, message=message))
         raise MalformedError(WRONG_FORM, problems)
 

@@ -80,7 +80,7 @@ def page(
     status: int = 200,
     **content: Any,
 ) -> HTMLResponse:
-    """Render a page for whoever is signed in; without a snapshot, the database is not asked."""
+    """Render a page for its visitor; without a snapshot, the database is not asked."""
     site = _site(request, snapshot)
     html = _environment().get_template(template).render(site=site, **content)
     return HTMLResponse(html, status, HEADERS)

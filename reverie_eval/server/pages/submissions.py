@@ -27,7 +27,7 @@ _EMPTY_IS_NONE = frozenset({"paper", "code"})
 def show_submission(
     submission_id: str, visitor: Visitor, done: Annotated[str, Query(max_length=20)] = ""
 ) -> Response:
-    """Show a submission: to its team, or to whoever reads the board."""
+    """Show a submission to its team, or what is published of it to others."""
     with visitor.snapshot() as snapshot:
         if snapshot.caller is not None:
             try:
@@ -75,7 +75,7 @@ def _own_page(
     Raises
     ------
     NotFoundError
-        If it is another team's, or there is none.
+        If it does not exist, or belongs to another team.
     """
     server, session, person = visit.server, snapshot.session, snapshot.person
     shown = submission_of(session, person, submission_id)

@@ -73,7 +73,7 @@ class SplitQuota:
 
 
 def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota]:
-    """Return what every split has for whoever is signed in."""
+    """Return the quota of every split for the visitor."""
     quotas = server.intake.quotas(snapshot.session, snapshot.person)
     return [
         _split_quota(board, quotas[name], snapshot.now) for name, board in server.boards.items()

@@ -11,9 +11,9 @@ from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 
 LONGEST = 1000
-"""Rows of a page."""
+"""The most rows of a page."""
 LARGEST = 2**31 - 1
-"""That a database's integers can be."""
+"""The largest integer key of a database."""
 
 Row = TypeVar("Row")
 Report = TypeVar("Report")
@@ -54,6 +54,8 @@ def list_page(
     """
     rows = rows.order_by(key.desc() if newest_first else key)
     if page.cursor is not None:
+        if "\0" in page.cursor:  # PostgreSQL has no text with it
+            raise wrong_cursor()
         last = key_of(page.cursor) if key.type.python_type is int else page.cursor
         rows = rows.where(key < last if newest_first else key > last)
     found = session.scalars(rows.limit(page.limit + 1)).all()
@@ -84,14 +86,15 @@ def cut(
 
 
 def key_of(cursor: str) -> int:
-    """Return the number that a cursor is of; MalformedError if it is of none."""
-    if not (cursor.isascii() and cursor.isdigit() and int(cursor[:11]) <= LARGEST):
+    """Return the integer key in a cursor; MalformedError if there is none."""
+    is_short_number = cursor.isascii() and cursor.isdigit() and len(cursor) <= len(str(LARGEST))
+    if not is_short_number or int(cursor) > LARGEST:
         raise wrong_cursor()
     return int(cursor)
 
 
 def wrong_cursor() -> MalformedError:
-    """Return the refusal of a cursor that no page has."""
-    message = "is of no page of this list; take it from the Link header of the page before"
+    """Return the error about a cursor that no page of a list has."""
+    message = "unknown cursor; take it from the Link header of the previous page of this list"
     problem = ProblemReport(code="wrong-value", where="cursor", message=message)
     return MalformedError(WRONG_FORM, [problem])

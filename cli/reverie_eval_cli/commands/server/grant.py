@@ -8,7 +8,7 @@ import click
 from reverie_eval.schemas.organising import MOST_EXTRA, NewGrant
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.organising import acting, minute, now
+from reverie_eval_cli.organising import acting, checked, minute, now
 
 
 @click.command()
@@ -28,8 +28,8 @@ def grant(*, folder: Path, team: str, split: str, number: int, reason: str, days
 
     splits = load_settings(folder).splits
     ends = now() + timedelta(days=days)
+    new = checked(NewGrant, team=team, split=split, extra=number, reason=reason, expires_at=ends)
     with acting(folder) as transaction:
-        new = NewGrant(team=team, split=split, extra=number, reason=reason, expires_at=ends)
         quotas.grant(transaction, new, splits)
     extra = count_text(number, "extra submission")
     print(f"{team}: {extra} to {split} until {minute(ends)} UTC")

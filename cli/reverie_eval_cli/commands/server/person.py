@@ -9,7 +9,7 @@ import click
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, minute, print_list, reading
+from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Role
@@ -39,8 +39,9 @@ def add(*, folder: Path, name: str, team: str, role: "Role") -> None:
     from reverie_eval.schemas.organising import NewPerson
     from reverie_eval.server.service.people import add_person
 
+    new = checked(NewPerson, team=team, name=name, role=role)
     with acting(folder) as transaction:
-        added = add_person(transaction, NewPerson(team=team, name=name, role=role))
+        added = add_person(transaction, new)
     print(f"{added.role} {added.name} added to {team}")
 
 

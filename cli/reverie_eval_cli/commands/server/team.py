@@ -8,7 +8,7 @@ import click
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, minute, print_list, reading
+from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
 
 
 @click.group(cls=Group)
@@ -27,8 +27,9 @@ def add(*, folder: Path, name: str) -> None:
     from reverie_eval.schemas.organising import NewTeam
     from reverie_eval.server.service.people import add_team
 
+    new = checked(NewTeam, name=name)
     with acting(folder) as transaction:
-        added = add_team(transaction, NewTeam(name=name))
+        added = add_team(transaction, new)
     print(f"team {added.name} added")
 
 
@@ -44,8 +45,9 @@ def rename(*, folder: Path, name: str, new_name: str) -> None:
     from reverie_eval.schemas.organising import NewTeam
     from reverie_eval.server.service.people import rename_team
 
+    new = checked(NewTeam, name=new_name)
     with acting(folder) as transaction:
-        renamed = rename_team(transaction, name, NewTeam(name=new_name))
+        renamed = rename_team(transaction, name, new)
     print(f"team {name} renamed to {renamed.name}")
 
 

@@ -9,7 +9,7 @@ import click
 
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, after, minute, now, print_list, reading
+from reverie_eval_cli.organising import acting, after, checked, minute, now, print_list, reading
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.organising import TokenReport
@@ -96,8 +96,9 @@ def _create(
     from reverie_eval.server.service.tokens import TOKEN_NAMES, create_token
 
     ends = after(expires_days)
+    new = checked(NewToken, person=name, kind=kind, expires_at=ends)
     with acting(folder) as transaction:
-        created = create_token(transaction, NewToken(person=name, kind=kind, expires_at=ends))
+        created = create_token(transaction, new)
     print(created.token)
     until = f", until {minute(ends)} UTC" if ends else ""
     print(f"{TOKEN_NAMES[kind]} of {name}{until}; it is not shown again", file=sys.stderr)

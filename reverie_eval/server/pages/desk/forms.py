@@ -81,7 +81,7 @@ def is_confirmed(form: FormData) -> bool:
 
 
 def end_of_day(date: str) -> str | None:
-    """Return the last second of a date that was typed, in UTC; None if there is none.
+    """Return the last second of a date in UTC, or None for an empty text.
 
     >>> end_of_day("2027-06-01"), end_of_day("")
     ('2027-06-01T23:59:59Z', None)

@@ -13,8 +13,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-SHOWN_PROBLEMS = 40
-"""The most problems that an error's text lists."""
+SHOWN_PROBLEMS = 20
+"""The most problems that an error's text lists one by one: with their title they fit a screen."""
+_SHOWN_OF_A_KIND = 3
+"""Of more problems, the text lists so many of each kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,11 @@ class RejectedError(ReverieEvalError):
         title = f"{self.subject} rejected, {count} problem{'s' if count > 1 else ''}"
         return "\n".join([title, *_listing(self.problems)])
 
+    def __repr__(self) -> str:
+        # Not the default, which would print thousands of problems in a notebook or a debugger.
+        more = ", ..." if len(self.problems) > 1 else ""
+        return f"{type(self).__name__}([{self.problems[0]!r}{more}])"
+
 
 class SubmissionError(RejectedError):
     """The submission is invalid."""
@@ -75,14 +82,23 @@ class DatasetError(RejectedError):
 
 
 def _listing(problems: Sequence[Problem]) -> Iterator[str]:
-    """List the problems in order; if there are too many, equally many of each kind."""
-    # A mistake repeated in every episode would otherwise hide all other kinds of problems.
-    totals = Counter(problem.code for problem in problems)
-    share = len(problems) if len(problems) <= SHOWN_PROBLEMS else SHOWN_PROBLEMS // len(totals)
-    shown: Counter[str] = Counter()
+    """List the problems in order; of too many, equal ones once and the first of each kind."""
+    if len(problems) <= SHOWN_PROBLEMS:
+        yield from map(str, problems)
+        return
+    equal: dict[tuple[str, str], list[Problem]] = {}
     for problem in problems:
-        if shown[problem.code] < max(share, 1):
-            shown[problem.code] += 1
-            yield str(problem)
-    for code, hidden in (totals - shown).items():
-        yield f"... and {hidden:,} more {code}"
+        equal.setdefault((problem.code, problem.message), []).append(problem)
+    # A mistake repeated in every episode would otherwise hide all other kinds of problems.
+    most = len(equal) if len(equal) <= SHOWN_PROBLEMS else _SHOWN_OF_A_KIND
+    shown: Counter[str] = Counter()
+    hidden: Counter[str] = Counter()
+    for (code, message), [first, *others] in equal.items():
+        if shown[code] < most:
+            shown[code] += 1
+            more = f" and {len(others):,} more" if others else ""
+            yield f"{first.where}{more}: {message}"
+        else:
+            hidden[code] += 1 + len(others)
+    for code, count in hidden.items():
+        yield f"... and {count:,} more {code}"

@@ -29,7 +29,7 @@ class EpisodeTable(Mapping[str, Array]):
         self._protocol = protocol
         available = {
             "trajectory": track == "full",
-            "answer": protocol.grounding != "not scored",
+            "answer": protocol.grounding != "not scored" and not lookups.is_navigation_only,
             "box": lookups.has_boxes,
         }
         self._keys = tuple(
@@ -66,6 +66,8 @@ class EpisodeTable(Mapping[str, Array]):
         correct = candidate_match(lookups.predicted_object, lookups.target_object)
         if not self._protocol.text_ids_count:
             correct &= ~lookups.answer_is_text
+        # The published evaluators compare ids as text: "007" is not "7".
+        correct &= ~lookups.has_leading_zeros
         if lookups.has_boxes:
             correct[lookups.boxes.row] = lookups.boxes.is_correct
         return correct

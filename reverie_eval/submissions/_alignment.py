@@ -11,12 +11,14 @@ from itertools import chain, repeat
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of, take_rows
-from reverie_eval.errors import Problem, SubmissionError
+from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._predictions import BoxAnswers, Predictions
 from reverie_eval.submissions._problems import RecordLocation
+from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
 
 _UNKNOWN = -1
 
@@ -33,8 +35,12 @@ class AlignedSubmission:
     """Shape (n_episodes,): object id within the scan, or -1."""
     answer_is_text: BoolArray
     """Shape (n_episodes,): whether the object id is written as text."""
+    has_leading_zeros: BoolArray
+    """Shape (n_episodes,): whether the object id is text with leading zeros."""
     boxes: BoxAnswers
     """The predicted boxes, in the order of their episodes."""
+    is_navigation_only: bool = False
+    """Whether no record has an answer."""
 
     @property
     def abstained(self) -> BoolArray:
@@ -52,8 +58,7 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
     SubmissionError
         Listing every problem, including those found while reading.
     """
-    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
-    viewpoint = _indices(predictions.viewpoint_ids, ground_truth.graph.index)
+    predictions, episode, viewpoint = _look_up(predictions, ground_truth)
     _raise_problems(
         predictions.problems,
         _episode_problems(predictions, episode, ground_truth),
@@ -79,11 +84,52 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     GroundTruthError
         If the ground truth is a public bundle.
     """
-    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
+    predictions, episode, _ = _look_up(predictions, ground_truth)
     _raise_problems(predictions.problems, _episode_problems(predictions, episode, ground_truth))
     goal = ground_truth.require_answers().goal
     offsets = np.arange(len(goal) + 1)
     return _aligned(predictions, episode, np.argsort(episode), viewpoint=goal, offsets=offsets)
+
+
+def _look_up(
+    predictions: Predictions, ground_truth: GroundTruth
+) -> tuple[Predictions, IntArray, IntArray]:
+    """Return the episode of each record and the viewpoint of each pose, -1 for unknown ids.
+
+    If unknown ids have something in common, that is one problem, and what was meant is looked up.
+    """
+    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
+    viewpoint = _indices(predictions.viewpoint_ids, ground_truth.graph.index)
+    if (episode != _UNKNOWN).all() and (viewpoint != _UNKNOWN).all():
+        return predictions, episode, viewpoint
+    fixed = _fix_ids(predictions, ground_truth)
+    return (
+        fixed,
+        _indices(fixed.instr_ids, ground_truth.episodes.index),
+        _indices(fixed.viewpoint_ids, ground_truth.graph.index),
+    )
+
+
+def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions:
+    log = ReadingLog()
+    record_of = row_of(predictions.offsets).tolist()
+
+    def place_of_pose(pose: int) -> tuple[RecordLocation, str]:
+        record = record_of[pose]
+        path = predictions.pose_path(record, pose)
+        return predictions.location(record), problems.pose_field(path)
+
+    def place_of_id(record: int) -> tuple[RecordLocation, str]:
+        return predictions.location(record), ".instr_id"
+
+    return replace(
+        predictions,
+        instr_ids=fix_instr_ids(predictions.instr_ids, ground_truth, log, place_of_id),
+        viewpoint_ids=fix_viewpoint_ids(
+            predictions.viewpoint_ids, ground_truth, log, place_of_pose
+        ),
+        problems=[*predictions.problems, *log.all_problems()],
+    )
 
 
 def _raise_problems(*groups: Iterable[Problem]) -> None:
@@ -107,7 +153,9 @@ def _aligned(
         offsets=offsets,
         predicted_object=predictions.predicted_object[order],
         answer_is_text=predictions.answer_is_text[order],
+        has_leading_zeros=predictions.has_leading_zeros[order],
         boxes=boxes.take(np.argsort(boxes.row)),
+        is_navigation_only=predictions.is_navigation_only,
     )
 
 
@@ -143,8 +191,12 @@ def _episode_problems(
     if not known.size:
         yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
         return
-    for index in np.flatnonzero(times_predicted == 0).tolist():
-        yield problems.missing_episode(instr_ids[index], ground_truth.split)
+    missing = [instr_ids[index] for index in np.flatnonzero(times_predicted == 0).tolist()]
+    if len(missing) > SHOWN_PROBLEMS:
+        yield problems.missing_episodes(missing, len(instr_ids), ground_truth.split)
+        return
+    for instr_id in missing:
+        yield problems.missing_episode(instr_id, ground_truth.split)
 
 
 def _unknown_by_split(
@@ -165,13 +217,18 @@ def _unknown_by_split(
 
 
 def _duplicate_problems(predictions: Predictions, episode: IntArray) -> Iterator[Problem]:
-    first: dict[int, RecordLocation] = {}
+    first: dict[int, int] = {}
+    log = ReadingLog()
     for record, index in enumerate(episode.tolist()):
+        earlier = first.setdefault(index, record)
+        if index == _UNKNOWN or earlier == record:
+            continue
         location, instr_id = _location_and_id(predictions, record)
-        if index in first:
-            yield problems.duplicate_episode(location, instr_id, first[index])
-        elif index != _UNKNOWN:
-            first[index] = location
+        if predictions.content(record) == predictions.content(earlier):
+            log.add_fault(problems.REPEATED_RECORDS, location, ".instr_id", instr_id)
+        else:
+            yield problems.duplicate_episode(location, instr_id, predictions.location(earlier))
+    yield from log.all_problems()
 
 
 def _location_and_id(predictions: Predictions, record: int) -> tuple[RecordLocation, str]:

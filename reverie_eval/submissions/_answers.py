@@ -16,21 +16,21 @@ from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._document import is_finite, is_integer, is_list, is_number
+from reverie_eval.submissions._fields import (
+    ANSWER_KEYS,
+    BOX_KEY,
+    IMAGE_SIZE_KEY,
+    VIEW_KEY,
+    is_abstention,
+)
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._trajectories import Pose
 
-ANSWER_KEYS: tuple[str, ...] = ("predObjId", "pred_objid", "pred_obj_id")
-"""The first of these that a record has is its answer: official, DUET's, and an older spelling."""
-BOX_KEY = "predBox"
-VIEW_KEY = "predView"
-IMAGE_SIZE_KEY = "predImageSize"
-BOX_KEYS: tuple[str, ...] = (BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY)
-
-_ABSTENTIONS = ("None", "-1", "")
-"""What codebases write besides -1 and null where the agent predicts no object."""
 _STRAIGHT_UP = math.pi / 2
 """Radians."""
+_NONE = "none"
+_MOST_DIGITS = len(str(LARGEST_OBJECT_ID))
 _SLACK = 1e-6
 """Pixels by which rounding alone may push a scaled box beyond the image."""
 
@@ -64,6 +64,8 @@ class Answer(NamedTuple):
     """-1 if the agent predicts no object."""
     is_text: bool = False
     """Whether the id is written as text; one published evaluator never counts that as correct."""
+    has_leading_zeros: bool = False
+    """Whether that text has leading zeros; no published evaluator counts that as correct."""
     box: BoxAnswer | None = None
 
 
@@ -82,46 +84,52 @@ def read_answer(
 
     ``poses`` is the record's trajectory, or None if trajectories are not read.
     """
-    keys = [key for key in ANSWER_KEYS if key in record]
+    answers = {key: record[key] for key in ANSWER_KEYS if key in record}
     if record.get(BOX_KEY) is not None:
-        for key in keys:
-            if not _is_abstention(record[key]):
-                log.problems.append(problems.two_answers(location, key, record[key]))
+        for key, value in answers.items():
+            if not is_abstention(value):
+                log.problems.append(problems.two_answers(location, key, value))
         return Answer(ABSTAINED, box=_read_box(location, record, poses, log))
-    if not keys and BOX_KEY in record:  # null, or it would have been read above
-        log.differences["abstentions"] += 1
+    if not answers and BOX_KEY in record:  # null, or it would have been read above
+        log.add_fault(problems.NULL_BOXES, location, f".{BOX_KEY}", None)
         return Answer(ABSTAINED)
-    if not keys:
+    if not answers:
         log.problems.append(problems.no_answer(location, ANSWER_KEYS[0], BOX_KEY))
         return Answer(ABSTAINED)
-    log.differences["other key"] += keys[0] != ANSWER_KEYS[0]
-    if len(keys) > 1:
-        # Compared as text, so that 3 and "3" are the same answer, and so are -1 and null.
-        texts = (str(record[key]) for key in keys)
-        answers = {"None" if text in _ABSTENTIONS else text for text in texts}
-        log.differences["several answers"] += len(answers) > 1
-    return _read_object(location, keys[0], record[keys[0]], log)
+    # Compared as text, so that 3 and "3" are the same answer, and so are -1 and null.
+    if len({_NONE if is_abstention(value) else str(value) for value in answers.values()}) > 1:
+        log.add_fault(problems.DISAGREEING_ANSWERS, location, "", answers)
+    key, value = next(iter(answers.items()))
+    log.differences["other key"] += key != ANSWER_KEYS[0]
+    return _read_object(location, key, value, log)
 
 
 def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog) -> Answer:
-    if _is_abstention(value):
+    if (isinstance(value, float) and value.is_integer()) or _is_decimal_text(value):
+        log.add_fault(problems.DECIMAL_IDS, location, f".{key}", value)
+        value = int(float(value))
+    if is_abstention(value):
         log.differences["abstentions"] += not is_integer(value)
         return Answer(ABSTAINED)
-    is_text = isinstance(value, str) and value.isascii() and value.isdigit()
-    # Longer text cannot be an object id, and Python refuses to convert thousands of digits.
-    if is_text and len(value) <= len(str(LARGEST_OBJECT_ID)):
-        log.differences["text ids"] += 1
-        value = int(value)
-    if is_integer(value) and ABSTAINED <= value <= LARGEST_OBJECT_ID:
-        return Answer(int(value), is_text)
+    is_text = _is_digits(value)
+    object_id = int(value) if is_text else value
+    if is_integer(object_id) and ABSTAINED <= object_id <= LARGEST_OBJECT_ID:
+        has_leading_zeros = is_text and str(object_id) != value
+        log.differences["text ids"] += is_text
+        log.differences["leading zeros"] += has_leading_zeros
+        return Answer(int(object_id), is_text, has_leading_zeros)
     log.problems.append(problems.wrong_type(location, value, problems.OBJECT_FORM, key))
     return Answer(ABSTAINED)
 
 
-def _is_abstention(value: Any) -> bool:
-    if is_integer(value):
-        return value == ABSTAINED
-    return value is None or (isinstance(value, str) and value in _ABSTENTIONS)
+def _is_decimal_text(value: Any) -> bool:
+    return isinstance(value, str) and _is_digits(value.removesuffix(".0")) and "." in value
+
+
+def _is_digits(value: Any) -> bool:
+    # Longer text cannot be an object id, and Python refuses to convert thousands of digits.
+    is_short = isinstance(value, str) and len(value) <= _MOST_DIGITS
+    return is_short and value.isascii() and value.isdigit()
 
 
 def _read_box(

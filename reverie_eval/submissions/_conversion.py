@@ -1,15 +1,26 @@
-"""Convert a submission from any form that can be read to the official one."""
+"""Convert a submission to the official form, from any form that tells what was meant."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any
 
 from reverie_eval.errors import SubmissionError
-from reverie_eval.submissions._document import are_records, parse_document
+from reverie_eval.ground_truth import GroundTruth, find_ground_truth
+from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._answers import Answer
+from reverie_eval.submissions._document import (
+    are_records,
+    is_python_literal,
+    parse_document,
+    parse_python_literal,
+)
+from reverie_eval.submissions._fields import ANSWER_KEYS
 from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import ReadRecord, read_records
 from reverie_eval.submissions._sources import read_bytes
+from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,9 +29,11 @@ class Conversion:
 
     records: Sequence[Mapping[str, Any]]
     """Only ``instr_id``, ``trajectory`` with full poses, and either ``predObjId`` as a number or
-    ``predBox`` with its view and image size."""
+    ``predBox`` with its view and image size; no answers if the file has none."""
     read_as: Sequence[str]
     """How the file differs from the official form, a phrase each."""
+    fixed: Sequence[str]
+    """The mistakes for which the file would be rejected, a phrase each."""
     dropped: Mapping[str, int]
     """Fields that the official form does not have, with the number of records that had them."""
     poses_without_angles: int
@@ -35,44 +48,119 @@ class Conversion:
         )
         return [
             *([f"read as: {'; '.join(self.read_as)}"] if self.read_as else []),
+            *(f"fixed: {mistake}" for mistake in self.fixed),
             *(f"dropped: {name}, in {count:,} records" for name, count in self.dropped.items()),
             *([without_angles] if self.poses_without_angles else []),
         ]
 
 
-def convert(submission: Submission) -> Conversion:
+def convert(
+    submission: Submission,
+    *,
+    split: str | None = None,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+) -> Conversion:
     """Read a submission in any form and convert it to the official one.
 
-    No split is needed: any ids and viewpoints are accepted.
+    Mistakes for which the submission would be rejected are fixed if they tell what was meant.
+
+    Parameters
+    ----------
+    submission
+        As for :func:`reverie_eval.evaluate`.
+    split, ground_truth : optional
+        With a split, ids that its ground truth does not have are fixed too. A public bundle is
+        enough. Without one, any ids and viewpoints are accepted.
 
     Raises
     ------
     SubmissionError
         If it cannot be read; lists every problem with its location.
+    GroundTruthError
+        If there is no ground truth for the split.
     OSError
         If the file cannot be read.
     """
+    truth = None if split is None else find_ground_truth(ground_truth, split)
     log = ReadingLog()
-    given = submission if are_records(submission) else parse_document(read_bytes(submission))
+    given = submission if are_records(submission) else _parse(read_bytes(submission), log)
     records = read_records(given, log)
-    if log.problems:
-        raise SubmissionError(log.problems)
+    if truth is not None:
+        records = _with_known_ids(records, truth, log)
+    written = _without_repeats(records, log)
+    if log.has_unfixable:
+        raise SubmissionError(log.all_problems())
     poses = [pose for record in records for pose in record.poses]
     return Conversion(
-        records=list(map(_official, records)),
+        records=written,
         read_as=log.read_as(),
-        dropped=dict(log.unused_fields),
+        fixed=log.fixed(),
+        dropped=dict(log.ignored_fields),
         poses_without_angles=sum(pose.heading is None for pose in poses),
     )
 
 
+def _parse(content: bytes, log: ReadingLog) -> Any:
+    # Python text is not read when scoring: evaluating it takes a hundred times its size.
+    if is_python_literal(content):
+        return parse_python_literal(content, log)
+    return parse_document(content, log)
+
+
+def _with_known_ids(
+    records: Sequence[ReadRecord], truth: GroundTruth, log: ReadingLog
+) -> Sequence[ReadRecord]:
+    """Fix the ids that the ground truth does not have."""
+    instr_ids = fix_instr_ids(
+        [record.instr_id for record in records],
+        truth,
+        log,
+        lambda row: (records[row].location, ".instr_id"),
+    )
+    poses = [(record.location, pose) for record in records for pose in record.poses]
+    viewpoint_ids = iter(
+        fix_viewpoint_ids(
+            [pose.viewpoint_id for _, pose in poses],
+            truth,
+            log,
+            lambda row: (poses[row][0], problems.pose_field(poses[row][1].path)),
+        )
+    )
+    return [
+        record._replace(
+            instr_id=instr_id,
+            poses=[pose._replace(viewpoint_id=next(viewpoint_ids)) for pose in record.poses],
+        )
+        for record, instr_id in zip(records, instr_ids, strict=True)
+    ]
+
+
+def _without_repeats(records: Sequence[ReadRecord], log: ReadingLog) -> Sequence[Mapping[str, Any]]:
+    """Write records in the official form, and leave out those that repeat an earlier one."""
+    earlier: dict[str | None, Mapping[str, Any]] = {}
+    written = []
+    for record in records:
+        official = _official(record)
+        if earlier.get(record.instr_id) == official:
+            log.add_fault(problems.REPEATED_RECORDS, record.location, ".instr_id", record.instr_id)
+        else:
+            earlier.setdefault(record.instr_id, official)
+            written.append(official)
+    return written
+
+
 def _official(record: ReadRecord) -> dict[str, Any]:
-    box = record.answer.box
     return {
         "instr_id": record.instr_id,
         "trajectory": [
             [pose.viewpoint_id, float(pose.heading or 0), float(pose.elevation or 0)]
             for pose in record.poses
         ],
-        **({"predObjId": record.answer.object_id} if box is None else box.fields),
+        **_official_answer(record.answer),
     }
+
+
+def _official_answer(answer: Answer | None) -> Mapping[str, Any]:
+    if answer is None:
+        return {}
+    return {ANSWER_KEYS[0]: answer.object_id} if answer.box is None else answer.box.fields

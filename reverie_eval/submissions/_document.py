@@ -1,6 +1,7 @@
 """Parse any JSON text or report where it stops being JSON, and tell its types of values apart."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
@@ -9,8 +10,11 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 from reverie_eval.errors import SubmissionError
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._predictions import Records, Submission
+from reverie_eval.submissions._reading_log import ReadingLog
 
 if TYPE_CHECKING:
+    from json import JSONDecodeError
+
     from typing_extensions import TypeIs
 
 MAX_VALUES = 30_000_000
@@ -19,11 +23,24 @@ MAX_VALUES = 30_000_000
 _NOT_JSON = {
     b"PK\x03\x04": "a zip archive within another",
     b"\xfd7zXZ": "an xz archive",
+    b"BZh": "a bzip2 archive",
+    b"7z\xbc\xaf": "a 7z archive",
+    b"Rar!": "a rar archive",
+    b"(\xb5/\xfd": "a Zstandard archive",
     b"\x1f\x8b": "gzipped twice",
+    b"\x80": "a Python pickle",
+    b"\x93NUMPY": "a numpy array",
+    b"\x89HDF": "an HDF5 file",
     b"version https://git-lfs": "a git-lfs pointer, not the file itself",
     b"<": "a web page",
 }
 """What people send instead of a result file, by its first bytes."""
+_TAR_MARK = b"ustar"
+_TAR_MARK_AT = 257
+"""Where a tar archive has its mark."""
+_PYTHON_LITERAL = re.compile(rb"[\s\[{(]+'")
+_BRACKETS = ("[", "{")
+_SHOWN_TEXT = 60
 
 _NUMBER_TYPES = (float, int, Real)
 """The common types come first: checking against an abstract class takes ten times as long."""
@@ -43,8 +60,10 @@ def are_records(submission: Submission) -> "TypeIs[Records]":
     return isinstance(submission, Sequence | Mapping)
 
 
-def parse_document(content: bytes) -> Any:
+def parse_document(content: bytes, log: ReadingLog) -> Any:
     """Parse JSON text, including NaN and infinities, so that their locations can be reported.
+
+    Text that is not quite JSON, but tells what was meant, is parsed and noted as a fault.
 
     Raises
     ------
@@ -53,18 +72,12 @@ def parse_document(content: bytes) -> Any:
     """
     import json  # rarely needed: most files take the fast lane
 
-    for beginning, kind in _NOT_JSON.items():
-        if content.startswith(beginning):
-            raise SubmissionError([problems.another_kind(kind)])
-    if not content.strip():
-        raise SubmissionError([problems.another_kind("empty")])
+    _check_kind(content)
     check_value_count(content, MAX_VALUES)
     try:
         return json.loads(content, object_pairs_hook=_build_object)
     except json.JSONDecodeError as error:
-        problem = problems.not_json(
-            f"line {error.lineno}, column {error.colno}", error.msg.removesuffix(" at")
-        )
+        return _parse_almost_json(error, log)
     except UnicodeDecodeError as error:
         problem = problems.not_json(f"byte {error.start}", f"not {error.encoding} text")
     except RecursionError:
@@ -72,6 +85,84 @@ def parse_document(content: bytes) -> Any:
     except ValueError:  # Python refuses to convert thousands of digits
         problem = problems.huge_number()
     raise SubmissionError([problem])
+
+
+def _check_kind(content: bytes) -> None:
+    for beginning, kind in _NOT_JSON.items():
+        if content.startswith(beginning):
+            raise SubmissionError([problems.another_kind(kind)])
+    if content.startswith(_TAR_MARK, _TAR_MARK_AT):
+        raise SubmissionError([problems.another_kind("a tar archive")])
+    if not content.strip():
+        raise SubmissionError([problems.another_kind("empty")])
+    if is_python_literal(content):
+        fault = problems.PYTHON_LITERAL
+        raise SubmissionError([fault.problem(1, problems.WHOLE_FILE, (), None)])
+
+
+def is_python_literal(content: bytes) -> bool:
+    """Whether this is what Python prints for a list or a dictionary, and so no JSON."""
+    return _PYTHON_LITERAL.match(content) is not None
+
+
+def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
+    """Evaluate what Python printed for lists, dictionaries, texts and numbers, and nothing else.
+
+    Raises
+    ------
+    SubmissionError
+        If there is anything else in it.
+    """
+    import ast
+
+    log.add_whole_file_fault(problems.PYTHON_LITERAL, None)
+    try:
+        return ast.literal_eval(content.decode().strip())
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise SubmissionError([problems.not_a_literal(str(error))]) from error
+
+
+def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
+    """Parse text that ``json`` refuses, if it tells what was meant.
+
+    Raises
+    ------
+    SubmissionError
+        If it does not.
+    """
+    import json
+
+    text = error.doc
+    where = f"line {error.lineno}, column {error.colno}"
+    if error.msg == "Extra data":
+        records = _parse_lines(text)
+        if records is not None:
+            log.add_whole_file_fault(problems.JSON_LINES, None)
+            return records
+        if not text[error.pos :].startswith(_BRACKETS):
+            shown = text[error.pos : error.pos + _SHOWN_TEXT]
+            log.add_whole_file_fault(problems.TRAILING_TEXT, shown)
+            return json.loads(text[: error.pos], object_pairs_hook=_build_object)
+    if error.pos >= len(text.rstrip()) or error.msg.startswith("Unterminated string"):
+        raise SubmissionError([problems.cut_short(where)])
+    raise SubmissionError([problems.not_json(where, error.msg.removesuffix(" at"))])
+
+
+def _parse_lines(text: str) -> Sequence[Any] | None:
+    """Return the values of JSON Lines, one object a line; None if it is something else."""
+    import json
+
+    records = []
+    for line in text.splitlines():
+        if line.strip():
+            try:
+                record = json.loads(line, object_pairs_hook=_build_object)
+            except ValueError:
+                return None
+            if not isinstance(record, dict):
+                return None
+            records.append(record)
+    return records
 
 
 def check_value_count(content: bytes, limit: int) -> None:

@@ -1,6 +1,6 @@
 """Hints about valid submissions that are probably not what their authors meant."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -9,6 +9,11 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._alignment import AlignedSubmission
 from reverie_eval.submissions._predictions import MOST, BoxAnswers, Predictions
+from reverie_eval.text import first_few, printable
+
+_LONGEST = 40
+"""Letters of a field's name that are shown."""
+_MOST_FIELDS = 8
 
 
 def submission_hints(
@@ -20,7 +25,9 @@ def submission_hints(
     """
     if predictions.read_as:
         yield f"read as: {'; '.join(predictions.read_as)}"
-    if submission.abstained.all():
+    if predictions.ignored_fields:
+        yield f"ignored fields: {_list_fields(predictions.ignored_fields)}"
+    if submission.abstained.all() and not submission.is_navigation_only:
         yield "no answer predicts an object: RGS will be 0"
     if submission.boxes.row.size:
         yield from _box_hints(submission.boxes)
@@ -35,6 +42,11 @@ def submission_hints(
         yield "every trajectory has a single pose: no agent moves"
     if predictions.has_degrees:
         yield "most headings or elevations exceed a full turn: angles are radians, not degrees"
+
+
+def _list_fields(fields: Mapping[str, int]) -> str:
+    counts = [f"{printable(str(name))[:_LONGEST]} ({fields[name]:,})" for name in fields]
+    return first_few(counts, _MOST_FIELDS)
 
 
 def answer_hints(submission: AlignedSubmission, ground_truth: GroundTruth) -> Iterator[str]:

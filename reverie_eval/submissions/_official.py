@@ -114,6 +114,7 @@ def decode_official(content: bytes) -> Predictions | None:
         predicted_object=np.array([record.predObjId for record in records], dtype=np.int64),
         has_degrees=look_like_degrees(np.array(stop_angles, dtype=np.float64).reshape(-1, 2)),
         answer_is_text=np.zeros(len(records), dtype=np.bool_),
+        has_leading_zeros=np.zeros(len(records), dtype=np.bool_),
     )
 
 
@@ -144,6 +145,7 @@ def convert_official(submission: Records) -> Predictions | None:
         predicted_object=predicted_object,
         has_degrees=look_like_degrees(angle[offsets[1:] - 1]),
         answer_is_text=np.zeros(len(instr_ids), dtype=np.bool_),
+        has_leading_zeros=np.zeros(len(instr_ids), dtype=np.bool_),
     )
 
 
@@ -152,7 +154,10 @@ def submission_schema() -> dict[str, Any]:
     schema: dict[str, Any] = msgspec.json.schema(list[Prediction])
     # What types cannot express: an answer is an object or a box, but not both.
     schema["$defs"]["Prediction"] |= {
-        "anyOf": [{"required": ["predObjId"]}, {"required": ["predBox"]}],
+        "anyOf": [
+            {"required": ["predObjId"]},
+            {"required": ["predBox"], "properties": {"predBox": {"type": "array"}}},
+        ],
         "not": {
             "required": ["predObjId", "predBox"],
             "properties": {"predObjId": {"minimum": 0}, "predBox": {"type": "array"}},

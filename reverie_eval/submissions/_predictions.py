@@ -1,7 +1,7 @@
 """Predictions: the content of a submission as columns, before it is aligned with a split."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -67,6 +67,8 @@ class Predictions:
     """Whether most angles look like degrees."""
     answer_is_text: BoolArray
     """Shape (n_records,): whether the object id is written as text."""
+    has_leading_zeros: BoolArray
+    """Shape (n_records,): whether that text has leading zeros."""
     locations: Sequence[RecordLocation] | None = None
     """The location of each record in the file."""
     pose_paths: Sequence[PosePath] | None = None
@@ -76,8 +78,12 @@ class Predictions:
     pose."""
     boxes: BoxAnswers = NO_BOXES
     """The predicted boxes."""
+    is_navigation_only: bool = False
+    """Whether no record has an answer."""
     read_as: Sequence[str] = ()
     """How the file differs from the official form, a phrase each."""
+    ignored_fields: Mapping[str, int] = field(default_factory=dict)
+    """The fields that are not read, with the number of records that have them."""
     problems: Sequence[Problem] = ()
     """What could not be read."""
 
@@ -93,6 +99,17 @@ class Predictions:
         if self.pose_paths is None:
             return pose - int(self.offsets[record]), 0
         return self.pose_paths[pose]
+
+    def content(self, record: int) -> tuple[object, ...]:
+        """Return what a record predicts, to be compared with that of another record."""
+        begin, end = self.offsets[record : record + 2]
+        box = np.equal(self.boxes.row, record)
+        return (
+            list(self.viewpoint_ids[begin:end]),
+            int(self.predicted_object[record]),
+            self.boxes.xywh[box].tolist(),
+            self.boxes.camera[box].tolist(),
+        )
 
     def first_of_hops(self) -> "Predictions":
         """Return what an evaluator reads that takes only the first viewpoint of each hop."""

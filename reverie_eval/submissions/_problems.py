@@ -7,6 +7,7 @@ splits see it.
 
 import reprlib
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import islice
 from sys import maxsize
 from typing import NamedTuple
@@ -29,6 +30,151 @@ IMAGE_SIZE_FORM = "[width, height] of the image that predBox is in, at least 1 e
 
 PosePath = tuple[int, ...]
 """Where a viewpoint is in its trajectory: the index of the element, and the index within it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A mistake with one cause that many records of a file share; it is reported once."""
+
+    code: str
+    what: str
+    """What the records have; ``{example}`` is what the first of them has."""
+    remedy: str
+    convert: str = ""
+    """The command that writes a corrected file, if the mistake says what was meant."""
+
+    of_file: bool = False
+    """Whether it is the file as a whole that has the mistake."""
+
+    def problem(
+        self, count: int, where: str, position: tuple[int, ...], example: object
+    ) -> Problem:
+        """Return the one problem that reports the mistake of so many records."""
+        subject = "has" if count == 1 else f"{count:,} records have"
+        command = f", or let `{self.convert}` do it" if self.convert else ""
+        message = f"{subject} {self._what(example)}; {self.remedy}{command}"
+        return Problem(self.code, where, message, position)
+
+    def fixed(self, count: int, example: object) -> str:
+        """Return the note about a mistake that was corrected in so many records."""
+        records = "" if self.of_file else f", in {count_text(count, 'record')}"
+        return f"{self._what(example)}{records}"
+
+    def _what(self, example: object) -> str:
+        return self.what.format(example=_json(example))
+
+
+_CONVERT = "reverie-eval convert"
+_CONVERT_FOR_SPLIT = "reverie-eval convert --split"
+
+JSON_LINES = Fault(
+    "not-json",
+    "one JSON object per line instead of one list",
+    "write a list of records",
+    _CONVERT,
+    of_file=True,
+)
+TRAILING_TEXT = Fault(
+    "not-json",
+    "text after the JSON: {example}",
+    "remove it",
+    _CONVERT,
+    of_file=True,
+)
+PYTHON_LITERAL = Fault(
+    "not-json",
+    "a list printed by Python instead of JSON",
+    "write it with json.dump",
+    _CONVERT,
+    of_file=True,
+)
+WRAPPED = Fault(
+    "not-a-list",
+    "a list of records under the key {example}",
+    "write the list alone",
+    _CONVERT,
+    of_file=True,
+)
+DECIMAL_IDS = Fault(
+    "wrong-type",
+    "an object id written as a decimal, such as {example}",
+    "write whole numbers",
+    _CONVERT,
+)
+DISAGREEING_ANSWERS = Fault(
+    "two-answers",
+    "different answers under two keys, such as {example}",
+    "keep one of the keys",
+)
+NULL_BOXES = Fault(
+    "missing-field",
+    "predBox null and no object id",
+    "write predObjId -1 where the agent predicts no object",
+    _CONVERT,
+)
+POSES_AS_OBJECTS = Fault(
+    "wrong-type",
+    "poses written as objects, such as {example}",
+    f"write lists {POSE_FORM}",
+    _CONVERT,
+)
+ANGLES_AS_TEXT = Fault(
+    "wrong-type",
+    "angles written as text, such as {example}",
+    "write numbers",
+    _CONVERT,
+)
+NUMBERED_VIEWPOINTS = Fault(
+    "wrong-type",
+    "viewpoints given as numbers, such as {example}",
+    "write the viewpoint ids of the connectivity files, not their positions in them",
+)
+PADDED_IDS = Fault(
+    "unknown-episode",
+    "spaces around the instr_id, such as {example}",
+    "remove them",
+    _CONVERT_FOR_SPLIT,
+)
+PREFIXED_IDS = Fault(
+    "unknown-episode",
+    "a prefix before the instr_id, such as {example}",
+    "remove it",
+    _CONVERT_FOR_SPLIT,
+)
+IDS_FROM_ONE = Fault(
+    "unknown-episode",
+    "instructions numbered from 1, such as {example}",
+    "number them from 0",
+    _CONVERT_FOR_SPLIT,
+)
+IDS_OF_TASKS = Fault(
+    "unknown-episode",
+    "a task's id instead of an episode's, such as {example}",
+    "add an underscore and the index of the instruction, counted from 0",
+)
+PADDED_VIEWPOINTS = Fault(
+    "unknown-viewpoint",
+    "spaces around viewpoint ids, such as {example}",
+    "remove them",
+    _CONVERT_FOR_SPLIT,
+)
+VIEWPOINTS_WITH_SCANS = Fault(
+    "unknown-viewpoint",
+    "the scan before viewpoint ids, such as {example}",
+    "write the viewpoint ids alone",
+    _CONVERT_FOR_SPLIT,
+)
+REPEATED_RECORDS = Fault(
+    "duplicate-episode",
+    "the trajectory and answer of an earlier record, such as {example}",
+    "remove the repeats",
+    _CONVERT,
+)
+
+
+def misspelt(meant: str) -> Fault:
+    what = "the field {example}, which is not read"
+    return Fault("misspelt-field", what, f"did you mean {meant}? Rename it", _CONVERT)
 
 
 class RecordLocation(NamedTuple):
@@ -70,8 +216,13 @@ def _record_problem(code: str, location: RecordLocation, message: str, field: st
     return Problem(code, f"{location}{field}", message, (location.row,))
 
 
+def pose_field(path: PosePath) -> str:
+    """Return where a pose is in its record."""
+    return ".trajectory" + "".join(f"[{index}]" for index in path)
+
+
 def _pose_problem(code: str, location: RecordLocation, path: PosePath, message: str) -> Problem:
-    where = f"{location}.trajectory" + "".join(f"[{index}]" for index in path)
+    where = f"{location}{pose_field(path)}"
     return Problem(code, where, message, (location.row, *path))
 
 
@@ -80,6 +231,16 @@ def _pose_problem(code: str, location: RecordLocation, path: PosePath, message: 
 
 def not_json(where: str, reason: str) -> Problem:
     return Problem("not-json", where, f"{reason}; write the file with a JSON library")
+
+
+def cut_short(where: str) -> Problem:
+    message = "the file ends in the middle of the JSON; it was cut short: write or copy it again"
+    return Problem("not-json", where, message)
+
+
+def not_a_literal(reason: str) -> Problem:
+    message = f"looks printed by Python, but cannot be read ({reason}); write it with json.dump"
+    return Problem("not-json", WHOLE_FILE, message)
 
 
 def another_kind(kind: str) -> Problem:
@@ -142,6 +303,11 @@ def not_a_list(found: object) -> Problem:
     return Problem("not-a-list", WHOLE_FILE, message)
 
 
+def no_answers() -> Problem:
+    message = "no record has an answer, and the grounding track scores nothing else"
+    return Problem("missing-field", WHOLE_FILE, message)
+
+
 def no_episode_of_split(split: str, expected: int) -> Problem:
     message = f"has no prediction for any of the {expected:,} episodes of {split}; each needs one"
     return Problem("missing-episode", WHOLE_FILE, message)
@@ -149,6 +315,15 @@ def no_episode_of_split(split: str, expected: int) -> Problem:
 
 def missing_episode(instr_id: str, split: str) -> Problem:
     message = f"episode {instr_id} has no prediction; every episode of {split} needs one"
+    return Problem("missing-episode", WHOLE_FILE, message)
+
+
+def missing_episodes(missing: Sequence[str], expected: int, split: str) -> Problem:
+    message = (
+        f"{len(missing):,} of the {expected:,} episodes of {split} have no prediction, such as "
+        f"{first_few(missing)}; every episode needs one: check that the file holds the results of "
+        "all processes and was not cut"
+    )
     return Problem("missing-episode", WHOLE_FILE, message)
 
 

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from reverie_eval.errors import Problem
 from reverie_eval.geometry import FAR_OFF
+from reverie_eval.submissions._problems import WHOLE_FILE, Fault, RecordLocation
 
 DIFFERENCES: Mapping[str, str] = MappingProxyType(
     {
@@ -18,9 +19,9 @@ DIFFERENCES: Mapping[str, str] = MappingProxyType(
         "no angles": "{:,} poses without heading and elevation",
         "extra numbers": "{:,} poses with extra numbers after heading and elevation, ignored",
         "other key": "{:,} answers under a key other than predObjId",
-        "several answers": "{:,} records with different answers under several keys, the first "
-        "one used",
         "text ids": "{:,} object ids written as text",
+        "leading zeros": "{:,} of these with leading zeros, which no published evaluator counts "
+        "as correct",
         "abstentions": "{:,} answers that predict no object, not written as -1",
         "navigation only": "{:,} records, none with an answer: navigation only",
         "scaled boxes": "{:,} boxes scaled from another image size to 640 x 480",
@@ -36,15 +37,63 @@ DIFFERENCES: Mapping[str, str] = MappingProxyType(
 differences are listed; each text is formatted with its count."""
 
 
+@dataclass(slots=True)
+class _Occurrences:
+    """Where a mistake that many records share is."""
+
+    where: str
+    row: int
+    example: object
+    count: int = 1
+    last_row: int = 0
+
+
 @dataclass(frozen=True, slots=True)
 class ReadingLog:
     """What is noted while a submission is read."""
 
     problems: list[Problem] = field(default_factory=list)
+    """Problems of single records."""
     differences: Counter[str] = field(default_factory=Counter)
     """How often each key of ``DIFFERENCES`` occurs."""
-    unused_fields: Counter[str] = field(default_factory=Counter)
+    ignored_fields: Counter[str] = field(default_factory=Counter)
     """How many records have each of the fields that are not read."""
+    _faults: dict[Fault, _Occurrences] = field(default_factory=dict)
+
+    def add_fault(self, fault: Fault, location: RecordLocation, path: str, example: object) -> None:
+        """Note that a record has a mistake which others may share; only the first is shown."""
+        occurrences = self._faults.get(fault)
+        if occurrences is None:
+            row = location.row
+            self._faults[fault] = _Occurrences(f"{location}{path}", row, example, last_row=row)
+        elif occurrences.last_row != location.row:
+            occurrences.count += 1
+            occurrences.last_row = location.row
+
+    def add_whole_file_fault(self, fault: Fault, example: object) -> None:
+        """Note a mistake that the file as a whole has."""
+        self._faults[fault] = _Occurrences(WHOLE_FILE, -1, example)
+
+    def all_problems(self) -> Sequence[Problem]:
+        """Return the problems of single records, and one for each mistake that records share."""
+        faults = [
+            fault.problem(found.count, found.where, (found.row,), found.example)
+            for fault, found in self._faults.items()
+        ]
+        return [*self.problems, *faults]
+
+    @property
+    def has_unfixable(self) -> bool:
+        """Whether something is wrong that does not tell what was meant."""
+        return bool(self.problems) or not all(fault.convert for fault in self._faults)
+
+    def fixed(self) -> Sequence[str]:
+        """Return the mistakes that tell what was meant, a phrase each."""
+        return [
+            fault.fixed(found.count, found.example)
+            for fault, found in self._faults.items()
+            if fault.convert
+        ]
 
     def read_as(self) -> Sequence[str]:
         """Return the differences from the official form, a phrase each."""

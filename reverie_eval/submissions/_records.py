@@ -15,8 +15,14 @@ from reverie_eval.errors import SubmissionError
 from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._answers import ANSWER_KEYS, BOX_KEYS, Answer, has_answer, read_answer
-from reverie_eval.submissions._document import RepeatingObject, are_records, parse_document
+from reverie_eval.submissions._answers import Answer, has_answer, read_answer
+from reverie_eval.submissions._document import (
+    RepeatingObject,
+    are_records,
+    is_list,
+    parse_document,
+)
+from reverie_eval.submissions._fields import FIELDS, find_misspelt
 from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
@@ -33,9 +39,6 @@ from reverie_eval.submissions._trajectories import Pose, read_trajectory
 MAX_RECORDS = 200_000
 """Nearly twenty times the largest split, the 10,290 episodes of train."""
 
-FIELDS = frozenset({"instr_id", "trajectory", *ANSWER_KEYS, *BOX_KEYS})
-"""The fields that are read; all others are ignored."""
-
 
 class ReadRecord(NamedTuple):
     """The content of one record."""
@@ -44,7 +47,8 @@ class ReadRecord(NamedTuple):
     instr_id: str | None
     """None if it could not be read."""
     poses: Sequence[Pose]
-    answer: Answer
+    answer: Answer | None
+    """None if no record of the file has an answer."""
 
 
 def read_predictions(submission: Submission, *, answers_only: bool = False) -> Predictions:
@@ -62,16 +66,21 @@ def read_predictions(submission: Submission, *, answers_only: bool = False) -> P
     if not are_records(submission):
         return parse_predictions(read_bytes(submission), answers_only=answers_only)
     predictions = None if answers_only else convert_official(submission)
-    return predictions or read_carefully(submission, answers_only=answers_only)
+    return predictions or read_carefully(submission, ReadingLog(), answers_only=answers_only)
 
 
 def parse_predictions(content: bytes, *, answers_only: bool = False) -> Predictions:
     """Read the unpacked JSON text of a submission, as :func:`read_predictions` does."""
     predictions = None if answers_only else decode_official(content)
-    return predictions or read_carefully(parse_document(content), answers_only=answers_only)
+    if predictions is not None:
+        return predictions
+    log = ReadingLog()
+    return read_carefully(parse_document(content, log), log, answers_only=answers_only)
 
 
-def read_records(document: Any, log: ReadingLog, *, answers_only: bool = False) -> list[ReadRecord]:
+def read_records(
+    document: Any, log: ReadingLog, *, answers_only: bool = False
+) -> Sequence[ReadRecord]:
     """Read a list of records, or an object of records keyed by their instr_id.
 
     Raises
@@ -80,10 +89,11 @@ def read_records(document: Any, log: ReadingLog, *, answers_only: bool = False) 
         If it is neither, or has too many problems to go on. Smaller problems are in the log, to
         be reported together with those that alignment finds.
     """
+    document = _unwrap(document, log)
     if isinstance(document, Sized) and len(document) > MAX_RECORDS:
         raise SubmissionError([problems.too_many_records(len(document), MAX_RECORDS)])
     records = [
-        (location, record)
+        (location, _with_known_fields(location, record, log))
         for location, record in _located_records(document, log)
         if _is_record(location, record, log)
     ]
@@ -91,14 +101,13 @@ def read_records(document: Any, log: ReadingLog, *, answers_only: bool = False) 
     # A single missing answer is a fault; if no record has one, the agent does not ground at all.
     navigation_only = bool(records) and not any(has_answer(record) for _, record in records)
     log.differences["navigation only"] += len(records) * navigation_only
+    if navigation_only and answers_only:
+        log.problems.append(problems.no_answers())
     read = []
     for location, record in records:
-        log.unused_fields.update(field for field in record if field not in FIELDS)
         instr_id = _read_instr_id(location, record, log)
         poses = None if answers_only else read_trajectory(location, record, log)
-        answer = Answer(ABSTAINED)
-        if not navigation_only:
-            answer = read_answer(location, record, poses, log)
+        answer = None if navigation_only else read_answer(location, record, poses, log)
         read.append(ReadRecord(location, instr_id, poses or (), answer))
         _check_problem_count(log)
     return read
@@ -106,7 +115,23 @@ def read_records(document: Any, log: ReadingLog, *, answers_only: bool = False) 
 
 def _check_problem_count(log: ReadingLog) -> None:
     if len(log.problems) > problems.MAX_PROBLEMS:
-        raise SubmissionError(problems.limit_problems(log.problems))
+        raise SubmissionError(problems.limit_problems(log.all_problems()))
+
+
+def _unwrap(document: Any, log: ReadingLog) -> Any:
+    """Return the list of records in an object like ``{"results": [...]}``."""
+    if not isinstance(document, Mapping) or "instr_id" in document:
+        return document
+    lists = {key: value for key, value in document.items() if _is_list_of_records(value)}
+    if len(lists) != 1 or any(isinstance(value, Mapping) for value in document.values()):
+        return document
+    ((key, records),) = lists.items()
+    log.add_whole_file_fault(problems.WRAPPED, key)
+    return records
+
+
+def _is_list_of_records(value: Any) -> bool:
+    return is_list(value) and bool(value) and isinstance(value[0], Mapping)
 
 
 def _located_records(document: Any, log: ReadingLog) -> Iterable[tuple[RecordLocation, Any]]:
@@ -114,7 +139,7 @@ def _located_records(document: Any, log: ReadingLog) -> Iterable[tuple[RecordLoc
         return [(RecordLocation(row), record) for row, record in enumerate(document)]
     if not isinstance(document, Mapping):
         raise SubmissionError([problems.not_a_list(document)])
-    # One record by itself, or a list wrapped in an object, is not a set of keyed records.
+    # One record by itself is not a set of keyed records.
     if document and not any(isinstance(value, Mapping) for value in document.values()):
         raise SubmissionError([problems.not_a_list(document)])
     if isinstance(document, RepeatingObject):
@@ -135,6 +160,20 @@ def _is_record(location: RecordLocation, record: Any, log: ReadingLog) -> bool:
     return True
 
 
+def _with_known_fields(
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
+) -> Mapping[str, Any]:
+    """Return a record with its misspelt fields under the names that they must mean."""
+    misspelt = find_misspelt(record, has_key=location.key is not None)
+    for field, meant in misspelt.items():
+        log.add_fault(problems.misspelt(meant), location, "", field)
+    ignored = [field for field in record if field not in FIELDS and field not in misspelt]
+    log.ignored_fields.update(ignored)
+    if not misspelt:
+        return record
+    return {**record, **{meant: record[field] for field, meant in misspelt.items()}}
+
+
 def _read_instr_id(
     location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
 ) -> str | None:
@@ -153,13 +192,12 @@ def _read_instr_id(
     return value.removeprefix(ID_PREFIX)
 
 
-def read_carefully(document: Any, *, answers_only: bool = False) -> Predictions:
+def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False) -> Predictions:
     """Read a list of records, or records keyed by their instr_id, in any form."""
-    log = ReadingLog()
     records = read_records(document, log, answers_only=answers_only)
     poses = [pose for record in records for pose in record.poses]
     lengths = np.array([len(record.poses) for record in records], dtype=np.int64)
-    answers = [record.answer for record in records]
+    answers = [record.answer or Answer(ABSTAINED) for record in records]
     boxes = _box_columns(answers)
     log.differences["cameras off the grid"] += int((~is_on_grid(boxes.camera)).sum())
     log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
@@ -177,12 +215,15 @@ def read_carefully(document: Any, *, answers_only: bool = False) -> Predictions:
         predicted_object=np.array([answer.object_id for answer in answers], dtype=np.int64),
         has_degrees=look_like_degrees(np.array(stop_angles).reshape(-1, 2)),
         answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
+        has_leading_zeros=np.array([a.has_leading_zeros for a in answers], dtype=np.bool_),
         locations=[record.location for record in records],
         pose_paths=[pose.path for pose in poses],
         continues_hop=np.array([pose.continues_hop for pose in poses], dtype=np.bool_),
         boxes=boxes,
+        is_navigation_only=log.differences["navigation only"] > 0,
         read_as=log.read_as(),
-        problems=log.problems,
+        ignored_fields=dict(log.ignored_fields),
+        problems=log.all_problems(),
     )
 
 

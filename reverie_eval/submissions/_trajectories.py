@@ -5,16 +5,24 @@ numbers is a pose, a list of viewpoint ids is a hop that is walked from first to
 a viewpoint id.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._document import is_finite, is_list, is_number
+from reverie_eval.submissions._document import is_finite, is_integer, is_list, is_number
 from reverie_eval.submissions._problems import PosePath, RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 
 MAX_POSES = 20_000
 """Per trajectory. Published agents take about 15 steps, each with turns between 36 views."""
+
+
+_POSE_LENGTH = 3
+_NUMBER = re.compile(r"-?\d{1,3}(\.\d{1,20})?(e-?\d{1,2})?")
+"""An angle. Viewpoint ids are 32 hexadecimal digits."""
+_VIEWPOINT_KEYS = ("viewpoint", "viewpointId", "viewpoint_id", "viewpointid", "vp", "vp_id")
+_ANGLE_KEYS = ("heading", "elevation")
 
 
 class Pose(NamedTuple):
@@ -49,20 +57,21 @@ def read_trajectory(
     if not any(not is_list(element) or element for element in trajectory):
         log.problems.append(problems.empty_trajectory(location))
         return []
-    # An empty hop is a step without a move, but only among hops: among poses, `[]` is a fault.
-    only_hops = all(_is_hop(element) for element in trajectory)
     poses = []
     for index, element in enumerate(trajectory):
-        if not (only_hops and not element):
+        if not (is_list(element) and not element):  # an empty hop is a step without a move
             poses += _read_element(location, index, element, log)
-    if only_hops and any(len(element) != 1 for element in trajectory):
-        log.differences["hops"] += 1
+    is_nested = any(_is_hop(element) and len(element) != 1 for element in trajectory)
+    log.differences["hops"] += is_nested
     return poses
 
 
 def _read_element(
     location: RecordLocation, index: int, element: Any, log: ReadingLog
 ) -> list[Pose]:
+    if _has_angles_as_text(element):
+        log.add_fault(problems.ANGLES_AS_TEXT, location, f".trajectory[{index}]", element)
+        element = [element[0], *map(float, element[1:])]
     if isinstance(element, str):
         log.differences["bare viewpoints"] += 1
         return [Pose((index,), element)]
@@ -74,7 +83,15 @@ def _read_element(
             Pose((index, step), viewpoint_id, continues_hop=step > 0)
             for step, viewpoint_id in enumerate(element)
         ]
-    viewpoint_id, *angles = element if is_list(element) and element else (None,)
+    if isinstance(element, Mapping):
+        pose = _pose_from_object(element)
+        if pose is not None:
+            log.add_fault(problems.POSES_AS_OBJECTS, location, f".trajectory[{index}]", element)
+            element = pose
+    viewpoint_id, *angles = element if is_list(element) else (element,)
+    if is_integer(viewpoint_id):
+        log.add_fault(problems.NUMBERED_VIEWPOINTS, location, f".trajectory[{index}]", element)
+        return [Pose((index,), None, is_reported=True)]
     if not isinstance(viewpoint_id, str) or len(angles) == 1 or not all(map(is_number, angles)):
         log.problems.append(problems.wrong_pose(location, (index,), element))
         return [Pose((index,), None, is_reported=True)]
@@ -84,6 +101,22 @@ def _read_element(
     log.differences["no angles"] += not angles
     log.differences["extra numbers"] += len(angles) > 2
     return [Pose((index, 0), viewpoint_id, *angles[:2])]
+
+
+def _has_angles_as_text(element: Any) -> bool:
+    """Whether this is ``["viewpoint", "1.5", "0.0"]``, which looks like a hop."""
+    if not (_is_hop(element) and len(element) == _POSE_LENGTH):
+        return False
+    return all(_NUMBER.fullmatch(part) for part in element[1:])
+
+
+def _pose_from_object(element: Mapping[str, Any]) -> Sequence[Any] | None:
+    """Return ``{"viewpoint": ..., "heading": ..., "elevation": ...}`` as a list."""
+    viewpoints = [element[key] for key in _VIEWPOINT_KEYS if isinstance(element.get(key), str)]
+    if len(viewpoints) != 1:
+        return None
+    angles = [element[key] for key in _ANGLE_KEYS if key in element]
+    return [viewpoints[0], *angles]
 
 
 def _is_hop(element: Any) -> bool:

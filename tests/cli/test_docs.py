@@ -23,7 +23,7 @@ COMMAND_LINE = DOCS / "command-line.md"
 
 def codes_in(*sources: Path) -> set[str]:
     """Collect the codes of problems that are built in source files."""
-    pattern = re.compile(r'(?:_\w+|report|Problem)\(\s*(?:sources,\s*)?"([a-z-]+)"')
+    pattern = re.compile(r'(?:_\w+|report|Problem|Fault)\(\s*(?:sources,\s*)?"([a-z-]+)"')
     return {code for source in sources for code in pattern.findall(source.read_text())}
 
 

@@ -292,4 +292,4 @@ def test_the_command_writes_the_episodes_with_different_success(run: Run, tmp_pa
 def test_all_invalid_files_are_reported_and_nothing_is_compared(run: Run) -> None:
     status, out, err = run("compare", BROKEN, GOOD, BROKEN, "--split", SPLIT)
     assert (status, out) == (1, "")
-    assert err.count(f"{BROKEN}: submission rejected, 24 problems") == 2
+    assert err.count(f"{BROKEN}: submission rejected, 23 problems") == 2

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from reverie_eval.submissions import read_predictions
 from reverie_eval.submissions._official import convert_official
+from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import read_carefully
 from tests.submissions.test_reading import boxes_of, columns_of, places_of, problems_of
 
@@ -203,7 +204,7 @@ def test_the_fast_lane_declines_or_agrees(submission: Any) -> None:
     predictions = convert_official(submission)
     event("taken" if predictions else "declined")
     if predictions:
-        carefully = read_carefully(submission)
+        carefully = read_carefully(submission, ReadingLog())
         assert columns_of(predictions) == columns_of(carefully)
         assert places_of(predictions) == places_of(carefully)
         assert boxes_of(predictions) == boxes_of(carefully) == []

@@ -223,7 +223,7 @@ def test_an_answer_by_box_is_no_abstention() -> None:
 
 @pytest.mark.usefixtures("here")
 def test_boxes_that_are_null_are_abstentions() -> None:
-    write("boxes.json", [{"predBox": None}] * 5)
+    write("boxes.json", [{"predBox": None, "predObjId": -1}] * 5)
     checked = validate("boxes.json", split=SPLIT, ground_truth="full.npz")
     assert checked.abstained.tolist() == [True] * 5
     assert "no answer predicts an object: RGS will be 0" in checked.notes

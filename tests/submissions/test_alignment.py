@@ -104,7 +104,7 @@ faults = pytest.mark.parametrize(
             id="unknown episode",
         ),
         pytest.param(
-            [*SOUND, FIRST],
+            [*SOUND, {**FIRST, "predObjId": 5}],
             "duplicate-episode",
             "[3].instr_id",
             "7_1_0 already has a prediction in [0]; keep one per episode",
@@ -182,8 +182,8 @@ def test_everything_is_reported_at_once_with_what_reading_found(farm: GroundTrut
         ("[1].predObjId", "wrong-type"),
         ("[2].instr_id", "duplicate-episode"),
         ("[3].instr_id", "unknown-episode"),
-        ("[4].instr_id", "duplicate-episode"),
         ("[4].trajectory[1]", "wrong-type"),
+        ("[4].instr_id", "duplicate-episode"),
         ("[4].trajectory[2][0]", "other-scan"),
     ]
 
@@ -220,9 +220,9 @@ def test_the_broken_sample(demo: GroundTruth) -> None:
     """Two episodes are missing; the first and the last records are faulty."""
     missing, also_missing, *of_records = problems_of(SAMPLES / "broken.json", demo)
     assert {missing.code, also_missing.code} == {"missing-episode"}
-    assert [problem.code for problem in of_records] == [
-        CODES[fault] for fault in (*SPOILED, *FOREIGN)
-    ]
+    # "pose is a number" and "viewpoint is a number" have one cause, and are one problem.
+    faults = [fault for fault in (*SPOILED, *FOREIGN) if fault != "viewpoint is a number"]
+    assert [problem.code for problem in of_records] == [CODES[fault] for fault in faults]
     assert len({problem.where.partition("]")[0] for problem in of_records}) == len(of_records)
 
 

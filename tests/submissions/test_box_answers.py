@@ -216,7 +216,7 @@ def test_boxes_of_a_file_are_counted() -> None:
         answer(predBox=[900, 0, 5, 5]),
         answer(predView=None),
         answer(predBox=None, predObjId=3),
-        answer(predBox=None),
+        answer(predBox=None, predObjId=None),
         answer(predView=None, predBox=[900, 0, 5, 5]),
     )
     assert predictions.read_as == [
@@ -233,7 +233,7 @@ def test_boxes_of_a_file_are_counted() -> None:
 def test_boxes_in_another_order() -> None:
     boxes = read(
         answer(),
-        answer(predBox=None),
+        answer(predBox=None, predObjId=-1),
         answer(predView=None, predBox=[1, 2, 3, 999]),
     ).boxes.take(np.array([1, 0]))
     assert boxes.row.tolist() == [2, 0]
@@ -259,7 +259,6 @@ def test_a_box_together_with_an_abstention(key: str, named: object) -> None:
         pytest.param({"predObjId": 3}, 3, id="beside an object"),
         pytest.param({"pred_objid": "3"}, 3, id="beside an object under another key"),
         pytest.param({"predObjId": -1}, -1, id="beside an abstention"),
-        pytest.param({"predView": "no view"}, -1, id="alone; the view is ignored"),
     ],
 )
 def test_a_null_box_is_not_an_answer(fields: Mapping[str, Any], named: int) -> None:
@@ -267,15 +266,15 @@ def test_a_null_box_is_not_an_answer(fields: Mapping[str, Any], named: int) -> N
     assert (predictions.predicted_object.tolist(), len(predictions.boxes.row)) == ([named], 0)
 
 
-def test_a_file_of_null_boxes_has_answers() -> None:
-    """It is not navigation only: every record says that the agent predicts no box."""
-    assert read(answer(predBox=None)).read_as == [
-        "1 answers that predict no object, not written as -1"
-    ]
+def test_a_null_box_alone_is_no_answer() -> None:
+    """Nobody writes it on purpose: more likely the box was lost."""
+    (problem,) = read_predictions([answer(predBox=None)] * 3).problems
+    assert (problem.code, problem.where) == ("missing-field", "[0].predBox")
+    assert problem.message.startswith("3 records have predBox null and no object id; write ")
 
 
 def test_a_file_without_boxes_has_none() -> None:
-    for records in ([answer(predBox=WITHOUT, predObjId=3)], [answer(predBox=None)]):
-        boxes = read_predictions(json.dumps(records).encode()).boxes
+    for fields in ({"predBox": WITHOUT, "predObjId": 3}, {"predBox": None, "predObjId": -1}):
+        boxes = read_predictions(json.dumps([answer(**fields)]).encode()).boxes
         shapes = [boxes.row.shape, boxes.xywh.shape, boxes.camera.shape, boxes.is_cut.shape]
         assert shapes == [(0,), (0, 4), (0, 2), (0,)]

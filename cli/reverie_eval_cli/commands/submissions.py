@@ -23,7 +23,7 @@ from reverie_eval_cli.output import (
 @options.submission
 @options.split
 @options.ground_truth
-@options.layout("text", "json", explained=" json lists all problems, text the first 40.")
+@options.layout("text", "json", explained=" json lists all problems, text the first 20.")
 @options.output("the outcome")
 def validate_submission(
     *, submission: str, split: str, ground_truth: str | None, layout: str, output: str | None
@@ -72,18 +72,28 @@ def validation_json(split: str, problems: Sequence[Problem] = (), notes: Sequenc
 
 @click.command("convert")
 @options.submission
+@click.option(
+    "--split",
+    metavar="NAME",
+    help="Also fix ids that this split does not have: prefixes, spaces, instructions counted "
+    "from 1.",
+)
+@options.ground_truth
 @options.output("the submission")
-def convert_submission(*, submission: str, output: str | None) -> None:
+def convert_submission(
+    *, submission: str, split: str | None, ground_truth: str | None, output: str | None
+) -> None:
     """Convert a submission to the official form.
 
-    SUBMISSION is a result file in any form that can be scored, or - for standard input. Standard
-    error reports what was read differently from the official form, and what was dropped.
+    SUBMISSION is a result file, or - for standard input. Mistakes that tell what was meant, such as
+    misspelt fields or object ids written as decimals, are fixed. Standard error reports what was
+    fixed, what was read differently from the official form, and what was dropped.
     """
     from reverie_eval.submissions import convert
 
-    check_outputs([output], [submission])
+    check_outputs([output], [submission, ground_truth])
     with naming(submission):
-        conversion = convert(submission)
+        conversion = convert(submission, split=split, ground_truth=ground_truth)
     write_text(submission_text(conversion.records), output)
     for each in conversion.notes:
         print(f"{source_name(submission)}: {each}", file=sys.stderr)

@@ -220,6 +220,7 @@ def _standing(truth: GroundTruth) -> AlignedSubmission:
         offsets=np.arange(count + 1),
         predicted_object=np.full(count, ABSTAINED),
         answer_is_text=np.zeros(count, dtype=bool),
+        has_leading_zeros=np.zeros(count, dtype=bool),
         boxes=NO_BOXES,
     )
 

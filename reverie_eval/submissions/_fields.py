@@ -1,0 +1,95 @@
+"""The fields of a record: those that are read, and the known one that a misspelt one must mean."""
+
+import re
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions._document import is_integer
+
+INSTR_ID_KEY = "instr_id"
+TRAJECTORY_KEY = "trajectory"
+ANSWER_KEYS: tuple[str, ...] = ("predObjId", "pred_objid", "pred_obj_id")
+"""The keys of an object id: official, DUET's, and an older spelling."""
+BOX_KEY = "predBox"
+VIEW_KEY = "predView"
+IMAGE_SIZE_KEY = "predImageSize"
+BOX_KEYS: tuple[str, ...] = (BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY)
+
+FIELDS = frozenset({INSTR_ID_KEY, TRAJECTORY_KEY, *ANSWER_KEYS, *BOX_KEYS})
+"""The fields that are read; all others are ignored."""
+
+_ABSTENTIONS = ("None", "-1", "")
+"""What codebases write besides -1 and null where the agent predicts no object."""
+
+_SPELLINGS: Mapping[str, tuple[str, ...]] = {
+    INSTR_ID_KEY: ("instrid", "instructionid", "instid", "episodeid"),
+    TRAJECTORY_KEY: ("trajectory", "path", "predpath", "traj", "predtrajectory", "predtraj"),
+    ANSWER_KEYS[0]: (
+        *("predobjid", "predobj", "predobject", "predobjectid", "predictedobjid"),
+        *("predictedobject", "predictedobjectid", "objid", "objectid", "predid"),
+    ),
+    BOX_KEY: ("predbox", "predbbox", "predictedbox", "predictedbbox", "bbox", "box"),
+    VIEW_KEY: ("predview", "predviewid", "predviewindex", "predviewidx", "viewindex", "viewid"),
+    IMAGE_SIZE_KEY: ("predimagesize", "predimgsize", "imagesize", "imgsize"),
+}
+"""How people spell each field, in lower case and without underscores or other marks."""
+
+_MARKS = re.compile(r"[\W_]+")
+_LONGEST = 40
+"""Longer names are not compared: no spelling of a known field is half as long."""
+_CLOSE = 0.87
+"""How similar a name must be to a spelling: one letter more, less, or in the wrong place."""
+
+
+def is_abstention(value: Any) -> bool:
+    """Whether a value under an answer key predicts no object."""
+    if is_integer(value):
+        return value == ABSTAINED
+    return value is None or (isinstance(value, str) and value in _ABSTENTIONS)
+
+
+def find_misspelt(record: Mapping[str, Any], *, has_key: bool) -> Mapping[str, str]:
+    """Return the fields of a record that can only be a misspelt known one, with what they mean.
+
+    A field that resembles a known one is left alone if the record has that one as well: codebases
+    keep notes of their own beside the official fields. ``has_key`` says that the record is the
+    value of a key, which is its instr_id.
+    """
+    unknown = {field: _meant_by(field) for field in record if field not in FIELDS}
+    missing = {meant for meant in unknown.values() if meant and not _has(record, meant)}
+    if has_key:
+        missing.discard(INSTR_ID_KEY)
+    # Of two fields that mean the same, the first counts, as it would under its right name.
+    first = {meant: field for field, meant in reversed(unknown.items()) if meant in missing}
+    return {field: meant for meant, field in first.items()}
+
+
+def _has(record: Mapping[str, Any], key: str) -> bool:
+    """Whether a record gives what a known field is for."""
+    if key == ANSWER_KEYS[0]:
+        return any(answer in record for answer in ANSWER_KEYS) or _has_box(record)
+    if key in BOX_KEYS:
+        return key in record or not all(is_abstention(record.get(key)) for key in ANSWER_KEYS)
+    return key in record
+
+
+def _has_box(record: Mapping[str, Any]) -> bool:
+    return record.get(BOX_KEY) is not None
+
+
+@lru_cache(maxsize=1024)
+def _meant_by(field: object) -> str | None:
+    """Return the known field that a name resembles, if any."""
+    if not isinstance(field, str) or len(field) > _LONGEST:
+        return None
+    from difflib import get_close_matches  # slow to import, and rarely needed
+
+    spelling = _MARKS.sub("", field.lower())
+    known = {each: key for key, spellings in _SPELLINGS.items() for each in spellings}
+    if spelling in known:
+        return known[spelling]
+    # Short names such as "bbox" and "path" resemble too much that has nothing to do with them.
+    close = get_close_matches(spelling, [each for each in known if len(each) > 5], 1, _CLOSE)
+    return known[close[0]] if close else None

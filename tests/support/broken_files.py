@@ -1,0 +1,279 @@
+"""Mistakes that people make in their files, each made in a good file.
+
+``python -m tests.support.broken_files`` prints the table of ``docs/broken-files.md``.
+"""
+
+import bz2
+import gzip
+import io
+import json
+import lzma
+import pickle
+import sys
+import tarfile
+import zipfile
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from reverie_eval import GroundTruth, SubmissionError, validate
+from reverie_eval.ground_truth import find_ground_truth
+from tests.support.forms import OFFICIAL, Record
+from tests.support.worlds import SPLIT
+
+Records = list[Record]
+Mistake = Callable[[Records], object]
+"""Takes the records of a good file, and returns the records or the bytes of a broken one."""
+
+
+def renamed(old: str, new: str) -> Mistake:
+    """Return what writes a field under another name."""
+    return lambda records: [
+        {(new if name == old else name): value for name, value in record.items()}
+        for record in records
+    ]
+
+
+def in_every(change: Callable[[Record], Mapping[str, Any]]) -> Mistake:
+    """Return what changes every record."""
+    return lambda records: [{**record, **change(record)} for record in records]
+
+
+def in_one(change: Callable[[Record], Mapping[str, Any]]) -> Mistake:
+    """Return what changes the fourth record."""
+    return lambda records: [
+        {**record, **(change(record) if row == 3 else {})} for row, record in enumerate(records)
+    ]
+
+
+def poses(change: Callable[[list[Any]], object]) -> Mistake:
+    """Return what changes every pose."""
+    return in_every(lambda record: {"trajectory": [change(pose) for pose in record["trajectory"]]})
+
+
+def ids(change: Callable[[str], object]) -> Mistake:
+    """Return what changes every instr_id."""
+    return in_every(lambda record: {"instr_id": change(record["instr_id"])})
+
+
+def answers(change: Callable[[int], object]) -> Mistake:
+    """Return what changes every object id."""
+    return in_every(lambda record: {"predObjId": change(record["predObjId"])})
+
+
+def without(*names: str) -> Mistake:
+    """Return what leaves fields out of every record."""
+    return lambda records: [
+        {name: value for name, value in record.items() if name not in names} for record in records
+    ]
+
+
+def boxed(key: str = "predBox", **fields: object) -> Mistake:
+    """Return what answers by box in every record, under a key."""
+    right = {"predObjId": -1, key: [10, 20, 30, 40], "predView": 12}
+    return in_every(lambda _: right | fields)
+
+
+def text(records: Records) -> bytes:
+    """Return the file as it should be."""
+    return json.dumps(records).encode()
+
+
+def tarred(records: Records) -> bytes:
+    """Return a gzipped tar archive."""
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w:gz") as archive:
+        member = tarfile.TarInfo("submit.json")
+        member.size = len(text(records))
+        archive.addfile(member, io.BytesIO(text(records)))
+    return packed.getvalue()
+
+
+def zipped(*names: str) -> Mistake:
+    """Return what packs the file under several names."""
+
+    def pack(records: Records) -> bytes:
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w") as archive:
+            for name in names:
+                archive.writestr(name, text(records))
+        return packed.getvalue()
+
+    return pack
+
+
+def from_one(instr_id: str) -> str:
+    """Return an instr_id whose instruction is counted from 1."""
+    task, _, index = instr_id.rpartition("_")
+    return f"{task}_{int(index) + 1}"
+
+
+def first_of_tasks(records: Records) -> Records:
+    """Return one record for each task, with its id."""
+    first = {record["instr_id"].rpartition("_")[0]: record for record in records}
+    return [{**record, "instr_id": task} for task, record in first.items()]
+
+
+MISTAKES: Mapping[str, Mistake] = MappingProxyType(
+    {
+        # Fields.
+        **{
+            f"predObjId written {name}": renamed("predObjId", name)
+            for name in (
+                *("predObjID", "predobjid", "pred_obj", "objId", "obj_id", "pred_object_id"),
+                *("predictedObjId", "predObjIds"),
+            )
+        },
+        **{f"predBox written {name}": boxed(name) for name in ("predbox", "pred_box", "predBBox")},
+        "predView written pred_view, no angles": lambda records: [
+            {
+                "instr_id": record["instr_id"],
+                "trajectory": [pose[:1] for pose in record["trajectory"]],
+                "predBox": [10, 20, 30, 40],
+                "pred_view": 12,
+            }
+            for record in records
+        ],
+        "trajectory written path": renamed("trajectory", "path"),
+        "trajectory written traj": renamed("trajectory", "traj"),
+        "trajectory written pred_path": renamed("trajectory", "pred_path"),
+        "instr_id written instruction_id": renamed("instr_id", "instruction_id"),
+        "instr_id written instrId": renamed("instr_id", "instrId"),
+        "no trajectory": without("trajectory"),
+        "no instr_id": without("instr_id"),
+        "one record without an answer": lambda records: [
+            *records[:-1],
+            *without("predObjId")(records[-1:]),  # type: ignore[misc]
+        ],
+        "a field twice": lambda records: text(records).replace(
+            b'"predObjId"', b'"predObjId": 1, "predObjId"', 1
+        ),
+        # Ids.
+        "object ids as decimals": answers(float),
+        "object ids as decimals in text": answers(lambda answer: f"{abs(answer)}.0"),
+        "object ids with a name": answers(lambda answer: f"obj_{answer}"),
+        "object ids in lists": answers(lambda answer: [answer]),
+        "object ids as probabilities": answers(lambda _: 0.25),
+        "object ids as booleans": answers(lambda answer: answer > 0),
+        "object ids as NaN": answers(lambda _: float("nan")),
+        "object ids below -1": answers(lambda _: -2),
+        "different answers under two keys": in_every(lambda _: {"pred_objid": "99999"}),
+        "instructions counted from 1": ids(from_one),
+        "only the tasks' ids": first_of_tasks,
+        "the prefix r2r_": ids("r2r_{}".format),
+        "a space after every id": ids("{} ".format),
+        "ids as numbers": ids(lambda instr_id: int(instr_id.replace("_", ""))),
+        "ids of another split": lambda records: [
+            {**record, "instr_id": instr_id}
+            for record, instr_id in zip(records, _val_seen_ids(), strict=False)
+        ],
+        "one unknown id": in_one(lambda _: {"instr_id": "99999_9_0"}),
+        # Completeness.
+        "half of the records": lambda records: records[: len(records) // 2],
+        "all but one record": lambda records: records[1:],
+        "every record twice": lambda records: [*records, *records],
+        "the last batch twice": lambda records: [*records, *records[-5:]],
+        "two answers for an episode": lambda records: [
+            *records,
+            {**records[0], "predObjId": 12345},
+        ],
+        "no records": lambda _: [],
+        # Poses.
+        "poses as objects": poses(
+            lambda pose: {"viewpoint": pose[0], "heading": pose[1], "elevation": pose[2]}
+        ),
+        "poses as objects of another kind": poses(lambda pose: {"node": pose[0]}),
+        "viewpoints as numbers": poses(lambda pose: [7, *pose[1:]]),
+        "viewpoints with their scan": poses(lambda pose: [f"2t7WUuJeko7_{pose[0]}", *pose[1:]]),
+        "viewpoints with spaces": poses(lambda pose: [f" {pose[0]}", *pose[1:]]),
+        "one unknown viewpoint": in_one(lambda _: {"trajectory": [["ffff", 0, 0]]}),
+        "angles as text": poses(lambda pose: [pose[0], str(pose[1]), str(pose[2])]),
+        "a heading without elevation": poses(lambda pose: pose[:2]),
+        "an angle that is NaN": in_one(
+            lambda record: {"trajectory": [[record["trajectory"][0][0], float("nan"), 0.0]]}
+        ),
+        "empty trajectories": in_every(lambda _: {"trajectory": []}),
+        "no start viewpoint": in_every(lambda record: {"trajectory": record["trajectory"][1:]}),
+        "trajectories as text": in_every(lambda record: {"trajectory": str(record["trajectory"])}),
+        "SOON's trajectories": in_every(
+            lambda record: {"trajectory": [{"path": record["trajectory"]}]}
+        ),
+        # Boxes.
+        "null boxes without object ids": lambda records: [
+            {**record, "predBox": None}
+            for record in without("predObjId")(records)  # type: ignore[attr-defined]
+        ],
+        "a box and an object": boxed(predObjId=3),
+        "boxes without area": boxed(predBox=[10, 20, 0, 0]),
+        "boxes of three numbers": boxed(predBox=[10, 20, 30]),
+        "view 36": boxed(predView=36),
+        "angles in degrees, boxes without view": lambda records: [
+            {
+                **record,
+                "trajectory": [
+                    *record["trajectory"][:-1],
+                    [record["trajectory"][-1][0], 0.0, 30.0],
+                ],
+                "predObjId": -1,
+                "predBox": [10, 20, 30, 40],
+            }
+            for record in records
+        ],
+        # The file.
+        "JSON Lines": lambda records: b"\n".join(json.dumps(record).encode() for record in records),
+        "printed by Python": lambda records: repr(records).encode(),
+        "a pickle": pickle.dumps,
+        '{"results": [...]}': lambda records: {"results": records},
+        "one record": lambda records: records[0],
+        "tar.gz": tarred,
+        "bzip2": lambda records: bz2.compress(text(records)),
+        "xz": lambda records: lzma.compress(text(records)),
+        "gzipped twice": lambda records: gzip.compress(gzip.compress(text(records))),
+        "a zip of two files": zipped("val_seen.json", "val_unseen.json"),
+        "an empty zip": zipped(),
+        "a damaged gzip": lambda records: gzip.compress(text(records))[:-20],
+        "a mail signature after the JSON": lambda records: text(records) + b"\n-- \nBest regards",
+        "a cut file": lambda records: text(records)[:-500],
+        "an empty file": lambda _: b"",
+        "a web page": lambda _: b"<!DOCTYPE html><title>Sign in</title>",
+        "CSV": lambda _: b"instr_id,predObjId\n1_2_0,3\n",
+        "Latin-1": lambda records: text(records).replace(
+            b'"trajectory"', b'"\xe9", "trajectory"', 1
+        ),
+        "comments": lambda records: b"// results\n" + text(records),
+        "a comma after the last record": lambda records: text(records)[:-1] + b",]",
+    }
+)
+"""Every mistake, by what it is."""
+
+
+def broken(name: str) -> bytes:
+    """Return the file with a mistake."""
+    made = MISTAKES[name]([dict(record) for record in OFFICIAL])
+    return made if isinstance(made, bytes) else json.dumps(made).encode()
+
+
+def message_about(name: str, truth: GroundTruth) -> str:
+    """Return what is said about the file with a mistake; empty if it is accepted."""
+    try:
+        validate(broken(name), split=SPLIT, ground_truth=truth)
+    except SubmissionError as error:
+        return str(error)
+    return ""
+
+
+def _val_seen_ids() -> list[str]:
+    return list(find_ground_truth(None, "val_seen").episodes.instr_ids)
+
+
+def table(truth: GroundTruth) -> str:
+    """Return the table of the documentation: each mistake and the first line about it."""
+    first = {name: message_about(name, truth).splitlines()[1] for name in MISTAKES}
+    rows = [
+        f"| {name} | {line.replace('`', '').replace('<', '&lt;')} |" for name, line in first.items()
+    ]
+    return "\n".join(["| mistake | first line of the message |", "|---|---|", *rows])
+
+
+if __name__ == "__main__":
+    sys.stdout.write(f"{table(find_ground_truth(None, SPLIT))}\n")

@@ -19,6 +19,9 @@ Environments", CVPR 2020, section 3 on the evaluation of REVERIE success.
 LOOSE_IOU_THRESHOLD, STRICT_IOU_THRESHOLD = 0.25, 0.75
 """Reported along with the benchmark's own threshold, to separate near misses from exact boxes."""
 
+_TIE = 1e-9
+"""Share of an area by which rounding may miss a tie. One pixel of a whole image is 3e-6."""
+
 
 def candidate_match(predicted_object: IntArray, target_object: IntArray) -> BoolArray:
     """Whether the predicted object is the target, per episode.
@@ -90,10 +93,15 @@ class Overlap(NamedTuple):
         return self.intersection / (self.total - self.intersection)
 
     def reaches(self, threshold: float) -> BoolArray:
-        """Whether the IoU is at least the threshold, a number in (0, 1]."""
-        # I / (A + B - I) >= t without the division, which would round: for whole pixels and the
-        # thresholds 1/4, 1/2 and 3/4 both sides are exact, so a tie counts on every machine.
-        return np.greater_equal((1 + threshold) * self.intersection, threshold * self.total)
+        """Whether the IoU is at least the threshold, a number in (0, 1]; a tie counts.
+
+        For whole pixels of a 640 x 480 image and the thresholds 1/4, 1/2 and 3/4 the comparison is
+        exact. Boxes scaled from another image size, or warped, are off by some 1e-16 of their
+        coordinates, so an IoU below the threshold by less than 1e-9 of it is a tie too.
+        """
+        # I / (A + B - I) >= t without the division, which would round.
+        needed = threshold * self.total * (1 - _TIE)
+        return np.greater_equal((1 + threshold) * self.intersection, needed)
 
 
 def box_overlap(predicted_box_xywh: Array, target_box_xywh: Array) -> Overlap:

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from reverie_eval.geometry import view_angles
+from reverie_eval.metrics import box_match
 from reverie_eval.submissions import BoxAnswers, Predictions, read_predictions
 from tests.support.drawings import BOX, POSE_ANGLES, WITHOUT, Record, answer
 
@@ -240,6 +241,29 @@ def test_boxes_in_another_order() -> None:
     assert boxes.xywh.tolist() == [[1, 2, 3, 478], BOX]
     assert boxes.camera.tolist() == [POSE_ANGLES, pytest.approx([math.pi / 3, 0])]
     assert boxes.is_cut.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    "size",
+    [(640, 480), (224, 224), (333, 333), (1000, 750), (1024, 768), (1, 1)],
+    ids=lambda size: f"{size[0]} wide",
+)
+def test_a_tie_counts_in_an_image_of_any_size(size: tuple[int, int]) -> None:
+    """Half of the target is just enough; a tenth of a pixel less is not."""
+    across, down = size[0] / 640, size[1] / 480
+    lefts, tops, widths = range(0, 400, 37), range(0, 240, 41), range(2, 100, 11)
+    targets = [(x, y, 2 * width, 90) for x in lefts for y in tops for width in widths]
+    for less, counts in ((0, True), (0.1, False)):
+        boxes = read(
+            *(
+                answer(
+                    predBox=[x * across, y * down, (width / 2 - less) * across, height * down],
+                    predImageSize=size,
+                )
+                for x, y, width, height in targets
+            )
+        ).boxes
+        assert set(box_match(boxes.xywh, np.array(targets)).tolist()) == {counts}
 
 
 # Beside other answers.

@@ -48,16 +48,29 @@ class CandidateBoxes:
         two int arrays of shape (n_pairs,)
             An index into ``box``, ascending, and the row of the other box.
         """
-        order, images = self._by_image
-        begin = np.searchsorted(images, self._image[box], side="left")
-        end = np.searchsorted(images, self._image[box], side="right")
-        pair_offsets = offsets_of(end - begin)
-        index = row_of(pair_offsets)
-        rank = np.arange(len(index)) - pair_offsets[:-1][index]
-        other = order[begin[index] + rank]
+        index, other = self._pair_with_images(self._image[box])
         # An image lists the box itself as well.
         is_other = self.candidate[other] != self.candidate[box[index]]
         return index[is_other], other[is_other]
+
+    def pair_with_all(self, viewpoint: IntArray, view: IntArray) -> tuple[IntArray, IntArray]:
+        """Pair views at viewpoints with all boxes in them.
+
+        Returns
+        -------
+        two int arrays of shape (n_pairs,)
+            An index into ``viewpoint`` and ``view``, ascending, and the row of the box.
+        """
+        return self._pair_with_images(_view_key(viewpoint, view))
+
+    def _pair_with_images(self, image: IntArray) -> tuple[IntArray, IntArray]:
+        order, images = self._by_image
+        begin = np.searchsorted(images, image, side="left")
+        end = np.searchsorted(images, image, side="right")
+        pair_offsets = offsets_of(end - begin)
+        index = row_of(pair_offsets)
+        rank = np.arange(len(index)) - pair_offsets[:-1][index]
+        return index, order[begin[index] + rank]
 
     # Sorted indexes are cached, so that an evaluator sorts the boxes of a split only once.
 

@@ -53,6 +53,8 @@ class BoxAnswer(NamedTuple):
     camera: Camera
     is_cut: bool
     """Whether the box reached beyond the image."""
+    uncut_xywh: tuple[float, float, float, float]
+    """The same before it was cut."""
     fields: Mapping[str, Any]
     """The box, the view and the image size as the record gives them, as plain numbers."""
 
@@ -163,7 +165,8 @@ def _read_box(
     log.differences["scaled boxes"] += size != (WIDTH, HEIGHT)
     log.differences["cut boxes"] += is_cut and not is_outside
     log.differences["boxes outside"] += is_outside
-    return BoxAnswer((x, y, x_end - x, y_end - y), camera, is_cut, fields)
+    uncut = (left, top, right - left, bottom - top)
+    return BoxAnswer((x, y, x_end - x, y_end - y), camera, is_cut, uncut, fields)
 
 
 def _read_camera(

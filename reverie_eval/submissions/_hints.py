@@ -8,7 +8,8 @@ from reverie_eval.arrays import last_of
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._alignment import AlignedSubmission
-from reverie_eval.submissions._predictions import MOST, BoxAnswers, Predictions
+from reverie_eval.submissions._box_hints import box_hints, reading_hints
+from reverie_eval.submissions._predictions import MOST, Predictions
 from reverie_eval.text import first_few, printable
 
 _LONGEST = 40
@@ -30,7 +31,7 @@ def submission_hints(
     if submission.abstained.all() and not submission.is_navigation_only:
         yield "no answer predicts an object: RGS will be 0"
     if submission.boxes.row.size:
-        yield from _box_hints(submission.boxes)
+        yield from box_hints(submission.boxes)
     if (submission.predicted_object == 0).mean() > MOST:
         yield (
             "most answers predict object 0, which is an object like any other; write -1 where the "
@@ -51,28 +52,18 @@ def _list_fields(fields: Mapping[str, int]) -> str:
 
 def answer_hints(submission: AlignedSubmission, ground_truth: GroundTruth) -> Iterator[str]:
     """Yield hints that depend on the annotated objects, if the ground truth has answers."""
-    predicted = submission.predicted_object != ABSTAINED
-    # In a file that answers mostly by box, the few object ids that are left say too little.
-    if ground_truth.answers is None or predicted.sum() <= len(submission.boxes.row):
+    if ground_truth.answers is None:
         return
     stop = submission.viewpoint[last_of(submission.offsets)]
+    boxes = submission.boxes
+    yield from reading_hints(boxes, stop[boxes.row], ground_truth.answers.boxes)
+    predicted = submission.predicted_object != ABSTAINED
+    # In a file that answers mostly by box, the few object ids that are left say too little.
+    if predicted.sum() <= len(boxes.row):
+        return
     is_candidate = ground_truth.answers.is_visible(submission.predicted_object, stop)
     if not is_candidate[predicted].any():
         yield (
             "no predicted object is visible where its agent stops; object ids are those of the "
             "box files, numbered within each building"
-        )
-
-
-def _box_hints(boxes: BoxAnswers) -> Iterator[str]:
-    x, y, width, height = boxes.xywh.T
-    if (np.maximum(x + width, y + height) <= 1).mean() > MOST:
-        yield (
-            "most boxes lie within one pixel of the upper left corner; if they are fractions of "
-            'the image, add "predImageSize": [1, 1]'
-        )
-    if boxes.is_cut.mean() > MOST:
-        yield (
-            "most boxes reach beyond the image; predBox is [x, y, width, height], not two "
-            "corners, in an image of 640 x 480 unless predImageSize says otherwise"
         )

@@ -37,14 +37,31 @@ class BoxAnswers:
     """Shape (n_boxes, 2): heading and elevation of the camera, radians."""
     is_cut: BoolArray
     """Shape (n_boxes,): whether the box reached beyond the image before it was cut."""
+    uncut_xywh: FloatArray
+    """Shape (n_boxes, 4): ``xywh`` before it was cut; only hints use it."""
+    stop_angles: FloatArray
+    """Shape (n_boxes, 2): heading and elevation of the last pose, radians; NaN if the file gives
+    none. Only hints use it."""
 
     def take(self, rows: IntArray) -> "BoxAnswers":
         """Return some of the boxes, in the given order."""
-        return BoxAnswers(self.row[rows], self.xywh[rows], self.camera[rows], self.is_cut[rows])
+        return BoxAnswers(
+            self.row[rows],
+            self.xywh[rows],
+            self.camera[rows],
+            self.is_cut[rows],
+            self.uncut_xywh[rows],
+            self.stop_angles[rows],
+        )
 
 
 NO_BOXES = BoxAnswers(
-    np.zeros(0, dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 2)), np.zeros(0, dtype=np.bool_)
+    np.zeros(0, dtype=np.int64),
+    np.zeros((0, 4)),
+    np.zeros((0, 2)),
+    np.zeros(0, dtype=np.bool_),
+    np.zeros((0, 4)),
+    np.zeros((0, 2)),
 )
 
 

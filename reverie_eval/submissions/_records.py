@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from reverie_eval.arrays import offsets_of
+from reverie_eval.arrays import FloatArray, offsets_of
 from reverie_eval.errors import SubmissionError
 from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
 from reverie_eval.metrics import ABSTAINED
@@ -198,22 +198,16 @@ def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False
     poses = [pose for record in records for pose in record.poses]
     lengths = np.array([len(record.poses) for record in records], dtype=np.int64)
     answers = [record.answer or Answer(ABSTAINED) for record in records]
-    boxes = _box_columns(answers)
+    stop_angles = np.array([_stop_angles(record) for record in records]).reshape(-1, 2)
+    boxes = _box_columns(answers, stop_angles)
     log.differences["cameras off the grid"] += int((~is_on_grid(boxes.camera)).sum())
     log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
-    stops = [record.poses[-1] if record.poses else None for record in records]
-    stop_angles = [
-        (np.nan, np.nan)
-        if stop is None or stop.heading is None or stop.elevation is None
-        else (float(stop.heading), float(stop.elevation))
-        for stop in stops
-    ]
     return Predictions(
         instr_ids=[record.instr_id for record in records],
         viewpoint_ids=[pose.viewpoint_id for pose in poses],
         offsets=offsets_of(lengths),
         predicted_object=np.array([answer.object_id for answer in answers], dtype=np.int64),
-        has_degrees=look_like_degrees(np.array(stop_angles).reshape(-1, 2)),
+        has_degrees=look_like_degrees(stop_angles),
         answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
         has_leading_zeros=np.array([a.has_leading_zeros for a in answers], dtype=np.bool_),
         locations=[record.location for record in records],
@@ -227,11 +221,21 @@ def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False
     )
 
 
-def _box_columns(answers: Sequence[Answer]) -> BoxAnswers:
+def _stop_angles(record: ReadRecord) -> tuple[float, float]:
+    """Return heading and elevation of the last pose; NaN if the file gives none."""
+    stop = record.poses[-1] if record.poses else None
+    if stop is None or stop.heading is None or stop.elevation is None:
+        return np.nan, np.nan
+    return float(stop.heading), float(stop.elevation)
+
+
+def _box_columns(answers: Sequence[Answer], stop_angles: FloatArray) -> BoxAnswers:
     boxes = {row: answer.box for row, answer in enumerate(answers) if answer.box is not None}
     return BoxAnswers(
         row=np.array(list(boxes), dtype=np.int64),
         xywh=np.array([box.xywh for box in boxes.values()]).reshape(-1, 4),
         camera=np.array([box.camera for box in boxes.values()]).reshape(-1, 2),
         is_cut=np.array([box.is_cut for box in boxes.values()], dtype=np.bool_),
+        uncut_xywh=np.array([box.uncut_xywh for box in boxes.values()]).reshape(-1, 4),
+        stop_angles=stop_angles[list(boxes)],
     )

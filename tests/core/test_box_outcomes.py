@@ -390,7 +390,12 @@ def test_exact_boxes_by_cameras_off_the_grid(published_bundles: Path) -> None:
         candidate = answers.boxes.candidate[picked]
         outcomes = score_boxes(
             BoxAnswers(
-                np.arange(len(picked)), np.array(cut, float), np.array(camera), np.array(picked) < 0
+                row=np.arange(len(picked)),
+                xywh=np.array(cut, float),
+                camera=np.array(camera),
+                is_cut=np.array(picked) < 0,
+                uncut_xywh=np.array(cut, float),
+                stop_angles=np.array(camera),
             ),
             stop=answers.candidate_viewpoint[candidate],
             target_object=answers.candidate_object[candidate],
@@ -433,10 +438,12 @@ def test_whole_image_and_ambiguous_shares_of_the_published_boxes(
     task, box = np.nonzero(candidate[:, None] == answers.boxes.candidate)
     outcomes = score_boxes(
         BoxAnswers(
-            np.arange(len(box)),
-            answers.boxes.xywh[box].astype(float),
-            view_angles(answers.boxes.view[box]),
-            np.zeros(len(box), dtype=bool),
+            row=np.arange(len(box)),
+            xywh=answers.boxes.xywh[box].astype(float),
+            camera=view_angles(answers.boxes.view[box]),
+            is_cut=np.zeros(len(box), dtype=bool),
+            uncut_xywh=answers.boxes.xywh[box].astype(float),
+            stop_angles=view_angles(answers.boxes.view[box]),
         ),
         stop=goal[task],
         target_object=target[task],

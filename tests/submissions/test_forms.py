@@ -145,6 +145,30 @@ def test_answers_under_several_keys_must_agree(answers: Mapping[str, Any]) -> No
     assert problem.message.endswith("; keep one of the keys")
 
 
+def test_ids_with_leading_zeros_are_never_correct(demo: GroundTruth) -> None:
+    """The published evaluators compare texts, or accept numbers only; a note says so."""
+    padded = [
+        {**record, "predObjId": f"00{record['predObjId']}"}
+        if record["predObjId"] >= 0
+        else dict(record)
+        for record in OFFICIAL
+    ]
+    count = sum(record["predObjId"] >= 0 for record in OFFICIAL)
+    for name, scores in evaluate_protocols(padded, split=SPLIT, ground_truth=demo).items():
+        assert scores.get("rgs", 0) == 0, name
+        assert (
+            f"read as: {count} object ids written as text; {count} of these with leading zeros, "
+            "which no published evaluator counts as correct"
+        ) in scores.notes
+
+
+def test_further_numbers_in_a_pose_are_counted() -> None:
+    (record,) = walking(["a", 1, 2, 3], ["b", 1, 2], ["c", 1, 2, 3, 4])
+    assert read_predictions([record]).read_as == [
+        "2 poses with extra numbers after heading and elevation, ignored"
+    ]
+
+
 @pytest.mark.parametrize(
     ("trajectory", "viewpoint_ids", "places"),
     [

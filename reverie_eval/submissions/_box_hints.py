@@ -1,0 +1,146 @@
+"""Hints about predicted boxes that were probably not meant as they were read.
+
+Those of :func:`box_hints` need the file alone. :func:`reading_hints` compares boxes with the
+annotated boxes of all objects in the same view, whichever of them is the target.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from reverie_eval.arrays import FloatArray, IntArray
+from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, snap
+from reverie_eval.ground_truth import CandidateBoxes
+from reverie_eval.metrics import box_match
+from reverie_eval.submissions._predictions import MOST, BoxAnswers
+
+_N_HEADINGS = 12
+_ENOUGH = 20
+"""Fewer boxes say nothing about how they were meant."""
+_SAMPLE = 500
+"""More boxes are not compared with the annotation."""
+_SMALL_IMAGE = 384
+"""Pixels: the largest square that vision models usually take. Of the annotated boxes of val_unseen,
+five in six reach beyond its right or lower edge."""
+_BETTER = 0.25
+"""Share of the boxes by which another reading must fit better than the one that was used."""
+
+_Drawn: TypeAlias = tuple[FloatArray, IntArray]
+"""Boxes, shape (n, 4), and their views, shape (n,)."""
+
+
+def box_hints(boxes: BoxAnswers) -> Iterator[str]:
+    """Yield hints that need nothing but the boxes, a sentence each."""
+    x, y, width, height = boxes.xywh.T
+    right, lower = x + width, y + height
+    if (np.maximum(right, lower) <= 1).mean() > MOST:
+        yield (
+            "most boxes lie within one pixel of the upper left corner; if they are fractions of "
+            'the image, add "predImageSize": [1, 1]'
+        )
+    elif len(boxes.row) >= _ENOUGH and max(right.max(), lower.max()) <= _SMALL_IMAGE:
+        yield (
+            f"no box reaches beyond {max(right.max(), lower.max()):.0f} pixels of an image of "
+            f"{WIDTH} x {HEIGHT}; if the images were smaller, give their size in predImageSize"
+        )
+    if boxes.is_cut.mean() > MOST:
+        yield (
+            "most boxes reach beyond the image; predBox is [x, y, width, height], not two "
+            "corners, in an image of 640 x 480 unless predImageSize says otherwise"
+        )
+    views = set(snap(boxes.camera).tolist())
+    if len(boxes.row) >= _ENOUGH and len(views) == 1:
+        yield (
+            f"all {len(boxes.row):,} boxes are in view {views.pop()}; predView is the view that "
+            "the box is in, and without it the last pose has to look there"
+        )
+
+
+def reading_hints(
+    boxes: BoxAnswers, viewpoint: IntArray, annotated: CandidateBoxes
+) -> Iterator[str]:
+    """Yield a hint if the boxes fit annotated objects much better when they are read otherwise.
+
+    Parameters
+    ----------
+    boxes : BoxAnswers
+    viewpoint : int array of shape (n_boxes,)
+        Where the agents stop.
+    annotated : CandidateBoxes
+        The boxes of all objects. Which of them are targets is not looked at.
+    """
+    if len(boxes.row) < _ENOUGH:
+        return
+    sample = np.unique(np.linspace(0, len(boxes.row) - 1, _SAMPLE).astype(np.int64))
+    boxes, viewpoint = boxes.take(sample), viewpoint[sample]
+    given = boxes.uncut_xywh, snap(boxes.camera)
+    share = partial(_share_of_fits, viewpoint=viewpoint, annotated=annotated)
+    as_given = share(given)
+    readings = {what: share(read(given)) for what, read in _READINGS.items()}
+    if np.isfinite(boxes.stop_angles).all():
+        readings["boxes in the view of the last pose"] = share((given[0], snap(boxes.stop_angles)))
+    what = max(readings, key=lambda each: readings[each])
+    if readings[what] > max(MOST, as_given + _BETTER):
+        yield (
+            f"{100 * as_given:.0f} % of the boxes fit an annotated object; read as {what}, "
+            f"{100 * readings[what]:.0f} % would; predBox is [x, y, width, height] in the image of "
+            "predView"
+        )
+
+
+def _share_of_fits(drawn: _Drawn, viewpoint: IntArray, annotated: CandidateBoxes) -> float:
+    """Return the share of boxes that would be correct for some object in their view."""
+    xywh, view = drawn
+    index, row = annotated.pair_with_all(viewpoint, view)
+    has_area = (xywh[index, 2:] > 0).all(axis=1)
+    index, row = index[has_area], row[has_area]
+    fits = box_match(xywh[index], annotated.xywh[row])
+    return float((np.bincount(index, weights=fits, minlength=len(view)) > 0).mean())
+
+
+def _from_corners(drawn: _Drawn) -> _Drawn:
+    xywh, view = drawn
+    return np.hstack([xywh[:, :2], xywh[:, 2:] - xywh[:, :2]]), view
+
+
+def _from_centre(drawn: _Drawn) -> _Drawn:
+    xywh, view = drawn
+    return np.hstack([xywh[:, :2] - xywh[:, 2:] / 2, xywh[:, 2:]]), view
+
+
+def _with_axes_swapped(drawn: _Drawn) -> _Drawn:
+    xywh, view = drawn
+    return xywh[:, [1, 0, 3, 2]], view
+
+
+def _scaled(drawn: _Drawn, side: int) -> _Drawn:
+    xywh, view = drawn
+    return xywh * np.array([WIDTH, HEIGHT, WIDTH, HEIGHT]) / side, view
+
+
+def _turned(drawn: _Drawn, views: int) -> _Drawn:
+    xywh, view = drawn
+    row, column = np.divmod(view, _N_HEADINGS)
+    return xywh, row * _N_HEADINGS + (column + views) % _N_HEADINGS
+
+
+def _upside_down(drawn: _Drawn) -> _Drawn:
+    xywh, view = drawn
+    row, column = np.divmod(view, _N_HEADINGS)
+    return xywh, N_VIEWS - _N_HEADINGS - row * _N_HEADINGS + column
+
+
+_READINGS: Mapping[str, Callable[[_Drawn], _Drawn]] = {
+    "[left, top, right, bottom]": _from_corners,
+    "[centre x, centre y, width, height]": _from_centre,
+    "[y, x, height, width]": _with_axes_swapped,
+    "boxes of 224 x 224 images": partial(_scaled, side=224),
+    "boxes of 336 x 336 images": partial(_scaled, side=336),
+    "boxes of 384 x 384 images": partial(_scaled, side=384),
+    "views counted from 1": partial(_turned, views=-1),
+    "views one too low": partial(_turned, views=1),
+    "views whose first row looks up": _upside_down,
+}
+"""Other ways to read a box and its view."""

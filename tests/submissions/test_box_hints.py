@@ -1,0 +1,188 @@
+"""Boxes that were not meant as they are read give a hint; boxes that were do not.
+
+The boxes are those of the targets of the demo world, up to a tenth narrower and lower.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from reverie_eval import GroundTruth, validate
+from reverie_eval.geometry import view_angles
+from tests.support.worlds import SPLIT
+
+Box = list[float]
+Meant = tuple[Box, int]
+"""A box and its view."""
+
+ALL = "% of the boxes fit an annotated object; read as "
+
+
+def targets(truth: GroundTruth) -> list[Meant]:
+    """Return a box of each episode's target at the end of its path."""
+    answers = truth.require_answers()
+    candidate, _ = answers.find(answers.target_object, answers.goal)
+    by_candidate = {each: row for row, each in enumerate(answers.boxes.candidate.tolist())}
+    rows = [by_candidate[each] for each in candidate.tolist()]
+    boxes = answers.boxes.xywh[rows].astype(float)
+    boxes[:, 2:] *= np.random.default_rng(0).uniform(0.9, 1, (len(rows), 2))
+    return list(zip(boxes.tolist(), answers.boxes.view[rows].tolist(), strict=True))
+
+
+def submission(
+    truth: GroundTruth,
+    write: Callable[[Box, int], dict[str, Any]],
+    looks_there: bool = False,  # noqa: FBT001, FBT002
+) -> list[dict[str, Any]]:
+    """Return a submission that answers every episode by its target's box, written like this."""
+    viewpoint_ids, goal = truth.graph.viewpoint_ids, truth.require_answers().goal
+    records = []
+    for row, (box, view) in enumerate(targets(truth)):
+        angles = view_angles(np.array([view]))[0].tolist() if looks_there else [0.0, 0.0]
+        start, stop = truth.episodes.start[row], goal[row]
+        trajectory = [[viewpoint_ids[start], 0.0, 0.0], [viewpoint_ids[stop], *angles]]
+        instr_id = truth.episodes.instr_ids[row]
+        records.append({"instr_id": instr_id, "trajectory": trajectory, **write(box, view)})
+    return records
+
+
+def hints_about(records: Sequence[dict[str, Any]], truth: GroundTruth) -> list[str]:
+    """Return what is said of the boxes."""
+    notes = validate(records, split=SPLIT, ground_truth=truth).notes
+    return [note for note in notes if "box" in note and not note.startswith(("read as", "ignored"))]
+
+
+def resized(box: Box, width: float, height: float) -> Box:
+    """Return a box in an image of another size."""
+    return [side * scale for side, scale in zip(box, [width / 640, height / 480] * 2, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("write", "reading"),
+    [
+        pytest.param(
+            lambda box, view: {
+                "predBox": [*box[:2], box[0] + box[2], box[1] + box[3]],
+                "predView": view,
+            },
+            "[left, top, right, bottom]",
+            id="corners",
+        ),
+        pytest.param(
+            lambda box, view: {
+                "predBox": [box[0] + box[2] / 2, box[1] + box[3] / 2, *box[2:]],
+                "predView": view,
+            },
+            "[centre x, centre y, width, height]",
+            id="centre",
+        ),
+        pytest.param(
+            lambda box, view: {"predBox": [box[1], box[0], box[3], box[2]], "predView": view},
+            "[y, x, height, width]",
+            id="axes swapped",
+        ),
+        pytest.param(
+            lambda box, view: {"predBox": resized(box, 224, 224), "predView": view},
+            "boxes of 224 x 224 images",
+            id="224 pixels",
+        ),
+        pytest.param(
+            lambda box, view: {"predBox": box, "predView": min(view + 1, 35)},
+            "views counted from 1",
+            id="views from 1",
+        ),
+        pytest.param(
+            lambda box, view: {"predBox": box, "predView": view - (view % 12 > 0)},
+            "views one too low",
+            id="views one too low",
+        ),
+        pytest.param(
+            lambda box, view: {"predBox": box, "predView": 24 - view // 12 * 12 + view % 12},
+            "views whose first row looks up",
+            id="rows upside down",
+        ),
+    ],
+)
+def test_another_reading_that_fits_better(
+    write: Callable[[Box, int], dict[str, Any]], reading: str, demo: GroundTruth
+) -> None:
+    records = submission(demo, write)
+    (hint,) = [hint for hint in hints_about(records, demo) if ALL in hint]
+    assert f"read as {reading}, " in hint
+    assert hint.endswith("predBox is [x, y, width, height] in the image of predView")
+
+
+def test_a_view_that_contradicts_the_last_pose(demo: GroundTruth) -> None:
+    records = submission(
+        demo,
+        lambda box, view: {"predBox": box, "predView": (7 * view + 3) % 36},
+        looks_there=True,
+    )
+    (hint,) = hints_about(records, demo)
+    assert "read as boxes in the view of the last pose, " in hint
+
+
+def test_boxes_without_view_from_agents_that_never_turn(demo: GroundTruth) -> None:
+    records = submission(demo, lambda box, _: {"predBox": box})
+    (hint,) = hints_about(records, demo)
+    assert hint.startswith("all 84 boxes are in view 12; predView is the view that the box is in")
+
+
+def test_boxes_of_small_images_without_a_size(demo: GroundTruth) -> None:
+    records = submission(
+        demo, lambda box, view: {"predBox": resized(box, 256, 256), "predView": view}
+    )
+    (hint,) = hints_about(records, demo)
+    assert hint.startswith("no box reaches beyond 256 pixels of an image of 640 x 480")
+    assert hint.endswith("if the images were smaller, give their size in predImageSize")
+
+
+@pytest.mark.parametrize(
+    ("write", "looks_there"),
+    [
+        pytest.param(lambda box, view: {"predBox": box, "predView": view}, False, id="in a view"),
+        pytest.param(lambda box, _: {"predBox": box}, True, id="by the last pose"),
+        pytest.param(
+            lambda box, view: {
+                "predBox": resized(box, 224, 224),
+                "predView": view,
+                "predImageSize": [224, 224],
+            },
+            False,
+            id="small images with their size",
+        ),
+        pytest.param(
+            lambda _, view: {"predBox": [0, 0, 640, 480], "predView": view},
+            False,
+            id="whole images",
+        ),
+    ],
+)
+def test_boxes_that_are_meant_as_they_are_read(
+    write: Callable[[Box, int], dict[str, Any]],
+    looks_there: bool,  # noqa: FBT001
+    demo: GroundTruth,
+) -> None:
+    """Right or wrong, they give no hint."""
+    assert hints_about(submission(demo, write, looks_there), demo) == []
+
+
+def test_a_few_boxes_say_nothing(demo: GroundTruth) -> None:
+    records = submission(demo, lambda box, _: {"predBox": resized(box, 224, 224)})
+    few = [
+        record if row < 19 else {**record, "predBox": None, "predObjId": -1}
+        for row, record in enumerate(records)
+    ]
+    assert hints_about(few, demo) == []
+
+
+def test_a_hint_depends_on_no_answer(demo: GroundTruth) -> None:
+    """All annotated objects of a view are compared alike, whichever is the target."""
+    records = submission(demo, lambda box, view: {"predBox": box, "predView": min(view + 1, 35)})
+    answers = demo.require_answers()
+    others = replace(demo, answers=replace(answers, target_object=answers.target_object + 1))
+    assert hints_about(records, others) == hints_about(records, demo)
+    assert hints_about(records, replace(demo, answers=None)) == []

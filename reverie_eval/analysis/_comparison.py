@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from reverie_eval.arrays import Array, IntArray
+from reverie_eval.arrays import Array, IntArray, difference
 from reverie_eval.errors import ProtocolError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, primary_metric, units_of
@@ -103,7 +103,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         (_, first), *others = scores.items()
         keys = [key for key in first if all(key in other for _, other in others)]
         changes = {
-            name: {key: other.episodes[key] - first.episodes[key] for key in keys}
+            name: {key: difference(other.episodes[key], first.episodes[key]) for key in keys}
             for name, other in others
         }
         cluster = clusters_of(first.ground_truth, by)
@@ -143,25 +143,27 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
     def is_identical(self, name: str) -> bool:
         """Whether a submission and the first have the same value in every episode and metric."""
-        return not any(each.higher or each.lower for each in self[name].values())
+        return not any(map(_changes, self[name].values()))
 
     def is_significant(self, name: str) -> bool:
         """Whether interval and test agree that a submission differs in the primary metric."""
         # The two can disagree when clusters are few; then nothing is claimed.
-        difference = self[name][self.primary.key]
-        interval, confidence = difference.interval, self.intervals[name].confidence
+        found = self[name][self.primary.key]
+        interval, confidence = found.interval, self.intervals[name].confidence
         excludes_zero = interval.low > 0 or interval.high < 0
-        return excludes_zero and difference.p_value + confidence < 1
+        return excludes_zero and found.p_value + confidence < 1
 
     def sentence(self, name: str) -> str:
         """Return a sentence that says whether a submission is better than the first."""
         if self.is_identical(name):
             return f"{name} and {self.first} score the same in every episode"
-        metric, difference = self.primary, self[name][self.primary.key]
+        metric, found = self.primary, self[name][self.primary.key]
+        if not _changes(found):
+            return f"{name} and {self.first} score the same {metric.label} in every episode"
         is_significant = self.is_significant(name)
-        is_worse = is_significant and difference.mean < 0
+        is_worse = is_significant and found.mean < 0
         # "worse by 2" needs a positive difference, with an interval to match.
-        shown = difference.reversed if is_worse else difference
+        shown = found.reversed if is_worse else found
         mean, low, high = map(metric.display, (shown.mean, shown.interval.low, shown.interval.high))
         evidence = f"{self.intervals[name].label} interval {low} to {high}, {p_text(shown.p_value)}"
         if not is_significant:
@@ -183,16 +185,16 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             (name, key): {
                 "first": self.scores[self.first][key],
                 "value": self.scores[name][key],
-                "difference": difference.mean,
-                "low": difference.interval.low,
-                "high": difference.interval.high,
-                "p_value": difference.p_value,
-                "higher": difference.higher,
-                "lower": difference.lower,
-                "mcnemar_p": difference.mcnemar_p,
+                "difference": found.mean,
+                "low": found.interval.low,
+                "high": found.interval.high,
+                "p_value": found.p_value,
+                "higher": found.higher,
+                "lower": found.lower,
+                "mcnemar_p": found.mcnemar_p,
             }
             for name, differences in self.items()
-            for key, difference in differences.items()
+            for key, found in differences.items()
         }
         frame = pd.DataFrame.from_dict(rows, orient="index")
         frame.attrs["units"] = units_of(self._scored)
@@ -215,7 +217,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         index = pd.Index(self.scores[self.first].instr_ids, name="instr_id")
         frame = pd.DataFrame(values, index=index)
         frame.attrs["units"] = dict.fromkeys(values, CATALOGUE[key].unit)
-        return frame[frame.ne(frame[self.first], axis=0).any(axis=1)]
+        first = values[self.first]
+        differs = np.any([difference(each, first) != 0 for each in values.values()], axis=0)
+        return frame[differs]
 
     def __repr__(self) -> str:
         return f"<Comparison: {'; '.join(map(self.sentence, self))}>"
@@ -337,6 +341,11 @@ def check_comparable(scores: Mapping[str, Scores]) -> None:
     signatures = {each.signature for each in scores.values()}
     if len(signatures) > 1:
         raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
+
+
+def _changes(difference: Difference) -> bool:
+    """Whether a difference is not 0 in some episode."""
+    return bool(difference.higher or difference.lower)
 
 
 def _differences(

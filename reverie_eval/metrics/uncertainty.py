@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.special import bdtr, ndtr, stdtrit
 
-from reverie_eval.arrays import Array, FloatArray, IntArray
+from reverie_eval.arrays import ROUNDING, Array, FloatArray, IntArray
 
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
@@ -19,8 +19,6 @@ SEED = 0
 
 _BATCH = 500
 """Resamples held in memory at once."""
-_TIE = 1e-9
-"""Relative; sums that differ by less are ties, because the order of summation may differ."""
 
 
 def bootstrap_means(
@@ -119,7 +117,7 @@ def randomisation_p(
     sums, _ = _cluster_sums(difference, cluster)
     observed = np.abs(sums.sum(axis=0))
     # Swapping everything gives the observed sum up to rounding, and must count as a tie.
-    extreme = observed - _TIE * np.abs(sums).sum(axis=0)
+    extreme = observed - ROUNDING * np.abs(sums).sum(axis=0)
     rng = np.random.default_rng(seed)
     n_extreme = np.zeros(sums.shape[1], dtype=np.int64)
     for batch in _batches(resamples):

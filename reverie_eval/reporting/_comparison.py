@@ -146,8 +146,9 @@ def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Itera
 
 
 def _signed(metric: Metric, value: float) -> str:
+    """Format a difference with its sign; one that rounds to 0 has none."""
     text = metric.display(value)
-    return text if text.startswith("-") else f"+{text}"
+    return text if float(text) <= 0 else f"+{text}"
 
 
 def _p_cell(p_value: float | None) -> str:

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _MIN_SUBMISSIONS = 2
-_SMALLEST_P = 0.001
+SMALLEST_SHOWN_P = 0.001
+"""P-values below it are shown as ``p < 0.001``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,11 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     differences: Mapping[str, Mapping[str, Difference]] = field(repr=False)
     """The differences, by the names of all but the first, and by metric."""
 
+    swaps: int
+    """Random swaps of each test; their number grows with that of the comparisons."""
+    smallest_p: float
+    """The smallest p-value that any difference could have, after Holm's correction."""
+
     # Set by reverie_eval.notebook, because they need a package above this one.
     to_report: ClassVar[Any]
     _repr_html_: ClassVar[Any]
@@ -99,6 +105,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         ProtocolError
             If they are not comparable.
         """
+        # Only comparisons and intervals need scipy, which this imports.
+        from reverie_eval.metrics.uncertainty import smallest_p, swaps_for
+
         check_comparable(scores)
         (_, first), *others = scores.items()
         keys = [key for key in first if all(key in other for _, other in others)]
@@ -110,7 +119,14 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         intervals = {
             name: Intervals.of(change, cluster, by, seed=seed) for name, change in changes.items()
         }
-        return cls(scores, intervals, _differences(changes, intervals, cluster, seed))
+        swaps = swaps_for(len(others))
+        return cls(
+            scores,
+            intervals,
+            _differences(changes, intervals, cluster, swaps, seed),
+            swaps,
+            smallest_p(len(others), len(np.unique(cluster))),
+        )
 
     def __getitem__(self, name: str) -> Mapping[str, Difference]:
         return self.differences[name]
@@ -324,7 +340,7 @@ def p_text(p_value: float) -> str:
     >>> p_text(0.0312), p_text(0.00009999)
     ('p = 0.031', 'p < 0.001')
     """
-    return "p < 0.001" if p_value < _SMALLEST_P else f"p = {p_value:.3f}"
+    return "p < 0.001" if p_value < SMALLEST_SHOWN_P else f"p = {p_value:.3f}"
 
 
 def check_comparable(scores: Mapping[str, Scores]) -> None:
@@ -352,15 +368,17 @@ def _differences(
     changes: Mapping[str, Mapping[str, Array]],
     intervals: Mapping[str, Intervals],
     cluster: IntArray,
+    swaps: int,
     seed: int,
 ) -> Mapping[str, Mapping[str, Difference]]:
     """Test the changes, arrays of shape (n_episodes,) by submission and metric."""
-    # All in one call, because Holm's correction is over the submissions; scipy is imported late
-    # because only comparisons and intervals need it.
+    # All in one call, because Holm's correction is over the submissions.
     from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 
     tables = [np.column_stack(list(change.values())) for change in changes.values()]
-    p_value = holm(np.stack([randomisation_p(table, cluster, seed=seed) for table in tables]))
+    # All tables side by side, so that the swaps are drawn once.
+    p_values = randomisation_p(np.hstack(tables), cluster, resamples=swaps, seed=seed)
+    p_value = holm(p_values.reshape(len(tables), -1))
     higher = np.stack([(table > 0).sum(axis=0) for table in tables])
     lower = np.stack([(table < 0).sum(axis=0) for table in tables])
     mcnemar = holm(mcnemar_p(higher, lower))

@@ -97,6 +97,23 @@ def test_p_values_are_corrected_for_the_number_of_comparisons() -> None:
     )
 
 
+def test_a_large_win_over_many_is_as_significant_as_over_one() -> None:
+    """Times twelve by Holm's correction, p could not be below 0.001 with 10,000 swaps."""
+    first = scores_of(GOOD)
+    lost = altered(first, {"rgspl": dict.fromkeys(range(84), 0.0)})
+    names = ["good", *(f"rival {number}" for number in range(12))]
+    comparison = compare(first, *[lost] * 12, names=names)
+    assert comparison.swaps == 12_000
+    assert comparison["rival 11"]["rgspl"].p_value < 0.001
+    assert comparison.sentence("rival 11").endswith("p < 0.001")
+
+
+def test_the_smallest_p_value_is_stated_if_it_is_large(run: Run) -> None:
+    copies = [MEDIOCRE] * 3
+    out = run("compare", GOOD, *copies, "--split", SPLIT, "--cluster", "scan").out
+    assert "with 2 scans and 3 comparisons, p is at least about 1\n" in out
+
+
 def test_metrics_that_some_submissions_lack_are_left_out() -> None:
     comparison = compare(GOOD, DRAWN, split=SPLIT)
     assert "iou" in comparison.scores["drawn"]

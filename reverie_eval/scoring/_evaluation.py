@@ -1,8 +1,8 @@
 """Evaluation: read a submission, align it with the ground truth, and score it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from typing import Self, get_args
 
@@ -10,6 +10,7 @@ from reverie_eval import metrics
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.scoring._episode_table import EpisodeTable, Track
+from reverie_eval.scoring._literal_reading import check_first_of_hop, literal_reading_notes
 from reverie_eval.scoring._lookups import Lookups, find_jumps
 from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, find_protocol
 from reverie_eval.scoring._scores import Scores, Validation
@@ -110,18 +111,19 @@ def diagnose(
 ) -> tuple[Scores, Scores]:
     """Score a submission as intended, and as evaluators that truncate nested hops would.
 
-    The dataset's own evaluator and that of the 2022 challenge read only the first viewpoint of
-    each element of a trajectory. If the elements are hops with several viewpoints, they silently
-    lose the others. Parameters and errors are those of :func:`evaluate`.
+    The evaluators of ``official-v1``, ``challenge-2022``, ``airbert`` and ``hamt`` read only the
+    first viewpoint of each element of a trajectory. If the elements are hops with several
+    viewpoints, they silently lose the others.
+
+    Parameters and errors are those of :func:`evaluate`; a protocol whose evaluator reads hops in
+    another way is a ProtocolError.
     """
+    check_first_of_hop(protocol)
     rules = find_protocol(protocol)
     truth = _find_answers(ground_truth, split)
     predictions = read_predictions(submission)
     whole = PreparedSubmission.of(predictions, truth)
-    truncated = PreparedSubmission.of(
-        predictions.first_of_hops(), truth, qualifier="reading:first-of-hop"
-    )
-    return whole.score(rules), truncated.score(rules)
+    return replace(whole, predictions=None).score(rules), whole.truncated().score(rules)
 
 
 def validate(
@@ -191,6 +193,9 @@ class PreparedSubmission:
     """How the file was read, and what in it looks like a mistake; independent of the answers."""
     answer_hints: Sequence[str] = ()
     """What looks like a mistake in view of the answers, and therefore reveals something of them."""
+    predictions: Predictions | None = None
+    """The file's content, to note what the protocol's own evaluator makes of it; None for no such
+    note, because it reveals other scores than those of the submission."""
 
     @classmethod
     def of(
@@ -216,11 +221,20 @@ class PreparedSubmission:
             qualifier="track:grounding" if grounding else qualifier,
             hints=list(submission_hints(predictions, aligned, answers_only=grounding)),
             answer_hints=list(answer_hints(aligned, truth)),
+            predictions=predictions,
         )
+
+    def truncated(self) -> Self:
+        """Return the submission as evaluators read it that take only the first of each hop."""
+        if self.predictions is None:
+            return self
+        read = self.predictions.first_of_hops()
+        truncated = self.of(read, self.ground_truth, qualifier="reading:first-of-hop")
+        return replace(truncated, predictions=None)
 
     def without_answer_hints(self) -> Self:
         """Return the same submission without the hints that reveal something of the answers."""
-        return replace(self, answer_hints=())
+        return replace(self, answer_hints=(), predictions=None)
 
     def validation(self) -> Validation:
         """Return the result of checking the submission, which has no scores."""
@@ -248,11 +262,19 @@ class PreparedSubmission:
             ground_truth=self.ground_truth,
             protocol=rules,
             episodes=table,
-            hints=[*self.hints, *self.answer_hints],
+            hints=[*self.hints, *self.answer_hints, *self._literal_reading_notes(rules)],
             qualifier=self.qualifier,
             boxes=self._lookups.boxes if "iou" in table else None,
             submission=self.submission,
         )
+
+    def _literal_reading_notes(self, rules: Protocol) -> Iterator[str]:
+        if self.predictions is not None and self.track == "full":
+            truncated = partial(self._score_truncated, rules)
+            yield from literal_reading_notes(self.predictions, rules, truncated)
+
+    def _score_truncated(self, rules: Protocol) -> Scores:
+        return self.truncated().score(rules)
 
     @cached_property
     def _lookups(self) -> Lookups:

@@ -1,7 +1,7 @@
 """Predictions: the content of a submission as columns, before it is aligned with a split."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -78,8 +78,15 @@ class Predictions:
     """The predicted boxes."""
     read_as: Sequence[str] = ()
     """How the file differs from the official form, a phrase each."""
+    differences: Mapping[str, int] = field(default_factory=dict)
+    """How often each difference from the official form occurs, by its key."""
     problems: Sequence[Problem] = ()
     """What could not be read."""
+
+    @property
+    def has_long_hops(self) -> bool:
+        """Whether a hop has several viewpoints, of which some evaluators read only the first."""
+        return self.continues_hop is not None and bool(self.continues_hop.any())
 
     def location(self, record: int) -> RecordLocation:
         """Return the location of a record in the file."""

@@ -182,6 +182,7 @@ def read_carefully(document: Any, *, answers_only: bool = False) -> Predictions:
         continues_hop=np.array([pose.continues_hop for pose in poses], dtype=np.bool_),
         boxes=boxes,
         read_as=log.read_as(),
+        differences=log.differences,
         problems=log.problems,
     )
 

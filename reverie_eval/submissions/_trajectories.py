@@ -57,6 +57,7 @@ def read_trajectory(
             poses += _read_element(location, index, element, log)
     if only_hops and any(len(element) != 1 for element in trajectory):
         log.differences["hops"] += 1
+        log.differences["empty hops"] += sum(not element for element in trajectory)
     return poses
 
 

@@ -82,7 +82,9 @@ def test_differences_from_the_official_form_are_reported(form: Form, demo: Groun
     remarks = [silent] if not form.answer(1) else []
     read_as = [f"read as: {'; '.join(form.read_as)}"] if form.read_as else []
     scores = evaluate(form.bytes(), split=SPLIT, ground_truth=demo)
-    assert scores.notes == [*read_as, *remarks]
+    pointer = [note for note in scores.notes if "--diagnose" in note]
+    assert len(pointer) == any("hops with more" in each for each in form.read_as)
+    assert scores.notes == [*read_as, *remarks, *pointer]
 
 
 @every_form

@@ -21,6 +21,7 @@ from reverie_eval.scoring import (
     Interval,
     Intervals,
     Scores,
+    Track,
     clusters_of,
     evaluate,
 )
@@ -257,6 +258,7 @@ def compare(
     split: str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
+    track: Track = "full",
     names: Sequence[str] | None = None,
     by: Clustering = "target",
     seed: int = 0,
@@ -267,7 +269,7 @@ def compare(
     ----------
     submissions : two or more
         As for :func:`reverie_eval.evaluate`, or existing scores.
-    split, ground_truth, protocol
+    split, ground_truth, protocol, track
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
         Names of the submissions; by default those of their files.
@@ -293,7 +295,9 @@ def compare(
         given = ", ".join(map(str, names))
         raise ProtocolError(f"every submission needs a name of its own; got {given}")
     named = dict(zip(names, submissions, strict=True))
-    scores = score_all(named, split=split, ground_truth=ground_truth, protocol=protocol)
+    scores = score_all(
+        named, split=split, ground_truth=ground_truth, protocol=protocol, track=track
+    )
     return Comparison.of(scores, by, seed=seed)
 
 
@@ -303,6 +307,7 @@ def score_all(
     split: str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
+    track: Track = "full",
 ) -> Mapping[str, Scores]:
     """Score several submissions by name, and leave existing scores as they are.
 
@@ -325,7 +330,9 @@ def score_all(
             scores[name] = each
             continue
         try:
-            scores[name] = evaluate(each, split=str(split), ground_truth=truth, protocol=protocol)
+            scores[name] = evaluate(
+                each, split=str(split), ground_truth=truth, protocol=protocol, track=track
+            )
         except SubmissionError as error:
             # Go on, so that all invalid files are reported at once.
             errors[name] = error

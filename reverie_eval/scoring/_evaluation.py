@@ -131,12 +131,13 @@ def validate(
     *,
     split: str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    track: Track = "full",
 ) -> Validation:
     """Check a submission as :func:`evaluate` does, but without the answers.
 
     A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
     """
-    return _prepare(submission, find_ground_truth(ground_truth, split), "full").validation()
+    return _prepare(submission, find_ground_truth(ground_truth, split), track).validation()
 
 
 class Evaluator:
@@ -146,15 +147,15 @@ class Evaluator:
 
     Parameters
     ----------
-    split, ground_truth, protocol
+    split, ground_truth, protocol, track
         As for :func:`reverie_eval.evaluate`.
 
     Raises
     ------
     GroundTruthError
-        If there is no valid ground truth with answers for the split.
+        If there is no valid ground truth with answers for the split, protocol and track.
     ProtocolError
-        If there is no such protocol.
+        If there is no such protocol or track.
 
     Examples
     --------
@@ -169,15 +170,27 @@ class Evaluator:
         split: str,
         ground_truth: str | PathLike[str] | GroundTruth | None = None,
         protocol: str = DEFAULT_PROTOCOL,
+        track: Track = "full",
     ) -> None:
         # Unusable settings must raise here, and not after the first epoch of training.
-        self.protocol = find_protocol(protocol).name
+        rules = find_protocol(protocol)
+        self.protocol = rules.name
+        self.track = check_track(track)
         self.ground_truth = _find_answers(ground_truth, split)
+        reason = why_not(rules, self.ground_truth, track)
+        if reason:
+            raise GroundTruthError(reason)
 
     def __call__(self, predictions: Submission) -> Scores:
         """Score a submission; argument and errors are those of :func:`reverie_eval.evaluate`."""
         truth = self.ground_truth
-        return evaluate(predictions, split=truth.split, ground_truth=truth, protocol=self.protocol)
+        return evaluate(
+            predictions,
+            split=truth.split,
+            ground_truth=truth,
+            protocol=self.protocol,
+            track=self.track,
+        )
 
 
 @dataclass(frozen=True)
@@ -281,6 +294,19 @@ class PreparedSubmission:
         return Lookups(self.submission, self.ground_truth)
 
 
+def check_track(track: Track) -> Track:
+    """Return the track if there is such a one.
+
+    Raises
+    ------
+    ProtocolError
+        If there is not.
+    """
+    if track not in get_args(Track):
+        raise ProtocolError(f"unknown track {track!r}{did_you_mean(track, get_args(Track))}")
+    return track
+
+
 def why_not(rules: Protocol, truth: GroundTruth, track: Track = "full") -> str | None:
     """Return why a protocol cannot score submissions of a split; None if it can."""
     measures_objects = rules.goal == "visible and near the object"
@@ -304,7 +330,6 @@ def _find_answers(
 
 
 def _prepare(submission: Submission, truth: GroundTruth, track: Track) -> PreparedSubmission:
-    if track not in get_args(Track):
-        raise ProtocolError(f"unknown track {track!r}{did_you_mean(track, get_args(Track))}")
+    check_track(track)
     predictions = read_predictions(submission, answers_only=track == "grounding")
     return PreparedSubmission.of(predictions, truth, track)

@@ -1,10 +1,12 @@
 """The splits that a server scores, with their ground truth in memory."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
+
+import numpy as np
 
 from reverie_eval.errors import GroundTruthError, Problem
 from reverie_eval.ground_truth import Bundle, GroundTruth
@@ -132,9 +134,32 @@ def load_boards(settings: Settings) -> Mapping[str, Board]:
             reason = f"{error.strerror}{missing}" if isinstance(error, OSError) else error
             where = f"splits.{name}.bundle"
             problems.append(Problem("no-ground-truth", where, f"{path}: {reason}"))
+    problems += _public_answers(boards, settings)
     if problems:
         raise SettingsError(problems)
     return MappingProxyType(boards)
+
+
+def _public_answers(boards: Mapping[str, Board], settings: Settings) -> Iterator[Problem]:
+    """Report private splits whose answers an open split shows."""
+    for private in filter(lambda board: board.is_private, boards.values()):
+        for other in boards.values():
+            if not other.is_private and _have_same_answers(private, other):
+                path = settings.path(private.split.bundle)
+                remedy = (
+                    f"{path}: has the answers of the open split {other.name}; compile the private "
+                    "annotations (`reverie-eval compile --annotations`), or do not open "
+                    f"{other.name}"
+                )
+                yield Problem("public-answers", f"splits.{private.name}.bundle", remedy)
+
+
+def _have_same_answers(board: Board, other: Board) -> bool:
+    """Whether two splits have the same targets and paths, whatever they are called."""
+    one, two = board.truth.require_answers(), other.truth.require_answers()
+    return np.array_equal(one.target_object, two.target_object) and np.array_equal(
+        one.path, two.path
+    )
 
 
 def board_named(boards: Mapping[str, Board], split: str) -> Board:

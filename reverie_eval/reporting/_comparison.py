@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
 from reverie_eval.metrics import Metric
 from reverie_eval.reporting._results import results_table
-from reverie_eval.reporting._table import MISSING, Table, latex_comments, print_lines, print_table
+from reverie_eval.reporting._table import (
+    MISSING,
+    Table,
+    latex_comments,
+    markdown_text,
+    print_lines,
+    print_table,
+)
 from reverie_eval.schemas.report import Report, ScoreReport
 from reverie_eval.text import count_text
 
@@ -90,7 +97,8 @@ def comparison_html(comparison: Comparison) -> str:
 def comparison_markdown(comparison: Comparison) -> str:
     """Return the scores as a results table, and below it the differences and the notes."""
     table = results_table(comparison.scores).to_markdown()
-    return "\n\n".join([table, *sentences(comparison), *notes(comparison)])
+    below = map(markdown_text, [*sentences(comparison), *notes(comparison)])
+    return "\n\n".join([table, *below])
 
 
 def comparison_latex(comparison: Comparison) -> str:

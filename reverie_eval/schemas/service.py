@@ -134,6 +134,8 @@ class SplitReport(WireModel):
     visibility: Literal["private", "open"]
     """Private: only rounded means leave the server."""
     protocol: str
+    track: Literal["full", "grounding"] = "full"
+    """Grounding: answers alone are scored, with the agent placed at the goal."""
     dataset: str
     fingerprint: str
     """SHA-256 of the ground truth's arrays."""

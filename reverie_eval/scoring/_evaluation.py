@@ -9,7 +9,7 @@ from typing import Self, get_args
 from reverie_eval import metrics
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.scoring._episode_table import EpisodeTable, Track
+from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
 from reverie_eval.scoring._literal_reading import check_first_of_hop, literal_reading_notes
 from reverie_eval.scoring._lookups import Lookups, find_jumps
 from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, find_protocol
@@ -231,7 +231,7 @@ class PreparedSubmission:
             submission=aligned,
             ground_truth=truth,
             track=track,
-            qualifier="track:grounding" if grounding else qualifier,
+            qualifier=qualifier_of(track) or qualifier,
             hints=list(submission_hints(predictions, aligned, answers_only=grounding)),
             answer_hints=list(answer_hints(aligned, truth)),
             predictions=predictions,

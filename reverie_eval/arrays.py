@@ -14,6 +14,9 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.integer[Any]]
 Array: TypeAlias = npt.NDArray[Any]
 
+ROUNDING = 1e-9
+"""Relative; numbers that differ by less are equal, because the order of summation may differ."""
+
 
 def offsets_of(lengths: IntArray) -> IntArray:
     """Return the offsets of rows with these lengths.
@@ -64,6 +67,29 @@ def find_sorted(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
     """
     index = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
     return index, np.equal(keys[index], wanted).astype(np.bool_)
+
+
+def difference(values: FloatArray, others: FloatArray) -> FloatArray:
+    """Return values minus others, and 0 where they differ by less than rounding could.
+
+    A loop walked in opposite directions has lengths that differ in the last bit; nobody won it.
+
+    Parameters
+    ----------
+    values, others : float arrays of the same shape
+
+    Returns
+    -------
+    float array of that shape
+        Exactly 0 where the difference is less than ``ROUNDING`` of the larger of the two, or of 1.
+
+    >>> difference(np.array([0.1 + 0.2, 0.5]), np.array([0.3, 0.3]))
+    array([0. , 0.2])
+    """
+    changed = values - others
+    magnitude = np.maximum(np.maximum(np.abs(values), np.abs(others)), 1.0)
+    changed[np.abs(changed) < ROUNDING * magnitude] = 0.0
+    return changed
 
 
 def with_object(place: IntArray, object_id: IntArray) -> IntArray:

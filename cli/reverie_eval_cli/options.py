@@ -66,6 +66,13 @@ protocol = click.option(
     metavar="NAME",
     help="The rules to score by.",
 )
+track = click.option(
+    "--track",
+    type=Choice(["full", "grounding"]),
+    default="full",
+    show_default=True,
+    help="grounding: answers alone, with the agent placed at the goal.",
+)
 cluster = click.option(
     "--cluster",
     type=Choice(["target", "scan"]),

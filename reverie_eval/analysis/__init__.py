@@ -2,6 +2,7 @@
 
 from reverie_eval.analysis._breakdown import GROUPINGS, Grouping, breakdown, find_grouping
 from reverie_eval.analysis._comparison import (
+    SMALLEST_SHOWN_P,
     ComparedSubmissionsError,
     Comparison,
     Difference,
@@ -15,6 +16,7 @@ from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_d
 
 __all__ = [
     "GROUPINGS",
+    "SMALLEST_SHOWN_P",
     "ComparedSubmissionsError",
     "Comparison",
     "Difference",

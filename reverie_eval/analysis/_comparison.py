@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from reverie_eval.arrays import Array, IntArray
+from reverie_eval.arrays import Array, IntArray, difference
 from reverie_eval.errors import ProtocolError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, primary_metric, units_of
@@ -21,6 +21,7 @@ from reverie_eval.scoring import (
     Interval,
     Intervals,
     Scores,
+    Track,
     clusters_of,
     evaluate,
 )
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _MIN_SUBMISSIONS = 2
-_SMALLEST_P = 0.001
+SMALLEST_SHOWN_P = 0.001
+"""P-values below it are shown as ``p < 0.001``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +79,11 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     differences: Mapping[str, Mapping[str, Difference]] = field(repr=False)
     """The differences, by the names of all but the first, and by metric."""
 
+    swaps: int
+    """Random swaps of each test; their number grows with that of the comparisons."""
+    smallest_p: float
+    """The smallest p-value that any difference could have, after Holm's correction."""
+
     # Set by reverie_eval.notebook, because they need a package above this one.
     to_report: ClassVar[Any]
     _repr_html_: ClassVar[Any]
@@ -99,18 +106,28 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         ProtocolError
             If they are not comparable.
         """
+        # Only comparisons and intervals need scipy, which this imports.
+        from reverie_eval.metrics.uncertainty import smallest_p, swaps_for
+
         check_comparable(scores)
         (_, first), *others = scores.items()
         keys = [key for key in first if all(key in other for _, other in others)]
         changes = {
-            name: {key: other.episodes[key] - first.episodes[key] for key in keys}
+            name: {key: difference(other.episodes[key], first.episodes[key]) for key in keys}
             for name, other in others
         }
         cluster = clusters_of(first.ground_truth, by)
         intervals = {
             name: Intervals.of(change, cluster, by, seed=seed) for name, change in changes.items()
         }
-        return cls(scores, intervals, _differences(changes, intervals, cluster, seed))
+        swaps = swaps_for(len(others))
+        return cls(
+            scores,
+            intervals,
+            _differences(changes, intervals, cluster, swaps, seed),
+            swaps,
+            smallest_p(len(others), len(np.unique(cluster))),
+        )
 
     def __getitem__(self, name: str) -> Mapping[str, Difference]:
         return self.differences[name]
@@ -143,25 +160,27 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
     def is_identical(self, name: str) -> bool:
         """Whether a submission and the first have the same value in every episode and metric."""
-        return not any(each.higher or each.lower for each in self[name].values())
+        return not any(map(_changes, self[name].values()))
 
     def is_significant(self, name: str) -> bool:
         """Whether interval and test agree that a submission differs in the primary metric."""
         # The two can disagree when clusters are few; then nothing is claimed.
-        difference = self[name][self.primary.key]
-        interval, confidence = difference.interval, self.intervals[name].confidence
+        found = self[name][self.primary.key]
+        interval, confidence = found.interval, self.intervals[name].confidence
         excludes_zero = interval.low > 0 or interval.high < 0
-        return excludes_zero and difference.p_value + confidence < 1
+        return excludes_zero and found.p_value + confidence < 1
 
     def sentence(self, name: str) -> str:
         """Return a sentence that says whether a submission is better than the first."""
         if self.is_identical(name):
             return f"{name} and {self.first} score the same in every episode"
-        metric, difference = self.primary, self[name][self.primary.key]
+        metric, found = self.primary, self[name][self.primary.key]
+        if not _changes(found):
+            return f"{name} and {self.first} score the same {metric.label} in every episode"
         is_significant = self.is_significant(name)
-        is_worse = is_significant and difference.mean < 0
+        is_worse = is_significant and found.mean < 0
         # "worse by 2" needs a positive difference, with an interval to match.
-        shown = difference.reversed if is_worse else difference
+        shown = found.reversed if is_worse else found
         mean, low, high = map(metric.display, (shown.mean, shown.interval.low, shown.interval.high))
         evidence = f"{self.intervals[name].label} interval {low} to {high}, {p_text(shown.p_value)}"
         if not is_significant:
@@ -183,16 +202,16 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             (name, key): {
                 "first": self.scores[self.first][key],
                 "value": self.scores[name][key],
-                "difference": difference.mean,
-                "low": difference.interval.low,
-                "high": difference.interval.high,
-                "p_value": difference.p_value,
-                "higher": difference.higher,
-                "lower": difference.lower,
-                "mcnemar_p": difference.mcnemar_p,
+                "difference": found.mean,
+                "low": found.interval.low,
+                "high": found.interval.high,
+                "p_value": found.p_value,
+                "higher": found.higher,
+                "lower": found.lower,
+                "mcnemar_p": found.mcnemar_p,
             }
             for name, differences in self.items()
-            for key, difference in differences.items()
+            for key, found in differences.items()
         }
         frame = pd.DataFrame.from_dict(rows, orient="index")
         frame.attrs["units"] = units_of(self._scored)
@@ -215,7 +234,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         index = pd.Index(self.scores[self.first].instr_ids, name="instr_id")
         frame = pd.DataFrame(values, index=index)
         frame.attrs["units"] = dict.fromkeys(values, CATALOGUE[key].unit)
-        return frame[frame.ne(frame[self.first], axis=0).any(axis=1)]
+        first = values[self.first]
+        differs = np.any([difference(each, first) != 0 for each in values.values()], axis=0)
+        return frame[differs]
 
     def __repr__(self) -> str:
         return f"<Comparison: {'; '.join(map(self.sentence, self))}>"
@@ -237,6 +258,7 @@ def compare(
     split: str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
+    track: Track = "full",
     names: Sequence[str] | None = None,
     by: Clustering = "target",
     seed: int = 0,
@@ -247,7 +269,7 @@ def compare(
     ----------
     submissions : two or more
         As for :func:`reverie_eval.evaluate`, or existing scores.
-    split, ground_truth, protocol
+    split, ground_truth, protocol, track
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
         Names of the submissions; by default those of their files.
@@ -273,7 +295,9 @@ def compare(
         given = ", ".join(map(str, names))
         raise ProtocolError(f"every submission needs a name of its own; got {given}")
     named = dict(zip(names, submissions, strict=True))
-    scores = score_all(named, split=split, ground_truth=ground_truth, protocol=protocol)
+    scores = score_all(
+        named, split=split, ground_truth=ground_truth, protocol=protocol, track=track
+    )
     return Comparison.of(scores, by, seed=seed)
 
 
@@ -283,6 +307,7 @@ def score_all(
     split: str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
+    track: Track = "full",
 ) -> Mapping[str, Scores]:
     """Score several submissions by name, and leave existing scores as they are.
 
@@ -305,7 +330,9 @@ def score_all(
             scores[name] = each
             continue
         try:
-            scores[name] = evaluate(each, split=str(split), ground_truth=truth, protocol=protocol)
+            scores[name] = evaluate(
+                each, split=str(split), ground_truth=truth, protocol=protocol, track=track
+            )
         except SubmissionError as error:
             # Go on, so that all invalid files are reported at once.
             errors[name] = error
@@ -320,7 +347,7 @@ def p_text(p_value: float) -> str:
     >>> p_text(0.0312), p_text(0.00009999)
     ('p = 0.031', 'p < 0.001')
     """
-    return "p < 0.001" if p_value < _SMALLEST_P else f"p = {p_value:.3f}"
+    return "p < 0.001" if p_value < SMALLEST_SHOWN_P else f"p = {p_value:.3f}"
 
 
 def check_comparable(scores: Mapping[str, Scores]) -> None:
@@ -339,19 +366,26 @@ def check_comparable(scores: Mapping[str, Scores]) -> None:
         raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
 
 
+def _changes(difference: Difference) -> bool:
+    """Whether a difference is not 0 in some episode."""
+    return bool(difference.higher or difference.lower)
+
+
 def _differences(
     changes: Mapping[str, Mapping[str, Array]],
     intervals: Mapping[str, Intervals],
     cluster: IntArray,
+    swaps: int,
     seed: int,
 ) -> Mapping[str, Mapping[str, Difference]]:
     """Test the changes, arrays of shape (n_episodes,) by submission and metric."""
-    # All in one call, because Holm's correction is over the submissions; scipy is imported late
-    # because only comparisons and intervals need it.
+    # All in one call, because Holm's correction is over the submissions.
     from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 
     tables = [np.column_stack(list(change.values())) for change in changes.values()]
-    p_value = holm(np.stack([randomisation_p(table, cluster, seed=seed) for table in tables]))
+    # All tables side by side, so that the swaps are drawn once.
+    p_values = randomisation_p(np.hstack(tables), cluster, resamples=swaps, seed=seed)
+    p_value = holm(p_values.reshape(len(tables), -1))
     higher = np.stack([(table > 0).sum(axis=0) for table in tables])
     lower = np.stack([(table < 0).sum(axis=0) for table in tables])
     mcnemar = holm(mcnemar_p(higher, lower))

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from reverie_eval.arrays import Array
-from reverie_eval.metrics import PRIMARY_METRIC
+from reverie_eval.metrics import primary_metric
 from reverie_eval.scoring import OUTCOMES, Scores
 
 _N_EXAMPLES = 3
@@ -38,7 +38,8 @@ def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
 def episodes_won(first: Scores, other: Scores) -> Sequence[str]:
     """List the episodes that only the other submission got right, the largest difference first."""
     better = other.episodes["rgs"] > first.episodes["rgs"]
-    change = other.episodes[PRIMARY_METRIC] - first.episodes[PRIMARY_METRIC]
+    primary = primary_metric(first.keys()).key
+    change = other.episodes[primary] - first.episodes[primary]
     rows = np.flatnonzero(better)
     ordered = rows[np.argsort(-change[rows], kind="stable")]
     return [first.instr_ids[row] for row in ordered.tolist()]

@@ -13,7 +13,6 @@ from pydantic import TypeAdapter, ValidationError
 from reverie_eval.client._address import check_private, server_url
 from reverie_eval.client._errors import NotAServerError, ServiceError, UnreachableError
 from reverie_eval.client._sending import Call, Notice, Progress, Sender, incompatible_version
-from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,
@@ -119,23 +118,23 @@ class Client:
             raise NotAServerError(f"{self.url} is not an evaluation server: it publishes no key")
         return key
 
-    def leaderboard(self, split: str, metric: str = PRIMARY_METRIC) -> Leaderboard:
+    def leaderboard(self, split: str, metric: str | None = None) -> Leaderboard:
         """Return the published submissions of a split, ranked by a metric.
 
         Parameters
         ----------
         split : str
             ``test``.
-        metric : str
-            A key of ``CATALOGUE`` whose metric has a direction.
+        metric : str, optional
+            A key of ``CATALOGUE`` whose metric has a direction; by default the split's primary one.
         """
         path = f"/splits/{_quote(split)}/leaderboard"
-        return self._send(Leaderboard, Call("GET", path, query={"metric": metric}))
+        return self._send(Leaderboard, Call("GET", path, query=_by(metric)))
 
-    def leaderboard_csv(self, split: str, metric: str = PRIMARY_METRIC) -> str:
+    def leaderboard_csv(self, split: str, metric: str | None = None) -> str:
         """Return the leaderboard as CSV: a row per submission, a column per metric."""
         path = f"/splits/{_quote(split)}/leaderboard.csv"
-        response = self._sender.send(Call("GET", path, query={"metric": metric}))
+        response = self._sender.send(Call("GET", path, query=_by(metric)))
         if "csv" not in _media_type(response):
             raise NotAServerError(f"{self.url} is not an evaluation server")
         return response.text
@@ -250,6 +249,11 @@ class Client:
             if "json" not in _media_type(response):
                 raise NotAServerError(f"{self.url} is not an evaluation server") from None
             raise incompatible_version(self.url) from None
+
+
+def _by(metric: str | None) -> Mapping[str, str]:
+    """Return the query for a leaderboard's metric; without one, the server chooses."""
+    return {} if metric is None else {"metric": metric}
 
 
 def _compress(content: bytes) -> bytes:

@@ -67,6 +67,9 @@ _DAMAGE = (
 )
 """Exceptions that zipfile and numpy raise for damaged files."""
 _OTHER_SPLIT = "other_split/"
+_FOR_EVERYONE = 0o666
+"""Less what the process's umask takes away."""
+_FOR_ITS_OWNER = 0o600
 _TEXT = "text/"
 
 
@@ -132,7 +135,10 @@ class Bundle:
         return self.build(split, dataset, sources, arrays, self.other_splits, texts=texts)
 
     def save(self, path: Path) -> None:
-        """Write the bundle; the file appears complete or not at all."""
+        """Write the bundle; the file appears complete or not at all.
+
+        A new file with answers can be read by its owner alone.
+        """
         members: dict[str, Array] = {
             _HEADER: np.frombuffer(msgspec.json.encode(self.header), np.uint8)
         }
@@ -142,7 +148,8 @@ class Bundle:
         if not path.parent.is_dir():
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
         # As np.savez, but without dates: the same contents give the same bytes.
-        with staged_file(path) as file, zipfile.ZipFile(file, "w") as archive:
+        mode = _FOR_EVERYONE if self.is_public else _FOR_ITS_OWNER
+        with staged_file(path, mode=mode) as file, zipfile.ZipFile(file, "w") as archive:
             for name, array in members.items():
                 with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
                     np.lib.format.write_array(member, array, allow_pickle=False)

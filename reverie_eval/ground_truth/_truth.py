@@ -123,9 +123,17 @@ class GroundTruth:
     @property
     def provenance(self) -> str:
         """A description of this ground truth, shown with scores."""
+        return self._described(self.origin)
+
+    @property
+    def shared_provenance(self) -> str:
+        """The same for pages that are sent to others: the file's name without its folder."""
+        return self._described(Path(self.origin).name)
+
+    def _described(self, origin: str) -> str:
         if self.is_demo:
             return "the synthetic demo world that ships with reverie-eval, not REVERIE"
-        return f"{self.origin} ({self.header.dataset})"
+        return f"{origin} ({self.header.dataset})"
 
     def require_answers(self) -> Answers:
         """Return the answers.
@@ -183,7 +191,9 @@ def _load(path: Path, split: str) -> GroundTruth:
     for public in (False, True):
         bundle = path / bundle_name(split, public=public)
         if bundle.is_file():
-            return GroundTruth.load(bundle)
+            # Where the package is installed concerns nobody who uses the demo world.
+            origin = f"the demo world's {bundle.name}" if path == DEMO_BUNDLES else str(bundle)
+            return GroundTruth.from_bundle(Bundle.load(bundle), origin)
     splits = bundled_splits(path)
     if splits:
         where = "the demo world" if path == DEMO_BUNDLES else path

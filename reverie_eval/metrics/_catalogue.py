@@ -93,7 +93,8 @@ class Metric:
         >>> CATALOGUE["success"].display(0.54532677)
         '54.53'
         """
-        return f"{100 * value if self.unit == 'fraction' else value:.2f}"
+        # z: a small negative number rounds to 0.00, not to -0.00.
+        return f"{100 * value if self.unit == 'fraction' else value:z.2f}"
 
 
 _TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})

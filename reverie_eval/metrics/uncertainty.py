@@ -11,16 +11,18 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.special import bdtr, ndtr, stdtrit
 
-from reverie_eval.arrays import Array, FloatArray, IntArray
+from reverie_eval.arrays import ROUNDING, Array, FloatArray, IntArray
 
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
 SEED = 0
+SWAPS_PER_COMPARISON = 1_000
+"""Enough that a p-value corrected by Holm's method can be below 0.001."""
+MOST_SWAPS = 100_000
+"""Enough for 100 comparisons; more would take minutes for hundreds of them."""
 
 _BATCH = 500
 """Resamples held in memory at once."""
-_TIE = 1e-9
-"""Relative; sums that differ by less are ties, because the order of summation may differ."""
 
 
 def bootstrap_means(
@@ -119,7 +121,7 @@ def randomisation_p(
     sums, _ = _cluster_sums(difference, cluster)
     observed = np.abs(sums.sum(axis=0))
     # Swapping everything gives the observed sum up to rounding, and must count as a tie.
-    extreme = observed - _TIE * np.abs(sums).sum(axis=0)
+    extreme = observed - ROUNDING * np.abs(sums).sum(axis=0)
     rng = np.random.default_rng(seed)
     n_extreme = np.zeros(sums.shape[1], dtype=np.int64)
     for batch in _batches(resamples):
@@ -128,6 +130,28 @@ def randomisation_p(
         n_extreme += (np.abs(swapped) >= extreme).sum(axis=0)
     p_value: FloatArray = (n_extreme + 1) / (resamples + 1)
     return p_value
+
+
+def swaps_for(n_comparisons: int) -> int:
+    """Return how many random swaps the tests of several comparisons need.
+
+    Holm's method multiplies the smallest p-value by their number, and p is at least
+    ``1 / (swaps + 1)``.
+
+    >>> swaps_for(1), swaps_for(49), swaps_for(500)
+    (10000, 49000, 100000)
+    """
+    return min(max(RESAMPLES, SWAPS_PER_COMPARISON * n_comparisons), MOST_SWAPS)
+
+
+def smallest_p(n_comparisons: int, n_clusters: int) -> float:
+    """Return the smallest corrected p-value that any difference could have, in (0, 1].
+
+    Of all swaps of ``n_clusters`` clusters, two give the largest difference: none and all. Of the
+    random swaps, at least one counts: the observed difference itself.
+    """
+    uncorrected = max(2.0 ** (1 - n_clusters), 1 / (swaps_for(n_comparisons) + 1))
+    return min(1.0, n_comparisons * uncorrected)
 
 
 def mcnemar_p(won: Array, lost: Array) -> FloatArray:
@@ -144,7 +168,8 @@ def mcnemar_p(won: Array, lost: Array) -> FloatArray:
     Returns
     -------
     array, shape (n_metrics,)
-        Two-sided p-values in (0, 1]; 1 if no episode differs.
+        Two-sided p-values in (0, 1]; 1 if no episode differs. Those below the smallest normal
+        float, 2.2e-308, are returned as that: from 1,024 episodes won and none lost.
 
     References
     ----------
@@ -153,8 +178,9 @@ def mcnemar_p(won: Array, lost: Array) -> FloatArray:
     """
     # Doubling the smaller tail can exceed 1, as it counts a balanced outcome in both tails.
     smaller, total = np.minimum(won, lost), won + lost
-    p_value: FloatArray = np.minimum(1.0, 2.0 * bdtr(smaller.astype(float), total, 0.5))
-    return p_value
+    p_value = 2.0 * bdtr(smaller.astype(float), total, 0.5)
+    bounded: FloatArray = np.clip(p_value, np.finfo(np.float64).tiny, 1.0)
+    return bounded
 
 
 def holm(p_values: FloatArray) -> FloatArray:

@@ -4,12 +4,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from reverie_eval.analysis import Comparison, Difference, p_text
+from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
 from reverie_eval.metrics import Metric
 from reverie_eval.reporting._results import results_table
-from reverie_eval.reporting._table import MISSING, Table, latex_comments, print_lines, print_table
+from reverie_eval.reporting._table import (
+    MISSING,
+    Table,
+    latex_comments,
+    markdown_text,
+    print_lines,
+    print_table,
+)
 from reverie_eval.schemas.report import Report, ScoreReport
-from reverie_eval.scoring import Intervals
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
@@ -91,7 +97,8 @@ def comparison_html(comparison: Comparison) -> str:
 def comparison_markdown(comparison: Comparison) -> str:
     """Return the scores as a results table, and below it the differences and the notes."""
     table = results_table(comparison.scores).to_markdown()
-    return "\n\n".join([table, *sentences(comparison), *notes(comparison)])
+    below = map(markdown_text, [*sentences(comparison), *notes(comparison)])
+    return "\n\n".join([table, *below])
 
 
 def comparison_latex(comparison: Comparison) -> str:
@@ -109,10 +116,11 @@ def methods(comparison: Comparison) -> Sequence[str]:
     """Return how intervals, p-values and counts were computed."""
     resampled = next(iter(comparison.intervals.values()))
     corrected = ", corrected by Holm's method" if len(comparison) > 1 else ""
-    test = f"p: paired randomisation test that swaps whole {resampled.by}s"
+    swaps = f"{comparison.swaps:,} random swaps of whole {resampled.by}s"
+    test = f"p: paired randomisation test by {swaps}, seed {resampled.seed}"
     return [
         resampled.caption,
-        f"{test}{corrected}{_smallest_p(resampled)}",
+        f"{test}{corrected}{_smallest_p(comparison)}",
         _WON,
     ]
 
@@ -146,8 +154,9 @@ def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Itera
 
 
 def _signed(metric: Metric, value: float) -> str:
+    """Format a difference with its sign; one that rounds to 0 has none."""
     text = metric.display(value)
-    return text if text.startswith("-") else f"+{text}"
+    return text if float(text) <= 0 else f"+{text}"
 
 
 def _p_cell(p_value: float | None) -> str:
@@ -156,13 +165,11 @@ def _p_cell(p_value: float | None) -> str:
     return p_text(p_value).removeprefix("p ").removeprefix("= ")
 
 
-def _smallest_p(resampled: Intervals) -> str:
-    """Return a warning if even the largest difference could not be significant.
-
-    Of all swaps of ``n`` clusters, two give the largest difference: none and all.
-    """
-    smallest = 2.0 ** (1 - resampled.n_clusters)
-    if smallest < 1 - resampled.confidence:
+def _smallest_p(comparison: Comparison) -> str:
+    """Return a warning if even the largest difference could not have the smallest shown p-value."""
+    if comparison.smallest_p < SMALLEST_SHOWN_P:
         return ""
+    resampled = next(iter(comparison.intervals.values()))
     clusters = count_text(resampled.n_clusters, resampled.by)
-    return f"; with {clusters}, p is at least about {smallest:.2g}"
+    among = f" and {len(comparison):,} comparisons" if len(comparison) > 1 else ""
+    return f"; with {clusters}{among}, p is at least about {comparison.smallest_p:.2g}"

@@ -17,7 +17,7 @@ from reverie_eval.analysis import (
     with_different_routes,
 )
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval.metrics import CATALOGUE, primary_metric
 from reverie_eval.reporting import _report_sections as sections
 from reverie_eval.reporting._comparison import comparison_table, methods, sentences
 from reverie_eval.reporting._map_svg import MAP_STYLE, map_key, map_svg
@@ -77,8 +77,8 @@ def report_html(scores: Mapping[str, Scores], by: Clustering = "target") -> str:
     Raises
     ------
     ProtocolError
-        If the protocol or track scores no outcomes, the two submissions cannot be compared, there
-        are not one or two of them, or a name is not text.
+        If the protocol scores no answers, the two submissions cannot be compared, there are not one
+        or two of them, or a name is not text.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -107,9 +107,7 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "score_rows": sections.score_rows(scores),
         "why_not": Intervals.why_not(first.ground_truth, by),
         "main_finding": sections.main_finding(first),
-        "funnel": sections.funnel_rows(scores),
-        "outcomes": sections.outcome_rows(scores),
-        "goal_reached_notes": sections.goal_reached_notes(scores),
+        "has_outcomes": sections.has_outcomes(first),
         "breakdowns": breakdowns,
         "breakdown_notes": notes,
         "scans": sections.scans_worst_first(scores),
@@ -117,15 +115,26 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "few_episodes": sections.FEW_EPISODES,
         "few_targets": FEW_CLUSTERS,
         "success": CATALOGUE["success"],
-        "primary": CATALOGUE[PRIMARY_METRIC],
+        "primary": primary_metric(first.keys()),
         "charts": list(sections.charts(scores)),
+        **(_outcomes(scores) if sections.has_outcomes(first) else {}),
+        **(_comparison(scores, by) if len(scores) > 1 else {"other_name": None, "sentences": []}),
+    }
+
+
+def _outcomes(scores: Mapping[str, Scores]) -> dict[str, Any]:
+    """Return what a report says about outcomes, which the grounding track has none of."""
+    (name, first), *_ = scores.items()
+    return {
+        "funnel": sections.funnel_rows(scores),
+        "outcomes": sections.outcome_rows(scores),
+        "goal_reached_notes": sections.goal_reached_notes(scores),
         "near_misses": [
             (failure, OUTCOMES[failure], [_card({name: first}, each) for each in instr_ids])
             for failure, instr_ids in near_misses(first).items()
             if instr_ids
         ],
         "map_key": as_markup(map_key([""])),
-        **(_comparison(scores, by) if len(scores) > 1 else {"other_name": None, "sentences": []}),
     }
 
 
@@ -141,7 +150,9 @@ def _comparison(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "comparison": as_markup(comparison_table(comparison).to_html()) if comparison else None,
         "methods": methods(comparison) if comparison else [f"not compared: {why_not}"],
         "outcome_names": list(sections.BEST_OUTCOME_FIRST),
-        "outcome_changes": sections.outcome_changes(first, other),
+        "outcome_changes": sections.outcome_changes(first, other)
+        if sections.has_outcomes(first)
+        else [],
         "changes": [
             _change(other_name, scores, episodes_won(first, other)),
             _change(name, scores, episodes_won(other, first)),
@@ -152,11 +163,13 @@ def _comparison(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
 
 def _change(winner: str, scores: Mapping[str, Scores], instr_ids: Sequence[str]) -> Change:
     first, other = scores.values()
+    # Without walks there is nothing to draw.
+    drawn = with_different_routes(first, instr_ids) if sections.has_outcomes(first) else []
     return Change(
         title=f"{count_text(len(instr_ids), 'episode')} that only {winner} got right",
         total=len(instr_ids),
         listed=[(first.episode(id_), other.episode(id_)) for id_ in instr_ids[:_LISTED_CHANGES]],
-        cards=[_card(scores, id_) for id_ in with_different_routes(first, instr_ids)],
+        cards=[_card(scores, id_) for id_ in drawn],
     )
 
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reverie_eval.analysis import GROUPINGS, Grouping
-from reverie_eval.errors import GroundTruthError
-from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.errors import GroundTruthError, ProtocolError
+from reverie_eval.metrics import CATALOGUE, Metric, primary_metric
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._charts_svg import histogram_svg, walks_svg
 from reverie_eval.reporting.resources import as_markup
@@ -82,11 +82,14 @@ class CountRow:
 
 @dataclass(frozen=True, slots=True)
 class GroupRow:
-    """A group of episodes: its size, the first submission's success, each one's primary metric."""
+    """A group of episodes: its size, the first submission's success, each one's primary metric.
+
+    Success is missing if the track does not score it.
+    """
 
     name: str
     episodes: int
-    success: str
+    success: str | None
     bars: Sequence[Bar | None]
     """By submission; None where it has no episode in the group."""
 
@@ -112,6 +115,7 @@ def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
     """Return the headline metrics of every submission."""
     rows: dict[str, list[ScoreCell]] = {name: [] for name in scores}
     for name, each in scores.items():
+        primary = primary_metric(each.keys())
         for metric in each.headline:
             interval = each.intervals and each.intervals.get(metric.key)
             ends = [interval.low, interval.high] if interval else []
@@ -119,12 +123,34 @@ def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
                 metric.display(each[metric.key]),
                 " to ".join(map(metric.display, ends)),
             )
-            rows[name].append(ScoreCell(metric, value, between, metric.key == PRIMARY_METRIC))
+            rows[name].append(ScoreCell(metric, value, between, metric == primary))
     return rows
+
+
+def has_outcomes(scores: Scores) -> bool:
+    """Whether episodes have outcomes, which take both navigation and an answer.
+
+    False in the grounding track.
+
+    Raises
+    ------
+    ProtocolError
+        If answers are not scored either, so that nothing can be reported.
+    """
+    if "success" not in scores and "rgs" in scores:
+        return False
+    _ = scores.failure_modes
+    return True
 
 
 def main_finding(scores: Scores) -> str:
     """Say in a sentence or two how often the agent succeeds, and how it mostly fails."""
+    if not has_outcomes(scores):
+        correct, total = int(scores.episodes["rgs"].sum()), len(scores.instr_ids)
+        return (
+            f"{correct:,} of {total:,} answers from the goal ({_percent(correct, total)} %) are "
+            "correct."
+        )
     counts, total = scores.failure_modes.counts, len(scores.instr_ids)
     correct, wrong = counts["correct"], total - counts["correct"]
     share = f"{correct:,} of {total:,} episodes ({_percent(correct, total)} %)"
@@ -200,7 +226,7 @@ def breakdowns(scores: Submissions) -> tuple[Sequence[Breakdown], Sequence[str]]
             continue
         try:
             table = breakdown_by(scores, grouping)
-        except GroundTruthError as error:
+        except (GroundTruthError, ProtocolError) as error:
             notes.append(f"No breakdown by {grouping.key}: {error}.")
         else:
             tables += [table] if len(table.rows) > 1 else []
@@ -213,7 +239,8 @@ def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
         each.breakdown(grouping.key, intervals=each.intervals is not None)
         for each in scores.values()
     ]
-    columns = [PRIMARY_METRIC, f"{PRIMARY_METRIC}_low", f"{PRIMARY_METRIC}_high"]
+    primary = primary_metric(next(iter(scores.values())).keys()).key
+    columns = [primary, f"{primary}_low", f"{primary}_high"]
     bars: list[Mapping[str, Bar]] = []
     for frame in frames:
         values = (100 * frame.reindex(columns=columns)).to_numpy().tolist()
@@ -222,13 +249,11 @@ def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
     rows = [
         GroupRow(
             name=name,
-            episodes=int(episodes),
-            success=CATALOGUE["success"].display(success),
+            episodes=int(row["episodes"]),
+            success=CATALOGUE["success"].display(row["success"]) if "success" in row else None,
             bars=[by_group.get(name) for by_group in bars],
         )
-        for name, episodes, success in zip(
-            bars[0], first["episodes"], first["success"], strict=True
-        )
+        for name, row in zip(bars[0], first.to_dict("records"), strict=True)
     ]
     return Breakdown(grouping, rows)
 
@@ -245,7 +270,13 @@ def scans_worst_first(scores: Submissions) -> Breakdown:
 
 
 def charts(scores: Submissions) -> Iterator[Chart]:
-    """Draw lengths and distances, and overlaps of boxes if any were predicted."""
+    """Draw lengths and distances of walks, and overlaps of boxes, of those that there are."""
+    if has_outcomes(next(iter(scores.values()))):
+        yield from _walk_charts(scores)
+    yield from _box_charts(scores)
+
+
+def _walk_charts(scores: Submissions) -> Iterator[Chart]:
     (name, first), *_ = scores.items()
     walks = Walks.of(first)
     hidden = int((~walks.is_shown).sum())
@@ -266,6 +297,9 @@ def charts(scores: Submissions) -> Iterator[Chart]:
         f"{_percent(at_end, len(first.instr_ids))} % of episodes{_of(name, scores)} stop exactly "
         "there.",
     )
+
+
+def _box_charts(scores: Submissions) -> Iterator[Chart]:
     boxes = {name: each.boxes for name, each in scores.items() if each.boxes is not None}
     if boxes:
         overlaps = Histogram.of({name: scores[name] for name in boxes}, "iou")

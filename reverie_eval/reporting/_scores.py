@@ -1,6 +1,6 @@
 """Scores as a table, in each of the formats of ``--format``, and the values of every episode."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TextIO
 
@@ -33,7 +33,7 @@ def score_table(results: Sequence[Scores]) -> Table:
             *(scores.signature for scores in results),
             *([] if first.intervals is None else [first.intervals.caption]),
             f"ground truth: {first.ground_truth.provenance}",
-            *(f"note: {note}" for note in first.notes),
+            *(f"note: {note}" for note in _notes(results)),
         ],
     )
 
@@ -106,6 +106,12 @@ def _mean(metric: Metric, scores: Scores, first: Scores) -> str:
         return MISSING
     value, reference = metric.display(scores[metric.key]), metric.display(first[metric.key])
     return value if value == reference else value + MARK
+
+
+def _notes(results: Sequence[Scores]) -> Iterable[str]:
+    """Return the notes on every protocol once; those on another reading would be ambiguous."""
+    alike = (scores for scores in results if scores.qualifier == results[0].qualifier)
+    return dict.fromkeys(note for scores in alike for note in scores.notes)
 
 
 def _name(scores: Scores) -> str:

@@ -5,10 +5,10 @@ values as papers need it.
 """
 
 import io
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from operator import methodcaller
 from typing import TYPE_CHECKING
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
@@ -28,7 +28,6 @@ _PRIMARY = CATALOGUE[PRIMARY_METRIC].heading
 _ANY_WIDTH = 1000
 _NARROWEST_TEXT = 12
 """Letters: a terminal does not wrap a column to fewer."""
-_MARKDOWN = str.maketrans({"|": r"\|", MARK: rf"\{MARK}", "\n": " ", "\r": " "})
 
 
 class Bold(str):
@@ -84,12 +83,12 @@ class Table:
         """Return a GitHub-flavoured table with the lines below it as paragraphs."""
         rule = [":---" if n in self.text_columns else "---:" for n in range(len(self.headings))]
         rows = [
-            list(map(_markdown_text, self.flat_headings)),
+            list(map(_markdown_cell, self.flat_headings)),
             rule,
-            *([_formatted(cell, _markdown_text, "**{}**") for cell in row] for row in self.rows),
+            *([_formatted(cell, _markdown_cell, "**{}**") for cell in row] for row in self.rows),
         ]
         table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-        below = [line.replace(MARK, rf"\{MARK}") for line in self.lines_below if line]
+        below = [markdown_text(line) for line in self.lines_below if line]
         return "\n\n".join([table, *below])
 
     def to_latex(self) -> str:
@@ -213,13 +212,39 @@ def _aligned(column: Sequence[str], *, is_text: bool) -> Sequence[str]:
     return [cell.rjust(width) for cell in [heading, *cells]]
 
 
-_markdown_text = methodcaller("translate", _MARKDOWN)
-
-
 def _formatted(cell: str, escape: Callable[[str], str], bold: str) -> str:
     """Escape a cell for a layout, and put it into the layout's bold type if it is bold."""
     text = escape(cell)
     return bold.format(text) if isinstance(cell, Bold) else text
+
+
+# Markdown.
+
+_MARKDOWN = re.compile(
+    r"""
+    [\\`*\[\]~$]                           # code, emphasis, links, strikethrough, formulas
+    | (?<![A-Za-z0-9])_ | _(?![A-Za-z0-9])  # emphasis; inside a word, _ is itself
+    | & | <(?![ ]) | (?<![ ])>(?!=)         # HTML; "p < 0.001" and ">=" are no tags
+    | ^[#+-](?=[ ])                         # headings and lists, at the beginning of a line
+    """,
+    re.VERBOSE,
+)
+_ENTITIES = {"&": "&amp;", "<": "&lt;", ">": "&gt;"}
+
+
+def markdown_text(text: str) -> str:
+    r"""Escape a line of text for Markdown, which may also contain HTML.
+
+    >>> print(markdown_text("<b>DUET*</b> & `ours`: p < 0.001, val_unseen"))
+    &lt;b&gt;DUET\*&lt;/b&gt; &amp; \`ours\`: p < 0.001, val_unseen
+    """
+    line = " ".join(text.splitlines())
+    return _MARKDOWN.sub(lambda found: _ENTITIES.get(found[0]) or rf"\{found[0]}", line)
+
+
+def _markdown_cell(text: str) -> str:
+    # Only in a table does | end a cell.
+    return markdown_text(text).replace("|", r"\|")
 
 
 # LaTeX.

@@ -134,6 +134,8 @@ class SplitReport(WireModel):
     visibility: Literal["private", "open"]
     """Private: only rounded means leave the server."""
     protocol: str
+    track: Literal["full", "grounding"] = "full"
+    """Grounding: answers alone are scored, with the agent placed at the goal."""
     dataset: str
     fingerprint: str
     """SHA-256 of the ground truth's arrays."""
@@ -234,8 +236,8 @@ class LeaderboardRow(WireModel):
     method: Method
     published_at: datetime
     submissions: int | None
-    """Number of the team's submissions; null while it is anonymous, because the number would
-    reveal which rows belong to one team."""
+    """Number of the team's submissions to the split, also while it is anonymous: a result may be
+    the best of many. Null for a result that is reported, not scored."""
     scores: dict[str, float]
     intervals: dict[str, tuple[float, float]] = Field(default_factory=dict)
     """Low and high of the headline metrics' 95 % intervals; for open splits alone."""

@@ -1,7 +1,7 @@
 """Scoring: from an aligned submission and a protocol to scores."""
 
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
-from reverie_eval.scoring._episode_table import EpisodeTable, Track
+from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of, scored_metrics
 from reverie_eval.scoring._evaluation import (
     Evaluator,
     PreparedSubmission,
@@ -57,6 +57,8 @@ __all__ = [
     "find_protocol",
     "is_goal",
     "outcome_indices",
+    "qualifier_of",
+    "scored_metrics",
     "signature_of",
     "validate",
     "why_not",

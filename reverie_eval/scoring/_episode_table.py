@@ -1,6 +1,6 @@
 """The episode table: the value of every metric for every episode, under a protocol."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, Literal
 
@@ -15,6 +15,29 @@ Track = Literal["full", "grounding"]
 """The agent's task: to navigate and ground the object, or to ground it from the goal."""
 
 
+def scored_metrics(
+    protocol: Protocol,
+    track: Track = "full",
+    *,
+    has_boxes: bool = False,
+    has_answers: bool = True,
+) -> Sequence[str]:
+    """Return the keys of the metrics that submissions get under a protocol, in CATALOGUE order."""
+    available = {
+        "trajectory": track == "full",
+        "answer": has_answers and protocol.grounding != "not scored",
+        "box": has_boxes,
+    }
+    return tuple(
+        key for key, metric in CATALOGUE.items() if all(available[need] for need in metric.needs)
+    )
+
+
+def qualifier_of(track: Track) -> str:
+    """Return the part of a signature that names the track; empty for the full one."""
+    return "" if track == "full" else f"track:{track}"
+
+
 class EpisodeTable(Mapping[str, Array]):
     """One value per episode for every scored metric, as read-only columns of floats.
 
@@ -27,15 +50,11 @@ class EpisodeTable(Mapping[str, Array]):
     def __init__(self, lookups: Lookups, protocol: Protocol, track: Track = "full") -> None:
         self._lookups = lookups
         self._protocol = protocol
-        available = {
-            "trajectory": track == "full",
-            "answer": protocol.grounding != "not scored" and not lookups.is_navigation_only,
-            "box": lookups.has_boxes,
-        }
-        self._keys = tuple(
-            key
-            for key, metric in CATALOGUE.items()
-            if all(available[need] for need in metric.needs)
+        self._keys = scored_metrics(
+            protocol,
+            track,
+            has_boxes=lookups.has_boxes,
+            has_answers=not lookups.is_navigation_only,
         )
         # Two caches: metrics that depend on others take booleans as they are, users get floats.
         self._values: dict[str, Array] = {}

@@ -1,15 +1,16 @@
 """Evaluation: read a submission, align it with the ground truth, and score it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from typing import Self, get_args
 
 from reverie_eval import metrics
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.scoring._episode_table import EpisodeTable, Track
+from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
+from reverie_eval.scoring._literal_reading import check_first_of_hop, literal_reading_notes
 from reverie_eval.scoring._lookups import Lookups, find_jumps
 from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, find_protocol
 from reverie_eval.scoring._scores import Scores, Validation
@@ -110,18 +111,19 @@ def diagnose(
 ) -> tuple[Scores, Scores]:
     """Score a submission as intended, and as evaluators that truncate nested hops would.
 
-    The dataset's own evaluator and that of the 2022 challenge read only the first viewpoint of
-    each element of a trajectory. If the elements are hops with several viewpoints, they silently
-    lose the others. Parameters and errors are those of :func:`evaluate`.
+    The evaluators of ``official-v1``, ``challenge-2022``, ``airbert`` and ``hamt`` read only the
+    first viewpoint of each element of a trajectory. If the elements are hops with several
+    viewpoints, they silently lose the others.
+
+    Parameters and errors are those of :func:`evaluate`; a protocol whose evaluator reads hops in
+    another way is a ProtocolError.
     """
+    check_first_of_hop(protocol)
     rules = find_protocol(protocol)
     truth = _find_answers(ground_truth, split)
     predictions = read_predictions(submission)
     whole = PreparedSubmission.of(predictions, truth)
-    truncated = PreparedSubmission.of(
-        predictions.first_of_hops(), truth, qualifier="reading:first-of-hop"
-    )
-    return whole.score(rules), truncated.score(rules)
+    return replace(whole, predictions=None).score(rules), whole.truncated().score(rules)
 
 
 def validate(
@@ -129,12 +131,13 @@ def validate(
     *,
     split: str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    track: Track = "full",
 ) -> Validation:
     """Check a submission as :func:`evaluate` does, but without the answers.
 
     A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
     """
-    return _prepare(submission, find_ground_truth(ground_truth, split), "full").validation()
+    return _prepare(submission, find_ground_truth(ground_truth, split), track).validation()
 
 
 class Evaluator:
@@ -144,15 +147,15 @@ class Evaluator:
 
     Parameters
     ----------
-    split, ground_truth, protocol
+    split, ground_truth, protocol, track
         As for :func:`reverie_eval.evaluate`.
 
     Raises
     ------
     GroundTruthError
-        If there is no valid ground truth with answers for the split.
+        If there is no valid ground truth with answers for the split, protocol and track.
     ProtocolError
-        If there is no such protocol.
+        If there is no such protocol or track.
 
     Examples
     --------
@@ -167,15 +170,27 @@ class Evaluator:
         split: str,
         ground_truth: str | PathLike[str] | GroundTruth | None = None,
         protocol: str = DEFAULT_PROTOCOL,
+        track: Track = "full",
     ) -> None:
         # Unusable settings must raise here, and not after the first epoch of training.
-        self.protocol = find_protocol(protocol).name
+        rules = find_protocol(protocol)
+        self.protocol = rules.name
+        self.track = check_track(track)
         self.ground_truth = _find_answers(ground_truth, split)
+        reason = why_not(rules, self.ground_truth, track)
+        if reason:
+            raise GroundTruthError(reason)
 
     def __call__(self, predictions: Submission) -> Scores:
         """Score a submission; argument and errors are those of :func:`reverie_eval.evaluate`."""
         truth = self.ground_truth
-        return evaluate(predictions, split=truth.split, ground_truth=truth, protocol=self.protocol)
+        return evaluate(
+            predictions,
+            split=truth.split,
+            ground_truth=truth,
+            protocol=self.protocol,
+            track=self.track,
+        )
 
 
 @dataclass(frozen=True)
@@ -191,6 +206,9 @@ class PreparedSubmission:
     """How the file was read, and what in it looks like a mistake; independent of the answers."""
     answer_hints: Sequence[str] = ()
     """What looks like a mistake in view of the answers, and therefore reveals something of them."""
+    predictions: Predictions | None = None
+    """The file's content, to note what the protocol's own evaluator makes of it; None for no such
+    note, because it reveals other scores than those of the submission."""
 
     @classmethod
     def of(
@@ -213,14 +231,23 @@ class PreparedSubmission:
             submission=aligned,
             ground_truth=truth,
             track=track,
-            qualifier="track:grounding" if grounding else qualifier,
+            qualifier=qualifier_of(track) or qualifier,
             hints=list(submission_hints(predictions, aligned, answers_only=grounding)),
             answer_hints=list(answer_hints(aligned, truth)),
+            predictions=predictions,
         )
+
+    def truncated(self) -> Self:
+        """Return the submission as evaluators read it that take only the first of each hop."""
+        if self.predictions is None:
+            return self
+        read = self.predictions.first_of_hops()
+        truncated = self.of(read, self.ground_truth, qualifier="reading:first-of-hop")
+        return replace(truncated, predictions=None)
 
     def without_answer_hints(self) -> Self:
         """Return the same submission without the hints that reveal something of the answers."""
-        return replace(self, answer_hints=())
+        return replace(self, answer_hints=(), predictions=None)
 
     def validation(self) -> Validation:
         """Return the result of checking the submission, which has no scores."""
@@ -248,15 +275,36 @@ class PreparedSubmission:
             ground_truth=self.ground_truth,
             protocol=rules,
             episodes=table,
-            hints=[*self.hints, *self.answer_hints],
+            hints=[*self.hints, *self.answer_hints, *self._literal_reading_notes(rules)],
             qualifier=self.qualifier,
             boxes=self._lookups.boxes if "iou" in table else None,
             submission=self.submission,
         )
 
+    def _literal_reading_notes(self, rules: Protocol) -> Iterator[str]:
+        if self.predictions is not None and self.track == "full":
+            truncated = partial(self._score_truncated, rules)
+            yield from literal_reading_notes(self.predictions, rules, truncated)
+
+    def _score_truncated(self, rules: Protocol) -> Scores:
+        return self.truncated().score(rules)
+
     @cached_property
     def _lookups(self) -> Lookups:
         return Lookups(self.submission, self.ground_truth)
+
+
+def check_track(track: Track) -> Track:
+    """Return the track if there is such a one.
+
+    Raises
+    ------
+    ProtocolError
+        If there is not.
+    """
+    if track not in get_args(Track):
+        raise ProtocolError(f"unknown track {track!r}{did_you_mean(track, get_args(Track))}")
+    return track
 
 
 def why_not(rules: Protocol, truth: GroundTruth, track: Track = "full") -> str | None:
@@ -282,7 +330,6 @@ def _find_answers(
 
 
 def _prepare(submission: Submission, truth: GroundTruth, track: Track) -> PreparedSubmission:
-    if track not in get_args(Track):
-        raise ProtocolError(f"unknown track {track!r}{did_you_mean(track, get_args(Track))}")
+    check_track(track)
     predictions = read_predictions(submission, answers_only=track == "grounding")
     return PreparedSubmission.of(predictions, truth, track)

@@ -4,7 +4,7 @@ A protocol's numbers never change once it is released; a correction is a new pro
 that protocols share are defined with the arithmetic that uses them, in :mod:`reverie_eval.metrics`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -14,6 +14,8 @@ from reverie_eval.text import did_you_mean
 
 GoalRule = Literal["visible", "visible and near the object", "near the path's end"]
 Grounding = Literal["anywhere", "only with success", "not scored"]
+HopReading = Literal["first viewpoint", "every viewpoint", "rejected", "no evaluator"]
+"""What a published evaluator makes of a nested hop with several viewpoints."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,9 @@ class Protocol:
     """Where a correct answer counts: wherever the agent stops, or only with success."""
     text_ids_count: bool = True
     """Whether an object id written as text can be correct."""
+    nested_hops: HopReading = "first viewpoint"
+    """What the published evaluator makes of nested hops. It is not a rule of the scores, which
+    count every viewpoint under all protocols."""
 
 
 _RELEASED = (
@@ -51,6 +56,7 @@ _RELEASED = (
         summary="the paper's text: grounding counts only if the target is visible at the stop",
         source="Qi et al., REVERIE, CVPR 2020, section 3",
         grounding="only with success",
+        nested_hops="no evaluator",
     ),
     Protocol(
         name="challenge-2022",
@@ -73,6 +79,7 @@ _RELEASED = (
         spl_numerator="annotated",
         spl_floor=0.01,
         rgspl_floor=0.01,
+        nested_hops="every viewpoint",
     ),
     Protocol(
         name="scalevln",
@@ -82,6 +89,7 @@ _RELEASED = (
         spl_floor=0.01,
         rgspl_floor=0.01,
         grounding="only with success",
+        nested_hops="every viewpoint",
     ),
     Protocol(
         name="r2r-style",
@@ -89,6 +97,7 @@ _RELEASED = (
         source="peteanderson80/Matterport3DSimulator 589d091, tasks/R2R/eval.py",
         goal="near the path's end",
         grounding="not scored",
+        nested_hops="rejected",
     ),
 )
 
@@ -99,6 +108,9 @@ ALIASES: Mapping[str, str] = MappingProxyType({"hamt": "duet", "hm3d": "scalevln
 """Other names of protocols: codebases that score the same way."""
 
 DEFAULT_PROTOCOL = "official-v1"
+
+# HAMT's evaluator differs from DUET's in nothing else.
+_HOPS_BY_ALIAS: Mapping[str, HopReading] = MappingProxyType({"hamt": "first viewpoint"})
 
 
 def find_protocol(name: str) -> Protocol:
@@ -114,3 +126,20 @@ def find_protocol(name: str) -> Protocol:
         known = [*PROTOCOLS, *ALIASES]
         raise ProtocolError(f"unknown protocol {name!r}{did_you_mean(name, known)}")
     return PROTOCOLS[canonical]
+
+
+def hop_reading(name: str) -> HopReading:
+    """Return what the evaluator of a protocol or alias makes of nested hops.
+
+    Raises
+    ------
+    ProtocolError
+        If there is no such protocol.
+    """
+    return _HOPS_BY_ALIAS.get(name, find_protocol(name).nested_hops)
+
+
+FIRST_OF_HOP: Sequence[str] = [
+    name for name in (*PROTOCOLS, *ALIASES) if hop_reading(name) == "first viewpoint"
+]
+"""Protocols and aliases whose evaluators read only the first viewpoint of each hop."""

@@ -34,7 +34,7 @@ from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
 from reverie_eval.schemas.wire import Line, Name
-from reverie_eval.scoring import DEFAULT_PROTOCOL, find_protocol
+from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 
 SETTINGS_FILE = "reverie-eval.toml"
 _PREFIX = "REVERIE_EVAL_"
@@ -152,6 +152,8 @@ class Split(_Section):
     visibility: Literal["private", "open"] = "private"
     """Private: only rounded means are released. Open: also the values of every episode."""
     protocol: Annotated[str, AfterValidator(_known_protocol)] = DEFAULT_PROTOCOL
+    track: Track = "full"
+    """Grounding: answers alone are scored, with the agent placed at the goal."""
     quota: Quota | None = None
     phases: Annotated[tuple[Phase, ...], AfterValidator(_some)] = (Phase(name="always"),)
 

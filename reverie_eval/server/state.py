@@ -108,15 +108,19 @@ class ServerState:
         """Return a split's board; errors are those of :func:`board_named`."""
         return board_named(self.boards, split)
 
-    def ranking(self, session: Session, split: str, metric: str) -> Ranking:
+    def ranking(self, session: Session, split: str, metric: str | None) -> Ranking:
         """Return a split's board as it is now; errors are those of :func:`leaderboard`.
+
+        Without a metric, it is ranked by the split's primary one.
 
         Raises
         ------
         NotFoundError
             If the server has no such split.
         """
-        return leaderboard(session, self.entries, self.board(split), metric, self.clock())
+        board = self.board(split)
+        by = board.primary.key if metric is None else metric
+        return leaderboard(session, self.entries, board, by, self.clock())
 
 
 def state_of(request: Request) -> ServerState:

@@ -77,18 +77,21 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
 def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
     """Align the answers alone, with every agent at the end of its annotated path.
 
+    With a public bundle, which has no paths, every agent is at its start: the answers can be
+    checked, but not scored.
+
     Raises
     ------
     SubmissionError
         Listing every problem, including those found while reading.
-    GroundTruthError
-        If the ground truth is a public bundle.
     """
     predictions, episode, _ = _look_up(predictions, ground_truth)
     _raise_problems(predictions.problems, _episode_problems(predictions, episode, ground_truth))
-    goal = ground_truth.require_answers().goal
-    offsets = np.arange(len(goal) + 1)
-    return _aligned(predictions, episode, np.argsort(episode), viewpoint=goal, offsets=offsets)
+    # A public bundle has no goals; the starts serve as well to check the answers.
+    answers = ground_truth.answers
+    stop = ground_truth.episodes.start if answers is None else answers.goal
+    offsets = np.arange(len(stop) + 1)
+    return _aligned(predictions, episode, np.argsort(episode), viewpoint=stop, offsets=offsets)
 
 
 def _look_up(

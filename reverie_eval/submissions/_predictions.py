@@ -101,8 +101,15 @@ class Predictions:
     """How the file differs from the official form, a phrase each."""
     ignored_fields: Mapping[str, int] = field(default_factory=dict)
     """The fields that are not read, with the number of records that have them."""
+    differences: Mapping[str, int] = field(default_factory=dict)
+    """How often each difference from the official form occurs, by its key."""
     problems: Sequence[Problem] = ()
     """What could not be read."""
+
+    @property
+    def has_long_hops(self) -> bool:
+        """Whether a hop has several viewpoints, of which some evaluators read only the first."""
+        return self.continues_hop is not None and bool(self.continues_hop.any())
 
     def location(self, record: int) -> RecordLocation:
         """Return the location of a record in the file."""

@@ -14,6 +14,7 @@ DIFFERENCES: Mapping[str, str] = MappingProxyType(
         "keyed": "{:,} records keyed by their instr_id",
         "prefixed": '{:,} instr_ids with the prefix "reverie_"',
         "hops": "{:,} trajectories of nested hops",
+        "empty hops": "{:,} empty hops, skipped",
         "long hops": "{:,} hops with more than one viewpoint, every viewpoint counted",
         "bare viewpoints": "{:,} poses that are bare viewpoint ids",
         "no angles": "{:,} poses without heading and elevation",

@@ -217,6 +217,7 @@ def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False
         is_navigation_only=log.differences["navigation only"] > 0,
         read_as=log.read_as(),
         ignored_fields=dict(log.ignored_fields),
+        differences=log.differences,
         problems=log.all_problems(),
     )
 

@@ -54,15 +54,16 @@ def read_trajectory(
     if len(trajectory) > MAX_POSES:
         log.problems.append(problems.too_many_poses(location, len(trajectory), MAX_POSES))
         return []
-    if not any(not is_list(element) or element for element in trajectory):
+    if all(_is_empty(element) for element in trajectory):
         log.problems.append(problems.empty_trajectory(location))
         return []
     poses = []
     for index, element in enumerate(trajectory):
-        if not (is_list(element) and not element):  # an empty hop is a step without a move
+        if not _is_empty(element):
             poses += _read_element(location, index, element, log)
     is_nested = any(_is_hop(element) and len(element) != 1 for element in trajectory)
     log.differences["hops"] += is_nested
+    log.differences["empty hops"] += sum(_is_empty(element) for element in trajectory)
     return poses
 
 
@@ -117,6 +118,11 @@ def _pose_from_object(element: Mapping[str, Any]) -> Sequence[Any] | None:
         return None
     angles = [element[key] for key in _ANGLE_KEYS if key in element]
     return [viewpoints[0], *angles]
+
+
+def _is_empty(element: Any) -> bool:
+    """Whether this is an empty hop, which is a step without a move."""
+    return is_list(element) and not element
 
 
 def _is_hop(element: Any) -> bool:

@@ -60,6 +60,18 @@ def test_readme_shows_the_score_table_as_it_is_printed(capsys: pytest.CaptureFix
 
 
 @pytest.mark.usefixtures("at_the_root")
+def test_readme_shows_all_protocols_as_they_are_printed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _, begin, section = README.read_text().partition("## Why it exists")
+    (_, *words), below = command_above(begin + section, "reverie-eval fixtures/")
+    assert main(words) == 0
+    table, _, _ = capsys.readouterr().out.partition("\n\nsplit:")
+    assert all(f"\n{name} " in table for name in PROTOCOLS)
+    assert below.startswith(f"```\n\n```\n{table}\n```\n")
+
+
+@pytest.mark.usefixtures("at_the_root")
 def test_the_sample_with_boxes_scores_what_its_page_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reverie_eval.arrays import IntArray, frozen, offsets_of, row_of, take_rows
+from reverie_eval.arrays import IntArray, difference, frozen, offsets_of, row_of, take_rows
 
 ragged = st.lists(st.lists(st.integers(0, 99), max_size=4), min_size=1, max_size=6)
 """Rows of numbers, some of them empty."""
@@ -33,6 +33,26 @@ def test_a_frozen_array_is_read_only() -> None:
     array = frozen(np.zeros(2))
     with pytest.raises(ValueError, match="read-only"):
         array[0] = 1
+
+
+@pytest.mark.parametrize(
+    ("value", "other", "expected"),
+    [
+        pytest.param(0.5, 0.25, 0.25, id="a difference"),
+        pytest.param(0.25, 0.5, -0.25, id="in the other direction"),
+        pytest.param(9.1 + 0.1, 0.1 + 9.1 + 1e-14, 0.0, id="the last bits"),
+        pytest.param(1.0, 1.0 - 2**-30, 0.0, id="just below 1e-9"),
+        pytest.param(1.0, 1.0 - 2**-29, 2**-29, id="just above 1e-9"),
+        pytest.param(2.0**20, 2.0**20 - 2**-10, 0.0, id="just below 1e-9 of a large value"),
+        pytest.param(2.0**20, 2.0**20 - 2**-9, 2**-9, id="just above it"),
+        pytest.param(0.0, 1e-17, 0.0, id="almost zero"),
+    ],
+)
+def test_a_difference_that_rounding_explains_is_zero(
+    value: float, other: float, expected: float
+) -> None:
+    """2^-30 is 0.93e-9, and 2^-29 is 1.86e-9."""
+    assert difference(np.array([value]), np.array([other])).tolist() == [expected]
 
 
 def _offsets(rows: list[list[int]]) -> IntArray:

@@ -2,7 +2,9 @@
 
 import io
 import json
+import os
 import pickle
+import stat
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +25,8 @@ from reverie_eval.ground_truth._bundle import (
     PUBLIC_TEXTS,
     pack_texts,
 )
+from tests.conftest import SAMPLES
+from tests.support.flat import Run
 from tests.support.worlds import SPLIT
 
 VAL_UNSEEN = DEMO_BUNDLES / "val_unseen.npz"
@@ -389,6 +393,31 @@ def test_the_demo_world_is_the_default(split: str) -> None:
     assert truth.is_demo
     assert truth.split == split
     assert "demo world" in truth.provenance
+
+
+def test_the_demo_world_does_not_tell_where_it_is_installed(run: Run) -> None:
+    status, _, err = run(str(SAMPLES / "good.json"), "--split", "test")
+    assert status == 2
+    assert "the demo world's test.public.npz is a public bundle" in err
+    assert str(DEMO_BUNDLES) not in err
+
+
+@pytest.mark.parametrize(
+    ("prepare", "mode"),
+    [
+        pytest.param(lambda bundle: bundle, 0o600, id="with answers"),
+        pytest.param(Bundle.public, 0o644, id="public"),
+    ],
+)
+def test_new_bundles_with_answers_are_for_their_owner(
+    prepare: Callable[[Bundle], Bundle], mode: int, tmp_path: Path
+) -> None:
+    umask = os.umask(0o022)
+    try:
+        prepare(Bundle.load(DEMO_BUNDLES / "val_seen.npz")).save(tmp_path / "new.npz")
+    finally:
+        os.umask(umask)
+    assert stat.S_IMODE((tmp_path / "new.npz").stat().st_mode) == mode
 
 
 def test_the_demo_world_keeps_its_test_answers_in_a_separate_bundle() -> None:

@@ -5,16 +5,26 @@ import re
 import shutil
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from reverie_eval import Comparison, ProtocolError, Scores, compare, evaluate
+from reverie_eval import (
+    CATALOGUE,
+    Comparison,
+    GroundTruth,
+    ProtocolError,
+    Scores,
+    compare,
+    evaluate,
+)
 from reverie_eval.analysis import p_text
+from reverie_eval.ground_truth import NavigationGraph
 from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
-from reverie_eval.scoring import Intervals, clusters_of
+from reverie_eval.scoring import Interval, Intervals, clusters_of
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
 from tests.support.metrics import BINARY_METRICS
@@ -87,6 +97,23 @@ def test_p_values_are_corrected_for_the_number_of_comparisons() -> None:
     )
 
 
+def test_a_large_win_over_many_is_as_significant_as_over_one() -> None:
+    """Times twelve by Holm's correction, p could not be below 0.001 with 10,000 swaps."""
+    first = scores_of(GOOD)
+    lost = altered(first, {"rgspl": dict.fromkeys(range(84), 0.0)})
+    names = ["good", *(f"rival {number}" for number in range(12))]
+    comparison = compare(first, *[lost] * 12, names=names)
+    assert comparison.swaps == 12_000
+    assert comparison["rival 11"]["rgspl"].p_value < 0.001
+    assert comparison.sentence("rival 11").endswith("p < 0.001")
+
+
+def test_the_smallest_p_value_is_stated_if_it_is_large(run: Run) -> None:
+    copies = [MEDIOCRE] * 3
+    out = run("compare", GOOD, *copies, "--split", SPLIT, "--cluster", "scan").out
+    assert "with 2 scans and 3 comparisons, p is at least about 1\n" in out
+
+
 def test_metrics_that_some_submissions_lack_are_left_out() -> None:
     comparison = compare(GOOD, DRAWN, split=SPLIT)
     assert "iou" in comparison.scores["drawn"]
@@ -130,7 +157,73 @@ def test_identical_submissions_are_reported_as_such() -> None:
     assert comparison.sentence("again") == "again and good score the same in every episode"
     other = altered(first, {"steps": {0: 99.0}})
     sentence = compare(first, other, names=["good", "other"]).sentence("other")
-    assert "No significant difference between other and good in RGSPL: difference 0.00" in sentence
+    assert sentence == "other and good score the same RGSPL in every episode"
+
+
+def test_differences_by_rounding_are_no_differences() -> None:
+    """One file has a last bit more in every episode."""
+    first = scores_of(GOOD)
+    metres = first.episodes["path_length"]
+    more = dict(enumerate(np.nextafter(metres, np.inf).tolist()))
+    comparison = compare(first, altered(first, {"path_length": more}), names=["a", "b"])
+    found = comparison["b"]["path_length"]
+    assert (found.mean, found.interval, found.p_value) == (0.0, Interval(0.0, 0.0), 1.0)
+    assert (found.higher, found.lower) == (0, 0)
+    assert comparison.episodes("path_length").empty
+    assert comparison.sentence("b") == "b and a score the same in every episode"
+
+
+def test_loops_walked_in_opposite_directions_score_the_same(
+    run: Run, demo: GroundTruth, tmp_path: Path
+) -> None:
+    """Around a triangle of viewpoints and back to the start, with a sound answer."""
+    loops = [triangle(demo.graph, start) for start in demo.episodes.start.tolist()]
+    files = []
+    for name, step in (("clockwise", 1), ("counter-clockwise", -1)):
+        walks = [[demo.graph.viewpoint_ids[place] for place in loop[::step]] for loop in loops]
+        records = [
+            {
+                "instr_id": instr_id,
+                "trajectory": [[place, 0, 0] for place in walk],
+                "predObjId": int(target),
+            }
+            for instr_id, walk, target in zip(
+                demo.episodes.instr_ids, walks, demo.require_answers().target_object, strict=True
+            )
+        ]
+        files.append(tmp_path / f"{name}.json")
+        files[-1].write_text(json.dumps(records))
+    lengths = [evaluate(file, split=SPLIT).episodes["path_length"] for file in files]
+    assert (lengths[0] != lengths[1]).any()
+    status, out, err = run("compare", *map(str, files), "--split", SPLIT)
+    assert (status, err) == (0, "")
+    assert "counter-clockwise and clockwise score the same RGSPL in every episode." in out
+    assert "-0.00" not in out
+    assert "p < 0.001" not in out
+
+
+def triangle(graph: NavigationGraph, start: int) -> list[int]:
+    """Return a loop over three viewpoints from a start, or the start alone if there is none."""
+    scan = np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[start])
+    near = [place for place in scan.tolist() if place != start and joined(graph, start, place)]
+    pairs = ((a, b) for a, b in combinations(near, 2) if joined(graph, a, b))
+    return next(([start, a, b, start] for a, b in pairs), [start])
+
+
+def joined(graph: NavigationGraph, a: int, b: int) -> bool:
+    return bool(graph.has_edge(np.array(a), np.array(b)))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        pytest.param("rgspl", -0.00004, "0.00", id="rounds to zero from below"),
+        pytest.param("rgspl", -0.00006, "-0.01", id="rounds to a hundredth"),
+        pytest.param("path_length", -0.0, "0.00", id="negative zero"),
+    ],
+)
+def test_no_value_is_printed_as_minus_zero(key: str, value: float, text: str) -> None:
+    assert CATALOGUE[key].display(value) == text
 
 
 @pytest.mark.parametrize(

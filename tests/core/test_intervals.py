@@ -66,7 +66,7 @@ def test_every_output_with_intervals_warns_about_few_clusters(run: Run) -> None:
 
 @pytest.mark.parametrize(
     ("by", "least"),
-    [("scan", "; with 2 scans, p is at least about 0.5\n"), ("target", "whole targets\n")],
+    [("scan", "; with 2 scans, p is at least about 0.5\n"), ("target", "targets, seed 0\n")],
 )
 def test_few_clusters_cannot_have_a_small_p_value(by: str, least: str, run: Run) -> None:
     files = (SAMPLE[0], str(SAMPLES / "mediocre.json"))

@@ -27,6 +27,7 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "rgspl_floor": 0.0,
         "grounding": "anywhere",
         "text_ids_count": True,
+        "nested_hops": "first viewpoint",
     },
     "paper": {
         "goal": "visible",
@@ -35,6 +36,7 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "rgspl_floor": 0.0,
         "grounding": "only with success",
         "text_ids_count": True,
+        "nested_hops": "no evaluator",
     },
     "challenge-2022": {
         "goal": "visible and near the object",
@@ -43,6 +45,7 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "rgspl_floor": 0.0,
         "grounding": "anywhere",
         "text_ids_count": False,
+        "nested_hops": "first viewpoint",
     },
     "airbert": {
         "goal": "visible",
@@ -51,6 +54,7 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "rgspl_floor": 0.0,
         "grounding": "anywhere",
         "text_ids_count": True,
+        "nested_hops": "first viewpoint",
     },
     "duet": {
         "goal": "visible",
@@ -59,6 +63,7 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "rgspl_floor": 0.01,
         "grounding": "anywhere",
         "text_ids_count": True,
+        "nested_hops": "every viewpoint",
     },
     "scalevln": {
         "goal": "visible",
@@ -67,6 +72,7 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "rgspl_floor": 0.01,
         "grounding": "only with success",
         "text_ids_count": True,
+        "nested_hops": "every viewpoint",
     },
     "r2r-style": {
         "goal": "near the path's end",
@@ -75,6 +81,7 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
         "rgspl_floor": 0.0,
         "grounding": "not scored",
         "text_ids_count": True,
+        "nested_hops": "rejected",
     },
 }
 """A released protocol never changes: a correction is a new protocol with another name."""

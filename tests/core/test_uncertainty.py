@@ -16,6 +16,7 @@ from reverie_eval.metrics.uncertainty import (
     interval,
     mcnemar_p,
     randomisation_p,
+    smallest_p,
 )
 from reverie_eval.scoring import FEW_CLUSTERS
 
@@ -103,10 +104,28 @@ def test_a_certain_difference_has_the_smallest_possible_p_value() -> None:
         pytest.param(5, 0, 2 / 32, id="all won"),
         pytest.param(0, 5, 2 / 32, id="all lost"),
         pytest.param(1, 7, 2 * (1 + 8) / 256, id="one of eight"),
+        pytest.param(1023, 0, 2.0**-1022, id="the smallest that a float holds"),
+        pytest.param(3521, 0, 2.0**-1022, id="smaller than a float holds, and never 0"),
     ],
 )
 def test_mcnemars_exact_test(won: int, lost: int, p_value: float) -> None:
-    assert mcnemar_p(np.array([won]), np.array([lost])) == pytest.approx([p_value])
+    assert mcnemar_p(np.array([won]), np.array([lost])) == pytest.approx([p_value], abs=0)
+
+
+@pytest.mark.parametrize(
+    ("comparisons", "clusters", "expected"),
+    [
+        pytest.param(1, 513, 1 / 10_001, id="one comparison"),
+        pytest.param(10, 513, 10 / 10_001, id="ten share the swaps of one"),
+        pytest.param(49, 513, 49 / 49_001, id="49 have more swaps, so p < 0.001 stays possible"),
+        pytest.param(600, 513, 600 / 100_001, id="600 can still be significant"),
+        pytest.param(1, 5, 2 / 32, id="two of the 32 swaps of five clusters"),
+        pytest.param(3, 5, 6 / 32, id="times three by Holm's correction"),
+        pytest.param(20, 5, 1.0, id="never above 1"),
+    ],
+)
+def test_the_smallest_p_value(comparisons: int, clusters: int, expected: float) -> None:
+    assert smallest_p(comparisons, clusters) == pytest.approx(expected, rel=1e-12)
 
 
 def test_holm_multiplies_by_the_remaining_comparisons_and_never_decreases() -> None:

@@ -34,7 +34,7 @@ def board(*rows: dict[str, Any], metric: str = "rgspl") -> Leaderboard:
 
 LONG = board(
     row(1, "University of Somewhere", {"name": "A transformer with [bold]rich[/bold] markup"}),
-    row(2, "", {"name": "漢字", "ensemble": True, "extra_data": True}, submissions=None),
+    row(2, "", {"name": "漢字", "ensemble": True, "extra_data": True}, submissions=41),
     row(None, "Red", {"name": "Partial"}, scores={"success": 0.5}),
 )
 
@@ -120,9 +120,15 @@ def test_names_cannot_command_a_terminal() -> None:
     assert table.rows[0][1] == r"Blue\x1b[2J\u202e"
 
 
-def test_nobody_counts_what_an_anonymous_team_has_sent() -> None:
-    assert leaderboard_table(LONG).rows[1][-3:] == ["-", "2027-06-01", "extra data, ensemble"]
-    assert "None" not in narrow_leaderboard_table(LONG).rows[1][-1]
+def test_an_anonymous_team_does_not_hide_how_often_it_tried() -> None:
+    assert leaderboard_table(LONG).rows[1][-3:] == ["41", "2027-06-01", "extra data, ensemble"]
+    assert "(anonymous): 漢字 (41 entries, " in narrow_leaderboard_table(LONG).rows[1][-1]
+
+
+def test_a_reported_result_has_no_number_of_submissions() -> None:
+    reported = board(row(None, "", {"name": "Paper"}, submissions=None, standing="reported"))
+    assert leaderboard_table(reported).rows[0][-3] == "-"
+    assert "None" not in narrow_leaderboard_table(reported).rows[0][-1]
 
 
 def test_an_unscored_row_has_no_rank_and_dashes() -> None:

@@ -1,6 +1,7 @@
 """The HTML report: what is in it, that it is sound, and that a browser is content with it."""
 
 import re
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -56,8 +57,9 @@ def both(home: rv.Scores, other: rv.Scores) -> str:
 @pytest.fixture(scope="module")
 def spoiled(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Write a report with markup in every text that comes from a file."""
-    folder = tmp_path_factory.mktemp("<b>home")
+    folder = tmp_path_factory.mktemp("home")
     mine = home_scores(folder, go_there=MARKUP).with_intervals()
+    mine = replace(mine, ground_truth=replace(mine.ground_truth, origin="/home/<b>home.npz"))
     theirs = home_scores(folder / "again", OTHER_WALKS, go_there=MARKUP).with_intervals()
     return report_html({"<i>mine": mine, "<i>theirs": theirs})
 
@@ -538,3 +540,11 @@ def test_the_command_refuses(words: list[str], status: int, reason: str, run: Ru
     outcome = run(*REPORT[:2], *words, *REPORT[2:])
     assert (outcome.status, outcome.out) == (status, "")
     assert reason in outcome.err
+
+
+def test_a_report_names_files_without_their_folders(here: Path, run: Run) -> None:
+    given = [str(here / name) for name in ("submit.json", "afar.json")]
+    page = run("report", *given, "--split", "val_unseen", "--ground-truth", str(here / "full.npz"))
+    assert page.status == 0
+    assert "ground truth: full.npz (custom)" in page.out
+    assert str(here) not in page.out

@@ -30,9 +30,9 @@ split:a|n:3
 MARKDOWN = r"""| Method | Seen SR | Seen OSR | Unseen SR | Unseen OSR |
 | :--- | ---: | ---: | ---: | ---: |
 | a\|b | **60.00** | 80.00 | 5.00 | - |
-| c_\* | 9.00 | 100.00\* | **50.00** | 75.00 |
+| c\_\* | 9.00 | 100.00\* | **50.00** | 75.00 |
 
-Results & all.
+Results &amp; all.
 
 split:a|n:3
 
@@ -85,6 +85,30 @@ Unseen OSR   75.00"""
 def test_a_layout(layout: object, expected: str) -> None:
     assert callable(layout)
     assert layout(TABLE) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "cell"),
+    [
+        pytest.param(
+            "<script>alert(1)</script>", "&lt;script&gt;alert(1)&lt;/script&gt;", id="tag"
+        ),
+        pytest.param("A&B &lt;", "A&amp;B &amp;lt;", id="ampersand and entity"),
+        pytest.param("a|b", r"a\|b", id="end of a cell"),
+        pytest.param("`rm`", r"\`rm\`", id="code"),
+        pytest.param("**loud**", r"\*\*loud\*\*", id="emphasis"),
+        pytest.param("_x_ val_unseen", r"\_x\_ val_unseen", id="underscores, not inside words"),
+        pytest.param("[x](http://a)", r"\[x\](http://a)", id="link"),
+        pytest.param("a\\|b", r"a\\\|b", id="backslash before the end of a cell"),
+        pytest.param("two\nlines", "two lines", id="lines"),
+        pytest.param("IoU>=.5 %, p < 0.001", "IoU>=.5 %, p < 0.001", id="comparisons are no tags"),
+    ],
+)
+def test_names_are_text_in_markdown(name: str, cell: str) -> None:
+    table = Table(["n"], [[name]], notes=[name.replace("|", "")])
+    _, _, row, _, note = table.to_markdown().splitlines()
+    assert row == f"| {cell} |"
+    assert note == cell.replace(r"\|", "")
 
 
 def test_html_escapes_explains_metrics_and_separates_rows() -> None:

@@ -65,6 +65,7 @@ def test_a_split_says_what_is_needed_to_score_alike(server: Serving) -> None:
         "episodes": len(truth.episodes.instr_ids),
         "visibility": "private",
         "protocol": "official-v1",
+        "track": "full",
         "dataset": truth.header.dataset,
         "fingerprint": truth.fingerprint,
         "public_fingerprint": public.fingerprint,

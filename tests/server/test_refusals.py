@@ -7,10 +7,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from reverie_eval.ground_truth import Bundle
 from tests.support.flat import Run
 from tests.support.processes import Laptop
 
@@ -23,6 +25,14 @@ def no_bundle(folder: Path) -> None:
 
 def open_answers(folder: Path) -> None:
     (folder / "bundles" / "test.npz").chmod(0o640)
+
+
+def public_answers(folder: Path) -> None:
+    """Compile the open split's answers under the private split's name."""
+    bundles = folder / "bundles"
+    bundle = Bundle.load(bundles / "val_unseen.npz")
+    (bundles / "test.npz").unlink()
+    replace(bundle, header=replace(bundle.header, split="test")).save(bundles / "test.npz")
 
 
 def open_key(folder: Path) -> None:
@@ -60,6 +70,11 @@ def default_secret(folder: Path) -> None:
 TROUBLES = [
     pytest.param([no_bundle], ["reverie-eval compile"], id="no bundle"),
     pytest.param([open_answers], ["chmod 600"], id="answers others can read"),
+    pytest.param(
+        [public_answers],
+        ["splits.test.bundle", "has the answers of the open split val_unseen"],
+        id="answers of an open split",
+    ),
     pytest.param([open_key], ["chmod 600"], id="key others can read"),
     pytest.param([no_key], ["restore it from the backup"], id="no key"),
     pytest.param([no_database], ["reverie-eval server upgrade"], id="no database"),

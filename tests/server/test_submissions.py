@@ -163,12 +163,13 @@ def test_a_broken_file_gets_all_problems_at_once_as_at_home(
 def test_validating_says_what_the_laptop_says(server: Serving) -> None:
     file = SAMPLES / "drawn.json"
     reply = server.ask(OWNER, "POST", f"/splits/{OPEN}/validate", content=file.read_bytes())
-    public = {"ground_truth": DEMO_BUNDLES / f"{PRIVATE}.public.npz"}
+    public = DEMO_BUNDLES / f"{PRIVATE}.public.npz"
     assert reply.json()["notes"]
     assert reply.json()["valid"] is True
     sent = submission_for(PRIVATE, "stop")
     private = server.ask(OWNER, "POST", f"/splits/{PRIVATE}/validate", content=sent)
-    assert private.json()["notes"] == list(validate(sent, split=PRIVATE, **public).notes)
+    at_home = validate(sent, split=PRIVATE, ground_truth=public)
+    assert private.json()["notes"] == list(at_home.notes)
 
 
 def test_who_arrives_in_time_is_in_time_however_long_scoring_takes(

@@ -83,7 +83,9 @@ def test_differences_from_the_official_form_are_reported(form: Form, demo: Groun
     ignored = ", ".join(f"{field} ({len(OFFICIAL)})" for field in form.dropped)
     remarks = [f"ignored fields: {ignored}"] if ignored else []
     scores = evaluate(form.bytes(), split=SPLIT, ground_truth=demo)
-    assert scores.notes == [*read_as, *remarks]
+    pointer = [note for note in scores.notes if "--diagnose" in note]
+    assert len(pointer) == any("hops with more" in each for each in form.read_as)
+    assert scores.notes == [*read_as, *remarks, *pointer]
 
 
 @every_form

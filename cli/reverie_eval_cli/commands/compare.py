@@ -21,7 +21,7 @@ from reverie_eval_cli.output import (
 )
 
 if TYPE_CHECKING:
-    from reverie_eval.scoring import Clustering
+    from reverie_eval.scoring import Clustering, Track
 
 
 @click.command()
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 @options.split
 @options.ground_truth
 @options.protocol
+@options.track
 @options.cluster
 @options.layout(
     "table",
@@ -55,6 +56,7 @@ def compare(
     split: str,
     ground_truth: str | None,
     protocol: str,
+    track: "Track",
     cluster: "Clustering",
     layout: str,
     output: str | None,
@@ -74,7 +76,7 @@ def compare(
 
     submissions = [first, *others]
     check_outputs([output, episodes], [*submissions, ground_truth])
-    scores = _score(submissions, split, ground_truth, protocol)
+    scores = _score(submissions, split, ground_truth, protocol, track)
     comparison = Comparison.of(scores, cluster)
     if episodes:
         with open_output(episodes) as file:
@@ -98,6 +100,7 @@ def compare(
 @options.split
 @options.ground_truth
 @options.protocol
+@options.track
 @options.cluster
 @options.output("the report")
 def report(
@@ -107,6 +110,7 @@ def report(
     split: str,
     ground_truth: str | None,
     protocol: str,
+    track: "Track",
     cluster: "Clustering",
     output: str | None,
 ) -> None:
@@ -120,7 +124,7 @@ def report(
     check_outputs([output], [*submissions, ground_truth])
     if output is None and sys.stdout.isatty():
         raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
-    scores = _score(submissions, split, ground_truth, protocol)
+    scores = _score(submissions, split, ground_truth, protocol, track)
     # With too few clusters there are no intervals, and the report says so.
     page = {
         name: it if Intervals.why_not(it.ground_truth, cluster) else it.with_intervals(cluster)
@@ -130,12 +134,18 @@ def report(
 
 
 def _score(
-    submissions: Sequence[str], split: str, ground_truth: str | None, protocol: str
+    submissions: Sequence[str],
+    split: str,
+    ground_truth: str | None,
+    protocol: str,
+    track: "Track",
 ) -> Mapping[str, Scores]:
     """Score all; if some are rejected, list the problems of each of them."""
     named = dict(zip(submission_names(submissions), submissions, strict=True))
     try:
-        return score_all(named, split=split, ground_truth=ground_truth, protocol=protocol)
+        return score_all(
+            named, split=split, ground_truth=ground_truth, protocol=protocol, track=track
+        )
     except ComparedSubmissionsError as error:
         lines = [rejection(named[name], each) for name, each in error.errors.items()]
         raise RejectedSubmission("\n".join(lines)) from None

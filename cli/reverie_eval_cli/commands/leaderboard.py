@@ -3,7 +3,6 @@
 import click
 
 from reverie_eval import CATALOGUE, ReverieEvalError
-from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval_cli import options
 from reverie_eval_cli.output import show
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
@@ -17,15 +16,13 @@ _RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither
 @click.option(
     "--metric",
     type=options.Choice(_RANKED),
-    default=PRIMARY_METRIC,
-    show_default=True,
     metavar="KEY",
-    help=f"Rank by this metric: {', '.join(_RANKED)}.",
+    help=f"Rank by this metric: {', '.join(_RANKED)}.  [default: the split's primary metric]",
 )
 @options.layout("table", "json", "csv")
 @options.output("the leaderboard")
 def leaderboard(
-    *, server: ServerOptions, split: str | None, metric: str, layout: str, output: str | None
+    *, server: ServerOptions, split: str | None, metric: str | None, layout: str, output: str | None
 ) -> None:
     """Show a server's leaderboard."""
     from reverie_eval.reporting._leaderboard import leaderboard_text, print_leaderboard

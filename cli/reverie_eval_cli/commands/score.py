@@ -33,13 +33,7 @@ _ALL = "all"
     help=f"The rules to score by: {', '.join(PROTOCOLS)}; "
     f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; or {_ALL} of them.",
 )
-@click.option(
-    "--track",
-    type=options.Choice(["full", "grounding"]),
-    default="full",
-    show_default=True,
-    help="grounding scores answers alone, with the agent placed at the goal.",
-)
+@options.track
 @click.option(
     "--diagnose",
     "diagnosed",

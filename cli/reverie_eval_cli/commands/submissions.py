@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,15 +19,25 @@ from reverie_eval_cli.output import (
     write_text,
 )
 
+if TYPE_CHECKING:
+    from reverie_eval.scoring import Track
+
 
 @click.command("validate")
 @options.submission
 @options.split
 @options.ground_truth
+@options.track
 @options.layout("text", "json", explained=" json lists all problems, text the first 20.")
 @options.output("the outcome")
 def validate_submission(
-    *, submission: str, split: str, ground_truth: str | None, layout: str, output: str | None
+    *,
+    submission: str,
+    split: str,
+    ground_truth: str | None,
+    track: "Track",
+    layout: str,
+    output: str | None,
 ) -> int:
     """Check a submission without scoring it.
 
@@ -35,7 +46,7 @@ def validate_submission(
     """
     check_outputs([output], [submission, ground_truth])
     try:
-        checked = validate(submission, split=split, ground_truth=ground_truth)
+        checked = validate(submission, split=split, ground_truth=ground_truth, track=track)
     except SubmissionError as error:
         if layout == "text":
             raise RejectedSubmission(rejection(submission, error)) from None

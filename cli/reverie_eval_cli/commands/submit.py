@@ -178,7 +178,7 @@ def _check(client: "Client", split: "SplitReport", content: bytes) -> None:
     except (ReverieEvalError, OSError):
         truth = None
     if truth and truth.fingerprint in (split.fingerprint, split.public_fingerprint):
-        validate(content, split=split.name, ground_truth=truth)
+        validate(content, split=split.name, ground_truth=truth, track=split.track)
     else:
         _warn(f"no bundle here matches the server's {split.name}; the server checks the file")
         client.validate(split.name, content)

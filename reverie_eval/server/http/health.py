@@ -102,7 +102,8 @@ class Canary:
         reading = self._board.read(self._content)
         report = self._board.report(self._board.score(reading), reading)
         scores = report.scores
-        if scores["path_length"] or scores["success"] != scores["oracle_success"]:
+        # Of an agent that stays where it starts; in the grounding track nobody walks.
+        if scores.get("path_length") or scores.get("success") != scores.get("oracle_success"):
             raise UnhealthyError
         rounded = {key: CATALOGUE[key].rounded(value) for key, value in scores.items()}
         if self._board.is_private and rounded != scores:

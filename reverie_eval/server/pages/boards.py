@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from math import ceil, inf
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlencode
 
 import msgspec
@@ -18,6 +18,7 @@ from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import SORTABLE, Filter, Ranking, as_bibtex, as_latex
@@ -62,6 +63,11 @@ class BoardQuery(BaseModel):
         """What ranks are by: the metric, or the primary one where neither direction is better."""
         return self.metric if self.metric in SORTABLE else PRIMARY_METRIC
 
+    def on(self, board: Board) -> Self:
+        """Return the query with the board's primary metric if it asks for none."""
+        asked = "metric" in self.model_fields_set
+        return self if asked else self.model_copy(update={"metric": board.primary.key})
+
     @property
     def shown(self) -> Filter:
         """Which rows are shown."""
@@ -97,7 +103,7 @@ Shown = Annotated[BoardQuery, Query()]
 def ranked(split: str, server: Server, query: Shown) -> Ranking:
     """Return the board that is asked for."""
     with server.database.reading() as session:
-        return server.ranking(session, split, query.ranked_by)
+        return server.ranking(session, split, query.on(server.board(split)).ranked_by)
 
 
 Ranked = Annotated[Ranking, Depends(ranked)]
@@ -133,6 +139,7 @@ class Packed(Response):
 @router.get("/boards/{split}")
 def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
     """Show the published results, ranked."""
+    query = query.on(visitor.server.board(split))
     with visitor.snapshot() as snapshot:
         ranking = visitor.server.ranking(snapshot.session, split, query.ranked_by)
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
@@ -143,11 +150,11 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             board=ranking.board,
             ranking=ranking,
             query=query,
-            columns=_columns(query, [*part.rows, *apart]),
+            columns=_columns(ranking.board, query, [*part.rows, *apart]),
             offered=[
                 m for m in CATALOGUE.values() if m.key in {*ranking.metrics, query.x, query.y}
             ],
-            primary=PRIMARY_METRIC,
+            primary=ranking.board.primary.key,
             part=part,
             rows=part.rows,
             apart=apart[:PER_PAGE],
@@ -168,15 +175,17 @@ def show_chart(ranking: Ranked, query: Shown) -> Response:
 @router.get("/boards/{split}/latex")  # noqa: FAST003  # of Ranked
 def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     """Return the rows of a page as a LaTeX table."""
+    query = query.on(ranking.board)
     rows = _part(ranking, query).rows
     scored = {key for row in rows for key in row.entry.scores}
-    metrics = [metric for metric in _columns(query, rows) if metric.key in scored]
+    metrics = [metric for metric in _columns(ranking.board, query, rows) if metric.key in scored]
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
 
 
 @router.get("/boards/{split}/bibtex")  # noqa: FAST003  # of Ranked
 def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
     """Return BibTeX entries for the leaderboard and for each row of a page."""
+    query = query.on(ranking.board)
     rows = _part(ranking, query).rows
     address = _address(request, query)
     return PlainTextResponse(as_bibtex(ranking, rows, server.settings.title, address))
@@ -198,15 +207,16 @@ def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:
     return sorted(rows, key=lambda row: row.entry.scores.get(query.metric, inf))
 
 
-def _columns(query: BoardQuery, rows: Sequence[Row]) -> Sequence[Metric]:
+def _columns(board: Board, query: BoardQuery, rows: Sequence[Row]) -> Sequence[Metric]:
     """Return the columns: the primary metric, the metric sorted by, then the catalogue's order.
 
     A phone has room for only two columns beside the names.
     """
-    keys = {key for key, metric in CATALOGUE.items() if metric.headline}
-    if query.columns == "all":
-        keys |= {key for row in rows for key in row.entry.scores}
-    first = dict.fromkeys((PRIMARY_METRIC, query.metric))
+    scored = {key for row in rows for key in row.entry.scores}
+    headline = {key for key, metric in CATALOGUE.items() if metric.headline}
+    keys = scored if query.columns == "all" else headline & scored
+    keys |= headline & set(board.metrics)
+    first = dict.fromkeys((board.primary.key, query.metric))
     return [CATALOGUE[key] for key in first] + [
         metric for key, metric in CATALOGUE.items() if key in keys - first.keys()
     ]

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
-from reverie_eval.metrics import PRIMARY_METRIC
+from reverie_eval.metrics import primary_metric
 from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.callers import Call, Member, Posted, Snapshot, Visitor
@@ -34,13 +34,14 @@ def show_submission(
                 return _own_page(visitor, snapshot, submission_id, done)
             except NotFoundError:
                 pass  # it may be published
+        shown = publication(snapshot.session, submission_id, snapshot.now)
         return page(
             visitor.request,
             "publication.html",
             snapshot,
-            shown=publication(snapshot.session, submission_id, snapshot.now),
+            shown=shown,
             said=Method.model_fields,
-            primary=PRIMARY_METRIC,
+            primary=primary_metric(shown.report.scores).key,
         )
 
 
@@ -96,7 +97,7 @@ def _own_page(
         now=snapshot.now,
         typed={**_texts(shown.method), **typed},
         said=Method.model_fields,
-        primary=PRIMARY_METRIC,
+        primary=primary_metric(shown.report.scores).key,
         required=server.settings.required_metadata,
         done=done,
         problem=problem,

@@ -27,12 +27,12 @@ def _progress(
     team: TeamView, server: ServerState, now: datetime
 ) -> Mapping[str, Mapping[str, Any]]:
     """Return what is drawn of each split that more than one submission has a score of."""
-    metric = CATALOGUE[PRIMARY_METRIC]
     of_splits = {
         split: [each for each in team.submissions if each.split == split] for split in server.boards
     }
     drawn = {
-        split: progress_of(submissions, metric, now) for split, submissions in of_splits.items()
+        split: progress_of(submissions, server.board(split).primary, now)
+        for split, submissions in of_splits.items()
     }
     return {split: found for split, found in drawn.items() if len(found["points"]["y"]) > 1}
 

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Query, Response, status
 from fastapi.responses import PlainTextResponse
 
-from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,
@@ -34,7 +33,7 @@ from reverie_eval.server.service.leaderboard import SORTABLE, as_csv, as_json
 router = APIRouter(prefix="/splits", tags=["splits"])
 
 SplitName = Annotated[str, Path(examples=["test"])]
-SortedBy = Annotated[str, Query(json_schema_extra={"enum": list(SORTABLE)})]
+SortedBy = Annotated[str | None, Query(json_schema_extra={"enum": list(SORTABLE)})]
 
 _ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
 _OF_FILES = (
@@ -114,10 +113,8 @@ def validate(split: SplitName, person: Sender, content: Content, server: Server)
     response_model=Leaderboard,
     responses=problems("malformed-request", "not-found"),
 )
-def show_leaderboard(
-    split: SplitName, server: Server, metric: SortedBy = PRIMARY_METRIC
-) -> Response:
-    """Rank the published submissions by any metric.
+def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
+    """Rank the published submissions by any metric; by default the split's primary one.
 
     What is disqualified, reported by a paper, or scored by other rules is apart, without a rank.
     """
@@ -134,9 +131,7 @@ def show_leaderboard(
         **problems("malformed-request", "not-found"),
     },
 )
-def download_leaderboard(
-    split: SplitName, server: Server, metric: SortedBy = PRIMARY_METRIC
-) -> Response:
+def download_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
     """Return the leaderboard as CSV."""
     with server.database.reading() as session:
         ranking = server.ranking(session, split, metric)
@@ -166,6 +161,7 @@ def _report(board: Board, quota: QuotaReport | None, now: datetime) -> SplitRepo
         episodes=len(board.truth.episodes.instr_ids),
         visibility=board.split.visibility,
         protocol=board.split.protocol,
+        track=board.split.track,
         dataset=board.truth.header.dataset,
         fingerprint=board.truth.fingerprint,
         public_fingerprint=board.public_fingerprint,

@@ -1,19 +1,29 @@
 """The splits that a server scores, with their ground truth in memory."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from reverie_eval.errors import GroundTruthError, Problem
 from reverie_eval.ground_truth import Bundle, GroundTruth
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import CATALOGUE, Metric, primary_metric
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.scoring import PreparedSubmission, Scores, find_protocol, signature_of, why_not
+from reverie_eval.scoring import (
+    PreparedSubmission,
+    Scores,
+    find_protocol,
+    qualifier_of,
+    scored_metrics,
+    signature_of,
+    why_not,
+)
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.settings import Settings, SettingsError, Split
-from reverie_eval.submissions import Predictions, parse_predictions
+from reverie_eval.submissions import parse_predictions
 from reverie_eval.submissions._document import check_value_count
 
 MAX_VALUES = 5_000_000
@@ -41,7 +51,18 @@ class Board:
     @property
     def signature(self) -> str:
         """Everything that the scores depend on that are given now."""
-        return signature_of(self.truth, find_protocol(self.split.protocol))
+        rules = find_protocol(self.split.protocol)
+        return signature_of(self.truth, rules, qualifier_of(self.split.track))
+
+    @property
+    def metrics(self) -> Sequence[str]:
+        """The keys of the metrics that every submission gets."""
+        return scored_metrics(find_protocol(self.split.protocol), self.split.track)
+
+    @property
+    def primary(self) -> Metric:
+        """The metric that submissions are ranked by unless another is asked for."""
+        return primary_metric(self.metrics)
 
     def is_open(self, now: datetime) -> bool:
         """Whether submissions are taken at this time."""
@@ -55,22 +76,27 @@ class Board:
         SubmissionError
             Listing everything that is wrong; nothing in it tells of answers.
         """
-        reading = PreparedSubmission.of(_predictions(content), self.truth)
+        reading = self._prepare(content, self.truth)
         return reading.without_answer_hints() if self.is_private else reading
 
     def check(self, content: bytes) -> PreparedSubmission:
         """Do what :meth:`read` does, without the answers at hand."""
-        return PreparedSubmission.of(_predictions(content), replace(self.truth, answers=None))
+        return self._prepare(content, replace(self.truth, answers=None))
+
+    def _prepare(self, content: bytes, truth: GroundTruth) -> PreparedSubmission:
+        check_value_count(content, MAX_VALUES)
+        predictions = parse_predictions(content, answers_only=self.split.track == "grounding")
+        return PreparedSubmission.of(predictions, truth, self.split.track)
 
     def score(self, reading: PreparedSubmission) -> Scores:
         """Judge a submission by the split's protocol."""
         return reading.score(find_protocol(self.split.protocol))
 
     def measures_as(self, report: ScoreReport) -> bool:
-        """Whether a report's numbers come from this ground truth by this protocol."""
-        return (report.fingerprint, report.protocol) == (
-            self.truth.fingerprint,
-            self.split.protocol,
+        """Whether a report's numbers come from this ground truth by these rules."""
+        # The signature has the track, and only the beginning of the fingerprint.
+        return report.fingerprint == self.truth.fingerprint and (
+            without_version(report.signature) == without_version(self.signature)
         )
 
     def report(self, scores: Scores, reading: PreparedSubmission) -> ScoreReport:
@@ -109,9 +135,9 @@ def _discreet(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:
     )
 
 
-def _predictions(content: bytes) -> Predictions:
-    check_value_count(content, MAX_VALUES)
-    return parse_predictions(content)
+def without_version(signature: str) -> str:
+    """Return what scores compare by: a released protocol's numbers are those of every version."""
+    return signature.rpartition("|version:")[0]
 
 
 def load_boards(settings: Settings) -> Mapping[str, Board]:
@@ -132,9 +158,32 @@ def load_boards(settings: Settings) -> Mapping[str, Board]:
             reason = f"{error.strerror}{missing}" if isinstance(error, OSError) else error
             where = f"splits.{name}.bundle"
             problems.append(Problem("no-ground-truth", where, f"{path}: {reason}"))
+    problems += _public_answers(boards, settings)
     if problems:
         raise SettingsError(problems)
     return MappingProxyType(boards)
+
+
+def _public_answers(boards: Mapping[str, Board], settings: Settings) -> Iterator[Problem]:
+    """Report private splits whose answers an open split shows."""
+    for private in filter(lambda board: board.is_private, boards.values()):
+        for other in boards.values():
+            if not other.is_private and _have_same_answers(private, other):
+                path = settings.path(private.split.bundle)
+                remedy = (
+                    f"{path}: has the answers of the open split {other.name}; compile the private "
+                    "annotations (`reverie-eval compile --annotations`), or do not open "
+                    f"{other.name}"
+                )
+                yield Problem("public-answers", f"splits.{private.name}.bundle", remedy)
+
+
+def _have_same_answers(board: Board, other: Board) -> bool:
+    """Whether two splits have the same targets and paths, whatever they are called."""
+    one, two = board.truth.require_answers(), other.truth.require_answers()
+    return np.array_equal(one.target_object, two.target_object) and np.array_equal(
+        one.path, two.path
+    )
 
 
 def board_named(boards: Mapping[str, Board], split: str) -> Board:
@@ -157,7 +206,7 @@ def _load(name: str, split: Split, path: Path) -> Board:
     truth.require_answers()
     if truth.split != name:
         raise GroundTruthError(f"this is the ground truth of {truth.split}, not of {name}")
-    reason = why_not(find_protocol(split.protocol), truth)
+    reason = why_not(find_protocol(split.protocol), truth, split.track)
     if reason:
         raise GroundTruthError(reason)
     mode = path.stat().st_mode

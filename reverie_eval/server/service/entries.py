@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.service import Standing, Verdict
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.store.tables import AuditEntry, Submission, Team
@@ -164,7 +164,7 @@ def _scored(session: Session, board: Board) -> Sequence[Entry]:
         ]
         for submission, rows in reviews_of(session, board.name).items()
     }
-    rules = _without_version(board.signature)
+    rules = without_version(board.signature)
     return [_entry(row, reviews.get(row.id, ()), rules) for row in session.execute(chosen)]
 
 
@@ -174,7 +174,7 @@ def _entry(row: Any, reviews: Sequence[PublishedReview], rules: str) -> Entry:
     standing: Standing = "ranked"
     if any(review.verdict == "disqualified" for review in reviews):
         standing = "disqualified"
-    elif _without_version(report.signature) != rules:
+    elif without_version(report.signature) != rules:
         standing = "other-rules"
     return Entry(
         submission_id=row.id,
@@ -191,11 +191,6 @@ def _entry(row: Any, reviews: Sequence[PublishedReview], rules: str) -> Entry:
         standing=standing,
         reviews=reviews,
     )
-
-
-def _without_version(signature: str) -> str:
-    """Return what scores compare by: a released protocol's numbers are those of every version."""
-    return signature.rpartition("|version:")[0]
 
 
 def _reported(session: Session, board: Board) -> Sequence[Entry]:

@@ -58,12 +58,10 @@ class Ranking:
     def submissions(self, entry: Entry) -> int | None:
         """Return how many of the team's submissions stand behind an entry.
 
-        None while it is anonymous, whose entries the number would bring together, and for what is
-        reported.
+        Also while it is anonymous, or it would hide that a result is the best of many. None for
+        what is reported.
         """
-        if entry.team_id is None or self._is_anonymous(entry):
-            return None
-        return self.counts[entry.team_id]
+        return None if entry.team_id is None else self.counts[entry.team_id]
 
     def _is_anonymous(self, entry: Entry) -> bool:
         return entry.anonymous_until is not None and entry.anonymous_until > self.now

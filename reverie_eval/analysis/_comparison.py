@@ -70,6 +70,8 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     """How submissions differ from the first of them: ``comparison["b"]["rgspl"].mean``.
 
     Keys are the names of all but the first; the values are mappings by the keys of the CATALOGUE.
+    A submission is compared in the metrics that it and the first have: one without answers has
+    only those of navigation.
     """
 
     scores: Mapping[str, Scores]
@@ -111,9 +113,12 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
         check_comparable(scores)
         (_, first), *others = scores.items()
-        keys = [key for key in first if all(key in other for _, other in others)]
         changes = {
-            name: {key: difference(other.episodes[key], first.episodes[key]) for key in keys}
+            name: {
+                key: difference(other.episodes[key], first.episodes[key])
+                for key in first
+                if key in other
+            }
             for name, other in others
         }
         cluster = clusters_of(first.ground_truth, by)
@@ -143,20 +148,14 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         """The name of the submission that the others are compared with."""
         return next(iter(self.scores))
 
-    @property
-    def primary(self) -> Metric:
-        """The metric of the verdict: RGSPL, else RGS, else SPL."""
-        return primary_metric(self._scored)
+    def primary(self, name: str) -> Metric:
+        """Return the metric of the verdict on a submission: RGSPL, else RGS, else SPL."""
+        return primary_metric(self[name])
 
     @property
     def correctness(self) -> Metric:
-        """The metric that defines a correct episode: RGS, else success."""
-        return CATALOGUE["rgs" if "rgs" in self._scored else "success"]
-
-    @property
-    def _scored(self) -> Mapping[str, Difference]:
-        # Any submission will do, because metrics that one of them lacks are left out of all.
-        return next(iter(self.values()))
+        """The metric that defines a correct episode: RGS if all have it, else success."""
+        return CATALOGUE["rgs" if all("rgs" in each for each in self.values()) else "success"]
 
     def is_identical(self, name: str) -> bool:
         """Whether a submission and the first have the same value in every episode and metric."""
@@ -165,7 +164,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     def is_significant(self, name: str) -> bool:
         """Whether interval and test agree that a submission differs in the primary metric."""
         # The two can disagree when clusters are few; then nothing is claimed.
-        found = self[name][self.primary.key]
+        found = self[name][self.primary(name).key]
         interval, confidence = found.interval, self.intervals[name].confidence
         excludes_zero = interval.low > 0 or interval.high < 0
         return excludes_zero and found.p_value + confidence < 1
@@ -173,8 +172,11 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     def sentence(self, name: str) -> str:
         """Return a sentence that says whether a submission is better than the first."""
         if self.is_identical(name):
-            return f"{name} and {self.first} score the same in every episode"
-        metric, found = self.primary, self[name][self.primary.key]
+            has_all = self.scores[name].keys() == self.scores[self.first].keys()
+            verb = "score" if has_all else "navigate"
+            return f"{name} and {self.first} {verb} the same in every episode"
+        metric = self.primary(name)
+        found = self[name][metric.key]
         if not _changes(found):
             return f"{name} and {self.first} score the same {metric.label} in every episode"
         is_significant = self.is_significant(name)
@@ -214,7 +216,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             for key, found in differences.items()
         }
         frame = pd.DataFrame.from_dict(rows, orient="index")
-        frame.attrs["units"] = units_of(self._scored)
+        frame.attrs["units"] = units_of(self.scores[self.first])
         return frame.rename_axis(index=["submission", "metric"])
 
     def episodes(self, metric: str | None = None) -> "pd.DataFrame":
@@ -379,27 +381,27 @@ def _differences(
     seed: int,
 ) -> Mapping[str, Mapping[str, Difference]]:
     """Test the changes, arrays of shape (n_episodes,) by submission and metric."""
-    # All in one call, because Holm's correction is over the submissions.
     from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 
-    tables = [np.column_stack(list(change.values())) for change in changes.values()]
-    # All tables side by side, so that the swaps are drawn once.
-    p_values = randomisation_p(np.hstack(tables), cluster, resamples=swaps, seed=seed)
-    p_value = holm(p_values.reshape(len(tables), -1))
-    higher = np.stack([(table > 0).sum(axis=0) for table in tables])
-    lower = np.stack([(table < 0).sum(axis=0) for table in tables])
-    mcnemar = holm(mcnemar_p(higher, lower))
-    return {
-        name: {
-            key: Difference(
-                mean=float(values.mean()),
-                interval=intervals[name][key],
-                p_value=float(p_value[row, column]),
-                higher=int(higher[row, column]),
-                lower=int(lower[row, column]),
-                mcnemar_p=float(mcnemar[row, column]) if CATALOGUE[key].is_binary else None,
-            )
-            for column, (key, values) in enumerate(change.items())
-        }
-        for row, (name, change) in enumerate(changes.items())
-    }
+    pairs = [(name, key) for name, change in changes.items() for key in change]
+    # All changes side by side, so that the swaps are drawn once.
+    table = np.column_stack([changes[name][key] for name, key in pairs])
+    higher, lower = (table > 0).sum(axis=0), (table < 0).sum(axis=0)
+    p_value = randomisation_p(table, cluster, resamples=swaps, seed=seed)
+    mcnemar = mcnemar_p(higher, lower)
+    # Holm's correction is over the submissions that have a metric.
+    metric = np.array([key for _, key in pairs])
+    for key in set(metric.tolist()):
+        rows = metric == key
+        p_value[rows], mcnemar[rows] = holm(p_value[rows]), holm(mcnemar[rows])
+    differences: dict[str, dict[str, Difference]] = {name: {} for name in changes}
+    for column, (name, key) in enumerate(pairs):
+        differences[name][key] = Difference(
+            mean=float(changes[name][key].mean()),
+            interval=intervals[name][key],
+            p_value=float(p_value[column]),
+            higher=int(higher[column]),
+            lower=int(lower[column]),
+            mcnemar_p=float(mcnemar[column]) if CATALOGUE[key].is_binary else None,
+        )
+    return differences

@@ -36,9 +36,14 @@ def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
 
 
 def episodes_won(first: Scores, other: Scores) -> Sequence[str]:
-    """List the episodes that only the other submission got right, the largest difference first."""
-    better = other.episodes["rgs"] > first.episodes["rgs"]
-    primary = primary_metric(first.keys()).key
+    """List the episodes that only the other submission got right, the largest difference first.
+
+    If one of them has no answers, an episode is right if its agent stopped at the goal.
+    """
+    shared = [key for key in first if key in other]
+    correct = "rgs" if "rgs" in shared else "success"
+    better = other.episodes[correct] > first.episodes[correct]
+    primary = primary_metric(shared).key
     change = other.episodes[primary] - first.episodes[primary]
     rows = np.flatnonzero(better)
     ordered = rows[np.argsort(-change[rows], kind="stable")]

@@ -334,9 +334,18 @@ CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metri
 
 
 def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
-    """Return the metrics of a score table: the headline ones, and those of boxes if scored."""
-    shown = (metric for metric in CATALOGUE.values() if metric.key in scored)
-    return [metric for metric in shown if metric.headline or "box" in metric.needs]
+    """Return the metrics of a score table: the headline ones, and those of boxes if scored.
+
+    Where navigation is scored, the table has a column for each headline metric, whether or not
+    answers are scored.
+    """
+    has_all = "success" in scored
+    return [
+        metric
+        for metric in CATALOGUE.values()
+        if (metric.headline and (has_all or metric.key in scored))
+        or ("box" in metric.needs and metric.key in scored)
+    ]
 
 
 def primary_metric(scored: Collection[str] = CATALOGUE) -> Metric:

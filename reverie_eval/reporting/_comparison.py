@@ -1,11 +1,11 @@
 """A comparison of submissions: scores, differences, and a sentence for each."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
-from reverie_eval.metrics import Metric
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._results import results_table
 from reverie_eval.reporting._table import (
     MISSING,
@@ -56,13 +56,10 @@ _WON = (
 
 def comparison_table(comparison: Comparison) -> Table:
     """Return the scores, a row per submission, and below them the differences from the first."""
-    metrics = [
-        metric
-        for metric in comparison.scores[comparison.first].headline
-        if all(metric.key in scores for scores in comparison.scores.values())
-    ]
+    scored = {key for scores in comparison.scores.values() for key in scores}
+    metrics = [metric for key, metric in CATALOGUE.items() if metric.headline and key in scored]
     scores = [
-        [name, *(metric.display(scores[metric.key]) for metric in metrics)]
+        [name, *(m.display(scores[m.key]) if m.key in scores else MISSING for m in metrics)]
         for name, scores in comparison.scores.items()
     ]
     differences = [row for name in comparison for row in _rows(comparison, name, metrics)]
@@ -143,14 +140,22 @@ def notes(comparison: Comparison) -> Sequence[str]:
 def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
     """Yield the rows on how one submission differs from the first, below an empty row."""
     label = comparison.intervals[name].label
-    pairs = [(metric, comparison[name][metric.key]) for metric in metrics]
+    rows: Mapping[str, Callable[[Metric, Difference], str]] = {
+        f"{name} - {comparison.first}": lambda metric, found: _signed(metric, found.mean),
+        f"{label} low": lambda metric, found: _signed(metric, found.interval.low),
+        f"{label} high": lambda metric, found: _signed(metric, found.interval.high),
+        "p": lambda _, found: _p_cell(found.p_value),
+        "won : lost": _won_and_lost,
+        "McNemar's p": lambda _, found: _p_cell(found.mcnemar_p),
+    }
+    pairs = [(metric, comparison[name].get(metric.key)) for metric in metrics]
     yield [""] * (1 + len(metrics))
-    yield [f"{name} - {comparison.first}", *(_signed(m, d.mean) for m, d in pairs)]
-    yield [f"{label} low", *(_signed(m, d.interval.low) for m, d in pairs)]
-    yield [f"{label} high", *(_signed(m, d.interval.high) for m, d in pairs)]
-    yield ["p", *(_p_cell(d.p_value) for _, d in pairs)]
-    yield ["won : lost", *(f"{d.higher} : {d.lower}" if m.is_binary else MISSING for m, d in pairs)]
-    yield ["McNemar's p", *(_p_cell(d.mcnemar_p) for _, d in pairs)]
+    for title, cell in rows.items():
+        yield [title, *(MISSING if found is None else cell(m, found) for m, found in pairs)]
+
+
+def _won_and_lost(metric: Metric, found: Difference) -> str:
+    return f"{found.higher} : {found.lower}" if metric.is_binary else MISSING
 
 
 def _signed(metric: Metric, value: float) -> str:

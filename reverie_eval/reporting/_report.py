@@ -17,7 +17,7 @@ from reverie_eval.analysis import (
     with_different_routes,
 )
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import CATALOGUE, primary_metric
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting import _report_sections as sections
 from reverie_eval.reporting._comparison import comparison_table, methods, sentences
 from reverie_eval.reporting._map_svg import MAP_STYLE, map_key, map_svg
@@ -77,8 +77,8 @@ def report_html(scores: Mapping[str, Scores], by: Clustering = "target") -> str:
     Raises
     ------
     ProtocolError
-        If the protocol scores no answers, the two submissions cannot be compared, there are not one
-        or two of them, or a name is not text.
+        If the two submissions cannot be compared, there are not one or two of them, or a name is
+        not text.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -107,7 +107,8 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "score_rows": sections.score_rows(scores),
         "why_not": Intervals.why_not(first.ground_truth, by),
         "main_finding": sections.main_finding(first),
-        "has_outcomes": sections.has_outcomes(first),
+        "has_walks": sections.has_walks(scores),
+        "has_outcomes": sections.has_outcomes(scores),
         "breakdowns": breakdowns,
         "breakdown_notes": notes,
         "scans": sections.scans_worst_first(scores),
@@ -115,15 +116,15 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "few_episodes": sections.FEW_EPISODES,
         "few_targets": FEW_CLUSTERS,
         "success": CATALOGUE["success"],
-        "primary": primary_metric(first.keys()),
+        "primary": sections.shared_primary(scores),
         "charts": list(sections.charts(scores)),
-        **(_outcomes(scores) if sections.has_outcomes(first) else {}),
+        **(_outcomes(scores) if sections.has_outcomes(scores) else {}),
         **(_comparison(scores, by) if len(scores) > 1 else {"other_name": None, "sentences": []}),
     }
 
 
 def _outcomes(scores: Mapping[str, Scores]) -> dict[str, Any]:
-    """Return what a report says about outcomes, which the grounding track has none of."""
+    """Return what a report says about outcomes, which take navigation and answers."""
     (name, first), *_ = scores.items()
     return {
         "funnel": sections.funnel_rows(scores),
@@ -151,7 +152,7 @@ def _comparison(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "methods": methods(comparison) if comparison else [f"not compared: {why_not}"],
         "outcome_names": list(sections.BEST_OUTCOME_FIRST),
         "outcome_changes": sections.outcome_changes(first, other)
-        if sections.has_outcomes(first)
+        if sections.has_outcomes(scores)
         else [],
         "changes": [
             _change(other_name, scores, episodes_won(first, other)),
@@ -164,7 +165,7 @@ def _comparison(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
 def _change(winner: str, scores: Mapping[str, Scores], instr_ids: Sequence[str]) -> Change:
     first, other = scores.values()
     # Without walks there is nothing to draw.
-    drawn = with_different_routes(first, instr_ids) if sections.has_outcomes(first) else []
+    drawn = with_different_routes(first, instr_ids) if sections.has_walks(scores) else []
     return Change(
         title=f"{count_text(len(instr_ids), 'episode')} that only {winner} got right",
         total=len(instr_ids),

@@ -14,6 +14,7 @@ from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric, primary_metric
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._charts_svg import histogram_svg, walks_svg
+from reverie_eval.reporting._table import MISSING
 from reverie_eval.reporting.resources import as_markup
 from reverie_eval.scoring import OUTCOMES, Scores
 from reverie_eval.text import count_text
@@ -114,9 +115,14 @@ class Chart:
 def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
     """Return the headline metrics of every submission."""
     rows: dict[str, list[ScoreCell]] = {name: [] for name in scores}
+    scored = {metric for each in scores.values() for metric in each.headline}
+    metrics = [metric for metric in CATALOGUE.values() if metric in scored]
     for name, each in scores.items():
         primary = primary_metric(each.keys())
-        for metric in each.headline:
+        for metric in metrics:
+            if metric.key not in each:
+                rows[name].append(ScoreCell(metric, MISSING, "", is_primary=False))
+                continue
             interval = each.intervals and each.intervals.get(metric.key)
             ends = [interval.low, interval.high] if interval else []
             value, between = (
@@ -127,31 +133,34 @@ def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
     return rows
 
 
-def has_outcomes(scores: Scores) -> bool:
-    """Whether episodes have outcomes, which take both navigation and an answer.
+def shared_primary(scores: Submissions) -> Metric:
+    """Return the metric that submissions are ranked by, of those that all of them have."""
+    first, *others = scores.values()
+    return primary_metric([key for key in first if all(key in other for other in others)])
 
-    False in the grounding track.
 
-    Raises
-    ------
-    ProtocolError
-        If answers are not scored either, so that nothing can be reported.
-    """
-    if "success" not in scores and "rgs" in scores:
-        return False
-    _ = scores.failure_modes
-    return True
+def has_walks(scores: Submissions) -> bool:
+    """Whether navigation is scored, as it is on the full track."""
+    return all("success" in each for each in scores.values())
+
+
+def has_outcomes(scores: Submissions) -> bool:
+    """Whether episodes have outcomes, which take both navigation and an answer."""
+    return has_walks(scores) and all("rgs" in each for each in scores.values())
 
 
 def main_finding(scores: Scores) -> str:
     """Say in a sentence or two how often the agent succeeds, and how it mostly fails."""
-    if not has_outcomes(scores):
-        correct, total = int(scores.episodes["rgs"].sum()), len(scores.instr_ids)
-        return (
-            f"{correct:,} of {total:,} answers from the goal ({_percent(correct, total)} %) are "
-            "correct."
-        )
-    counts, total = scores.failure_modes.counts, len(scores.instr_ids)
+    total = len(scores.instr_ids)
+    if "success" not in scores:
+        correct = int(scores.episodes["rgs"].sum())
+        share = f"{correct:,} of {total:,} answers from the goal ({_percent(correct, total)} %)"
+        return f"{share} are correct."
+    if "rgs" not in scores:
+        reached = int(scores.episodes["success"].sum())
+        share = f"{reached:,} of {total:,} episodes ({_percent(reached, total)} %)"
+        return f"{share} stopped at the goal; answers are not scored."
+    counts = scores.failure_modes.counts
     correct, wrong = counts["correct"], total - counts["correct"]
     share = f"{correct:,} of {total:,} episodes ({_percent(correct, total)} %)"
     success = f"{share} {OUTCOMES['correct']}."
@@ -239,7 +248,7 @@ def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
         each.breakdown(grouping.key, intervals=each.intervals is not None)
         for each in scores.values()
     ]
-    primary = primary_metric(next(iter(scores.values())).keys()).key
+    primary = shared_primary(scores).key
     columns = [primary, f"{primary}_low", f"{primary}_high"]
     bars: list[Mapping[str, Bar]] = []
     for frame in frames:
@@ -271,7 +280,7 @@ def scans_worst_first(scores: Submissions) -> Breakdown:
 
 def charts(scores: Submissions) -> Iterator[Chart]:
     """Draw lengths and distances of walks, and overlaps of boxes, of those that there are."""
-    if has_outcomes(next(iter(scores.values()))):
+    if has_walks(scores):
         yield from _walk_charts(scores)
     yield from _box_charts(scores)
 

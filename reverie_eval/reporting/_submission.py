@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from reverie_eval.ground_truth import DEMO_DATASET
 from reverie_eval.metrics import CATALOGUE, table_metrics
-from reverie_eval.reporting._table import Table
+from reverie_eval.reporting._table import MISSING, Table
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import QuotaReport, Receipt, SubmissionReport
 from reverie_eval.text import earliest_time_text, printable, time_text
@@ -23,7 +23,14 @@ def submission_table(report: ScoreReport, server: str) -> Table:
     notes = [report.signature, f"ground truth: {provenance}", *map("note: {}".format, report.notes)]
     return Table(
         headings=[metric.heading for metric in metrics],
-        rows=[[metric.display(report.scores[metric.key]) for metric in metrics]],
+        rows=[
+            [
+                metric.display(report.scores[metric.key])
+                if metric.key in report.scores
+                else MISSING
+                for metric in metrics
+            ]
+        ],
         notes=list(map(printable, notes)),
     )
 

@@ -530,9 +530,6 @@ def test_a_report_is_about_one_or_two(names: list[str], says: str, home: rv.Scor
         pytest.param(
             [str(SAMPLES / "broken.json")], 1, "broken.json: submission rejected", id="2nd"
         ),
-        pytest.param(
-            ["--protocol", "r2r-style"], 2, "but rgs is not scored here", id="no outcomes"
-        ),
         pytest.param(["-o", str(SAMPLES / "good.json")], 2, "good.json", id="over its input"),
     ],
 )

@@ -21,13 +21,14 @@ from reverie_eval.server.http.callers import (
     own_page,
     set_cookie,
 )
-from reverie_eval.server.http.examples import KEY_PEM
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.service.tokens import accept_invitation
 from reverie_eval.server.store.tables import BrowserSession
 from reverie_eval.version import __version__
 
 router = APIRouter(tags=["access"])
+
+_PEM = "-----BEGIN PUBLIC KEY-----\nMCow...\n-----END PUBLIC KEY-----\n"
 
 
 @router.get("/server")
@@ -62,7 +63,7 @@ def exchange_invitation(invitation: Invitation, server: Server) -> Welcome:
 @router.get(
     "/key",
     response_class=PlainTextResponse,
-    responses={200: {"content": {"text/plain": {"example": KEY_PEM}}}},
+    responses={200: {"content": {"text/plain": {"example": _PEM}}}},
 )
 def show_key(server: Server) -> str:
     """Return the public key that receipts are checked with, in PEM form."""

@@ -7,13 +7,14 @@ from fastapi import APIRouter, Request, Response, status
 
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.http.callers import Anybody, Server
-from reverie_eval.server.http.examples import METRICS
 from reverie_eval.server.http.exchange import address_of
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.http.telemetry import MEDIA_TYPE
 
 router = APIRouter(tags=["operations"])
+
+_METRICS = "# TYPE reverie_eval_requests_total counter\n..."
 
 
 @router.get("/healthz", responses={503: {"model": HealthReport}})
@@ -29,7 +30,7 @@ async def show_health(runtime: Runtime, response: Response) -> HealthReport:
     "/metrics",
     response_class=Response,
     responses={
-        200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": METRICS}}},
+        200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": _METRICS}}},
         **problems("not-signed-in", "not-allowed"),
     },
 )

@@ -17,7 +17,6 @@ from reverie_eval.schemas.service import (
     SplitReport,
 )
 from reverie_eval.server.http.callers import Anybody, Call, Server
-from reverie_eval.server.http.examples import BOARD_CSV
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.uploads import (
     FILE_BODY,
@@ -36,6 +35,9 @@ router = APIRouter(prefix="/splits", tags=["splits"])
 SplitName = Annotated[str, Path(examples=["test"])]
 SortedBy = Annotated[str, Query(json_schema_extra={"enum": list(SORTABLE)})]
 
+_CSV = (
+    "rank,submission_id,team,published_at,...\n1,5f2b0c9a4d7e1f36,Blue,2027-06-02T12:00:00Z,...\n"
+)
 _ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
 _OF_FILES = (
     "malformed-request",
@@ -130,7 +132,7 @@ def show_leaderboard(
     "/{split}/leaderboard.csv",
     response_class=Response,
     responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": BOARD_CSV}}},
+        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
         **problems("malformed-request", "not-found"),
     },
 )

@@ -9,7 +9,7 @@ from fastapi.responses import StreamingResponse
 from reverie_eval.reporting._scores import write_episodes
 from reverie_eval.schemas.service import Receipt, SubmissionChange, SubmissionReport
 from reverie_eval.server.http.callers import Caller
-from reverie_eval.server.http.examples import EPISODES_CSV, SUBMISSION
+from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.uploads import ScoringSlot
@@ -19,6 +19,7 @@ router = APIRouter(prefix="/submissions", tags=["submissions"])
 
 SubmissionId = Annotated[str, Path(examples=["5f2b0c9a4d7e1f36"])]
 _OF_ONE = problems("not-signed-in", "not-found")
+_CSV = "instr_id,path_length,success,...\n4774_267_1,12.5,1.0,...\n"
 
 
 @router.get("", responses=problems("not-signed-in"))
@@ -67,7 +68,7 @@ def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
     "/{submission_id}/episodes",
     response_class=Response,
     responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": EPISODES_CSV}}},
+        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
         **_OF_ONE,
     },
 )

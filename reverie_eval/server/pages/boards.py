@@ -144,9 +144,11 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             ranking=ranking,
             query=query,
             columns=_columns(query, [*part.rows, *apart]),
-            offered=[
-                m for m in CATALOGUE.values() if m.key in {*ranking.metrics, query.x, query.y}
-            ],
+            axes={
+                metric.key: f"{metric.label}: {metric.name}"
+                for metric in CATALOGUE.values()
+                if metric.key in {*ranking.metrics, query.x, query.y}
+            },
             primary=PRIMARY_METRIC,
             part=part,
             rows=part.rows,

@@ -18,6 +18,7 @@ from reverie_eval.server.http.callers import Call, Snapshot, Visitor
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.episodes import Browsing, EpisodeFilter, Run
+from reverie_eval.text import category_text
 
 router = APIRouter()
 
@@ -131,7 +132,9 @@ def show_episodes(
             ],
             outcomes=BEST_OUTCOME_FIRST,
             scans=sorted(set(browsing.annotations.scan)),
-            categories=sorted(set(browsing.annotations.category)),
+            categories={
+                name: category_text(name) for name in sorted(set(browsing.annotations.category))
+            },
         )
 
 

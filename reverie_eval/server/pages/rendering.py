@@ -1,7 +1,7 @@
 """From templates to pages: what every page shows, and how numbers and instants are written."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -133,6 +133,7 @@ def _environment() -> Environment:
         "static": static_url,
     }
     environment.filters |= {
+        "attributes": attributes,
         "category": category_text,
         "counted": count_text,
         "heading": lambda problem: ERRORS[problem.code].heading,
@@ -142,6 +143,21 @@ def _environment() -> Environment:
         "sentence": sentence,
     }
     return environment
+
+
+def attributes(values: Mapping[str, object]) -> Markup:
+    """Write attributes of an HTML element, each after a space.
+
+    True is an attribute without a value; False and None are left out.
+
+    >>> attributes({"required": True, "disabled": False, "min": 1, "title": "<1>"})
+    Markup(' required min="1" title="&lt;1&gt;"')
+    """
+    return Markup("").join(
+        Markup(" {}").format(name) if value is True else Markup(' {}="{}"').format(name, value)
+        for name, value in values.items()
+        if value is not None and value is not False
+    )
 
 
 @cache

@@ -39,7 +39,7 @@ def show_submission(
             "publication.html",
             snapshot,
             shown=publication(snapshot.session, submission_id, snapshot.now),
-            said=Method.model_fields,
+            method_fields=Method.model_fields,
             primary=PRIMARY_METRIC,
         )
 
@@ -95,7 +95,7 @@ def _own_page(
         reviews=standing_reviews(session, shown.id),
         now=snapshot.now,
         typed={**_texts(shown.method), **typed},
-        said=Method.model_fields,
+        method_fields=Method.model_fields,
         primary=PRIMARY_METRIC,
         required=server.settings.required_metadata,
         done=done,

@@ -37,7 +37,7 @@ def draw(
             results=reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
             splits=list(desk.server.boards),
             catalogue=CATALOGUE.values(),
-            said=Method.model_fields,
+            method_fields=Method.model_fields,
             typed=typed,
             done=what,
         )

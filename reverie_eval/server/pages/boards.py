@@ -83,8 +83,8 @@ class BoardQuery(BaseModel):
     @property
     def unfiltered(self) -> str:
         """Return the address's query with every row shown, from the first page on."""
-        kept = self.model_dump(include={"metric", "columns", "x", "y"})
-        return type(self).model_validate(kept).link()
+        options = self.model_dump(include={"metric", "columns", "x", "y"})
+        return type(self).model_validate(options).link()
 
     def direction(self, metric: Metric) -> Literal["ascending", "descending"]:
         """Return the order of the column that the board is sorted by: best first, or least."""

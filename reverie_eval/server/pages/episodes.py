@@ -109,7 +109,7 @@ def show_episodes(
     with visitor.snapshot() as snapshot:
         browsing = _browsing(visitor, snapshot, split, selection)
         rows = browsing.rows(selection)
-        found = [browsing.anatomy(run, selection) for run in browsing.runs]
+        found = [browsing.failure_modes(run, selection) for run in browsing.runs]
         failures = [modes for modes in found if modes is not None]
         pages = max(1, -(-len(rows) // PER_PAGE))
         number = min(number, pages)
@@ -177,7 +177,7 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
         "outcomes": BEST_OUTCOME_FIRST,
         "headline": [key for key in keys if CATALOGUE[key].headline],
         "further": [key for key in keys if not CATALOGUE[key].headline],
-        "kept": {field.name: getattr(selection, field.name) for field in fields(EpisodeFilter)},
+        "filters": {field.name: getattr(selection, field.name) for field in fields(EpisodeFilter)},
     }
 
 

@@ -62,7 +62,7 @@ class Site:
     title: str
     banner: str
     places: Sequence[Place]
-    here: str
+    path: str
     person: Person | None
     csrf_token: str
     version: str = __version__
@@ -104,7 +104,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
         title=server.settings.title,
         banner=notice.banner,
         places=[*boards, Place("Episodes", "/episodes"), *own, Place("Guide", "/guide"), *desk],
-        here=request.url.path,
+        path=request.url.path,
         person=person,
         csrf_token=csrf_token,
     )

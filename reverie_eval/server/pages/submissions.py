@@ -53,8 +53,8 @@ def change_submission(submission_id: str, member: Member, form: Posted, _: Scori
 
     def draw(problem: ProblemDocument) -> Response:
         with member.snapshot() as snapshot:
-            kept = typed if "name" in typed else {}  # of the form about the method alone
-            return _own_page(member, snapshot, submission_id, typed=kept, problem=problem)
+            method = typed if "name" in typed else {}  # of the form about the method alone
+            return _own_page(member, snapshot, submission_id, typed=method, problem=problem)
 
     show_faults_with(member.request, draw)
     member.server.submissions.change(member.person(), submission_id, change_of(typed))

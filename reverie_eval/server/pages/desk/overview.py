@@ -47,7 +47,7 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
             boards=server.boards.values(),
             attempts=list_attempts(session, Page(A_FEW)).rows,
             counts=counts_of_splits(session),
-            kept=totals(session),
+            totals=totals(session),
             day=last_day(session, snapshot.now),
             standing=server.notices.current(session),
             disk=shutil.disk_usage(server.settings.folder),

@@ -75,7 +75,7 @@ async def posted_upload(
         is_to_be_scored = upload.fields.get("what") == "score"
         exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None
         shown = upload.fields.get("csrf_token", "")
-        server.sessions.demand_csrf_token(member.session_id or "", shown)
+        server.sessions.check_csrf_token(member.session_id or "", shown)
         show_faults_with(request, partial(draw_fault, member, upload.fields))
         if not upload.filename:
             raise MalformedError("choose a file first")

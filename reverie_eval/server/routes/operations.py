@@ -1,4 +1,4 @@
-"""``/healthz`` and ``/metrics``: for whoever keeps the server running."""
+"""``/healthz`` and ``/metrics``, for monitoring."""
 
 import ipaddress
 from dataclasses import replace
@@ -19,7 +19,7 @@ _METRICS = "# TYPE reverie_eval_requests_total counter\n..."
 
 @router.get("/healthz", responses={503: {"model": HealthReport}})
 async def show_health(runtime: Runtime, response: Response) -> HealthReport:
-    """Say whether the server can score, keep and sign: it has just tried."""
+    """Check whether the server can score submissions, sign receipts and store uploads."""
     report = await runtime.health.report()
     if report.status != "ok":
         response.status_code = status.HTTP_503_SERVICE_UNAVAILABLE
@@ -35,7 +35,7 @@ async def show_health(runtime: Runtime, response: Response) -> HealthReport:
     },
 )
 def show_metrics(request: Request, call: Anybody, server: Server, runtime: Runtime) -> Response:
-    """Return what the server counts, for Prometheus: to organisers, and whom the settings name."""
+    """Return metrics for Prometheus, to organisers and to addresses in the settings."""
     with call.snapshot() as snapshot:
         is_anonymous = snapshot.caller is None
     readers = server.settings.metrics_readers

@@ -1,4 +1,4 @@
-"""``/splits``: what can be submitted to, uploads, and the leaderboard."""
+"""``/splits``: the splits, uploads, and leaderboards."""
 
 from collections.abc import Collection
 from datetime import datetime
@@ -87,10 +87,10 @@ def submit(
     server: Server,
     response: Response,
 ) -> Accepted:
-    """Score an upload and return its scores, receipt and what is left of the quota.
+    """Score an upload and return its scores, its receipt and the submissions left.
 
-    What is said of the method goes into the query or into the form beside the file. The same file,
-    or the same Idempotency-Key, gets the first reply again, with status 200, and spends nothing.
+    Describe the method in the query, or in fields of the form. Uploading the same file again, or
+    using the same Idempotency-Key, returns the first result with status 200 and uses no submission.
     """
     accepted = server.intake.submit(person, split, upload.packed, method, idempotency_key)
     counted.is_repeat = accepted.is_repeat
@@ -104,9 +104,9 @@ def submit(
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
 def validate(split: SplitName, person: Sender, content: Content, server: Server) -> Checked:
-    """Run every check of an upload without using answers; nothing is stored, no submission is used.
+    """Check a file as for scoring; nothing is stored, and no submission is used.
 
-    It takes what an upload takes; the description of the method is not looked at.
+    Answers are not used. The parameters are those of an upload; the method is ignored.
     """
     return server.intake.validate(person, split, content)
 
@@ -119,9 +119,10 @@ def validate(split: SplitName, person: Sender, content: Content, server: Server)
 def show_leaderboard(
     split: SplitName, server: Server, metric: SortedBy = PRIMARY_METRIC
 ) -> Response:
-    """Rank the published submissions by any metric.
+    """Rank the published submissions by a metric.
 
-    What is disqualified, reported by a paper, or scored by other rules is apart, without a rank.
+    Results that are disqualified, reported by a paper, or scored by other rules are listed apart,
+    without a rank.
     """
     with server.database.reading() as session:
         ranking = server.ranking(session, split, metric)

@@ -1,4 +1,4 @@
-"""``/submissions``: one's own, what was uploaded, and what may be changed afterwards."""
+"""``/submissions``: those of one's own team, their files, and changes."""
 
 import io
 from typing import Annotated
@@ -24,7 +24,7 @@ _CSV = "instr_id,path_length,success,...\n4774_267_1,12.5,1.0,...\n"
 
 @router.get("", responses=problems("not-signed-in"))
 def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
-    """List your team's submissions, the newest first; the organiser sees all."""
+    """List your team's submissions, the newest first; the organiser sees all teams'."""
     with caller.snapshot() as snapshot:
         return paging.reply(list_submissions(snapshot.session, snapshot.person, paging.page))
 
@@ -40,7 +40,7 @@ def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionRe
 def change_submission(
     submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: ScoringSlot
 ) -> SubmissionReport:
-    """Publish or withdraw a submission, edit what is said of it, hide your team until a date."""
+    """Publish, withdraw or edit a submission, or hide your team until a date."""
     return caller.server.submissions.change(caller.person(), submission_id, change)
 
 
@@ -59,7 +59,7 @@ def show_receipt(submission_id: SubmissionId, caller: Caller) -> Receipt:
     },
 )
 def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
-    """Return what was uploaded, unpacked, byte for byte."""
+    """Return the submitted file, unpacked and otherwise unchanged."""
     pieces = caller.server.submissions.file(show_submission(submission_id, caller))
     return StreamingResponse(pieces, media_type="application/json")
 
@@ -73,7 +73,7 @@ def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
     },
 )
 def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringSlot) -> Response:
-    """Return the values of every episode as CSV; of open splits only."""
+    """Return the results of every episode as CSV, for open splits only."""
     scores = caller.server.submissions.episodes(show_submission(submission_id, caller))
     text = io.StringIO()
     write_episodes(scores, text)

@@ -187,8 +187,8 @@ async def anybody(
 ) -> Call:
     """Return a call that anyone may make."""
     token = None if credentials is None else credentials.credentials
-    shown = request.headers.get(CSRF_HEADER, "")
-    return Call(request, state_of(request), token, session_id_of(request, cookie), shown)
+    csrf_token = request.headers.get(CSRF_HEADER, "")
+    return Call(request, state_of(request), token, session_id_of(request, cookie), csrf_token)
 
 
 async def caller(call: Annotated[Call, Depends(anybody)]) -> Call:
@@ -240,10 +240,10 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
     if visit.session_id is None:
         raise NotSignedInError("sign in to see this page")
     form = await visit.request.form()
-    shown: Any = form.get("csrf_token", "")
-    if not isinstance(shown, str):
+    csrf_token: Any = form.get("csrf_token", "")
+    if not isinstance(csrf_token, str):
         raise ForgedError("csrf_token must be text, not a file")
-    visit.server.sessions.check_csrf_token(visit.session_id, shown)
+    visit.server.sessions.check_csrf_token(visit.session_id, csrf_token)
     return form
 
 

@@ -207,10 +207,10 @@ class EpisodeService:
     def _run(self, session: Session, person: Person | None, split: str, submission_id: str) -> Run:
         if person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
-        known = submission_of(session, person, submission_id)
-        if known.split != split:
+        report = submission_of(session, person, submission_id)
+        if report.split != split:
             raise NotFoundError(f"your team has no submission {submission_id!r}")
-        return Run(known, self._submissions.episodes(known))
+        return Run(report, self._submissions.episodes(report))
 
 
 def _staying_at_start(truth: GroundTruth) -> AlignedSubmission:

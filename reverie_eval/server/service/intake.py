@@ -115,9 +115,9 @@ class Intake:
     ) -> Accepted:
         split, sha256 = board.name, hashlib.sha256(content).hexdigest()
         with self.database.reading() as session:
-            known = self._known(session, person, split, sha256, key)
-            if known is not None:
-                return self._repeated(session, known, board, person)
+            earlier = self._earlier(session, person, split, sha256, key)
+            if earlier is not None:
+                return self._repeated(session, earlier, board, person)
             check_metadata(method, self.required_metadata)
             self._check_open(session, board, arrived)
             self._check_quota(session, person, board, arrived)
@@ -136,9 +136,9 @@ class Intake:
         )
         with self.transactions.begin(person.name) as transaction:
             session = transaction.session
-            known = self._known(session, person, split, sha256, key)
-            if known is not None:
-                return self._repeated(session, known, board, person)
+            earlier = self._earlier(session, person, split, sha256, key)
+            if earlier is not None:
+                return self._repeated(session, earlier, board, person)
             usage = self._check_quota(session, person, board, arrived)
             quota = usage.with_one_more(arrived).state(arrived)
             row.person = session.merge(person, load=False)
@@ -158,7 +158,7 @@ class Intake:
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
             return Accepted(submission=submission_report(row), quota=quota, is_repeat=False)
 
-    def _known(
+    def _earlier(
         self, session: Session, person: Person, split: str, sha256: str, key: str | None
     ) -> Submission | None:
         """Return the earlier submission that this one repeats, or None."""

@@ -136,14 +136,14 @@ def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> G
         raise MalformedError("the expiry time is in the past; choose a later time")
     if new.split not in splits:
         raise NotFoundError(f"there is no split {new.split!r}; there are: {', '.join(splits)}")
-    given = Grant(
+    row = Grant(
         team=team_named(transaction.session, new.team),
         created_at=transaction.now,
         **new.model_dump(exclude={"team"}),
     )
-    transaction.add(given)
-    transaction.record("granted", given, new.team, **new.model_dump(mode="json", exclude={"team"}))
-    return grant_report(given)
+    transaction.add(row)
+    transaction.record("granted", row, new.team, **new.model_dump(mode="json", exclude={"team"}))
+    return grant_report(row)
 
 
 def list_grants(session: Session, page: Page) -> Listed[GrantReport]:
@@ -151,13 +151,13 @@ def list_grants(session: Session, page: Page) -> Listed[GrantReport]:
     return list_page(session, select(Grant), Grant.id, page, grant_report, newest_first=True)
 
 
-def grant_report(given: Grant) -> GrantReport:
+def grant_report(row: Grant) -> GrantReport:
     """Return a grant as organisers see it."""
     return GrantReport(
-        team=given.team.name,
-        split=given.split,
-        extra=given.extra,
-        reason=given.reason,
-        created_at=given.created_at,
-        expires_at=given.expires_at,
+        team=row.team.name,
+        split=row.split,
+        extra=row.extra,
+        reason=row.reason,
+        created_at=row.created_at,
+        expires_at=row.expires_at,
     )

@@ -146,7 +146,7 @@ def check_valid(token: Token, now: datetime) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Begun:
+class NewSession:
     """A new session."""
 
     session: BrowserSession
@@ -167,7 +167,7 @@ class Sessions:
         self._cookies = _signer(secret, "cookie")
         self._csrf_tokens = _signer(secret, "csrf")
 
-    def begin(self, session: Session, token: str, now: datetime) -> Begun:
+    def begin(self, session: Session, token: str, now: datetime) -> NewSession:
         """Begin a session for the owner of a token, and delete expired ones.
 
         Raises
@@ -175,16 +175,18 @@ class Sessions:
         NotSignedInError
             If it is not a valid access token.
         """
-        shown = valid_token(session, token, "access", now)
+        valid = valid_token(session, token, "access", now)
         session.execute(delete(BrowserSession).where(BrowserSession.expires_at <= now))
-        begun = BrowserSession(
+        browser = BrowserSession(
             id=secrets.token_urlsafe(32),
-            token=shown,
+            token=valid,
             created_at=now,
-            expires_at=min(now + LIFETIME, shown.expires_at or now + LIFETIME),
+            expires_at=min(now + LIFETIME, valid.expires_at or now + LIFETIME),
         )
-        session.add(begun)
-        return Begun(begun, self._cookies.sign(begun.id).decode(), self.csrf_token(begun.id))
+        session.add(browser)
+        return NewSession(
+            browser, self._cookies.sign(browser.id).decode(), self.csrf_token(browser.id)
+        )
 
     def id_in(self, cookie: str) -> str | None:
         """Return the session id in a cookie; None if its signature is wrong."""

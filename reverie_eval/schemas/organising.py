@@ -5,8 +5,22 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from reverie_eval.schemas.report import SplitName
 from reverie_eval.schemas.service import Method, PublicReview, Role, Verdict
-from reverie_eval.schemas.wire import Https, Instant, Line, Name, Reason, WireModel
+from reverie_eval.schemas.wire import (
+    EXAMPLE_INVITATION,
+    Https,
+    Instant,
+    Line,
+    Name,
+    OrganiserName,
+    PersonName,
+    Reason,
+    Sha256,
+    SubmissionId,
+    TeamName,
+    WireModel,
+)
 
 TokenKind = Literal["access", "invite"]
 
@@ -14,30 +28,30 @@ TokenKind = Literal["access", "invite"]
 class NewTeam(WireModel):
     """A team to be added."""
 
-    name: Name
+    name: Name = Field(examples=["Blue"])
 
 
 class TeamReport(WireModel):
     """People who submit together and share a quota."""
 
-    name: str
-    people: list[str]
+    name: TeamName
+    people: list[str] = Field(examples=[["Ada", "Ben"]])
     created_at: datetime
 
 
 class NewPerson(WireModel):
     """A person to be added to a team."""
 
-    team: Name
-    name: Name
+    team: Name = Field(examples=["Blue"])
+    name: Name = Field(examples=["Ada"])
     role: Role = "participant"
 
 
 class PersonReport(WireModel):
     """A person in a team."""
 
-    name: str
-    team: str
+    name: PersonName
+    team: TeamName
     role: Role
     created_at: datetime
 
@@ -45,21 +59,21 @@ class PersonReport(WireModel):
 class NewToken(WireModel):
     """A token to be created for a person."""
 
-    person: Name
+    person: Name = Field(examples=["Ada"])
     kind: TokenKind = "invite"
     """An invitation can be exchanged for an access token once, by anyone who has it."""
-    expires_at: Instant | None = None
+    expires_at: Instant | None = Field(None, examples=["2027-07-01T12:00:00Z"])
 
 
 class TokenReport(WireModel):
     """What the server knows about a token, without the token itself."""
 
-    hint: str
+    hint: str = Field(examples=[EXAMPLE_INVITATION[:11]])
     """Its first letters."""
-    kind: TokenKind
-    person: str
+    kind: TokenKind = Field(examples=["invite"])
+    person: PersonName
     created_at: datetime
-    expires_at: datetime | None
+    expires_at: datetime | None = Field(examples=["2027-07-01T12:00:00Z"])
     revoked_at: datetime | None
     """When it was revoked, or when an invitation was used."""
 
@@ -67,7 +81,7 @@ class TokenReport(WireModel):
 class NewTokenReport(TokenReport):
     """A new token, shown only this once."""
 
-    token: str
+    token: str = Field(examples=[EXAMPLE_INVITATION])
 
 
 MOST_EXTRA = 10_000
@@ -77,116 +91,129 @@ MOST_EXTRA = 10_000
 class NewGrant(WireModel):
     """Further submissions for a team, and why."""
 
-    team: Name
-    split: str
-    extra: Annotated[int, Field(ge=1, le=MOST_EXTRA)]
+    team: Name = Field(examples=["Blue"])
+    split: SplitName
+    extra: int = Field(ge=1, le=MOST_EXTRA, examples=[2])
     """By how much each limit is raised, the team's and that of each person in it."""
-    reason: Reason
+    reason: Reason = Field(examples=["our disk was full"])
     """For the audit log; one line."""
-    expires_at: Instant
+    expires_at: Instant = Field(examples=["2027-07-01T12:00:00Z"])
 
 
 class GrantReport(WireModel):
     """Further submissions that a team was given."""
 
-    team: str
-    split: str
-    extra: int
-    reason: str
+    team: TeamName
+    split: SplitName
+    extra: int = Field(examples=[2])
+    reason: str = Field(examples=["our disk was full"])
     created_at: datetime
-    expires_at: datetime
+    expires_at: datetime = Field(examples=["2027-07-01T12:00:00Z"])
 
 
 class AuditReport(WireModel):
     """An entry of the audit log; each digest covers the entry and the digest before it."""
 
-    id: int
+    id: int = Field(examples=[17])
     at: datetime
-    actor: str
-    action: str
-    row: str
+    actor: OrganiserName
+    action: str = Field(examples=["granted"])
+    row: str = Field(examples=["quota_grant:2"])
     """What it was done to, for programs: `team:3`."""
-    subject: str
+    subject: str = Field(examples=["Blue"])
     """What people called it then."""
-    details: dict[str, Any]
-    previous: str
-    digest: str
+    details: dict[str, Any] = Field(
+        examples=[{"split": "test", "extra": 2, "reason": "our disk was full"}]
+    )
+    previous: Sha256
+    digest: str = Field(
+        examples=["b5d4045c3f466fa91fe2cc6abe79232a1a57cdf104f7a26e716e0a1e2789df78"]
+    )
 
 
 class NewReview(WireModel):
     """A public verdict on a submission."""
 
-    submission_id: Annotated[str, Field(max_length=32)]
+    submission_id: SubmissionId = Field(max_length=32)
     verdict: Verdict
     """Verified, flagged and disqualified replace each other; baseline is independent of them."""
-    reason: Reason
+    reason: Reason = Field(examples=["We ran the published code and got the same file."])
     """Public; one line."""
 
 
 class ReviewEntry(PublicReview):
     """A verdict on a submission, lifted or not."""
 
-    id: int
-    submission_id: str
+    id: int = Field(examples=[3])
+    submission_id: SubmissionId
     lifted_at: datetime | None
+
+
+_PAPER = "https://arxiv.org/abs/1904.10151"
+ReportedMethod = Annotated[
+    Method, Field(examples=[{"name": "Interactive Navigator-Pointer", "paper": _PAPER}])
+]
+ReportedScores = Annotated[
+    dict[str, float], Field(examples=[{"success": 0.1153, "spl": 0.0947, "rgs": 0.0562}])
+]
 
 
 class NewReported(WireModel):
     """A result that a paper reports, for the leaderboard of a split."""
 
-    split: str
-    method: Method
-    team: Name
+    split: SplitName
+    method: ReportedMethod
+    team: Name = Field(examples=["Qi et al., 2020"])
     """Who reports it, as shown on the leaderboard."""
-    scores: Annotated[dict[str, float], Field(min_length=1)]
+    scores: ReportedScores = Field(min_length=1)
     """By metric key: fractions from 0 to 1, or metres."""
-    source: Https
+    source: Https = Field(examples=[_PAPER])
 
 
 class ReportedEntry(WireModel):
     """A result that a paper reports and no server has scored."""
 
-    id: int
-    split: str
-    method: Method
-    team: str
-    scores: dict[str, float]
-    source: str
-    added_by: str
+    id: int = Field(examples=[1])
+    split: SplitName
+    method: ReportedMethod
+    team: str = Field(examples=["Qi et al., 2020"])
+    scores: ReportedScores
+    source: str = Field(examples=[_PAPER])
+    added_by: OrganiserName
     created_at: datetime
 
 
 class NewNotice(WireModel):
     """A message to everyone, and whether submissions are paused."""
 
-    banner: Line = ""
+    banner: Line = Field("", examples=["Down for maintenance until 09:00 UTC."])
     """One line; if empty, the banner in the settings is shown."""
-    paused: bool = False
+    paused: bool = Field(default=False, examples=[True])
 
 
 class NoticeReport(WireModel):
     """The current message to everyone: the settings' own if nothing was posted."""
 
-    banner: str
-    paused: bool
+    banner: str = Field(examples=["Down for maintenance until 09:00 UTC."])
+    paused: bool = Field(examples=[True])
     """Also true if the settings say so, whatever was posted."""
-    posted_by: str | None
+    posted_by: OrganiserName | None
     """Null if only the settings apply."""
-    created_at: datetime | None
+    created_at: datetime | None = Field(examples=["2027-06-01T12:00:00Z"])
 
 
 class AttemptReport(WireModel):
     """An upload and its outcome."""
 
-    id: int
+    id: int = Field(examples=[41])
     at: datetime
-    person: str
-    team: str
-    split: str
-    outcome: str
+    person: PersonName
+    team: TeamName
+    split: SplitName
+    outcome: str = Field(examples=["submission-rejected"])
     """`scored`, `repeat`, or the code of the problem."""
-    problems: int
+    problems: int = Field(examples=[12])
     """Number of problems in the file."""
-    size: int
+    size: int = Field(examples=[4_204_511])
     """Bytes; after unpacking, if the server got that far."""
-    milliseconds: int
+    milliseconds: int = Field(examples=[38])

@@ -1,8 +1,17 @@
 """Reports: what ``--format json`` prints."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
+
+# The examples of fields make up those of whole messages in the API's description.
+SplitName = Annotated[str, Field(examples=["test"])]
+DatasetName = Annotated[str, Field(examples=["reverie-v1"])]
+Fingerprint = Annotated[
+    str,
+    Field(examples=["6f9511abdb3f6c1d8e0a2b4c5d7f9e1032547698badcfe10f0e1d2c3b4a59687"]),
+]
+"""SHA-256 of a ground truth's arrays, hexadecimal."""
 
 
 class Report(BaseModel):
@@ -51,15 +60,15 @@ class ScoreReport(Report):
     schema_version: Literal[1] = 1
     signature: str
     """Everything that the scores depend on, in one line; scores with equal signatures compare."""
-    split: str
+    split: SplitName
     protocol: str
-    dataset: str
+    dataset: DatasetName
     """Name of the dataset release that the ground truth was compiled from."""
-    fingerprint: str
+    fingerprint: Fingerprint
     """SHA-256 of the ground truth's arrays, hexadecimal."""
     version: str
     """Version of reverie-eval that scored."""
-    episodes: int
+    episodes: int = Field(examples=[6292])
     """Number of episodes that the scores are means over."""
     scores: dict[str, float]
     """Means over episodes by metric key; fractions in [0, 1], lengths in metres, not rounded."""
@@ -76,11 +85,11 @@ class ProblemReport(Report):
 
     model_config = ConfigDict(from_attributes=True)
 
-    code: str
+    code: str = Field(examples=["unknown-viewpoint"])
     """What kind of problem it is; stable, for programs."""
-    where: str
+    where: str = Field(examples=["[3].trajectory[0]"])
     """Its location in the submission: ``[3].trajectory[0]``."""
-    message: str
+    message: str = Field(examples=["there is no viewpoint 0c0f3d11 in this building"])
     """What was found, what was expected, and what to do."""
 
 
@@ -88,8 +97,8 @@ class ValidationReport(Report):
     """Whether a submission can be scored, and everything that is wrong if it cannot."""
 
     schema_version: Literal[1] = 1
-    split: str
-    valid: bool
+    split: SplitName
+    valid: bool = Field(examples=[True])
     problems: list[ProblemReport] = []
-    notes: list[str] = []
+    notes: list[str] = Field([], examples=[["3 jumps between viewpoints"]])
     """What the participant should know before submitting, a sentence each."""

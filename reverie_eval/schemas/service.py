@@ -5,8 +5,30 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field
 
-from reverie_eval.schemas.report import ProblemReport, ScoreReport, ValidationReport
-from reverie_eval.schemas.wire import Https, Instant, Name, Secret, Text, WireModel
+from reverie_eval.schemas.report import (
+    DatasetName,
+    Fingerprint,
+    ProblemReport,
+    ScoreReport,
+    SplitName,
+    ValidationReport,
+)
+from reverie_eval.schemas.wire import (
+    EXAMPLE_INVITATION,
+    EXAMPLE_TOKEN,
+    Https,
+    Instant,
+    KeyId,
+    Name,
+    OrganiserName,
+    PersonName,
+    Secret,
+    Sha256,
+    SubmissionId,
+    TeamName,
+    Text,
+    WireModel,
+)
 
 Role = Literal["participant", "organiser"]
 Verdict = Literal["verified", "baseline", "flagged", "disqualified"]
@@ -18,65 +40,67 @@ WindowName = Literal["day", "month", "year"]
 class ServerReport(WireModel):
     """The server itself."""
 
-    title: str
+    title: str = Field(examples=["REVERIE evaluation server"])
     version: str
     """Of reverie-eval, which scores."""
-    banner: str
+    banner: str = Field(examples=["Down for maintenance on 12 June, 08:00-09:00 UTC."])
     """The organiser's message to everyone; usually empty."""
     paused: bool
     """Whether all splits refuse submissions now, whatever their phases say."""
-    key_id: str
+    key_id: KeyId
     """The first letters of the SHA-256 of the public key that receipts are checked with."""
-    required_metadata: list[str]
+    required_metadata: list[str] = Field(examples=[["description"]])
     """What a submission must state about its method, besides the name."""
 
 
 class Me(WireModel):
     """Who a token belongs to."""
 
-    person: str
-    team: str
+    person: PersonName
+    team: TeamName
     role: Role
 
 
 class Invitation(WireModel):
     """An invitation, to be exchanged for a token."""
 
-    invitation: Secret
+    invitation: Secret = Field(examples=[EXAMPLE_INVITATION])
 
 
 class Welcome(WireModel):
     """A token, shown this once."""
 
-    person: str
-    team: str
-    token: str
+    person: PersonName
+    team: TeamName
+    token: str = Field(examples=[EXAMPLE_TOKEN])
 
 
 class SignIn(WireModel):
     """What a browser sends to sign in."""
 
-    token: Secret
+    token: Secret = Field(examples=[EXAMPLE_TOKEN])
 
 
 class SessionReport(Me):
     """A browser session; scripts cannot read the cookie that comes with it."""
 
-    csrf_token: str
+    csrf_token: str = Field(examples=["5f2b0c9a4d7e1f36"])
     """To be sent as X-CSRF-Token with every request that changes something."""
-    expires_at: datetime
+    expires_at: datetime = Field(examples=["2027-06-02T12:00:00Z"])
     """When to sign in again, UTC; earlier if the token is revoked."""
 
 
 class Method(WireModel):
     """How a team describes its method."""
 
-    name: Name
+    name: Name = Field(examples=["Walker"])
     """Shown on the leaderboard."""
-    description: Text = ""
-    paper: Https | None = None
-    code: Https | None = None
-    extra_data: bool = False
+    description: Text = Field(
+        "", examples=["A transformer over panoramas, with a pointer to objects."]
+    )
+    paper: Https | None = Field(None, examples=["https://example.org/walker.pdf"])
+    code: Https | None = Field(None, examples=["https://example.org/walker"])
+    extra_data: bool = Field(default=False, examples=[True])
     """Trained on more than the benchmark's training split."""
     pre_exploration: bool = False
     """Saw the test buildings before the instructions."""
@@ -89,7 +113,9 @@ class Method(WireModel):
 class MethodChange(Method):
     """Changes to the description of a method; fields that are left out stay as they are."""
 
-    name: Annotated[Name, Field(json_schema_extra=lambda schema: schema.pop("default"))] = ""
+    name: Annotated[
+        Name, Field(examples=["Walker 2"], json_schema_extra=lambda schema: schema.pop("default"))
+    ] = ""
     """Shown on the leaderboard."""
 
 
@@ -98,20 +124,20 @@ class QuotaWindow(WireModel):
 
     name: WindowName
     """24 hours, 30 days, 365 days."""
-    limit: int
-    remaining: int
-    resets_at: datetime | None
+    limit: int = Field(examples=[2])
+    remaining: int = Field(examples=[1])
+    resets_at: datetime | None = Field(examples=["2027-06-02T12:00:00Z"])
     """When more will be left than now, UTC; null if never."""
 
 
 class QuotaReport(WireModel):
     """How many submissions are left: the smaller number of the team's and the person's."""
 
-    remaining: int
+    remaining: int = Field(examples=[1])
     """Allowed now by all windows."""
     next_at: datetime | None
     """When the next submission is possible, UTC; null if one is possible now, or never will be."""
-    seconds_to_next: int
+    seconds_to_next: int = Field(examples=[0])
     """Until then, rounded up; 0 where that is null."""
     windows: list[QuotaWindow]
 
@@ -119,27 +145,29 @@ class QuotaReport(WireModel):
 class PhaseReport(WireModel):
     """A period in which submissions are accepted."""
 
-    name: str
-    opens: datetime | None
-    closes: datetime | None
+    name: str = Field(examples=["2027"])
+    opens: datetime | None = Field(examples=["2027-06-01T12:00:00Z"])
+    closes: datetime | None = Field(examples=["2028-05-31T12:00:00Z"])
     """The last second of the phase."""
-    is_open: bool
+    is_open: bool = Field(examples=[True])
 
 
 class SplitReport(WireModel):
     """A split that accepts submissions."""
 
-    name: str
-    episodes: int
+    name: SplitName
+    episodes: int = Field(examples=[6292])
     visibility: Literal["private", "open"]
     """Private: only rounded means leave the server."""
     protocol: str
     track: Literal["full", "grounding"] = "full"
     """Grounding: answers alone are scored, with the agent placed at the goal."""
-    dataset: str
-    fingerprint: str
+    dataset: DatasetName
+    fingerprint: Fingerprint
     """SHA-256 of the ground truth's arrays."""
-    public_fingerprint: str
+    public_fingerprint: str = Field(
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"]
+    )
     """The same for its public bundle, with which participants check submissions themselves."""
     phases: list[PhaseReport]
     quota: QuotaReport | None
@@ -150,33 +178,33 @@ class Receipt(WireModel):
     """What proves a result: every field but the last is signed."""
 
     schema_version: Literal[1] = 1
-    server: str
+    server: str = Field(examples=["REVERIE evaluation server"])
     """The server's title."""
-    submission_id: str
-    team: str
-    sha256: str
+    submission_id: SubmissionId
+    team: TeamName
+    sha256: Sha256
     """Of the submission's JSON text."""
     received_at: AwareDatetime
-    split: str
+    split: SplitName
     signature: str
     """Everything that the scores depend on, as the score table has it."""
     scores: dict[str, float]
     quota: QuotaReport
     """The quota after this submission."""
-    key_id: str
+    key_id: KeyId
     """The first letters of the SHA-256 of the server's public key."""
-    proof: str
+    proof: str = Field(examples=["p2l5c2JhZGx5IHNpZ25lZA=="])
     """Ed25519 over the canonical JSON of the other fields, in base64."""
 
 
 class SubmissionReport(WireModel):
     """A scored submission."""
 
-    id: str
-    split: str
-    team: str
-    person: str
-    sha256: str
+    id: SubmissionId
+    split: SplitName
+    team: TeamName
+    person: PersonName
+    sha256: Sha256
     received_at: datetime
     method: Method
     report: ScoreReport
@@ -206,12 +234,12 @@ class Accepted(WireModel):
 class SubmissionChange(WireModel):
     """What a team may change afterwards; fields that are left out stay as they are."""
 
-    method: MethodChange | None = None
-    published: bool | None = None
+    method: MethodChange | None = Field(None, examples=[{"name": "Walker 2"}])
+    published: bool | None = Field(None, examples=[True])
     """Whether it is on the leaderboard."""
     withdrawn: bool | None = None
     """Whether it is withdrawn; it still counts, and must be restored before it can be published."""
-    anonymous_until: Instant | None = None
+    anonymous_until: Instant | None = Field(None, examples=["2027-07-01T12:00:00Z"])
     """Until when the leaderboard does not name the team; null names it now."""
 
 
@@ -219,23 +247,23 @@ class PublicReview(WireModel):
     """The organiser's verdict on a published result."""
 
     verdict: Verdict
-    reason: str
-    reviewer: str
+    reason: str = Field(examples=["We ran the published code and got the same file."])
+    reviewer: OrganiserName
     created_at: datetime
 
 
 class LeaderboardRow(WireModel):
     """A published result."""
 
-    rank: int | None
+    rank: int | None = Field(examples=[1])
     """Equal for equal values of the metric that the rows are sorted by; null without a value."""
-    submission_id: str | None
+    submission_id: SubmissionId | None
     """Null for a result that is reported, not scored."""
-    team: str
+    team: TeamName
     """Empty while the team chose to be anonymous."""
     method: Method
     published_at: datetime
-    submissions: int | None
+    submissions: int | None = Field(examples=[3])
     """Number of the team's submissions to the split, also while it is anonymous: a result may be
     the best of many. Null for a result that is reported, not scored."""
     scores: dict[str, float]
@@ -254,11 +282,11 @@ class LeaderboardRow(WireModel):
 class Leaderboard(WireModel):
     """The published results of a split."""
 
-    split: str
+    split: SplitName
     protocol: str
     metric: str
     """What the rows are sorted by; rows without it are not ranked and come last."""
-    fingerprint: str
+    fingerprint: Fingerprint
     signature: str = ""
     """The signature of every ranked row, except for the version that scored it."""
     rows: list[LeaderboardRow]

@@ -99,3 +99,16 @@ Https = Annotated[
 ]
 Instant = Annotated[AwareDatetime, AfterValidator(_instant)]
 Secret = Annotated[str, Field(min_length=1, max_length=200)]
+
+# What several messages hold, each with an example.
+PersonName = Annotated[str, Field(examples=["Ada"])]
+OrganiserName = Annotated[str, Field(examples=["Olga"])]
+TeamName = Annotated[str, Field(examples=["Blue"])]
+SubmissionId = Annotated[str, Field(examples=["5f2b0c9a4d7e1f36"])]
+KeyId = Annotated[str, Field(examples=["0d1c2b3a4f5e6d7c"])]
+Sha256 = Annotated[
+    str,
+    Field(examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"]),
+]
+EXAMPLE_TOKEN = "rv_3Zk0b9Xw" + 35 * "."  # a real one has no dots
+EXAMPLE_INVITATION = "rv_Yq71mPaa" + 35 * "."

@@ -1,4 +1,4 @@
-"""What a running server holds; opened once, given to every request."""
+"""The state of a running server, opened once and shared by all requests."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from reverie_eval.server.store.uploads import Uploads, open_uploads
 
 
 def utc_now() -> datetime:
-    """Return the time."""
+    """Return the current time."""
     return datetime.now(UTC)
 
 
@@ -52,12 +52,12 @@ class ServerState:
 
     @classmethod
     def open(cls, settings: Settings, clock: Clock = utc_now) -> Self:
-        """Open everything, or refuse with everything that is wrong.
+        """Open everything that a server needs, and check it.
 
         Raises
         ------
         SettingsError
-            If a split cannot be scored or the database is not ready.
+            If a split cannot be scored, or the database is not up to date.
         ReceiptError
             If the signing key is missing or others can read it.
         """
@@ -105,11 +105,11 @@ class ServerState:
         )
 
     def board(self, split: str) -> Board:
-        """Return a split's board; errors are those of :func:`board_named`."""
+        """Return a split's board; raises the errors of :func:`board_named`."""
         return board_named(self.boards, split)
 
     def ranking(self, session: Session, split: str, metric: str | None) -> Ranking:
-        """Return a split's board as it is now; errors are those of :func:`leaderboard`.
+        """Return a split's leaderboard as it is now; also raises the errors of :func:`leaderboard`.
 
         Without a metric, it is ranked by the split's primary one.
 

@@ -170,7 +170,7 @@ def test_a_review_is_lifted_and_stays_on_record(desk: Visitor) -> None:
     assert "No reviews." in words
     assert "Lifted reviews" in words
     again = sending(desk, "/desk/reviews/1/lift", **YES)
-    assert (again.status_code, "was lifted already" in said(again)) == (409, True)
+    assert (again.status_code, "was already lifted" in said(again)) == (409, True)
 
 
 def test_what_is_wrong_is_shown_beside_what_was_typed(desk: Visitor) -> None:

@@ -126,7 +126,7 @@ def test_what_cannot_be_noted_fails_no_upload(
     assert server.upload(OWNER).status_code == 201
     assert server.upload(OWNER, BROKEN).status_code == 422
     assert noted(server) == []
-    assert "not noted" in caplog.text
+    assert "not recorded" in caplog.text
 
 
 def test_what_is_older_than_ninety_days_is_forgotten(server: Serving) -> None:

@@ -1,8 +1,10 @@
 """The description of the API: sound, complete, and with examples that are what it says."""
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from datetime import datetime
 from typing import Any
 
 import pytest
@@ -10,7 +12,9 @@ from openapi_spec_validator import validate
 
 from reverie_eval.metrics import PRIMARY_METRIC
 from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.wire import WireModel
 from reverie_eval.server.errors import ERRORS, RequestError
+from reverie_eval.server.http.examples import example_of
 from tests.support.description import Description
 from tests.support.serving import Serving
 
@@ -100,9 +104,33 @@ from reverie_eval.metrics import CATALOGUE
 another = replace(CATALOGUE["rgs"], key="another", headline=True)
 gc.get_referents(CATALOGUE)[0]["another"] = another
 import reverie_eval.server.app
-from reverie_eval.server.http.examples import EXAMPLES
-assert EXAMPLES["Receipt"]["scores"].keys() >= {"rgs", "another"}
+from reverie_eval.schemas.service import Receipt
+from reverie_eval.server.http.examples import example_of
+schema = Receipt.model_json_schema()
+assert example_of(schema, schema["$defs"])["scores"].keys() >= {"rgs", "another"}
 """
+
+
+def test_every_text_that_an_example_needs_has_its_own(description: Description) -> None:
+    for name, operation in description.operations():
+        for body in bodies(operation):
+            assert '"..."' not in json.dumps(body.get("example")), name
+
+
+def test_a_field_without_an_example_has_one_by_its_type() -> None:
+    class Added(WireModel):
+        text: str
+        number: float
+        flag: bool
+        at: datetime
+        maybe: int | None
+        names: list[str]
+        by_name: dict[str, int]
+        left_out: str = ""
+
+    example = example_of(Added.model_json_schema(), {})
+    assert Added.model_validate(example).maybe is None
+    assert "left_out" not in example
 
 
 def test_a_new_headline_metric_is_in_the_examples() -> None:

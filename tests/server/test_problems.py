@@ -46,10 +46,10 @@ REFUSED = {
         OWNER, f"POST {SUBMISSIONS}?name=x", 422, "submission-rejected", 1, {"content": b""}
     ),
     "a broken file": Refused(
-        OWNER, f"POST {SUBMISSIONS}?name=x", 422, "submission-rejected", 24, {"content": BROKEN}
+        OWNER, f"POST {SUBMISSIONS}?name=x", 422, "submission-rejected", 23, {"content": BROKEN}
     ),
     "a broken file to check": Refused(
-        OWNER, f"POST /splits/{OPEN}/validate", 422, "submission-rejected", 24, {"content": BROKEN}
+        OWNER, f"POST /splits/{OPEN}/validate", 422, "submission-rejected", 23, {"content": BROKEN}
     ),
     "a file without a name": Refused(
         OWNER, f"POST {SUBMISSIONS}", 400, BAD, ["name"], {"content": GOOD}

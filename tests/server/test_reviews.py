@@ -76,7 +76,7 @@ def test_a_lifted_review_does_not_stand_and_is_not_lifted_twice(server: Serving)
     with server.acting(ORGANISER) as transaction:
         assert lift_review(transaction, number).lifted_at == server.clock()
     assert standing(server, submission_id) == []
-    with pytest.raises(ConflictError, match="lifted already"), server.acting() as transaction:
+    with pytest.raises(ConflictError, match="already lifted"), server.acting() as transaction:
         lift_review(transaction, number)
     with pytest.raises(NotFoundError), server.acting() as transaction:
         lift_review(transaction, number + 1)

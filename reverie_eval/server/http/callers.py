@@ -1,8 +1,8 @@
 """Who is calling: a person with a token, or signed in with a browser.
 
-A token in the Authorization header is sent on purpose. A cookie is sent by the browser, whoever
-made the page: so it counts for requests of our own pages only, and what changes something needs the
-session's CSRF token as well. The API takes both, pages take cookies alone.
+A token in the Authorization header is sent on purpose. Browsers send cookies with requests from any
+site, so a cookie is only accepted from this server's own pages, and every request that changes
+something needs the session's CSRF token as well. The API accepts both; pages accept only cookies.
 """
 
 from collections.abc import Callable, Iterator
@@ -32,32 +32,32 @@ CSRF_HEADER = "X-CSRF-Token"
 
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 _OWN_PAGES = frozenset({"same-origin", "none"})
-"""Of Sec-Fetch-Site; ``none`` is what somebody typed into the address bar."""
+"""Accepted values of Sec-Fetch-Site; ``none`` is an address typed into the browser."""
 
-_Bearer = HTTPBearer(auto_error=False, description="A token of the organiser's: `rv_...`")
+_Bearer = HTTPBearer(auto_error=False, description="A token from the organiser: `rv_...`")
 _Cookie = APIKeyCookie(
-    name=COOKIE, auto_error=False, description="A browser's session, from `POST /api/v1/session`"
+    name=COOKIE, auto_error=False, description="A browser session, from `POST /api/v1/session`"
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What a request sees of the database: one state of it, and who is calling."""
+    """The database as one request sees it, and the caller."""
 
     session: Session
     now: datetime
     browser: BrowserSession | None
-    """The browser session of the caller, if there is one."""
+    """The browser session of the caller, if any."""
     caller: Person | None
 
     @property
     def person(self) -> Person:
-        """Who is calling.
+        """The caller.
 
         Raises
         ------
         NotSignedInError
-            If nobody says so.
+            If the request has no token and no session.
         """
         if self.caller is None:
             raise NotSignedInError("send your token: `Authorization: Bearer rv_...`")
@@ -66,34 +66,34 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A request that may ask the database, and who must have sent it.
+    """A request that can use the database, with the required role of the caller.
 
-    It is asked where the route runs, in one thread: a request that held a connection, or its turn
-    to write, while it waited for another thread could keep all others waiting.
+    Routes use the database in one thread: a request that held a connection or the write lock while
+    it waited for another thread could block all others.
     """
 
     request: Request
     server: ServerState
     token: str | None
     session_id: str | None
-    """Of a browser's session, which may be over."""
+    """Of a browser session, which may have ended."""
     csrf_token: str | None = None
-    """That was shown in a header; None where a form shows it."""
+    """From the header; None if the request is a form with a field for it."""
     required: Role | None = None
-    """Who must be calling, at least; None if it may be anybody."""
+    """The role that the caller must have; None if anyone may call."""
 
     @contextmanager
     def snapshot(self) -> Iterator[Snapshot]:
-        """Look at one state of the database, once it is known who is calling.
+        """Open a snapshot of the database, after checking the caller.
 
         Raises
         ------
         NotSignedInError
-            If nobody is, and somebody must be; or the token is wrong, which is not nobody.
+            If signing in is required; or if the token is invalid, even where it is not required.
         NotAllowedError
-            If an organiser must be.
+            If only organisers may call.
         ForgedError
-            If something is to be changed from a browser without the session's CSRF token.
+            If a browser would change something without the session's CSRF token.
         """
         with self.server.database.reading() as session:
             browser, caller = self._sender(session)
@@ -105,7 +105,7 @@ class Call:
             yield snapshot
 
     def person(self) -> Person:
-        """Return who is calling; errors are those of :meth:`snapshot`."""
+        """Return the caller; raises the errors of :meth:`snapshot`."""
         with self.snapshot() as snapshot:
             return snapshot.person
 
@@ -115,12 +115,12 @@ class Call:
         *given: Given.args,
         **named: Given.kwargs,
     ) -> Report:
-        """Change something as the caller; may also raise the errors of :meth:`snapshot`."""
+        """Run an action as the caller; also raises the errors of :meth:`snapshot`."""
         with self.server.transactions.begin(self.person().name) as transaction:
             return action(transaction, *given, **named)
 
     def _sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
-        """Return who has sent the request, looked up once."""
+        """Return the sender of the request, which is looked up only once."""
         state = self.request.state
         if not hasattr(state, "sender"):
             state.sender = self._find_sender(session)
@@ -137,15 +137,15 @@ class Call:
         if browser is None:
             return None, None
         if self.csrf_token is not None and self.request.method not in _SAFE_METHODS:
-            sessions.demand_csrf_token(browser.id, self.csrf_token)
+            sessions.check_csrf_token(browser.id, self.csrf_token)
         return browser, browser.token.person
 
 
 def is_of_another_site(request: Request) -> bool:
-    """Whether a browser says that another site's page has made this request.
+    """Whether the headers say that a page of another site made this request.
 
-    What says nothing of it is no browser, or one of before 2020 that sends Origin with whatever
-    changes something.
+    Requests without Sec-Fetch-Site are from programs, or from browsers before 2020, which send
+    Origin with every request that changes something.
 
     References
     ----------
@@ -159,21 +159,21 @@ def is_of_another_site(request: Request) -> bool:
 
 
 def own_page(request: Request) -> None:
-    """Refuse what another site's page has made: it would sign somebody in as somebody else."""
+    """Refuse requests from other sites, which could sign a visitor in as another person."""
     if is_of_another_site(request):
         raise NotAllowedError("another site may not sign you in; do it on this server's own pages")
 
 
 def session_id_of(request: Request, cookie: str | None) -> str | None:
-    """Return the id of the browser session that a request of our own pages is part of."""
+    """Return the id of the browser session, if the request is from this server's own pages."""
     if cookie is None or is_of_another_site(request):
         return None
     return state_of(request).sessions.id_in(cookie)
 
 
-# Dependencies without anything slow in them are asynchronous: the others cost a thread each.
+# Fast dependencies are asynchronous: each synchronous one would occupy a thread.
 async def server_of(request: Request) -> ServerState:
-    """Return the server that answers a request."""
+    """Return the state of the server."""
     return state_of(request)
 
 
@@ -185,10 +185,10 @@ async def anybody(
     credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_Bearer)],
     cookie: Annotated[str | None, Depends(_Cookie)],
 ) -> Call:
-    """Return a call that anybody may make."""
+    """Return a call that anyone may make."""
     token = None if credentials is None else credentials.credentials
-    shown = request.headers.get(CSRF_HEADER, "")
-    return Call(request, state_of(request), token, session_id_of(request, cookie), shown)
+    csrf_token = request.headers.get(CSRF_HEADER, "")
+    return Call(request, state_of(request), token, session_id_of(request, cookie), csrf_token)
 
 
 async def caller(call: Annotated[Call, Depends(anybody)]) -> Call:
@@ -207,43 +207,43 @@ Organiser = Annotated[Call, Depends(organiser)]
 
 
 def visit_of(request: Request) -> Call:
-    """Return the visit that a request is, of anybody."""
+    """Return a request for a page as a call that anyone may make."""
     cookie = request.cookies.get(COOKIE)
     return Call(request, state_of(request), None, session_id_of(request, cookie))
 
 
 async def visitor(request: Request) -> Call:
-    """Return the visit of anybody."""
+    """Return a visit to a page that anyone may see."""
     return visit_of(request)
 
 
 async def member(visit: Annotated[Call, Depends(visitor)]) -> Call:
-    """Return the visit of somebody who is signed in."""
+    """Return a visit to a page that requires signing in."""
     return replace(visit, required="participant")
 
 
 async def desk(visit: Annotated[Call, Depends(visitor)]) -> Call:
-    """Return the visit of an organiser."""
+    """Return a visit to a page for organisers."""
     return replace(visit, required="organiser")
 
 
 async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
-    """Return the fields of a form that one of our own pages sent.
+    """Return the fields of a form that one of this server's own pages sent.
 
     Raises
     ------
     NotSignedInError
-        If nobody is signed in, before any of the form is read.
+        If nobody is signed in; the form is not read then.
     ForgedError
-        If it does not carry the session's CSRF token.
+        If the form has no valid CSRF token.
     """
     if visit.session_id is None:
         raise NotSignedInError("sign in to see this page")
     form = await visit.request.form()
-    shown: Any = form.get("csrf_token", "")
-    if not isinstance(shown, str):
+    csrf_token: Any = form.get("csrf_token", "")
+    if not isinstance(csrf_token, str):
         raise ForgedError("csrf_token must be text, not a file")
-    visit.server.sessions.demand_csrf_token(visit.session_id, shown)
+    visit.server.sessions.check_csrf_token(visit.session_id, csrf_token)
     return form
 
 
@@ -254,7 +254,7 @@ Posted = Annotated[FormData, Depends(posted)]
 
 
 def set_cookie(request: Request, response: Response, cookie: str, lifetime: timedelta) -> None:
-    """Give a browser the cookie of its session: out of reach of scripts and of other sites."""
+    """Set the cookie of a session; scripts cannot read it, and other sites cannot use it."""
     response.set_cookie(
         COOKIE,
         cookie,
@@ -266,5 +266,5 @@ def set_cookie(request: Request, response: Response, cookie: str, lifetime: time
 
 
 def drop_cookie(response: Response) -> None:
-    """Let a browser forget the cookie."""
+    """Delete the cookie."""
     response.delete_cookie(COOKIE, httponly=True, samesite="strict")

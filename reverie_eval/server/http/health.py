@@ -49,35 +49,35 @@ class Health:
             "database": partial(_write, server),
             "uploads": server.uploads.try_out,
         }
-        self._turn = asyncio.Lock()
+        self._lock = asyncio.Lock()
         self._report = HealthReport(status="ok")
         self._until = 0.0
 
     async def report(self) -> HealthReport:
         """Return the result of the last check, or of a new one if that is too old."""
-        async with self._turn:
+        async with self._lock:
             if time.monotonic() >= self._until:
                 self._report = await self._examine()
                 self._until = time.monotonic() + SECONDS_KEPT
             return self._report
 
     async def _examine(self) -> HealthReport:
-        is_well: dict[str, bool] = {}
+        passed: dict[str, bool] = {}
         with move_on_after(SECONDS_TO_ANSWER):
-            await run_sync(self._run_checks, is_well, abandon_on_cancel=True)
-        failed = [name for name in self._checks if not is_well.get(name)]
+            await run_sync(self._run_checks, passed, abandon_on_cancel=True)
+        failed = [name for name in self._checks if not passed.get(name)]
         return HealthReport(status="unhealthy" if failed else "ok", failed=failed)
 
-    def _run_checks(self, is_well: MutableMapping[str, bool]) -> None:
+    def _run_checks(self, passed: MutableMapping[str, bool]) -> None:
         """Run all checks and note each result at once, as a later one may hang."""
         for name, check in self._checks.items():
             try:
                 check()
             except Exception:
                 _LOGGER.exception("unhealthy", extra={"fields": {"failed": name}})
-                is_well[name] = False
+                passed[name] = False
             else:
-                is_well[name] = True
+                passed[name] = True
 
 
 class Canary:

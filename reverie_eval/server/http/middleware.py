@@ -67,7 +67,7 @@ class Middleware(ABC):
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer what is a request."""
+        """Answer a request; pass other messages on."""
         answer = self.answer if scope["type"] == "http" else self.app
         await answer(scope, receive, send)
 
@@ -152,7 +152,7 @@ class RateLimits(Middleware):
 
 
 def site_of(address: str) -> str:
-    """Return what is counted for an address: of IPv6 the network, as one customer has 2^64."""
+    """Return the key to count an address by; for IPv6 the network, because a customer has 2^64."""
     try:
         parsed = ipaddress.ip_address(address)
     except ValueError:

@@ -21,7 +21,7 @@ from reverie_eval.server.errors import (
     TooManyError,
 )
 from reverie_eval.server.http.callers import CSRF_HEADER
-from reverie_eval.server.http.examples import EXAMPLES
+from reverie_eval.server.http.examples import example_of
 from reverie_eval.server.http.exchange import API
 
 Document = dict[str, Any]
@@ -76,6 +76,7 @@ def describe(app: FastAPI) -> None:
         for operations in document["paths"].values():
             for method, operation in operations.items():
                 _complete(method, operation)
+                _illustrate(operation, models)
         return document
 
     def show_description(_: Request) -> JSONResponse:
@@ -85,7 +86,7 @@ def describe(app: FastAPI) -> None:
 
 
 def _complete(method: str, operation: Document) -> None:
-    """Add the problems that all operations share, and examples."""
+    """Add the problems that all operations share."""
     replies = operation["responses"]
     everywhere = _EVERYWHERE
     if "HTTPValidationError" in str(replies.get("422")):
@@ -102,15 +103,12 @@ def _complete(method: str, operation: Document) -> None:
         known = replies.setdefault(str(status), reply)
         known["content"][MEDIA_TYPE]["examples"] |= reply["content"][MEDIA_TYPE]["examples"]
     operation["responses"] = dict(sorted(replies.items()))
-    for content in (operation.get("requestBody", {}), *replies.values()):
+
+
+def _illustrate(operation: Document, models: Document) -> None:
+    """Add an example to every body whose schema is a model or a list of one."""
+    for content in (operation.get("requestBody", {}), *operation["responses"].values()):
         for media in content.get("content", {}).values():
-            _illustrate(media)
-
-
-def _illustrate(media: Document) -> None:
-    """Add the model's example to a body whose schema is a model or a list of one."""
-    schema = media.get("schema", {})
-    many = schema.get("type") == "array"
-    name = (schema.get("items", {}) if many else schema).get("$ref", "").removeprefix(_MODELS)
-    if name in EXAMPLES:
-        media["example"] = [EXAMPLES[name]] if many else EXAMPLES[name]
+            schema = media.get("schema", {})
+            if "$ref" in schema.get("items", schema) and "examples" not in media:
+                media["example"] = example_of(schema, models)

@@ -1,4 +1,4 @@
-"""Receiving an upload, within limits of size and time, and what routes take of it.
+"""Receiving uploads within limits of size and time, and their parts as dependencies of routes.
 
 The body is the result file itself (plain, gzipped or in a zip archive, which is detected from its
 content) or a form with a field ``file``. The method is described in the query or in the form.
@@ -40,7 +40,7 @@ METHOD_PARAMETERS = [
     }
     for name, schema in _METHOD_FIELDS.items()
 ]
-"""What is said of a method in the query, for the API's description."""
+"""The query parameters that describe a method, for the API's description."""
 
 FILE_BODY: dict[str, Any] = {
     "requestBody": {
@@ -119,7 +119,7 @@ def _replay(body: bytes) -> Any:
 
 
 async def counted(request: Request) -> Exchange:
-    """Count an upload to be scored, whatever becomes of it."""
+    """Note that this is an upload to be scored, whatever its outcome."""
     exchange = exchange_of(request.scope)
     exchange.uploaded_to = request.path_params["split"]
     return exchange
@@ -129,7 +129,7 @@ Counted = Annotated[Exchange, Depends(counted)]
 
 
 async def sender(caller: Caller) -> Person:
-    """Return who sends an upload, before any of it is taken."""
+    """Return the sender of an upload, before the upload is read."""
     return await run_in_threadpool(caller.person)
 
 
@@ -139,9 +139,9 @@ Sender = Annotated[Person, Depends(sender)]
 async def received(
     request: Request, server: Server, runtime: Runtime, person: Sender
 ) -> AsyncIterator[Upload]:
-    """Take the upload off the wire, once it is known who sends it and there is room for it.
+    """Read the upload when the sender is known and a slot is free.
 
-    Whatever is wrong with it, the reply says from now on what is left of the quota.
+    From here on, every problem document includes the submissions left.
     """
     split = request.path_params["split"]
 
@@ -157,18 +157,18 @@ async def received(
             yield upload
 
 
-# Whoever reads the reply slowly keeps nobody waiting: what was taken is given back before it.
+# The slots are released before the reply is sent, so slow readers do not hold them.
 Received = Annotated[Upload, Depends(received, scope="function")]
 
 
 async def scoring_slot(runtime: Runtime) -> AsyncIterator[None]:
-    """Wait, as uploads do, until it is one's turn to score; no thread is kept meanwhile."""
+    """Wait for a slot for scoring, without occupying a thread."""
     async with runtime.admission.score():
         yield
 
 
 ScoringSlot = Annotated[None, Depends(scoring_slot, scope="function")]
-"""Of what may score a kept submission again."""
+"""For routes that may score a stored submission again."""
 
 
 def content_of(upload: Received, server: Server) -> bytes:
@@ -177,7 +177,7 @@ def content_of(upload: Received, server: Server) -> bytes:
 
 
 async def method_of(request: Request, upload: Received) -> Method:
-    """Return what was said of the method, in the query or in the form, which wins."""
+    """Return the description of the method; the form takes precedence over the query."""
     given = {**request.query_params, **upload.fields}
     return method_from({name: value for name, value in given.items() if name != "file"})
 
@@ -186,7 +186,7 @@ SentMethod = Annotated[Method, Depends(method_of)]
 
 
 def method_from(given: Mapping[str, Any]) -> Method:
-    """Return what was said of a method, of which an empty text says nothing.
+    """Return the description of a method; empty fields count as missing.
 
     Raises
     ------

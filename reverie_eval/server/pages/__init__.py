@@ -1,4 +1,4 @@
-"""The pages: what people look at, made on the server, working without scripts."""
+"""The web pages, rendered on the server; they work without scripts."""
 
 from fastapi import FastAPI
 from starlette.middleware.gzip import GZipMiddleware
@@ -17,7 +17,7 @@ from reverie_eval.server.pages.rendering import STATIC, StaticPages
 
 
 def add_pages(app: FastAPI) -> None:
-    """Add the pages, which are not of the API and so not in its description."""
+    """Add the pages; they are not part of the API's description."""
     for part in (boards, desk, episodes, signing, submitting, submissions, teams, guide):
         app.include_router(part.router, include_in_schema=False)
     # Pages are not packed: beside what somebody else chose to have in them, their length would

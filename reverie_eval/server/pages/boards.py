@@ -41,7 +41,7 @@ Day = Annotated[date | None, BeforeValidator(lambda value: value or None)]
 
 
 class BoardQuery(BaseModel):
-    """The query of a board's address; what is empty is not asked for, as forms send it."""
+    """The query parameters of a leaderboard; empty ones, as forms send them, count as missing."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -60,7 +60,7 @@ class BoardQuery(BaseModel):
 
     @property
     def ranked_by(self) -> str:
-        """What ranks are by: the metric, or the primary one where neither direction is better."""
+        """The metric of the ranks: the one sorted by, or the primary one if that cannot rank."""
         return self.metric if self.metric in SORTABLE else PRIMARY_METRIC
 
     def on(self, board: Board) -> Self:
@@ -70,7 +70,7 @@ class BoardQuery(BaseModel):
 
     @property
     def shown(self) -> Filter:
-        """Which rows are shown."""
+        """The filter of the rows."""
         flags = {
             flag: getattr(self, flag) == "with" for flag in METHOD_FLAGS if getattr(self, flag)
         }
@@ -78,22 +78,22 @@ class BoardQuery(BaseModel):
 
     @property
     def is_filtered(self) -> bool:
-        """Whether rows may be left out."""
+        """Whether the filter may exclude rows."""
         return self.shown != Filter({})
 
     def link(self, **changes: Any) -> str:
-        """Return the address's query with some of it changed, the defaults left out."""
+        """Return the query with some parameters changed, without those at their defaults."""
         changed = type(self).model_validate(self.model_dump() | changes)
         return f"?{urlencode(changed.model_dump(mode='json', exclude_defaults=True))}"
 
     @property
     def unfiltered(self) -> str:
-        """Return the address's query with every row shown, from the first page on."""
-        kept = self.model_dump(include={"metric", "columns", "x", "y"})
-        return type(self).model_validate(kept).link()
+        """The query without the filter, for the first page."""
+        options = self.model_dump(include={"metric", "columns", "x", "y"})
+        return type(self).model_validate(options).link()
 
     def direction(self, metric: Metric) -> Literal["ascending", "descending"]:
-        """Return the order of the column that the board is sorted by: best first, or least."""
+        """Return the order of the sorted column: the best or the lowest value first."""
         return "descending" if metric.better == "higher" else "ascending"
 
 
@@ -101,7 +101,7 @@ Shown = Annotated[BoardQuery, Query()]
 
 
 def ranked(split: str, server: Server, query: Shown) -> Ranking:
-    """Return the board that is asked for."""
+    """Return the requested leaderboard."""
     with server.database.reading() as session:
         return server.ranking(session, split, query.on(server.board(split)).ranked_by)
 
@@ -151,9 +151,11 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             ranking=ranking,
             query=query,
             columns=_columns(ranking.board, query, [*part.rows, *apart]),
-            offered=[
-                m for m in CATALOGUE.values() if m.key in {*ranking.metrics, query.x, query.y}
-            ],
+            axes={
+                metric.key: f"{metric.label}: {metric.name}"
+                for metric in CATALOGUE.values()
+                if metric.key in {*ranking.metrics, query.x, query.y}
+            },
             primary=ranking.board.primary.key,
             part=part,
             rows=part.rows,

@@ -18,6 +18,7 @@ from reverie_eval.server.http.callers import Call, Snapshot, Visitor
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.episodes import Browsing, EpisodeFilter, Run
+from reverie_eval.text import category_text
 
 router = APIRouter()
 
@@ -108,7 +109,7 @@ def show_episodes(
     with visitor.snapshot() as snapshot:
         browsing = _browsing(visitor, snapshot, split, selection)
         rows = browsing.rows(selection)
-        found = [browsing.anatomy(run, selection) for run in browsing.runs]
+        found = [browsing.failure_modes(run, selection) for run in browsing.runs]
         failures = [modes for modes in found if modes is not None]
         pages = max(1, -(-len(rows) // PER_PAGE))
         number = min(number, pages)
@@ -131,7 +132,9 @@ def show_episodes(
             ],
             outcomes=BEST_OUTCOME_FIRST,
             scans=sorted(set(browsing.annotations.scan)),
-            categories=sorted(set(browsing.annotations.category)),
+            categories={
+                name: category_text(name) for name in sorted(set(browsing.annotations.category))
+            },
         )
 
 
@@ -174,7 +177,7 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
         "outcomes": BEST_OUTCOME_FIRST,
         "headline": [key for key in keys if CATALOGUE[key].headline],
         "further": [key for key in keys if not CATALOGUE[key].headline],
-        "kept": {field.name: getattr(selection, field.name) for field in fields(EpisodeFilter)},
+        "filters": {field.name: getattr(selection, field.name) for field in fields(EpisodeFilter)},
     }
 
 

@@ -81,7 +81,7 @@ def show_rules(visitor: Visitor) -> Response:
         boards=visitor.server.boards,
         now=visitor.server.clock(),
         required=visitor.server.settings.required_metadata,
-        said=Method.model_fields,
+        method_fields=Method.model_fields,
     )
 
 

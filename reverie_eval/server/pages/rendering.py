@@ -1,7 +1,7 @@
-"""From templates to pages: what every page shows, and how numbers and instants are written."""
+"""Rendering pages from templates, and formatting numbers and times in them."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -35,7 +35,7 @@ STATIC_FOLDERS = (
     ("reverie_eval.server.pages", "static"),
     ("reverie_eval.reporting", "resources/shared"),
 )
-"""Packages with the folders in them where the files are; the second has what reports use too."""
+"""Packages and folders of static files; the second is shared with reports."""
 _FOR_A_YEAR = "public, max-age=31536000, immutable"
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -43,13 +43,13 @@ HEADERS = {
     "frame-ancestors 'none'",
     "Referrer-Policy": "same-origin",
 }
-"""What a page may do: nothing comes from another host, nothing runs that is written in the page."""
+"""Pages load nothing from other hosts, and run no inline scripts."""
 _NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where the menu leads."""
+    """An entry of the menu."""
 
     name: str
     url: str
@@ -57,19 +57,19 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """What every page shows around its content."""
+    """The frame of every page: menu, banner, the person signed in."""
 
     title: str
     banner: str
     places: Sequence[Place]
-    here: str
+    path: str
     person: Person | None
     csrf_token: str
     version: str = __version__
 
     @property
     def csrf_field(self) -> Markup:
-        """What every form holds that changes something."""
+        """The hidden field that every form needs which changes something."""
         return Markup('<input type="hidden" name="csrf_token" value="{}">').format(self.csrf_token)
 
 
@@ -80,14 +80,14 @@ def page(
     status: int = 200,
     **content: Any,
 ) -> HTMLResponse:
-    """Render a page for its visitor; without a snapshot, the database is not asked."""
+    """Render a page; without a snapshot, the database is not used."""
     site = _site(request, snapshot)
     html = _environment().get_template(template).render(site=site, **content)
     return HTMLResponse(html, status, HEADERS)
 
 
 def see_other(path: str) -> RedirectResponse:
-    """Lead on from a form, to be opened by GET."""
+    """Redirect after a form, to a page for GET."""
     return RedirectResponse(path, 303)
 
 
@@ -104,7 +104,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
         title=server.settings.title,
         banner=notice.banner,
         places=[*boards, Place("Episodes", "/episodes"), *own, Place("Guide", "/guide"), *desk],
-        here=request.url.path,
+        path=request.url.path,
         person=person,
         csrf_token=csrf_token,
     )
@@ -133,6 +133,7 @@ def _environment() -> Environment:
         "static": static_url,
     }
     environment.filters |= {
+        "attributes": attributes,
         "category": category_text,
         "counted": count_text,
         "heading": lambda problem: ERRORS[problem.code].heading,
@@ -144,16 +145,31 @@ def _environment() -> Environment:
     return environment
 
 
+def attributes(values: Mapping[str, object]) -> Markup:
+    """Write attributes of an HTML element, each after a space.
+
+    True is an attribute without a value; False and None are left out.
+
+    >>> attributes({"required": True, "disabled": False, "min": 1, "title": "<1>"})
+    Markup(' required min="1" title="&lt;1&gt;"')
+    """
+    return Markup("").join(
+        Markup(" {}").format(name) if value is True else Markup(' {}="{}"').format(name, value)
+        for name, value in values.items()
+        if value is not None and value is not False
+    )
+
+
 @cache
 def static_url(name: str) -> str:
-    """Return the address of a file that never changes under that address."""
+    """Return the address of a static file, which includes a digest of its content."""
     files_named = (files(package).joinpath(folder, name) for package, folder in STATIC_FOLDERS)
     content = next(file for file in files_named if file.is_file()).read_bytes()
     return f"{STATIC}/{name}?{hashlib.sha256(content).hexdigest()[:12]}"
 
 
 def instant(moment: datetime | None) -> Markup:
-    """Write an instant in UTC; a script adds the viewer's own time.
+    """Write a time in UTC; a script adds the viewer's local time.
 
     >>> instant(datetime(2027, 6, 1, 21, 5, tzinfo=UTC))
     Markup('<time datetime="2027-06-01T21:05:00+00:00">2027-06-01 21:05 UTC</time>')
@@ -165,7 +181,7 @@ def instant(moment: datetime | None) -> Markup:
 
 
 def sentence(text: str) -> str:
-    """Begin a text with a capital letter; the others stay as they are.
+    """Capitalise the first letter of a text only.
 
     >>> sentence("the SPL is missing")
     'The SPL is missing'
@@ -174,13 +190,13 @@ def sentence(text: str) -> str:
 
 
 class StaticPages(StaticFiles):
-    """Serves the package's files; browsers keep them."""
+    """Serves the package's static files."""
 
     def __init__(self) -> None:
         super().__init__(packages=[*STATIC_FOLDERS])
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        """Return a file, to be kept if its address names its content."""
+        """Return a file; browsers may cache it if its address has a digest."""
         reply = await super().get_response(path, scope)
         if scope["query_string"]:
             reply.headers["Cache-Control"] = _FOR_A_YEAR

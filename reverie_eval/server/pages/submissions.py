@@ -1,4 +1,4 @@
-"""``/submissions/{id}``: all of it for its team, what was published for everybody else."""
+"""``/submissions/{id}``: a submission for its team, or its published part for others."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -27,7 +27,7 @@ _EMPTY_IS_NONE = frozenset({"paper", "code"})
 def show_submission(
     submission_id: str, visitor: Visitor, done: Annotated[str, Query(max_length=20)] = ""
 ) -> Response:
-    """Show a submission to its team, or what is published of it to others."""
+    """Show a submission to its team, or its published part to others."""
     with visitor.snapshot() as snapshot:
         if snapshot.caller is not None:
             try:
@@ -40,22 +40,22 @@ def show_submission(
             "publication.html",
             snapshot,
             shown=shown,
-            said=Method.model_fields,
+            method_fields=Method.model_fields,
             primary=primary_metric(shown.report.scores).key,
         )
 
 
 @router.post("/submissions/{submission_id}")
 def change_submission(submission_id: str, member: Member, form: Posted, _: ScoringSlot) -> Response:
-    """Change what one of the page's small forms is about: each sends its own fields only."""
+    """Apply one of the forms on the page; each sends only its own fields."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}
     with member.snapshot() as snapshot:
         submission_of(snapshot.session, snapshot.person, submission_id)
 
     def draw(problem: ProblemDocument) -> Response:
         with member.snapshot() as snapshot:
-            kept = typed if "name" in typed else {}  # of the form about the method alone
-            return _own_page(member, snapshot, submission_id, typed=kept, problem=problem)
+            method = typed if "name" in typed else {}  # of the form about the method alone
+            return _own_page(member, snapshot, submission_id, typed=method, problem=problem)
 
     show_faults_with(member.request, draw)
     member.server.submissions.change(member.person(), submission_id, change_of(typed))
@@ -71,7 +71,7 @@ def _own_page(
     typed: Mapping[str, Any] = MappingProxyType({}),
     problem: ProblemDocument | None = None,
 ) -> Response:
-    """Show a submission to its team, with what was typed into its forms if that was wrong.
+    """Show a submission to its team; after a problem, with the input of the form.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def _own_page(
     shown = submission_of(session, person, submission_id)
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
-    # The values of single episodes may be seen, and still are what was scored.
+    # Episodes may be shown, and would be scored in the same way now.
     has_episodes = board is not None and not board.is_private and board.measures_as(shown.report)
     return page(
         visit.request,
@@ -96,7 +96,7 @@ def _own_page(
         reviews=standing_reviews(session, shown.id),
         now=snapshot.now,
         typed={**_texts(shown.method), **typed},
-        said=Method.model_fields,
+        method_fields=Method.model_fields,
         primary=primary_metric(shown.report.scores).key,
         required=server.settings.required_metadata,
         done=done,
@@ -105,7 +105,7 @@ def _own_page(
 
 
 def change_of(typed: Mapping[str, str]) -> SubmissionChange:
-    """Return what a form asks for; what it has no field of stays.
+    """Return the change that a form requests; it keeps everything without a field in the form.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def change_of(typed: Mapping[str, str]) -> SubmissionChange:
 
 
 def _texts(method: Method) -> Mapping[str, str]:
-    """Return what is said of a method as its form has it."""
+    """Return the description of a method as values of form fields."""
     return {
         name: str(value).lower() if isinstance(value, bool) else value or ""
         for name, value in method.model_dump(mode="json").items()

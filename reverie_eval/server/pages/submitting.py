@@ -1,12 +1,12 @@
-"""``/submit``: a file is checked for nothing, and scored if its team wants to spend a try.
+"""``/submit``: checking files, and scoring them.
 
-The form is one plain multipart form; a script sends the same form piece by piece and puts what the
-page would have said in place.
+This is one multipart form. With scripts, a chosen file is checked at once: the same form is sent in
+the background, and the outcome is inserted into the page.
 
-Its CSRF token is a field like that of every form, and no part of its address, which ends up in
-histories and logs of proxies. So the body is read before the token is compared. That costs no more
-than an upload of whoever is signed in: a request of another site's page has no session here, which
-is known before its body is read.
+The CSRF token is a form field, not part of the address, because addresses are stored in browser
+histories and proxy logs. So the body is read before the token is checked. Only people who are
+signed in can cause that: requests from other sites have no session, which is known before the body
+is read.
 """
 
 from collections.abc import AsyncIterator, Mapping
@@ -33,7 +33,7 @@ _NOTHING = dict.fromkeys(("split", *Method.model_fields), "")
 
 
 def draw(member: Call, typed: Mapping[str, str], status: int = OK, **outcome: Any) -> Response:
-    """Show the form with what was typed into it, and what came of it."""
+    """Show the form with its input and the outcome."""
     server = member.server
     with member.snapshot() as snapshot:
         return page(
@@ -44,7 +44,7 @@ def draw(member: Call, typed: Mapping[str, str], status: int = OK, **outcome: An
             typed={**_NOTHING, **typed},
             splits=split_quotas(server, snapshot),
             required=server.settings.required_metadata,
-            said=Method.model_fields,
+            method_fields=Method.model_fields,
             is_paused=server.notices.current(snapshot.session).paused,
             limit=server.settings.limits.upload_mebibytes,
             **{"problem": None, "report": None, **outcome},
@@ -52,7 +52,7 @@ def draw(member: Call, typed: Mapping[str, str], status: int = OK, **outcome: An
 
 
 def draw_fault(member: Call, typed: Mapping[str, str], problem: ProblemDocument) -> Response:
-    """Show the form with what is wrong; what is found by a check is what was asked for."""
+    """Show the form with a problem; problems found by a check have status 200."""
     is_answer = typed.get("what") == "check" and problem.code == RejectedFileError.code
     return draw(member, typed, OK if is_answer else problem.status, problem=problem)
 
@@ -60,12 +60,12 @@ def draw_fault(member: Call, typed: Mapping[str, str], problem: ProblemDocument)
 async def posted_upload(
     request: Request, member: Member, server: Server, runtime: Runtime
 ) -> AsyncIterator[Upload]:
-    """Take the form off the wire once there is room for it; faults keep what was typed.
+    """Read the form when a slot is free; after a problem, the input is kept.
 
     Raises
     ------
     MalformedError
-        If no file was chosen; nothing else is said of it then.
+        If no file was chosen.
     """
     exchange = exchange_of(request.scope)
     exchange.uploaded_to = ""
@@ -75,7 +75,7 @@ async def posted_upload(
         is_to_be_scored = upload.fields.get("what") == "score"
         exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None
         shown = upload.fields.get("csrf_token", "")
-        server.sessions.demand_csrf_token(member.session_id or "", shown)
+        server.sessions.check_csrf_token(member.session_id or "", shown)
         show_faults_with(request, partial(draw_fault, member, upload.fields))
         if not upload.filename:
             raise MalformedError("choose a file first")
@@ -88,13 +88,13 @@ PostedUpload = Annotated[Upload, Depends(posted_upload, scope="function")]
 
 @router.get("/submit")
 def show_submit(member: Member, split: Annotated[str, Query(max_length=64)] = "") -> Response:
-    """Show the form; a link may choose the split."""
+    """Show the form; the query can select the split."""
     return draw(member, {"split": split})
 
 
 @router.post("/submit")
 def submit(member: Member, upload: PostedUpload) -> Response:
-    """Check a file, or score it and lead to its page; the same file leads to the same page."""
+    """Check a file, or score it and redirect to its page."""
     server, person, typed = member.server, member.person(), upload.fields
     board = server.board(typed.get("split", ""))
     if typed.get("what") != "score":
@@ -103,5 +103,5 @@ def submit(member: Member, upload: PostedUpload) -> Response:
     method = method_from({name: typed[name] for name in Method.model_fields if name in typed})
     accepted = server.intake.submit(person, board.name, upload.packed, method, key=None)
     exchange_of(member.request.scope).is_repeat = accepted.is_repeat
-    came = "again" if accepted.is_repeat else "scored"
-    return see_other(f"/submissions/{accepted.submission.id}?done={came}")
+    outcome = "again" if accepted.is_repeat else "scored"
+    return see_other(f"/submissions/{accepted.submission.id}?done={outcome}")

@@ -1,4 +1,4 @@
-"""``/team``: one's own team, where signing in leads to, and what it has left on each split."""
+"""``/team``: the page of one's own team, and the quotas of its splits."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ from reverie_eval.server.state import ServerState
 router = APIRouter()
 
 MOST_SUBMISSIONS = 200
-"""That the page shows; the API lists all."""
+"""The largest number on the page; the API lists all."""
 
 
 def _progress(
     team: TeamView, server: ServerState, now: datetime
 ) -> Mapping[str, Mapping[str, Any]]:
-    """Return what is drawn of each split that more than one submission has a score of."""
+    """Return the data of a chart for each split with at least two scored submissions."""
     of_splits = {
         split: [each for each in team.submissions if each.split == split] for split in server.boards
     }
@@ -34,12 +34,12 @@ def _progress(
         split: progress_of(submissions, server.board(split).primary, now)
         for split, submissions in of_splits.items()
     }
-    return {split: found for split, found in drawn.items() if len(found["points"]["y"]) > 1}
+    return {split: chart for split, chart in drawn.items() if len(chart["points"]["y"]) > 1}
 
 
 @router.get("/team")
 def show_team(member: Member) -> Response:
-    """Show who is in the team, what it has left, and what it has submitted."""
+    """Show the team's people, quotas, submissions and tokens."""
     server = member.server
     with member.snapshot() as snapshot:
         person, team = snapshot.person, team_of(snapshot.session, snapshot.person, MOST_SUBMISSIONS)
@@ -67,9 +67,9 @@ class SplitQuota:
     quota: QuotaReport
     is_open: bool
     opens_at: datetime | None
-    """When the next phase begins; None if none will."""
+    """When the next phase begins, or None."""
     closes_at: datetime | None
-    """When the phase ends that is open now; None if it does not, or none is."""
+    """When the current phase ends; None if it has no end, or there is none."""
 
 
 def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota]:

@@ -1,1 +1,1 @@
-"""The routes: each declares what it takes and gives, and calls a service once."""
+"""The routes of the API; each declares its parameters and replies, and calls one service."""

@@ -1,4 +1,4 @@
-"""What the server is, who one is, how to get in and out, and the key that checks receipts."""
+"""The server itself, the caller, signing in and out, and the public key."""
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import PlainTextResponse
@@ -21,7 +21,6 @@ from reverie_eval.server.http.callers import (
     own_page,
     set_cookie,
 )
-from reverie_eval.server.http.examples import KEY_PEM
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.service.tokens import accept_invitation
 from reverie_eval.server.store.tables import BrowserSession
@@ -29,10 +28,12 @@ from reverie_eval.version import __version__
 
 router = APIRouter(tags=["access"])
 
+_PEM = "-----BEGIN PUBLIC KEY-----\nMCow...\n-----END PUBLIC KEY-----\n"
+
 
 @router.get("/server")
 def show_server(server: Server) -> ServerReport:
-    """Say what the server is, and what its organiser has to say to everybody."""
+    """Show the server's version, its settings and the organiser's notice."""
     with server.database.reading() as session:
         notice = server.notices.current(session)
     return ServerReport(
@@ -47,14 +48,14 @@ def show_server(server: Server) -> ServerReport:
 
 @router.get("/me", responses=problems("not-signed-in"))
 def show_me(caller: Caller) -> Me:
-    """Say who you are."""
+    """Show who you are."""
     person = caller.person()
     return Me(person=person.name, team=person.team.name, role=person.role)
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-signed-in"))
 def exchange_invitation(invitation: Invitation, server: Server) -> Welcome:
-    """Turn an invitation into a token, once."""
+    """Exchange an invitation for a token; this works once."""
     with server.transactions.begin("") as transaction:
         return accept_invitation(transaction, invitation.invitation)
 
@@ -62,7 +63,7 @@ def exchange_invitation(invitation: Invitation, server: Server) -> Welcome:
 @router.get(
     "/key",
     response_class=PlainTextResponse,
-    responses={200: {"content": {"text/plain": {"example": KEY_PEM}}}},
+    responses={200: {"content": {"text/plain": {"example": _PEM}}}},
 )
 def show_key(server: Server) -> str:
     """Return the public key that receipts are checked with, in PEM form."""
@@ -76,7 +77,7 @@ def show_key(server: Server) -> str:
     responses=problems("not-signed-in", "not-allowed"),
 )
 def sign_in(shown: SignIn, request: Request, response: Response, server: Server) -> SessionReport:
-    """Exchange a token for a session: a cookie, and the token that goes with what it changes."""
+    """Exchange a token for a browser session: a cookie and a CSRF token."""
     with server.database.writing() as session:
         now = server.clock()
         begun = server.sessions.begin(session, shown.token, now)
@@ -86,7 +87,7 @@ def sign_in(shown: SignIn, request: Request, response: Response, server: Server)
 
 @router.get("/session", responses=problems("not-signed-in"))
 def show_session(call: Anybody, server: Server) -> SessionReport:
-    """Say who is signed in, and the session's CSRF token."""
+    """Show who is signed in, and the session's CSRF token."""
     with call.snapshot() as snapshot:
         browser = _signed_in(snapshot)
         return _report(browser, server.sessions.csrf_token(browser.id))
@@ -94,7 +95,7 @@ def show_session(call: Anybody, server: Server) -> SessionReport:
 
 @router.delete("/session", status_code=204, responses=problems("not-signed-in"))
 def sign_out(call: Anybody, response: Response, server: Server) -> None:
-    """End the session, for everybody who has its cookie."""
+    """End the session; its cookie is no longer valid."""
     with call.snapshot() as snapshot:
         browser = _signed_in(snapshot)
     with server.database.writing() as session:

@@ -1,4 +1,4 @@
-"""``/healthz`` and ``/metrics``: for whoever keeps the server running."""
+"""``/healthz`` and ``/metrics``, for monitoring."""
 
 import ipaddress
 from dataclasses import replace
@@ -7,7 +7,6 @@ from fastapi import APIRouter, Request, Response, status
 
 from reverie_eval.schemas.service import HealthReport
 from reverie_eval.server.http.callers import Anybody, Server
-from reverie_eval.server.http.examples import METRICS
 from reverie_eval.server.http.exchange import address_of
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.runtime import Runtime
@@ -15,10 +14,12 @@ from reverie_eval.server.http.telemetry import MEDIA_TYPE
 
 router = APIRouter(tags=["operations"])
 
+_METRICS = "# TYPE reverie_eval_requests_total counter\n..."
+
 
 @router.get("/healthz", responses={503: {"model": HealthReport}})
 async def show_health(runtime: Runtime, response: Response) -> HealthReport:
-    """Say whether the server can score, keep and sign: it has just tried."""
+    """Check whether the server can score submissions, sign receipts and store uploads."""
     report = await runtime.health.report()
     if report.status != "ok":
         response.status_code = status.HTTP_503_SERVICE_UNAVAILABLE
@@ -29,12 +30,12 @@ async def show_health(runtime: Runtime, response: Response) -> HealthReport:
     "/metrics",
     response_class=Response,
     responses={
-        200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": METRICS}}},
+        200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": _METRICS}}},
         **problems("not-signed-in", "not-allowed"),
     },
 )
 def show_metrics(request: Request, call: Anybody, server: Server, runtime: Runtime) -> Response:
-    """Return what the server counts, for Prometheus: to organisers, and whom the settings name."""
+    """Return metrics for Prometheus, to organisers and to addresses in the settings."""
     with call.snapshot() as snapshot:
         is_anonymous = snapshot.caller is None
     readers = server.settings.metrics_readers

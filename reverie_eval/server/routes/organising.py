@@ -1,4 +1,4 @@
-"""``/organiser``: what only organisers may do and see."""
+"""``/organiser``: routes for organisers only."""
 
 from typing import Annotated
 
@@ -41,7 +41,7 @@ TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 
 @router.get("/teams")
 def list_teams(organiser: Organiser, paging: Paging) -> list[TeamReport]:
-    """List the teams by name, with who is in them."""
+    """List the teams by name, with their people."""
     with organiser.snapshot() as snapshot:
         return paging.reply(people.list_teams(snapshot.session, paging.page))
 
@@ -60,7 +60,7 @@ def rename_team(name: TeamName, new: NewTeam, organiser: Organiser) -> TeamRepor
 
 @router.get("/people")
 def list_people(organiser: Organiser, paging: Paging) -> list[PersonReport]:
-    """List everybody by name."""
+    """List all people by name."""
     with organiser.snapshot() as snapshot:
         return paging.reply(people.list_people(snapshot.session, paging.page))
 
@@ -73,14 +73,14 @@ def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
 
 @router.get("/tokens")
 def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
-    """List what is known of tokens and invitations, the latest first."""
+    """List tokens and invitations, the latest first; not their texts."""
     with organiser.snapshot() as snapshot:
         return paging.reply(tokens.list_tokens(snapshot.session, paging.page))
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-found"))
 def create_token(new: NewToken, organiser: Organiser) -> NewTokenReport:
-    """Create an invitation or a token for somebody; its text cannot be had again."""
+    """Create an invitation or a token for a person; its text is returned only once."""
     return organiser.perform(tokens.create_token, new)
 
 
@@ -92,46 +92,46 @@ def revoke_token(hint: Hint, organiser: Organiser) -> TokenReport:
 
 @router.get("/grants")
 def list_grants(organiser: Organiser, paging: Paging) -> list[GrantReport]:
-    """List the further submissions that teams were given, the latest first."""
+    """List the extra submissions granted to teams, the latest first."""
     with organiser.snapshot() as snapshot:
         return paging.reply(quotas.list_grants(snapshot.session, paging.page))
 
 
 @router.post("/grants", status_code=201, responses=problems("not-found"))
 def grant(new: NewGrant, organiser: Organiser) -> GrantReport:
-    """Raise every limit of a team on a split until a date; the reason goes on record."""
+    """Raise every limit of a team on a split until a date; the reason is logged."""
     return organiser.perform(quotas.grant, new, organiser.server.boards)
 
 
 @router.get("/reviews")
 def list_reviews(organiser: Organiser, paging: Paging) -> list[ReviewEntry]:
-    """List what was said of submissions, lifted or not, the latest first."""
+    """List all reviews, lifted or not, the latest first."""
     with organiser.snapshot() as snapshot:
         return paging.reply(reviews.list_reviews(snapshot.session, paging.page))
 
 
 @router.post("/reviews", status_code=201, responses=problems("not-found"))
 def review_submission(new: NewReview, organiser: Organiser) -> ReviewEntry:
-    """Verify, flag or disqualify a submission, or call it a baseline, with a public reason."""
+    """Verify, flag or disqualify a submission, or mark it as a baseline; the reason is public."""
     return organiser.perform(reviews.review, new)
 
 
 @router.delete("/reviews/{review_id}", responses=problems("not-found", "conflict"))
 def lift_review(review_id: Number, organiser: Organiser) -> ReviewEntry:
-    """Lift a review; it stays on record."""
+    """Lift a review; it stays in this list."""
     return organiser.perform(reviews.lift_review, review_id)
 
 
 @router.get("/reported")
 def list_reported(organiser: Organiser, paging: Paging) -> list[ReportedEntry]:
-    """List the results on boards that papers report, the latest first."""
+    """List the reported results on leaderboards, the latest first."""
     with organiser.snapshot() as snapshot:
         return paging.reply(reported.list_reported(snapshot.session, paging.page))
 
 
 @router.post("/reported", status_code=201, responses=problems("not-found", "conflict"))
 def add_reported_result(new: NewReported, organiser: Organiser) -> ReportedEntry:
-    """Put a result on a board that a paper reports and no server has scored."""
+    """Add a result that a paper reports to a leaderboard."""
     return organiser.perform(reported.add_reported, new, organiser.server.boards)
 
 
@@ -143,27 +143,27 @@ def remove_reported_result(result_id: Number, organiser: Organiser) -> ReportedE
 
 @router.get("/notice")
 def show_notice(organiser: Organiser) -> NoticeReport:
-    """Show what is said to everybody, and whether submissions are taken."""
+    """Show the current banner, and whether submissions are paused."""
     with organiser.snapshot() as snapshot:
         return organiser.server.notices.current(snapshot.session)
 
 
 @router.put("/notice")
 def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
-    """Say something to everybody, pause submissions, or take them again, at once."""
+    """Set the banner, and pause or resume submissions; takes effect immediately."""
     return organiser.perform(organiser.server.notices.post, new)
 
 
 @router.get("/attempts")
 def list_attempts(organiser: Organiser, paging: Paging) -> list[AttemptReport]:
-    """List uploads and what they came to, the latest first."""
+    """List uploads with their outcomes, the latest first."""
     with organiser.snapshot() as snapshot:
         return paging.reply(attempts.list_attempts(snapshot.session, paging.page))
 
 
 @router.get("/audit")
 def list_audit(organiser: Organiser, paging: Paging) -> list[AuditReport]:
-    """Show who did what, the oldest first; `server doctor` checks the chain."""
+    """List the audit log, the oldest entry first; `server doctor` checks its chain."""
     with organiser.snapshot() as snapshot:
         found = paging.reply(audit.list_entries(snapshot.session, paging.page))
         return [AuditReport.model_validate(entry) for entry in found]

@@ -1,4 +1,4 @@
-"""``/splits``: what can be submitted to, uploads, and the leaderboard."""
+"""``/splits``: the splits, uploads, and leaderboards."""
 
 from collections.abc import Collection
 from datetime import datetime
@@ -16,7 +16,6 @@ from reverie_eval.schemas.service import (
     SplitReport,
 )
 from reverie_eval.server.http.callers import Anybody, Call, Server
-from reverie_eval.server.http.examples import BOARD_CSV
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.uploads import (
     FILE_BODY,
@@ -35,6 +34,9 @@ router = APIRouter(prefix="/splits", tags=["splits"])
 SplitName = Annotated[str, Path(examples=["test"])]
 SortedBy = Annotated[str | None, Query(json_schema_extra={"enum": list(SORTABLE)})]
 
+_CSV = (
+    "rank,submission_id,team,published_at,...\n1,5f2b0c9a4d7e1f36,Blue,2027-06-02T12:00:00Z,...\n"
+)
 _ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
 _OF_FILES = (
     "malformed-request",
@@ -84,10 +86,10 @@ def submit(
     server: Server,
     response: Response,
 ) -> Accepted:
-    """Score an upload and return its scores, receipt and what is left of the quota.
+    """Score an upload and return its scores, its receipt and the submissions left.
 
-    What is said of the method goes into the query or into the form beside the file. The same file,
-    or the same Idempotency-Key, gets the first reply again, with status 200, and spends nothing.
+    Describe the method in the query, or in fields of the form. Uploading the same file again, or
+    using the same Idempotency-Key, returns the first result with status 200 and uses no submission.
     """
     accepted = server.intake.submit(person, split, upload.packed, method, idempotency_key)
     counted.is_repeat = accepted.is_repeat
@@ -101,9 +103,9 @@ def submit(
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
 def validate(split: SplitName, person: Sender, content: Content, server: Server) -> Checked:
-    """Run every check of an upload without using answers; nothing is stored, no submission is used.
+    """Check a file as for scoring; nothing is stored, and no submission is used.
 
-    It takes what an upload takes; the description of the method is not looked at.
+    Answers are not used. The parameters are those of an upload; the method is ignored.
     """
     return server.intake.validate(person, split, content)
 
@@ -114,9 +116,10 @@ def validate(split: SplitName, person: Sender, content: Content, server: Server)
     responses=problems("malformed-request", "not-found"),
 )
 def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
-    """Rank the published submissions by any metric; by default the split's primary one.
+    """Rank the published submissions by a metric; by default the split's primary one.
 
-    What is disqualified, reported by a paper, or scored by other rules is apart, without a rank.
+    Results that are disqualified, reported by a paper, or scored by other rules are listed apart,
+    without a rank.
     """
     with server.database.reading() as session:
         ranking = server.ranking(session, split, metric)
@@ -127,7 +130,7 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
     "/{split}/leaderboard.csv",
     response_class=Response,
     responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": BOARD_CSV}}},
+        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
         **problems("malformed-request", "not-found"),
     },
 )

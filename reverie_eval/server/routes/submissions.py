@@ -1,4 +1,4 @@
-"""``/submissions``: one's own, what was uploaded, and what may be changed afterwards."""
+"""``/submissions``: those of one's own team, their files, and changes."""
 
 import io
 from typing import Annotated
@@ -9,7 +9,7 @@ from fastapi.responses import StreamingResponse
 from reverie_eval.reporting._scores import write_episodes
 from reverie_eval.schemas.service import Receipt, SubmissionChange, SubmissionReport
 from reverie_eval.server.http.callers import Caller
-from reverie_eval.server.http.examples import EPISODES_CSV, SUBMISSION
+from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.uploads import ScoringSlot
@@ -19,11 +19,12 @@ router = APIRouter(prefix="/submissions", tags=["submissions"])
 
 SubmissionId = Annotated[str, Path(examples=["5f2b0c9a4d7e1f36"])]
 _OF_ONE = problems("not-signed-in", "not-found")
+_CSV = "instr_id,path_length,success,...\n4774_267_1,12.5,1.0,...\n"
 
 
 @router.get("", responses=problems("not-signed-in"))
 def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
-    """List your team's submissions, the newest first; the organiser sees all."""
+    """List your team's submissions, the newest first; the organiser sees all teams'."""
     with caller.snapshot() as snapshot:
         return paging.reply(list_submissions(snapshot.session, snapshot.person, paging.page))
 
@@ -39,7 +40,7 @@ def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionRe
 def change_submission(
     submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: ScoringSlot
 ) -> SubmissionReport:
-    """Publish or withdraw a submission, edit what is said of it, hide your team until a date."""
+    """Publish, withdraw or edit a submission, or hide your team until a date."""
     return caller.server.submissions.change(caller.person(), submission_id, change)
 
 
@@ -58,7 +59,7 @@ def show_receipt(submission_id: SubmissionId, caller: Caller) -> Receipt:
     },
 )
 def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
-    """Return what was uploaded, unpacked, byte for byte."""
+    """Return the submitted file, unpacked and otherwise unchanged."""
     pieces = caller.server.submissions.file(show_submission(submission_id, caller))
     return StreamingResponse(pieces, media_type="application/json")
 
@@ -67,12 +68,12 @@ def download_file(submission_id: SubmissionId, caller: Caller) -> Response:
     "/{submission_id}/episodes",
     response_class=Response,
     responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": EPISODES_CSV}}},
+        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
         **_OF_ONE,
     },
 )
 def download_episodes(submission_id: SubmissionId, caller: Caller, _: ScoringSlot) -> Response:
-    """Return the values of every episode as CSV; of open splits only."""
+    """Return the results of every episode as CSV, for open splits only."""
     scores = caller.server.submissions.episodes(show_submission(submission_id, caller))
     text = io.StringIO()
     write_episodes(scores, text)

@@ -1,1 +1,1 @@
-"""What the server decides: who may do what, what counts, and what leaves it."""
+"""The server's rules: who may do what, what counts, and what is released."""

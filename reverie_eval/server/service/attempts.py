@@ -1,8 +1,7 @@
-"""What an organiser looks at first: every upload and what it came to, and how much was sent.
+"""Every upload with its outcome, and counts of submissions: the start page of organisers.
 
-This is written when the upload has been dealt with, in a transaction of its own: that it could not
-be written is told to the log, and is nothing to the participant. Neither bodies nor what was said
-of them are kept.
+An upload is recorded after it was handled, in a transaction of its own. If that fails, the log says
+so, and the participant does not notice. Neither files nor their problems are stored.
 """
 
 import logging
@@ -32,7 +31,7 @@ from reverie_eval.server.store.tables import Attempt, Person, Submission, Team
 
 DAYS_KEPT = 90
 MOST_KEPT = 50_000
-"""However many come in that time: rejected files cost nothing, so anybody can send many."""
+"""Rejected files use no submission, so anyone could fill the table with them."""
 
 FAILURES = (
     RejectedFileError,
@@ -42,9 +41,9 @@ FAILURES = (
     MalformedError,
     FaultError,
 )
-"""What an upload can come to besides a score."""
+"""The outcomes of uploads that were not scored."""
 HOURS = 24
-_WELL = frozenset({"scored", "repeat"})
+_SUCCESSES = frozenset({"scored", "repeat"})
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 
@@ -58,7 +57,7 @@ class Attempts:
 
     @contextmanager
     def recording(self, person: Person, split: str, size: int) -> Iterator[Attempt]:
-        """Record what an upload comes to inside, and how long it takes."""
+        """Record the outcome of the upload that is handled inside, and how long that takes."""
         attempt = Attempt(person_id=person.id, split=split, size=size, outcome="scored", problems=0)
         began = time.perf_counter()
         try:
@@ -82,11 +81,11 @@ class Attempts:
                 is_beyond = Attempt.id <= attempt.id - MOST_KEPT
                 session.execute(delete(Attempt).where(is_old | is_beyond))
         except Exception:
-            _LOGGER.exception("an upload was dealt with, but not noted")
+            _LOGGER.exception("an upload was handled, but not recorded")
 
 
 def list_attempts(session: Session, page: Page, outcome: str = "") -> Listed[AttemptReport]:
-    """List uploads and what they came to, the latest first; of one outcome, if it is named."""
+    """List uploads, the latest first; only those with an outcome, if one is given."""
     rows = select(Attempt)
     if outcome:
         rows = rows.where(Attempt.outcome == outcome)
@@ -110,7 +109,7 @@ def attempt_report(attempt: Attempt) -> AttemptReport:
 
 @dataclass(frozen=True, slots=True)
 class SplitCounts:
-    """What was sent to a split."""
+    """The submissions to a split."""
 
     submissions: int = 0
     published: int = 0
@@ -119,12 +118,12 @@ class SplitCounts:
 
 @dataclass(frozen=True, slots=True)
 class Totals:
-    """What the server keeps."""
+    """How much the server stores."""
 
     teams: int
     people: int
-    bytes_kept: int
-    """Of uploads; the same file of two teams is kept once and counted twice."""
+    upload_bytes: int
+    """The size of all uploads; a file that two teams sent is stored once and counted twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +170,7 @@ def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
 
 
 def totals(session: Session) -> Totals:
-    """Count what the server keeps."""
+    """Count teams and people, and add up the sizes of uploads."""
     counted = session.execute(
         select(
             select(func.count()).select_from(Team).scalar_subquery(),
@@ -183,16 +182,16 @@ def totals(session: Session) -> Totals:
 
 
 def last_day(session: Session, now: datetime) -> Day:
-    """Return what came of the uploads of the last 24 hours, by the hours of the clock."""
+    """Count the outcomes of the uploads of the last 24 hours, by full hours."""
     this_hour = now.replace(minute=0, second=0, microsecond=0)
     begins = [this_hour - timedelta(hours=ago) for ago in reversed(range(HOURS))]
     chosen = select(Attempt).where(Attempt.at >= begins[0]).order_by(Attempt.id.desc())
-    found = session.scalars(chosen).all()
-    times = [each.milliseconds for each in found]
+    attempts = session.scalars(chosen).all()
+    times = [each.milliseconds for each in attempts]
     return Day(
-        hours=[_hour(begin, found) for begin in begins],
-        uploads=len(found),
-        refused=sum(each.outcome not in _WELL for each in found),
+        hours=[_hour(begin, attempts) for begin in begins],
+        uploads=len(attempts),
+        refused=sum(each.outcome not in _SUCCESSES for each in attempts),
         median_milliseconds=round(median(times)) if times else None,
         slowest_milliseconds=max(times, default=None),
     )

@@ -1,13 +1,13 @@
-"""The audit log: who did what, in a chain of keyed digests that shows what was changed later.
+"""The audit log: who did what, in a chain of keyed digests that reveals later changes.
 
 Each entry's digest is an HMAC-SHA256 over the entry and the digest before it, under a key that is
-derived from the server's signing key. So whoever can write to the database, but does not have that
-key, can neither change an entry, nor add one, nor remove one that another follows. Whoever has the
-signing key can write the whole log anew.
+derived from the server's signing key. So anyone who can write to the database, but does not have
+that key, cannot change, insert or remove an entry without breaking the chain. Only the owner of the
+signing key could rewrite the log.
 
-Entries at the end can be cut off unseen by the chain, but :func:`mismatches` finds their rows: what
-an entry tells of, a row shows, and the other way round. So what was written to the database by
-other means shows there too.
+The chain does not show that entries were removed at its end. :func:`mismatches` does: every action
+in the log must be visible in a row of the database, and the other way round. It also finds rows
+that were changed without the server.
 """
 
 import hashlib
@@ -39,8 +39,8 @@ from reverie_eval.server.store.tables import (
 
 _BEFORE_THE_FIRST = "0" * 64
 _SUBMITTED = "submitted"
-_LEAVE_NO_TRACE = frozenset({"changed", "token revoked", "team renamed"})
-"""Actions that may be repeated; the row shows the last one at most."""
+_REPEATABLE = frozenset({"changed", "token revoked", "team renamed"})
+"""Actions that may happen to a row several times; the row shows only the last."""
 _SWITCHES = {
     ("withdrawn", True): "withdrawn",
     ("withdrawn", False): "restored",
@@ -66,7 +66,7 @@ class AuditLog:
         """Return the log of the server that signs with a key."""
         return cls(signer.secret_for("audit log"))
 
-    def append(  # what happened is all of its parts
+    def append(
         self,
         session: Session,
         at: datetime,
@@ -77,7 +77,7 @@ class AuditLog:
         subject: str,
         **details: Any,
     ) -> None:
-        """Append an entry; it is kept if the transaction is."""
+        """Append an entry, in the transaction of the session."""
         last = session.scalars(select(AuditEntry.digest).order_by(AuditEntry.id.desc()).limit(1))
         entry = AuditEntry(
             at=at,
@@ -92,19 +92,19 @@ class AuditLog:
         session.add(entry)
         session.flush()
 
-    def altered(self, found: Sequence[AuditEntry]) -> Sequence[int]:
-        """Return the ids of those entries that are not what was once written."""
-        return [entry.id for entry in found if not self._is_sound(entry)]
+    def altered(self, entries: Sequence[AuditEntry]) -> Sequence[int]:
+        """Return the ids of entries that were changed after they were written."""
+        return [entry.id for entry in entries if not self._is_unchanged(entry)]
 
     def broken_links(self, session: Session) -> Iterator[int]:
-        """Return the entries that are not what was once written, or follow a missing one."""
+        """Return the ids of entries that were changed, or that follow a missing entry."""
         previous = _BEFORE_THE_FIRST
         for entry in session.scalars(select(AuditEntry).order_by(AuditEntry.id)):
-            if entry.previous != previous or not self._is_sound(entry):
+            if entry.previous != previous or not self._is_unchanged(entry):
                 yield entry.id
             previous = entry.digest
 
-    def _is_sound(self, entry: AuditEntry) -> bool:
+    def _is_unchanged(self, entry: AuditEntry) -> bool:
         return hmac.compare_digest(entry.digest, self._digest(entry))
 
     def _digest(self, entry: AuditEntry) -> str:
@@ -118,12 +118,12 @@ class AuditLog:
 
 
 def row_name(row: Base) -> str:
-    """Name a row as entries refer to it, whatever people call it by then: ``team:3``."""
+    """Return the name by which entries refer to a row, which never changes: ``team:3``."""
     return f"{row.__tablename__}:{inspect(row).mapper.primary_key_from_instance(row)[0]}"
 
 
 def entries(session: Session) -> Sequence[AuditEntry]:
-    """Return everything that was recorded, the oldest first."""
+    """Return all entries, the oldest first."""
     return session.scalars(select(AuditEntry).order_by(AuditEntry.id)).all()
 
 
@@ -135,7 +135,7 @@ def list_entries(
     subject: str = "",
     newest_first: bool = False,
 ) -> Listed[AuditEntry]:
-    """List what was recorded; only by an actor or about a subject, if these are given."""
+    """List entries; only those by an actor or about a subject, if given."""
     rows = select(AuditEntry)
     if actor:
         rows = rows.where(AuditEntry.actor == actor)
@@ -146,13 +146,13 @@ def list_entries(
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that somebody did."""
+    """An action, as the history of a submission shows it."""
 
     at: datetime
     actor: str
     what: str
     why: str
-    """Empty if nobody had to say."""
+    """Empty if the action needs no reason."""
 
 
 def history(session: Session, submission_id: str) -> Sequence[Event]:
@@ -181,13 +181,13 @@ def _changes(details: Mapping[str, Any]) -> Iterator[str]:
 
 
 class Action(NamedTuple):
-    """Something that was done to a row."""
+    """An action on a row of the database."""
 
     name: str
     row: str
     """As entries refer to it: ``team:3``."""
     at: datetime | None
-    """None of a submission: there is one of its id, and it is entered some time after it came."""
+    """None for `submitted`, whose entry is written some time after the submission arrived."""
 
     def __str__(self) -> str:
         when = "" if self.at is None else f", {self.at:%Y-%m-%d %H:%M:%S}"
@@ -195,23 +195,23 @@ class Action(NamedTuple):
 
 
 def mismatches(session: Session) -> Iterator[str]:
-    """Tell where the audit log and the rows disagree."""
-    told = {
+    """Describe every disagreement between the audit log and the rows of the database."""
+    logged = {
         Action(name, row, None if name == _SUBMITTED else at)
         for name, row, at in session.execute(
             select(AuditEntry.action, AuditEntry.row, AuditEntry.at)
         )
     }
-    shown = {
+    visible = {
         Action(name, f"{table.__tablename__}:{key}", at)
-        for table, rows in _SHOWN
+        for table, rows in _VISIBLE_ACTIONS
         for name, key, at in session.execute(rows)
         if at is not None or name == _SUBMITTED
     }
-    for action in sorted(told - shown, key=str):
-        if action.name not in _LEAVE_NO_TRACE:
+    for action in sorted(logged - visible, key=str):
+        if action.name not in _REPEATABLE:
             yield f"{action}: logged, but no longer in the database"
-    for action in sorted(shown - told, key=str):
+    for action in sorted(visible - logged, key=str):
         yield f"{action}: in the database, but not logged"
     names = dict(_recorded_names(session))
     for table in (Team, Person):
@@ -222,7 +222,7 @@ def mismatches(session: Session) -> Iterator[str]:
 
 
 def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
-    """Return every name that a team has had, by the one that it has now."""
+    """Return all names that each team has had, by its current name."""
     names = defaultdict(set)
     for row, name in _recorded_names(session):
         names[row].add(name)
@@ -231,17 +231,17 @@ def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
 
 
 def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
-    """Tell what each team and each person is called, again whenever that changed."""
+    """Return each recorded name of a team or a person, with its row, the earliest first."""
     named = AuditEntry.action.in_(["team added", "person added", "team renamed"])
     for entry in session.scalars(select(AuditEntry).where(named).order_by(AuditEntry.id)):
         yield entry.row, entry.details.get("after", entry.subject)
 
 
-_SHOWN: Sequence[tuple[type[Base], Executable]] = (
+_VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (Team, select(literal("team added"), Team.id, Team.created_at)),
     (Person, select(literal("person added"), Person.id, Person.created_at)),
     (Token, select(Token.kind.concat(" token created"), Token.id, Token.created_at)),
-    # An invitation that was used has no entry of its own, but the token has that it became.
+    # Using an invitation is not logged; creating the token that it was exchanged for is.
     (
         Token,
         select(literal("token revoked"), Token.id, Token.revoked_at).where(Token.kind == "access"),
@@ -262,4 +262,4 @@ _SHOWN: Sequence[tuple[type[Base], Executable]] = (
     ),
     (Notice, select(literal("notice posted"), Notice.id, Notice.created_at)),
 )
-"""What rows show, in the words of an entry, and when it was; None if it was not."""
+"""For each table, the actions that its rows show: name, key of the row, time or None."""

@@ -27,15 +27,15 @@ from reverie_eval.submissions import parse_predictions
 from reverie_eval.submissions._document import check_value_count
 
 MAX_VALUES = 5_000_000
-"""Of an upload, a sixth of what is read at home: some thirty times what the usual file
-of the largest split holds."""
+"""JSON values in an upload: about thirty times as many as in a usual file for the largest split,
+and a sixth of the limit outside the server."""
 
 _OTHERS_MAY_READ = 0o077
 
 
 @dataclass(frozen=True)
 class Board:
-    """One split: what the organiser set, and its ground truth."""
+    """A split: its settings and its ground truth."""
 
     name: str
     split: Split
@@ -50,13 +50,13 @@ class Board:
 
     @property
     def signature(self) -> str:
-        """Everything that the scores depend on that are given now."""
+        """Everything that scores depend on, under the current settings."""
         rules = find_protocol(self.split.protocol)
         return signature_of(self.truth, rules, qualifier_of(self.split.track))
 
     @property
     def metrics(self) -> Sequence[str]:
-        """The keys of the metrics that every submission gets."""
+        """The keys of the metrics that every submission with answers gets."""
         return scored_metrics(find_protocol(self.split.protocol), self.split.track)
 
     @property
@@ -65,22 +65,22 @@ class Board:
         return primary_metric(self.metrics)
 
     def is_open(self, now: datetime) -> bool:
-        """Whether submissions are taken at this time."""
+        """Whether the split accepts submissions at a time."""
         return any(phase.is_open(now) for phase in self.split.phases)
 
     def read(self, content: bytes) -> PreparedSubmission:
-        """Read a submission's JSON text and hold it against the split.
+        """Read a submission's JSON text and align it with the split.
 
         Raises
         ------
         SubmissionError
-            Listing everything that is wrong; nothing in it tells of answers.
+            Listing all problems; they reveal nothing about the answers.
         """
         reading = self._prepare(content, self.truth)
         return reading.without_answer_hints() if self.is_private else reading
 
     def check(self, content: bytes) -> PreparedSubmission:
-        """Do what :meth:`read` does, without the answers at hand."""
+        """Do what :meth:`read` does, without using the answers."""
         return self._prepare(content, replace(self.truth, answers=None))
 
     def _prepare(self, content: bytes, truth: GroundTruth) -> PreparedSubmission:
@@ -89,39 +89,39 @@ class Board:
         return PreparedSubmission.of(predictions, truth, self.split.track)
 
     def score(self, reading: PreparedSubmission) -> Scores:
-        """Judge a submission by the split's protocol."""
+        """Score a submission by the split's protocol."""
         return reading.score(find_protocol(self.split.protocol))
 
     def measures_as(self, report: ScoreReport) -> bool:
-        """Whether a report's numbers come from this ground truth by these rules."""
+        """Whether a report was scored with the current ground truth, protocol and track."""
         # The signature has the track, and only the beginning of the fingerprint.
         return report.fingerprint == self.truth.fingerprint and (
             without_version(report.signature) == without_version(self.signature)
         )
 
     def report(self, scores: Scores, reading: PreparedSubmission) -> ScoreReport:
-        """Return what may leave the server: of a private split rounded means, and no more.
+        """Return the report that may leave the server: for a private split, only rounded means.
 
-        The headline metrics alone, to two decimals as people read them. Every further figure, and
-        every further digit, would tell more of single episodes. What a report says besides is
-        taken up here field by field, so that what it learns to say later is kept back.
+        These are the headline metrics, to two decimals of the displayed unit. Every further metric
+        or digit would reveal more about single episodes. The report of a private split is built
+        field by field, so fields that are added to reports later are not released by default.
         """
         if not self.is_private:
             return scores.to_report()
-        # What is not shown is not computed either: path fidelity takes longer than all the rest.
+        # Other metrics are not computed either: path fidelity takes longer than all the rest.
         shown = {metric.key: scores.episodes[metric.key] for metric in scores.headline}
         report = replace(scores, episodes=MappingProxyType(shown)).to_report()
-        return _discreet(report, reading.validation().notes)
+        return _rounded(report, reading.validation().notes)
 
     def may_keep(self, report: ScoreReport) -> bool:
-        """Whether a report says no more than :meth:`report` would.
+        """Whether a stored report contains no more than :meth:`report` would return.
 
-        One of a private split does if it was scored while the split was open.
+        A report on a private split may: it was scored while the split was still open.
         """
-        return not self.is_private or report == _discreet(report, report.notes)
+        return not self.is_private or report == _rounded(report, report.notes)
 
 
-def _discreet(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:
+def _rounded(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:
     return ScoreReport(
         signature=report.signature,
         split=report.split,

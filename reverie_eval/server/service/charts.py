@@ -1,4 +1,4 @@
-"""What charts draw: one metric against another, and the best over time."""
+"""Data of charts: one metric against another, and the best result over time."""
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -13,11 +13,11 @@ from reverie_eval.server.service.leaderboard import Ranking
 
 
 def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[str, Any]:
-    """Return what a board's charts draw, a column per thing.
+    """Return the data of a leaderboard's charts, in columns.
 
-    ``points`` are the rows that have both metrics, and ``front`` the places of those that no other
-    is better than, from left to right. ``progress`` is by the metric that the board is ranked by:
-    the rows that were better than all before them, in the order of their publication.
+    ``points`` are the rows that have both metrics, and ``front`` the indices of their Pareto front,
+    from left to right. ``progress`` contains the rows that were better than all earlier ones by the
+    metric of the ranking, in the order of publication.
     """
     shown = [row for row in rows if x in row.entry.scores and y in row.entry.scores]
     across, up = (_displayed(CATALOGUE[key], [row.entry.scores for row in shown]) for key in (x, y))
@@ -52,9 +52,9 @@ def _progress(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:
 def progress_of(
     submissions: Sequence[SubmissionReport], metric: Metric, now: datetime
 ) -> Mapping[str, Any]:
-    """Return what is drawn of the submissions that have the metric, a column per thing.
+    """Return the data of a chart of the submissions that have the metric, in columns.
 
-    ``best`` are the places of those that were better than all before them, as they were received.
+    ``best`` are the indices of those that were better than all received before them.
     """
     shown = [each for each in submissions if metric.key in each.report.scores]
     values = _displayed(metric, [each.report.scores for each in shown])
@@ -73,43 +73,43 @@ def progress_of(
 
 
 def front(x: Sequence[float], y: Sequence[float]) -> Sequence[int]:
-    """Return the Pareto front: what nothing else is at least as good as in both, and better in one.
+    """Return the indices of the Pareto front: no other point is as good in both and better in one.
 
     Parameters
     ----------
     x, y : sequences of float
-        Costs: less is better.
+        Costs: lower is better.
 
     Examples
     --------
     >>> front([1, 2, 3, 3], [5, 2, 4, 1])
     [0, 1, 3]
     """
-    found: list[int] = []
+    chosen: list[int] = []
     least = float("inf")
     for place in sorted(range(len(x)), key=lambda place: (x[place], y[place])):
-        is_equal = bool(found) and (x[found[-1]], y[found[-1]]) == (x[place], y[place])
+        is_equal = bool(chosen) and (x[chosen[-1]], y[chosen[-1]]) == (x[place], y[place])
         if y[place] < least or is_equal:
-            found.append(place)
+            chosen.append(place)
             least = y[place]
-    return found
+    return chosen
 
 
 def records(at: Sequence[Any], costs: Sequence[float]) -> Sequence[int]:
-    """Return what was better than all before it, by time.
+    """Return the indices of values that were better than all earlier ones, by time.
 
     >>> records([3, 1, 2, 4], [1, 5, 7, 0])
     [1, 0, 3]
     """
-    found: list[int] = []
+    chosen: list[int] = []
     for place, _ in sorted(enumerate(zip(at, costs, strict=True)), key=itemgetter(1)):
-        if not found or costs[place] < costs[found[-1]]:
-            found.append(place)
-    return found
+        if not chosen or costs[place] < costs[chosen[-1]]:
+            chosen.append(place)
+    return chosen
 
 
 def _costs(metric: Metric, values: Sequence[float]) -> Sequence[float]:
-    """Turn values so that less is better; where neither is, less took less."""
+    """Negate values if higher is better; if neither direction is, lower counts as better."""
     return [-value for value in values] if metric.better == "higher" else values
 
 

@@ -1,8 +1,8 @@
-"""What boards show, read once and kept until something is recorded that may change it.
+"""The entries of leaderboards, cached until the audit log records a change.
 
-Whatever changes a board is in the audit log, whose entries are numbered in the order in which they
-were committed. So the number of the last one tells whether what is kept still holds, whichever
-process has changed something.
+Every change to a leaderboard is in the audit log, whose entries are numbered in the order in which
+they were committed. So the number of the last entry shows whether the cache is up to date, even if
+another process made the change.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,13 +22,13 @@ from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.store.tables import AuditEntry, Submission, Team
 
-_CHANGES_NO_BOARD = "submitted"
-"""By far the most frequent entry: nothing is on a board before it is published."""
+_NO_CHANGE = "submitted"
+"""The most frequent action; it changes no leaderboard, because it publishes nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedReview:
-    """What the organiser says of a result, for everybody to read."""
+    """The organiser's public verdict on a result."""
 
     verdict: Verdict
     reason: str
@@ -38,23 +38,23 @@ class PublishedReview:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """A result on a board."""
+    """A result on a leaderboard."""
 
     submission_id: str | None
-    """None for what a paper reports."""
+    """None for a result that a paper reports."""
     team_id: int | None
     team: str
     method: Mapping[str, Any]
-    """What :class:`~reverie_eval.schemas.service.Method` says, as it is kept."""
+    """A stored :class:`~reverie_eval.schemas.service.Method`."""
     published_at: datetime
     anonymous_until: datetime | None
     scores: Mapping[str, float]
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Low and high, of headline metrics alone."""
+    """Low and high, for headline metrics only."""
     signature: str = ""
     standing: Standing = "ranked"
     source: str = ""
-    """Where it is reported."""
+    """The paper that reports it."""
     entered_by: str = ""
     reviews: Sequence[PublishedReview] = ()
 
@@ -64,7 +64,7 @@ class _Intervals(msgspec.Struct):
 
 
 class _Report(msgspec.Struct):
-    """What a board shows of a score report; the rest is not even decoded."""
+    """The fields of a score report that leaderboards show; the others are not decoded."""
 
     signature: str
     scores: dict[str, float]
@@ -77,41 +77,41 @@ _METHOD = msgspec.json.Decoder(dict[str, Any])
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """An entry in its place."""
+    """An entry with its rank."""
 
     rank: int | None
-    """None without a value, and for what takes no part in the ranking."""
+    """None if the entry has no value or is not ranked."""
     entry: Entry
 
 
 @dataclass(frozen=True, slots=True)
 class BoardEntries:
-    """The entries of a board as they were when something was last recorded."""
+    """The entries of a leaderboard as of an entry of the audit log."""
 
     number: int
-    """Of what was recorded last."""
+    """Of the last entry in the audit log."""
     entries: Sequence[Entry]
-    """That take part in the ranking, what was published first first."""
+    """The ranked entries, in the order of publication."""
     apart: Sequence[Row]
-    """What takes no part in it."""
+    """The entries that are not ranked."""
     metrics: frozenset[str]
-    """That any of those has which take part."""
+    """All metrics of the ranked entries."""
     ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
-    """By the metrics that were asked for since."""
+    """The rankings computed so far, by metric."""
 
 
 class EntriesCache:
-    """The entries of every board, never older than what was committed when they are asked for."""
+    """The entries of every leaderboard, always as recent as the last commit."""
 
     def __init__(self) -> None:
         self._cached: dict[str, BoardEntries] = {}
         self._counts: dict[str, tuple[int, Mapping[int, int]]] = {}
         self._lock = Lock()
-        """Whoever comes while entries are read waits for them."""
+        """So that concurrent requests read the entries only once."""
 
     def entries(self, session: Session, board: Board) -> BoardEntries:
-        """Return what is on a board."""
-        number = _last_recorded(session, AuditEntry.action != _CHANGES_NO_BOARD)
+        """Return the entries of a leaderboard."""
+        number = _last_recorded(session, AuditEntry.action != _NO_CHANGE)
         with self._lock:
             cached = self._cached.get(board.name)
             if cached is None or cached.number < number:
@@ -119,7 +119,7 @@ class EntriesCache:
             return cached
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
-        """Count what each team has submitted to a split, published or not."""
+        """Count the submissions of each team to a split, published or not."""
         number = _last_recorded(session)
         known, counts = self._counts.get(split, (-1, {}))
         if known < number:
@@ -131,10 +131,10 @@ class EntriesCache:
 
 def _read_entries(session: Session, board: Board, number: int) -> BoardEntries:
     entries = [*_scored(session, board), *_reported(session, board)]
-    taking_part = [entry for entry in entries if entry.standing == "ranked"]
+    ranked = [entry for entry in entries if entry.standing == "ranked"]
     apart = [Row(None, entry) for entry in entries if entry.standing != "ranked"]
-    metrics = frozenset(key for entry in taking_part for key in entry.scores)
-    return BoardEntries(number, taking_part, apart, metrics)
+    metrics = frozenset(key for entry in ranked for key in entry.scores)
+    return BoardEntries(number, ranked, apart, metrics)
 
 
 def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:

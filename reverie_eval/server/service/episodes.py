@@ -1,7 +1,7 @@
-"""Episodes to look at: of open splits, by themselves or as one's own submissions went through them.
+"""Episodes of open splits: their annotations, and the results of submissions.
 
-The annotations of an open split are published, so everybody may look at them. Where agents went is
-their team's to see and the organiser's. Of a private split there is nothing, for nobody.
+The annotations of an open split are published, so everyone may see them. Results per episode are
+shown to the team and the organiser. Episodes of private splits are not shown to anyone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,34 +31,34 @@ from reverie_eval.server.store.tables import Person
 from reverie_eval.submissions import NO_BOXES, AlignedSubmission
 
 MOST_LISTED = 200
-"""Submissions that one can choose among; older ones have their links."""
+"""Submissions to choose from; older ones can be opened by their links."""
 
 
 @dataclass(frozen=True)
 class EpisodeFilter:
-    """Which episodes somebody wants to see; empty is any."""
+    """The episodes to show; empty means any."""
 
     outcome: str = ""
-    """Of the first submission: one of ``anatomy.OUTCOMES``."""
+    """Of the first submission: one of :data:`reverie_eval.scoring.OUTCOMES`."""
     other_outcome: str = ""
-    """Of the second."""
+    """Of the second submission."""
     scan: str = ""
     category: str = ""
-    """What the annotators call the target, in lower case."""
+    """The category of the target, in lower case."""
     text: str = ""
-    """In the instruction or the id, in any case."""
+    """Part of the instruction or the id; case is ignored."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A submission, with what became of every episode."""
+    """A submission with the outcome of every episode."""
 
     submission: SubmissionReport
     scores: Scores
 
     @cached_property
     def outcome(self) -> Sequence[str]:
-        """What became of each episode; empty if the protocol does not score what it takes."""
+        """The outcome of each episode; empty if the protocol lacks the metrics for it."""
         try:
             numbers = outcome_indices(self.scores.episodes)
         except ProtocolError:
@@ -68,21 +68,21 @@ class Run:
 
 @dataclass(frozen=True)
 class Annotations:
-    """What is known of a split's episodes whoever goes through them."""
+    """What is known about a split's episodes without a submission."""
 
     scores: Scores
-    """Of agents that stay where they start and name nothing."""
+    """Of an agent that stays at the start and predicts nothing."""
     scan: Sequence[str]
     category: Sequence[str]
-    """Empty if the ground truth was compiled without."""
+    """Empty if the ground truth does not have them."""
     instruction: Sequence[str]
-    """Empty if the ground truth was compiled without."""
+    """Empty if the ground truth does not have them."""
 
     @classmethod
     def of(cls, board: Board) -> "Annotations":
-        """Gather them."""
+        """Collect the annotations of a split."""
         truth = board.truth
-        scores = board.score(PreparedSubmission(_standing(truth), truth))
+        scores = board.score(PreparedSubmission(_staying_at_start(truth), truth))
         return cls(
             scores=scores,
             scan=find_grouping("scan").groups(scores),
@@ -92,24 +92,24 @@ class Annotations:
 
     @cached_property
     def searched(self) -> Sequence[str]:
-        """Each episode's id and instruction, as they are searched."""
+        """Id and instruction of each episode, as searchable text."""
         ids = self.scores.instr_ids
-        told = self.instruction or [""] * len(ids)
-        return [f"{id_} {text}".casefold() for id_, text in zip(ids, told, strict=True)]
+        instructions = self.instruction or [""] * len(ids)
+        return [f"{id_} {text}".casefold() for id_, text in zip(ids, instructions, strict=True)]
 
 
 @dataclass(frozen=True)
 class Browsing:
-    """A split's episodes, and up to two submissions that went through them."""
+    """A split's episodes, and up to two submissions to show with them."""
 
     board: Board
     annotations: Annotations
     runs: Sequence[Run]
     choices: Sequence[SubmissionReport]
-    """What else the same person may look at."""
+    """All submissions that the person may choose."""
 
     def rows(self, wanted: EpisodeFilter) -> IntArray:
-        """Return the rows of the episodes that are wanted, in their order."""
+        """Return the indices of the episodes to show, in their order."""
         fits = self._is(self.annotations.scan, wanted.scan)
         fits &= self._is(self.annotations.category, wanted.category)
         for run, outcome in zip(self.runs, (wanted.outcome, wanted.other_outcome), strict=False):
@@ -118,10 +118,10 @@ class Browsing:
         fits &= np.array([sought in text for text in self.annotations.searched], dtype=bool)
         return np.flatnonzero(fits)
 
-    def anatomy(self, run: Run, wanted: EpisodeFilter) -> FailureModes | None:
-        """Count what became of the episodes that are wanted, whatever became of them.
+    def failure_modes(self, run: Run, wanted: EpisodeFilter) -> FailureModes | None:
+        """Count the outcomes of the episodes to show, ignoring the outcome in the filter.
 
-        None if the protocol does not score what it takes.
+        None if the protocol lacks the metrics for it.
         """
         if not run.outcome:
             return None
@@ -129,18 +129,18 @@ class Browsing:
         return failure_modes({key: column[rows] for key, column in run.scores.episodes.items()})
 
     def episode(self, instr_id: str) -> Episode:
-        """Return an episode without an agent that matters.
+        """Return an episode without a submission.
 
         Raises
         ------
         NotFoundError
-            If the split has none of that id.
+            If the split has no such episode.
         """
         self.row(instr_id)
         return episode(self.annotations.scores, instr_id)
 
     def row(self, instr_id: str) -> int:
-        """Return an episode's row; errors are those of :meth:`episode`."""
+        """Return an episode's index; raises the same errors as :meth:`episode`."""
         row = self.board.truth.episodes.index.get(instr_id)
         if row is None:
             raise NotFoundError(f"there is no episode {instr_id!r} in {self.board.name}")
@@ -153,7 +153,7 @@ class Browsing:
 
 
 class EpisodeService:
-    """What of the episodes may be looked at."""
+    """Access to episodes."""
 
     def __init__(self, boards: Mapping[str, Board], submissions: SubmissionService) -> None:
         self.boards: Sequence[Board] = [board for board in boards.values() if not board.is_private]
@@ -164,23 +164,23 @@ class EpisodeService:
     def browse(
         self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
     ) -> Browsing:
-        """Look at a split's episodes, and at up to two submissions.
+        """Return a split's episodes, with up to two submissions.
 
         Parameters
         ----------
         session : Session
         person : Person or None
-            Who looks; without anybody, there is only what was annotated.
+            Who is asking; None if nobody is signed in.
         split : str
         submissions : sequence of str
-            Their ids.
+            Ids of the submissions.
 
         Raises
         ------
         NotFoundError
-            If there is no such open split, or a submission is not of it, or not the person's.
+            If there is no such open split, or the person has no such submission to it.
         NotSignedInError
-            If nobody asks for a submission.
+            If submissions are requested and nobody is signed in.
         """
         board = self._board(split)
         runs = [self._run(session, person, split, submission) for submission in submissions]
@@ -190,7 +190,7 @@ class EpisodeService:
     def choices(
         self, session: Session, person: Person | None, split: str
     ) -> Sequence[SubmissionReport]:
-        """Return the submissions to an open split that somebody may look at, the newest first."""
+        """Return the submissions to an open split that a person may see, the newest first."""
         if person is None:
             return []
         return list_submissions(session, person, Page(MOST_LISTED), split).rows
@@ -207,13 +207,13 @@ class EpisodeService:
     def _run(self, session: Session, person: Person | None, split: str, submission_id: str) -> Run:
         if person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
-        known = submission_of(session, person, submission_id)
-        if known.split != split:
+        report = submission_of(session, person, submission_id)
+        if report.split != split:
             raise NotFoundError(f"your team has no submission {submission_id!r}")
-        return Run(known, self._submissions.episodes(known))
+        return Run(report, self._submissions.episodes(report))
 
 
-def _standing(truth: GroundTruth) -> AlignedSubmission:
+def _staying_at_start(truth: GroundTruth) -> AlignedSubmission:
     count = len(truth.episodes.instr_ids)
     return AlignedSubmission(
         viewpoint=truth.episodes.start,

@@ -1,9 +1,8 @@
-"""Taking submissions in: each is scored in the request that brings it, and kept or not at all.
+"""Accepting submissions: each is scored in the request that uploads it.
 
-Scoring comes before the transaction and needs no lock. What the transaction decides - is this a
-repeat, is anything left of the quota - is decided on what is there when it is this one's turn.
-Whether submissions are taken, and when one was received, is decided as soon as all of it has
-arrived: who is in time need not be fast.
+Scoring comes before the transaction and needs no lock. Whether a submission is a repeat, and
+whether the quota allows it, is checked again inside the transaction, when no other can interfere.
+Whether the split is open is decided by the time at which the upload arrived: scoring may end later.
 """
 
 import hashlib
@@ -22,7 +21,7 @@ from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.quotas import QuotaUsage, quota_usages
 from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.submissions import demand_metadata, submission_report
+from reverie_eval.server.service.submissions import check_metadata, submission_report
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
@@ -34,10 +33,10 @@ Clock = Callable[[], datetime]
 
 @dataclass
 class Intake:
-    """Where submissions come in.
+    """Accepts submissions.
 
-    To score takes longer than a transaction may, so what is asked of the database before and after
-    is asked here.
+    Scoring takes too long for a transaction, so this class reads the database before scoring and
+    writes to it after.
     """
 
     boards: Mapping[str, Board]
@@ -52,12 +51,12 @@ class Intake:
     most_bytes: int
 
     def validate(self, person: Person, split: str, content: bytes) -> Checked:
-        """Check a submission without looking at answers; nothing is spent or kept.
+        """Check a submission without using the answers; it is not stored or counted.
 
         Raises
         ------
         SubmissionError
-            Listing everything that is wrong.
+            Listing all problems.
         """
         board = board_named(self.boards, split)
         notes = board.check(content).validation().notes
@@ -66,7 +65,7 @@ class Intake:
         return Checked(split=split, valid=True, notes=list(notes), quota=quota)
 
     def quotas(self, session: Session, person: Person, *splits: str) -> Mapping[str, QuotaReport]:
-        """Return what somebody has left on these splits, or on each split of the server."""
+        """Return the submissions left to a person on these splits, or on all splits."""
         now = self.clock()
         return {
             split: usage.state(now)
@@ -76,24 +75,24 @@ class Intake:
     def submit(
         self, person: Person, split: str, packed: bytes, method: Method, key: str | None
     ) -> Accepted:
-        """Unpack a submission, score it and keep it; whatever comes of that is noted.
+        """Unpack a submission, score and store it, and record the attempt.
 
-        A file that the team has sent to the split before, and a key that the person has used for
-        it, get the earlier receipt, whatever has changed since: what is left of the quota, whether
-        the split is open, or what it is scored by, which the receipt's signature tells.
+        If the team has submitted the same file to the split before, or the person has used the same
+        key, the earlier result is returned. This holds even if the quota is spent, the split is
+        closed, or its ground truth or protocol has changed since; the signature shows the latter.
 
         Raises
         ------
         SubmissionError
-            Listing everything that is wrong with it. Nothing is spent.
+            Listing all problems. No submission is used.
         QuotaSpentError
-            If nothing is left.
+            If no submissions are left.
         NotOpenError
             If the split accepts no submissions now.
         ConflictError
             If the key was used for another file.
         MalformedError
-            If something is not said of the method that the organiser asks for.
+            If required information about the method is missing.
         """
         arrived = self.clock()
         board = board_named(self.boards, split)
@@ -116,12 +115,12 @@ class Intake:
     ) -> Accepted:
         split, sha256 = board.name, hashlib.sha256(content).hexdigest()
         with self.database.reading() as session:
-            known = self._known(session, person, split, sha256, key)
-            if known is not None:
-                return self._repeated(session, known, board, person)
-            demand_metadata(method, self.required_metadata)
-            self._demand_open(session, board, arrived)
-            self._demand_quota(session, person, board, arrived)
+            earlier = self._earlier(session, person, split, sha256, key)
+            if earlier is not None:
+                return self._repeated(session, earlier, board, person)
+            check_metadata(method, self.required_metadata)
+            self._check_open(session, board, arrived)
+            self._check_quota(session, person, board, arrived)
         reading = board.read(content)
         report = board.report(board.score(reading), reading)
         self.uploads.put(sha256, content)
@@ -137,10 +136,10 @@ class Intake:
         )
         with self.transactions.begin(person.name) as transaction:
             session = transaction.session
-            known = self._known(session, person, split, sha256, key)
-            if known is not None:
-                return self._repeated(session, known, board, person)
-            usage = self._demand_quota(session, person, board, arrived)
+            earlier = self._earlier(session, person, split, sha256, key)
+            if earlier is not None:
+                return self._repeated(session, earlier, board, person)
+            usage = self._check_quota(session, person, board, arrived)
             quota = usage.with_one_more(arrived).state(arrived)
             row.person = session.merge(person, load=False)
             row.team = row.person.team
@@ -159,10 +158,10 @@ class Intake:
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
             return Accepted(submission=submission_report(row), quota=quota, is_repeat=False)
 
-    def _known(
+    def _earlier(
         self, session: Session, person: Person, split: str, sha256: str, key: str | None
     ) -> Submission | None:
-        """Return the submission that this one repeats, if it does."""
+        """Return the earlier submission that this one repeats, or None."""
         same_file = and_(
             Submission.team_id == person.team_id,
             Submission.split == split,
@@ -170,16 +169,18 @@ class Intake:
         )
         same_key = and_(Submission.person_id == person.id, Submission.idempotency_key == key)
         chosen = select(Submission).where(same_file if key is None else or_(same_file, same_key))
-        found = session.scalars(chosen).all()
+        repeated = session.scalars(chosen).all()
         if key is None:
-            return found[0] if found else None
-        by_key = [row for row in found if (row.person_id, row.idempotency_key) == (person.id, key)]
+            return repeated[0] if repeated else None
+        by_key = [
+            row for row in repeated if (row.person_id, row.idempotency_key) == (person.id, key)
+        ]
         if by_key and (by_key[0].sha256, by_key[0].split) != (sha256, split):
             raise ConflictError(
                 f"the Idempotency-Key {key!r} was used for another file or split; take a new one "
                 "for each submission"
             )
-        return next(iter([*by_key, *found]), None)
+        return next(iter([*by_key, *repeated]), None)
 
     def _repeated(
         self, session: Session, row: Submission, board: Board, person: Person
@@ -187,7 +188,7 @@ class Intake:
         quota = self.quotas(session, person, board.name)[board.name]
         return Accepted(submission=submission_report(row), quota=quota, is_repeat=True)
 
-    def _demand_open(self, session: Session, board: Board, now: datetime) -> None:
+    def _check_open(self, session: Session, board: Board, now: datetime) -> None:
         notice = self.notices.current(session)
         if notice.paused:
             why = f": {notice.banner}" if notice.banner else ""
@@ -197,7 +198,7 @@ class Intake:
             after = f"; the next phase opens {min(opening).isoformat()}" if opening else ""
             raise NotOpenError(f"{board.name} accepts no submissions now{after}")
 
-    def _demand_quota(
+    def _check_quota(
         self, session: Session, person: Person, board: Board, now: datetime
     ) -> QuotaUsage:
         usage = self._usages(session, person, [board.name], now)[board.name]

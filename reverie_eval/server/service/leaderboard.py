@@ -1,6 +1,6 @@
-"""The leaderboard: what teams have published, ranked by any metric, and parts of it.
+"""The leaderboard: published results, ranked by any metric and filtered.
 
-It is written as JSON, as CSV, and as papers take it: a table for LaTeX, entries for BibTeX.
+It can be exported as JSON, CSV, a LaTeX table, or BibTeX entries.
 """
 
 import csv
@@ -25,41 +25,41 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row
 
 SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "neither")
-"""Metrics of which one direction is better."""
+"""Metrics with a better direction."""
 
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
 _OF_METHOD = tuple(name for name in Method.model_fields if name != "description")
 _STANDING = ("standing", "reviews", "source", "signature")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
-"""BibTeX counts braces, also those with a backslash before them."""
+"""BibTeX counts braces, even escaped ones."""
 _ANONYMOUS = "Anonymous"
 
 
 @dataclass(frozen=True, slots=True)
 class Ranking:
-    """A board, ranked by a metric."""
+    """A leaderboard, ranked by a metric."""
 
     board: Board
     metric: str
     rows: Sequence[Row]
     apart: Sequence[Row]
-    """What takes no part in the ranking."""
+    """Results that are not ranked."""
     metrics: frozenset[str]
-    """That any row has."""
+    """All metrics of the ranked results."""
     now: datetime
     counts: Mapping[int, int]
-    """How many submissions each team has made to the split."""
+    """Number of submissions to the split, by team."""
 
     def team(self, entry: Entry) -> str:
-        """Return whose an entry is; empty while its team is anonymous."""
+        """Return the team of an entry; empty while it is anonymous."""
         return "" if self._is_anonymous(entry) else entry.team
 
     def submissions(self, entry: Entry) -> int | None:
-        """Return how many of the team's submissions stand behind an entry.
+        """Return the number of submissions that an entry's team has made to the split.
 
         Also while it is anonymous, or it would hide that a result is the best of many. None for
-        what is reported.
+        reported results.
         """
         return None if entry.team_id is None else self.counts[entry.team_id]
 
@@ -69,18 +69,18 @@ class Ranking:
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """Which rows are shown; ranks stay those of the whole board."""
+    """Which rows are shown; their ranks are those on the whole leaderboard."""
 
     flags: Mapping[str, bool]
-    """What must be said of a method; a flag that is not in it may be either."""
+    """Required values of a method's flags; flags that are left out may have any value."""
     since: date | None = None
     until: date | None = None
-    """Days in UTC, both included."""
+    """Days in UTC; both are included."""
     text: str = ""
-    """In the name of the method or the team, whatever the case."""
+    """Part of the name of the method or the team; case is ignored."""
 
     def of(self, rows: Sequence[Row], ranking: Ranking) -> Sequence[Row]:
-        """Return the rows of a ranking that are shown."""
+        """Return the rows of a ranking that match."""
         return rows if self == Filter({}) else [row for row in rows if self._admits(row, ranking)]
 
     def _admits(self, row: Row, ranking: Ranking) -> bool:
@@ -101,25 +101,25 @@ def leaderboard(
 ) -> Ranking:
     """Rank the published submissions of a split.
 
-    Equal values have equal ranks, and the next rank counts all before it: 1, 2, 2, 4. What has no
-    value for the metric has no rank and comes last. Among equals, what was published first is
-    first.
+    Equal values share a rank, and the next rank counts all rows before it: 1, 2, 2, 4. Results
+    without a value for the metric have no rank and come last. Equal results are in the order of
+    publication.
 
     Raises
     ------
     MalformedError
-        If there is no such metric, or neither direction of it is better.
+        If there is no such metric, or it has no better direction.
     """
     if metric not in SORTABLE:
         known = ", ".join(SORTABLE)
-        raise MalformedError(f"a board is not sorted by {metric!r}; choose one of: {known}")
-    found = cache.entries(session, board)
-    if metric not in found.ranked:
-        values = [entry.scores.get(metric) for entry in found.entries]
-        rows = map(Row, _ranks(values, CATALOGUE[metric]), found.entries)
-        found.ranked[metric] = sorted(rows, key=lambda row: inf if row.rank is None else row.rank)
+        raise MalformedError(f"cannot sort by {metric!r}; choose one of: {known}")
+    cached = cache.entries(session, board)
+    if metric not in cached.ranked:
+        values = [entry.scores.get(metric) for entry in cached.entries]
+        rows = map(Row, _ranks(values, CATALOGUE[metric]), cached.entries)
+        cached.ranked[metric] = sorted(rows, key=lambda row: inf if row.rank is None else row.rank)
     counts = cache.submissions_of_teams(session, board.name)
-    return Ranking(board, metric, found.ranked[metric], found.apart, found.metrics, now, counts)
+    return Ranking(board, metric, cached.ranked[metric], cached.apart, cached.metrics, now, counts)
 
 
 def _ranks(values: Sequence[float | None], metric: Metric) -> list[int | None]:
@@ -132,7 +132,7 @@ def _ranks(values: Sequence[float | None], metric: Metric) -> list[int | None]:
 
 
 def as_json(ranking: Ranking) -> bytes:
-    """Write a leaderboard as :class:`~reverie_eval.schemas.service.Leaderboard` has it."""
+    """Return a leaderboard as JSON, as :class:`~reverie_eval.schemas.service.Leaderboard`."""
     board = ranking.board
     return msgspec.json.encode(
         {
@@ -166,10 +166,10 @@ def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
 
 
 def as_csv(ranking: Ranking) -> str:
-    """Write a leaderboard as CSV: a row per result, a column per metric that any has.
+    """Return a leaderboard as CSV: a row per result, a column per metric.
 
-    What takes no part in the ranking comes last. A cell that a spreadsheet would take for a formula
-    begins with an apostrophe.
+    Results that are not ranked come last. A cell that a spreadsheet would read as a formula begins
+    with an apostrophe.
 
     References
     ----------
@@ -205,8 +205,7 @@ def _cell(value: str | int | None) -> str | int | None:
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:
     """Return the rows as a table for LaTeX's booktabs package, the best of each column in bold.
 
-    Without a row, or a metric that any row has, there is no table: LaTeX cannot set one without
-    columns.
+    Without rows or metrics, there is only a comment: LaTeX does not allow tables without columns.
     """
     board = ranking.board
     if not metrics:
@@ -221,13 +220,13 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
 
 
 def _method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
-    """Name methods; who has one of the same name is told apart by its team, then by its number."""
+    """Return distinct names: the method, if necessary with its team, then with its id."""
     methods = [row.entry.method["name"] for row in rows]
-    named = _told_apart(methods, [ranking.team(row.entry) or _ANONYMOUS.lower() for row in rows])
-    return _told_apart(named, [row.entry.submission_id or str(row.rank) for row in rows])
+    named = _made_distinct(methods, [ranking.team(row.entry) or _ANONYMOUS.lower() for row in rows])
+    return _made_distinct(named, [row.entry.submission_id or str(row.rank) for row in rows])
 
 
-def _told_apart(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
+def _made_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
     counts = Counter(names)
     return [
         f"{name} ({more})" if counts[name] > 1 else name
@@ -236,7 +235,7 @@ def _told_apart(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
 
 
 def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, address: str) -> str:
-    """Return an entry for the board as it is now, and one for each row."""
+    """Return an entry for the leaderboard as it is now, and one for each row."""
     board, today = ranking.board, ranking.now.astimezone(UTC)
     of_board = _bibtex_entry(
         f"reverie-{board.name}-{today:%Y-%m-%d}",
@@ -276,10 +275,10 @@ def _bibtex_entry(
 
 
 def _bibtex_key(text: str) -> str:
-    """Keep what every BibTeX takes in a key."""
+    """Replace characters that some versions of BibTeX do not allow in keys."""
     return "".join(letter if letter.isascii() and letter.isalnum() else "-" for letter in text)
 
 
 def _bibtex_text(text: str) -> str:
-    """Write a text so that BibTeX and then LaTeX show it as it is."""
+    """Escape a text for BibTeX and LaTeX."""
     return "".join(_BRACES.get(letter) or latex_text(letter) for letter in text)

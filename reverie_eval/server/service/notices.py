@@ -1,7 +1,7 @@
-"""What the organiser tells everybody, and whether submissions are taken, without a restart.
+"""Notices: the organiser's banner, and pausing submissions, without a restart.
 
-The latest notice holds. Below it are the settings: their banner is shown where a notice has none,
-and a server that is paused there stays paused, whatever a notice says.
+The latest notice applies. If it has no banner, that of the settings is shown. If the settings pause
+submissions, a notice cannot resume them.
 """
 
 from datetime import datetime
@@ -15,16 +15,16 @@ from reverie_eval.server.store.tables import Notice
 
 
 class Notices:
-    """What is posted, above what the settings say."""
+    """The posted notices, combined with the settings."""
 
     def __init__(self, banner: str, *, paused: bool) -> None:
         self.of_settings = NoticeReport(
             banner=banner, paused=paused, posted_by=None, created_at=None
         )
-        """What the settings say; holds where the database cannot be asked."""
+        """What the settings say; used where the database is not read."""
 
     def current(self, session: Session) -> NoticeReport:
-        """Return what holds."""
+        """Return the current notice."""
         posted = latest_notice(session)
         if posted is None:
             return self.of_settings
@@ -32,7 +32,7 @@ class Notices:
         return self.if_posted(new, posted.posted_by, posted.created_at)
 
     def if_posted(self, new: NewNotice, actor: str, at: datetime) -> NoticeReport:
-        """Return what would hold if this were posted."""
+        """Return what the current notice would be if this one were posted."""
         return NoticeReport(
             banner=new.banner or self.of_settings.banner,
             paused=new.paused or self.of_settings.paused,
@@ -41,7 +41,7 @@ class Notices:
         )
 
     def post(self, transaction: Transaction, new: NewNotice) -> NoticeReport:
-        """Say something to everybody, or nothing; pause submissions, or take them again."""
+        """Post a notice: set or remove the banner, pause or resume submissions."""
         posted = Notice(**new.model_dump(), posted_by=transaction.actor, created_at=transaction.now)
         transaction.add(posted)
         transaction.record("notice posted", posted, "server", **new.model_dump())
@@ -49,5 +49,5 @@ class Notices:
 
 
 def latest_notice(session: Session) -> Notice | None:
-    """Return the notice that was posted last, if any was."""
+    """Return the notice that was posted last, or None."""
     return session.scalars(select(Notice).order_by(Notice.id.desc()).limit(1)).first()

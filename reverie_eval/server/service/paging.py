@@ -1,4 +1,4 @@
-"""Lists, a page at a time: in the order of a key that no two rows share, from a cursor on."""
+"""Paged lists, in the order of a unique key; a cursor is the last key of the page before."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.server.errors import WRONG_FORM, MalformedError
 
 LONGEST = 1000
-"""The most rows of a page."""
+"""The largest number of rows on a page."""
 LARGEST = 2**31 - 1
 """The largest integer key of a database."""
 
@@ -20,11 +20,11 @@ Report = TypeVar("Report")
 
 
 class Page(NamedTuple):
-    """Which page of a list is asked for."""
+    """The requested page of a list."""
 
     limit: int = 100
     cursor: str | None = None
-    """Of the page before; None for the first."""
+    """From the page before; None for the first page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Listed(Generic[Report]):
 
     rows: list[Report]
     next_cursor: str | None
-    """Of the page after; None if this is the last."""
+    """For the next page; None if this is the last."""
 
 
 def list_page(
@@ -50,16 +50,16 @@ def list_page(
     Raises
     ------
     MalformedError
-        If no page has such a cursor.
+        If the cursor is invalid.
     """
     rows = rows.order_by(key.desc() if newest_first else key)
     if page.cursor is not None:
-        if "\0" in page.cursor:  # PostgreSQL has no text with it
+        if "\0" in page.cursor:  # not allowed in PostgreSQL's texts
             raise wrong_cursor()
         last = key_of(page.cursor) if key.type.python_type is int else page.cursor
         rows = rows.where(key < last if newest_first else key > last)
-    found = session.scalars(rows.limit(page.limit + 1)).all()
-    return cut(found, page, report, lambda row: getattr(row, key.key))
+    listed = session.scalars(rows.limit(page.limit + 1)).all()
+    return cut(listed, page, report, lambda row: getattr(row, key.key))
 
 
 def all_pages(list_rows: Callable[[Page], Listed[Report]]) -> Iterator[Report]:
@@ -74,19 +74,19 @@ def all_pages(list_rows: Callable[[Page], Listed[Report]]) -> Iterator[Report]:
 
 
 def cut(
-    found: Sequence[Row],
+    rows: Sequence[Row],
     page: Page,
     report: Callable[[Row], Report],
     key: Callable[[Row], object],
 ) -> Listed[Report]:
-    """Return a page of rows, of which one more was looked for, to see whether that is all."""
-    shown = found[: page.limit]
-    next_cursor = str(key(shown[-1])) if len(found) > page.limit else None
+    """Return a page, given one row more than it has if there is a next page."""
+    shown = rows[: page.limit]
+    next_cursor = str(key(shown[-1])) if len(rows) > page.limit else None
     return Listed([report(row) for row in shown], next_cursor)
 
 
 def key_of(cursor: str) -> int:
-    """Return the integer key in a cursor; MalformedError if there is none."""
+    """Return the integer key in a cursor; MalformedError if it is invalid."""
     is_short_number = cursor.isascii() and cursor.isdigit() and len(cursor) <= len(str(LARGEST))
     if not is_short_number or int(cursor) > LARGEST:
         raise wrong_cursor()
@@ -94,7 +94,7 @@ def key_of(cursor: str) -> int:
 
 
 def wrong_cursor() -> MalformedError:
-    """Return the error about a cursor that no page of a list has."""
+    """Return the error about an invalid cursor."""
     message = "unknown cursor; take it from the Link header of the previous page of this list"
     problem = ProblemReport(code="wrong-value", where="cursor", message=message)
     return MalformedError(WRONG_FORM, [problem])

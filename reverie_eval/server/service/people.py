@@ -1,4 +1,4 @@
-"""Teams and the people in them: added, renamed, listed, and a team as its people see it."""
+"""Teams and people: adding, renaming and listing them, and the page of one's own team."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ def add_person(transaction: Transaction, new: NewPerson) -> PersonReport:
     Raises
     ------
     ConflictError
-        If somebody has that name.
+        If a person has that name.
     NotFoundError
         If there is no such team.
     """
@@ -71,36 +71,36 @@ def list_teams(session: Session, page: Page) -> Listed[TeamReport]:
 
 
 def list_people(session: Session, page: Page) -> Listed[PersonReport]:
-    """List everybody by name."""
+    """List all people by name."""
     return list_page(session, select(Person), Person.name, page, person_report)
 
 
 def names_of_teams(session: Session) -> Sequence[str]:
-    """Return the teams' names, for a choice among all."""
+    """Return the names of all teams."""
     return session.scalars(select(Team.name).order_by(Team.name)).all()
 
 
 def names_and_roles(session: Session) -> Mapping[str, Role]:
-    """Return everybody's role by their name, for a choice among all."""
+    """Return the role of each person, by name."""
     rows = session.execute(select(Person.name, Person.role).order_by(Person.name))
-    return {name: role for name, role in rows}  # noqa: C416  # a row is no pair for mypy
+    return {name: role for name, role in rows}  # noqa: C416  # mypy does not accept rows as pairs
 
 
 @dataclass(frozen=True, slots=True)
 class TeamView:
-    """What one sees of one's own team."""
+    """What people see of their own team."""
 
     people: Sequence[Person]
     submissions: Sequence[SubmissionReport]
     """The latest, the newest first."""
     submitted: int
-    """How many there are in all."""
+    """The number of all submissions."""
     tokens: Sequence[Token]
-    """One's own, not those of others; the newest first."""
+    """Those of the person who asks; the newest first."""
 
 
 def team_of(session: Session, person: Person, most: int) -> TeamView:
-    """Return somebody's team, with at most so many of its submissions."""
+    """Return a person's team, with its latest submissions."""
     of_team = Submission.team_id == person.team_id
     latest = select(Submission).where(of_team).order_by(Submission.received_at.desc()).limit(most)
     members = select(Person).where(Person.team_id == person.team_id).order_by(Person.name)
@@ -115,7 +115,7 @@ def team_of(session: Session, person: Person, most: int) -> TeamView:
 
 
 def team_named(session: Session, name: str) -> Team:
-    """Return a team; NotFoundError if there is none of that name."""
+    """Return a team by name; NotFoundError if there is none."""
     team = session.scalars(select(Team).where(Team.name == name)).first()
     if team is None:
         raise NotFoundError(f"there is no team {name!r}")
@@ -123,7 +123,7 @@ def team_named(session: Session, name: str) -> Team:
 
 
 def person_named(session: Session, name: str) -> Person:
-    """Return a person; NotFoundError if there is none of that name."""
+    """Return a person by name; NotFoundError if there is none."""
     person = session.scalars(select(Person).where(Person.name == name)).first()
     if person is None:
         raise NotFoundError(f"there is no person {name!r}")
@@ -131,20 +131,20 @@ def person_named(session: Session, name: str) -> Person:
 
 
 def team_report(team: Team) -> TeamReport:
-    """Return what organisers see of a team."""
+    """Return a team as organisers see it."""
     people = sorted(person.name for person in team.people)
     return TeamReport(name=team.name, people=people, created_at=team.created_at)
 
 
 def person_report(person: Person) -> PersonReport:
-    """Return what organisers see of a person."""
+    """Return a person as organisers see them."""
     return PersonReport(
         name=person.name, team=person.team.name, role=person.role, created_at=person.created_at
     )
 
 
 def _write(transaction: Transaction, row: Team | Person) -> None:
-    """Insert or change a row whose name must be its own."""
+    """Insert or change a row; ConflictError if its name is taken."""
     name, kind = row.name, row.__tablename__
     try:
         with transaction.session.begin_nested():

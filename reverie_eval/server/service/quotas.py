@@ -1,8 +1,8 @@
-"""Quotas: how many scored submissions are left, when the next one is, and what was granted beyond.
+"""Quotas: how many submissions are left, when the next one is possible, and extra grants.
 
-A window rolls: what was submitted a moment more than 24 hours ago does not count any more. The
-smaller remainder of the team's and the person's counts, so that nobody gains by joining teams or
-by filling them. Withdrawn submissions count; files that were rejected were never submissions.
+Windows roll: a submission counts for exactly 24 hours, 30 days and 365 days. Both the team's and
+the person's submissions are counted, and the smaller remainder applies, so that joining other teams
+or adding people gains nothing. Withdrawn submissions count; rejected files do not.
 """
 
 from bisect import bisect_right
@@ -34,9 +34,9 @@ WINDOWS: Mapping[WindowName, timedelta] = {
 def quota_usages(
     session: Session, quotas: Mapping[str, Quota], person: Person, now: datetime
 ) -> Mapping[str, "QuotaUsage"]:
-    """Look up what somebody and their team have used of the quotas, given by their splits.
+    """Return what a person and their team have used of the quotas, by split.
 
-    Inside a transaction the answer holds until it ends.
+    Within a transaction, the result stays valid until it ends.
     """
     since = now - max(WINDOWS.values())
     theirs = (Submission.team_id == person.team_id) | (Submission.person_id == person.id)
@@ -64,20 +64,20 @@ def quota_usages(
 
 @dataclass(frozen=True, slots=True)
 class QuotaUsage:
-    """What was allowed and what was used: enough to tell what is left, now and later."""
+    """The limits and the submissions so far: what is needed to compute what is left at any time."""
 
     quota: Quota
     received: Sequence[Sequence[datetime]]
-    """When the team's and when the person's submissions came, the oldest first."""
+    """Times of the team's submissions and of the person's, the oldest first."""
     grants: Sequence[tuple[int, datetime]]
-    """How many more, until when."""
+    """Number of extra submissions, and their expiry."""
 
     def with_one_more(self, now: datetime) -> "QuotaUsage":
-        """Count one that comes now."""
+        """Return the usage after one more submission now."""
         return replace(self, received=[sorted([*times, now]) for times in self.received])
 
     def state(self, now: datetime) -> QuotaReport:
-        """Say what is left now: the smallest remainder of all windows."""
+        """Return what is left now: the smallest remainder of all windows."""
         windows = [
             QuotaWindow(
                 name=name,
@@ -97,7 +97,7 @@ class QuotaUsage:
         )
 
     def _first_rise(self, windows: Collection[WindowName], now: datetime) -> datetime | None:
-        """Return when the windows together will allow more than now.
+        """Return when the windows together will allow more submissions than now.
 
         Only what leaves a window can bring that about; until then grants may expire.
         """
@@ -116,7 +116,7 @@ class QuotaUsage:
         return max(self._limit(window, at) - used, 0)
 
     def _leaving(self, window: WindowName, now: datetime) -> Iterator[Iterator[datetime]]:
-        """Return when the team's and when the person's leave the window, the earliest first."""
+        """Return when the team's and the person's submissions leave the window, in order."""
         for times in self.received:
             counted = bisect_right(times, now - WINDOWS[window])
             yield (at + WINDOWS[window] for at in times[counted:])
@@ -136,28 +136,28 @@ def grant(transaction: Transaction, new: NewGrant, splits: Collection[str]) -> G
         raise MalformedError("the expiry time is in the past; choose a later time")
     if new.split not in splits:
         raise NotFoundError(f"there is no split {new.split!r}; there are: {', '.join(splits)}")
-    given = Grant(
+    row = Grant(
         team=team_named(transaction.session, new.team),
         created_at=transaction.now,
         **new.model_dump(exclude={"team"}),
     )
-    transaction.add(given)
-    transaction.record("granted", given, new.team, **new.model_dump(mode="json", exclude={"team"}))
-    return grant_report(given)
+    transaction.add(row)
+    transaction.record("granted", row, new.team, **new.model_dump(mode="json", exclude={"team"}))
+    return grant_report(row)
 
 
 def list_grants(session: Session, page: Page) -> Listed[GrantReport]:
-    """List what was granted, the latest first."""
+    """List grants, the latest first."""
     return list_page(session, select(Grant), Grant.id, page, grant_report, newest_first=True)
 
 
-def grant_report(given: Grant) -> GrantReport:
-    """Return what organisers see of a grant."""
+def grant_report(row: Grant) -> GrantReport:
+    """Return a grant as organisers see it."""
     return GrantReport(
-        team=given.team.name,
-        split=given.split,
-        extra=given.extra,
-        reason=given.reason,
-        created_at=given.created_at,
-        expires_at=given.expires_at,
+        team=row.team.name,
+        split=row.split,
+        extra=row.extra,
+        reason=row.reason,
+        created_at=row.created_at,
+        expires_at=row.expires_at,
     )

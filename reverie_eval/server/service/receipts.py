@@ -1,4 +1,4 @@
-"""Receipts: what a server says of a result, signed so that anybody can check it later."""
+"""Receipts: results signed by the server, so that anyone can check them later."""
 
 import base64
 import os
@@ -31,7 +31,7 @@ class Signer:
         self.key_id = key_id_of(self.public_pem)
 
     def secret_for(self, purpose: str) -> bytes:
-        """Derive a secret of 32 bytes from the private key: for one purpose, and none tells others.
+        """Derive 32 secret bytes from the private key, independent of those for other purposes.
 
         References
         ----------
@@ -52,7 +52,7 @@ class Signer:
         scores: dict[str, float],
         quota: QuotaReport,
     ) -> Receipt:
-        """Say and sign what a submission scored, and what it left of the quota."""
+        """Return a signed receipt of a submission's scores and the quota after it."""
         unsigned = Receipt(
             server=self._server,
             submission_id=submission_id,
@@ -84,7 +84,7 @@ def load_key(path: Path) -> Ed25519PrivateKey:
     Raises
     ------
     ReceiptError
-        If there is none that can be used, or others can read it.
+        If there is no usable key, or other users can read it.
     """
     try:
         if path.stat().st_mode & 0o077:
@@ -104,5 +104,5 @@ def load_key(path: Path) -> Ed25519PrivateKey:
 
 
 def public_pem_of(key: Ed25519PrivateKey) -> str:
-    """Return the public half, as the server publishes it."""
+    """Return the public key in PEM form."""
     return receipts.public_pem_of(key.public_key())

@@ -1,7 +1,7 @@
-"""Results that papers report and no server has scored, entered by the organiser.
+"""Results that papers report and this server has not scored, entered by the organiser.
 
-They stand on a board beside what was scored here, marked as what they are. What is removed is kept,
-and shown no more.
+Leaderboards show them without a rank, marked as reported. Removed results stay in the database but
+are not shown.
 """
 
 from collections.abc import Collection, Sequence
@@ -21,16 +21,16 @@ from reverie_eval.server.store.tables import ReportedResult
 def add_reported(
     transaction: Transaction, new: NewReported, splits: Collection[str]
 ) -> ReportedEntry:
-    """Put a result on the board of one of the splits that a paper reports.
+    """Add a result that a paper reports to the leaderboard of a split.
 
     Raises
     ------
     MalformedError
-        If a score is of no metric or out of its bounds.
+        If a metric is unknown, or a score is out of its bounds.
     NotFoundError
         If there is no such split.
     ConflictError
-        If the method stands there already.
+        If a reported result of that method is already on the leaderboard.
     """
     name, split = new.method.name, new.split
     if split not in splits:
@@ -46,7 +46,7 @@ def add_reported(
             raise MalformedError(f"{key} is {value}; expected {expected}")
     if any(each.method["name"] == name for each in reported_of(transaction.session, split)):
         raise ConflictError(
-            f"{name!r} is on the board of {split} already; remove it first to enter it anew"
+            f"{name!r} is already on the leaderboard of {split}; remove it before adding it again"
         )
     result = ReportedResult(
         **new.model_dump(mode="json"), added_by=transaction.actor, created_at=transaction.now
@@ -57,7 +57,7 @@ def add_reported(
 
 
 def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
-    """Take a reported result off its board; NotFoundError if it is on none."""
+    """Remove a reported result from its leaderboard; NotFoundError if it is not on one."""
     result = transaction.session.get(ReportedResult, result_id)
     if result is None or result.removed_at is not None:
         raise NotFoundError(f"there is no reported result {result_id} on any leaderboard")
@@ -68,14 +68,14 @@ def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
 
 
 def list_reported(session: Session, page: Page) -> Listed[ReportedEntry]:
-    """List what is on any board, the latest first."""
+    """List the reported results on all leaderboards, the latest first."""
     rows = select(ReportedResult).where(ReportedResult.removed_at.is_(None))
     report = ReportedEntry.model_validate
     return list_page(session, rows, ReportedResult.id, page, report, newest_first=True)
 
 
 def reported_of(session: Session, split: str) -> Sequence[ReportedResult]:
-    """Return what papers report of a split, in the order in which it was entered."""
+    """Return the reported results of a split, in the order in which they were added."""
     chosen = select(ReportedResult).where(ReportedResult.split == split)
-    standing = chosen.where(ReportedResult.removed_at.is_(None))
-    return session.scalars(standing.order_by(ReportedResult.id)).all()
+    current = chosen.where(ReportedResult.removed_at.is_(None))
+    return session.scalars(current.order_by(ReportedResult.id)).all()

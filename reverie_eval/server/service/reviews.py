@@ -1,8 +1,7 @@
-"""What the organiser says of submissions, for everybody to read, until it is lifted.
+"""Reviews: the organiser's public verdicts on submissions.
 
-A submission is judged as verified, flagged or disqualified; a later judgement takes the place of an
-earlier one. That it is a baseline says nothing of its worth, and stands beside any of them. Nothing
-is deleted: who said what, and when it was lifted, stays on record.
+Verified, flagged and disqualified replace each other; baseline is independent of them. Reviews are
+never deleted: a lifted or replaced review stays in the database with the time at which it ended.
 """
 
 from collections import defaultdict
@@ -19,11 +18,11 @@ from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Review, Submission
 
 JUDGEMENTS: frozenset[Verdict] = frozenset({"verified", "flagged", "disqualified"})
-"""Of which one stands at a time."""
+"""Verdicts that replace each other."""
 
 
 def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
-    """Say something of a submission, in place of what cannot stand beside it.
+    """Review a submission; this lifts earlier reviews that the new one replaces.
 
     Raises
     ------
@@ -41,38 +40,38 @@ def review(transaction: Transaction, new: NewReview) -> ReviewEntry:
 
 
 def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
-    """Take back what was said of a submission.
+    """Lift a review.
 
     Raises
     ------
     NotFoundError
-        If nothing was.
+        If there is no such review.
     ConflictError
-        If it was lifted already.
+        If it was already lifted.
     """
     row = transaction.session.get(Review, review_id)
     if row is None:
         raise NotFoundError(f"there is no review {review_id}")
     if row.lifted_at is not None:
-        raise ConflictError(f"review {review_id} was lifted already")
+        raise ConflictError(f"review {review_id} was already lifted")
     _lift(transaction, row)
     return ReviewEntry.model_validate(row)
 
 
 def list_reviews(session: Session, page: Page) -> Listed[ReviewEntry]:
-    """List everything that was ever said of a submission, the latest first."""
+    """List all reviews, lifted or not, the latest first."""
     report = ReviewEntry.model_validate
     return list_page(session, select(Review), Review.id, page, report, newest_first=True)
 
 
 def standing_reviews(session: Session, submission_id: str) -> Sequence[Review]:
-    """Return what is said of a submission, the earliest first."""
+    """Return the current reviews of a submission, the earliest first."""
     chosen = select(Review).where(Review.submission_id == submission_id)
     return session.scalars(chosen.where(Review.lifted_at.is_(None)).order_by(Review.id)).all()
 
 
 def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
-    """Return what is said of a split's submissions, by their ids, the earliest first."""
+    """Return the current reviews of a split's submissions by id, the earliest first."""
     chosen = (
         select(Review)
         .join(Submission, Submission.id == Review.submission_id)
@@ -86,26 +85,26 @@ def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
 
 
 def review_rows(session: Session, page: Page, *, standing: bool) -> Listed[Review]:
-    """List the reviews that stand, or those that were lifted, the latest first."""
+    """List the current or the lifted reviews, the latest first."""
     rows = select(Review).options(joinedload(Review.submission))
     rows = rows.where(Review.lifted_at.is_(None) if standing else Review.lifted_at.is_not(None))
     return list_page(session, rows, Review.id, page, lambda row: row, newest_first=True)
 
 
 def latest_submissions(session: Session, limit: int) -> Sequence[Submission]:
-    """Return the latest submissions of everybody, the latest first."""
+    """Return the latest submissions of all teams, the latest first."""
     chosen = select(Submission).order_by(Submission.received_at.desc(), Submission.id)
     return session.scalars(chosen.limit(limit)).all()
 
 
 def find_submission(session: Session, submission_id: str) -> Submission | None:
-    """Return a submission, whoever's it is; None if there is none."""
-    # A database may not be able to look for every text: PostgreSQL has none with a zero byte.
+    """Return a submission of any team, or None."""
+    # PostgreSQL cannot look for texts with a zero byte.
     return session.get(Submission, submission_id) if submission_id.isalnum() else None
 
 
 def any_submission(session: Session, submission_id: str) -> Submission:
-    """Return a submission, whoever's it is; NotFoundError if there is none."""
+    """Return a submission of any team; NotFoundError if there is none."""
     row = find_submission(session, submission_id)
     if row is None:
         raise NotFoundError(f"there is no submission {submission_id!r}")

@@ -1,6 +1,6 @@
-"""Submissions that are there: looked at, scored again for their episodes, published, withdrawn.
+"""Stored submissions: listing, changing, publishing and withdrawing them, and their episodes.
 
-Their teams see all of them, everybody else what was published.
+Teams see all of their own submissions; everyone sees published ones.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -27,20 +27,20 @@ from reverie_eval.server.store.tables import Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 RECENT = 8
-"""Submissions whose episodes are kept at hand: somebody who looks at one looks at the next."""
+"""Submissions whose episodes are cached, because people look at one after the other."""
 
 
 def list_submissions(
     session: Session, person: Person, page: Page, split: str | None = None
 ) -> Listed[SubmissionReport]:
-    """List what somebody's team has submitted, the newest first; the organiser sees all.
+    """List the submissions of a person's team, the newest first; the organiser sees all teams'.
 
-    Of all splits or of one.
+    For one split, if it is given.
 
     Raises
     ------
     MalformedError
-        If no page has such a cursor.
+        If the cursor is invalid.
     """
     rows = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
     if split is not None:
@@ -59,18 +59,18 @@ def list_submissions(
 
 
 def submission_of(session: Session, person: Person, submission_id: str) -> SubmissionReport:
-    """Return a submission of somebody's team; the organiser sees all.
+    """Return a submission of a person's team; the organiser sees all teams'.
 
     Raises
     ------
     NotFoundError
-        If there is none, or it is another team's: nobody learns which.
+        If there is none, or it is another team's; the error does not reveal which.
     """
     return submission_report(_row_of(session, person, submission_id))
 
 
 def submission_report(row: Submission) -> SubmissionReport:
-    """Word a submission for its team."""
+    """Return a submission as its team sees it."""
     return SubmissionReport(
         id=row.id,
         split=row.split,
@@ -94,7 +94,7 @@ def submission_report(row: Submission) -> SubmissionReport:
 
 @dataclass(frozen=True, slots=True)
 class Publication:
-    """A published submission, for whoever reads the board."""
+    """A published submission, as everyone sees it."""
 
     id: str
     split: str
@@ -107,12 +107,12 @@ class Publication:
 
 
 def publication(session: Session, submission_id: str, now: datetime) -> Publication:
-    """Return a published submission; while its team is anonymous, nothing in it tells which it is.
+    """Return a published submission; nothing in it reveals a team that is still anonymous.
 
     Raises
     ------
     NotFoundError
-        If there is none, it is not published, or it was withdrawn: nobody learns which.
+        If there is none, it is not published, or it is withdrawn; the error does not reveal which.
     """
     row = find_submission(session, submission_id)
     if row is None or row.published_at is None or row.withdrawn_at is not None:
@@ -129,8 +129,8 @@ def publication(session: Session, submission_id: str, now: datetime) -> Publicat
     )
 
 
-def demand_metadata(method: Method, required: Collection[str]) -> None:
-    """Make sure that everything is said that the organiser asks for.
+def check_metadata(method: Method, required: Collection[str]) -> None:
+    """Check that all required information about a method is given.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def demand_metadata(method: Method, required: Collection[str]) -> None:
 
 @dataclass
 class SubmissionService:
-    """What can be done with a submission beyond looking at its row."""
+    """What needs more than the database: files, episodes and changes of submissions."""
 
     boards: Mapping[str, Board]
     database: Database
@@ -156,11 +156,11 @@ class SubmissionService:
     required_metadata: Collection[str]
 
     def __post_init__(self) -> None:
-        """Keep the latest scores at hand."""
+        """Create the cache of scores."""
         self._scored = lru_cache(RECENT)(self._score_again)
 
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
-        """Return what was uploaded, byte for byte, in pieces."""
+        """Return the submitted file, unpacked and otherwise unchanged, in pieces."""
         return self.uploads.pieces(submission.sha256)
 
     def episodes(self, submission: SubmissionReport) -> Scores:
@@ -169,8 +169,8 @@ class SubmissionService:
         Raises
         ------
         NotFoundError
-            For every submission to a private split, whoever asks; also where the ground truth or
-            the protocol is not what the submission was scored by.
+            For every submission to a private split; also if the ground truth or the protocol has
+            changed since the submission was scored.
         """
         board = board_named(self.boards, submission.split)
         if board.is_private:
@@ -183,9 +183,9 @@ class SubmissionService:
         return self._scored(submission.split, submission.sha256)
 
     def _score_again(self, split: str, sha256: str) -> Scores:
-        """Score what was uploaded; the ground truth is the same for as long as the server runs.
+        """Score an upload again; the ground truth does not change while the server runs.
 
-        What the values were computed from is let go: it may be a hundred times as large.
+        The result does not refer to the data it was computed from, which may be 100 times as large.
         """
         board = board_named(self.boards, split)
         scores = board.score(board.read(self.uploads.get(sha256)))
@@ -194,16 +194,16 @@ class SubmissionService:
     def change(
         self, person: Person, submission_id: str, change: SubmissionChange
     ) -> SubmissionReport:
-        """Publish, withdraw, rename a submission, or hide its team for a while.
+        """Publish, withdraw or edit a submission, or hide its team until a date.
 
         Raises
         ------
         NotFoundError
             As for :func:`submission_of`.
         ConflictError
-            If a withdrawn submission is to be published, or a disqualified one to disappear.
+            If a withdrawn submission would be published, or a disqualified one removed.
         MalformedError
-            If something is not said of the method any more that the organiser asks for.
+            If required information about the method would be missing.
         """
         with self.database.reading() as session:
             known = submission_of(session, person, submission_id)
@@ -224,7 +224,7 @@ class SubmissionService:
             if change.method is not None:
                 edited = change.method.model_dump(mode="json", exclude_unset=True)
                 method = Method.model_validate({**row.method, **edited})
-                demand_metadata(method, self.required_metadata)
+                check_metadata(method, self.required_metadata)
                 row.method = method.model_dump(mode="json")
             if change.withdrawn is not None:
                 row.withdrawn_at = (row.withdrawn_at or now) if change.withdrawn else None
@@ -239,9 +239,9 @@ class SubmissionService:
             return submission_report(row)
 
     def _intervals(self, known: SubmissionReport) -> Mapping[str, Any] | None:
-        """Draw confidence intervals, of open splits alone.
+        """Compute confidence intervals, for open splits only.
 
-        They take longer than scoring does, so they wait until there are readers.
+        They take longer than scoring, so they are only computed for published submissions.
         """
         board = board_named(self.boards, known.split)
         is_drawn = known.report.intervals is not None
@@ -250,7 +250,7 @@ class SubmissionService:
         scores = board.score(board.read(self.uploads.get(known.sha256)))
         try:
             drawn = scores.with_intervals().to_report().intervals
-        except ProtocolError:  # all episodes are of one target, which tells nothing of others
+        except ProtocolError:  # no intervals from a single target
             return None
         return None if drawn is None else drawn.model_dump(mode="json")
 

@@ -1,11 +1,11 @@
-"""What people show to be known: tokens, invitations, each good for one, and browser sessions.
+"""Tokens, invitations that can be exchanged for a token once, and browser sessions.
 
-A token is 32 random bytes; the database has its SHA-256. That needs no salt and no slow hash: there
-is nothing to guess.
+A token is 32 random bytes; the database stores its SHA-256. Random tokens cannot be guessed, so
+this needs no salt and no slow hash.
 
-A session's cookie is its name, signed: whoever reads the database cannot make one. A session is a
-row, so that signing out ends it for everybody who has the cookie, and it is worth what the token is
-worth that it began with: revoked or expired, it takes its sessions with it.
+A session's cookie is its id, signed, so reading the database is not enough to forge one. A session
+is a row: signing out ends it for every copy of the cookie. It is valid only while the token that it
+began with is valid.
 """
 
 import hashlib
@@ -27,38 +27,38 @@ from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import BrowserSession, Person, Token
 
 PREFIX = "rv_"
-"""Lets people, and scanners of repositories, recognise a token."""
+"""Lets people and secret scanners recognise a token."""
 HINT_LENGTH = len(PREFIX) + 8
-"""Letters of a token that may be known: enough to tell it apart, and 35 are left to guess."""
+"""The public beginning of a token: enough to identify it; 35 random characters stay secret."""
 
 TOKEN_NAMES: Mapping[TokenKind, str] = {"access": "token", "invite": "invitation"}
-"""What people call a token of a kind."""
+"""Names for people, by kind."""
 
 LIFETIME = timedelta(hours=12)
-"""After which one signs in again, however busy the session was."""
+"""Of a session; using it does not extend it."""
 
 
 def create_token(transaction: Transaction, new: NewToken) -> NewTokenReport:
-    """Create a token or an invitation for a person; its text cannot be had again.
+    """Create a token or an invitation for a person; its text is returned only once.
 
     Raises
     ------
     NotFoundError
         If there is no such person.
     MalformedError
-        If it would be worth nothing.
+        If it would already be expired.
     """
     person = person_named(transaction.session, new.person)
     return _create(transaction, person, new.kind, new.expires_at)
 
 
 def accept_invitation(transaction: Transaction, invitation: str) -> Welcome:
-    """Exchange an invitation for a token, once; the person who does is the actor from then on.
+    """Exchange an invitation for a token, once; its person becomes the actor.
 
     Raises
     ------
     NotSignedInError
-        If it is none, was used, or has expired.
+        If it is unknown, used, revoked or expired.
     """
     used = valid_token(transaction.session, invitation, "invite", transaction.now)
     used.revoked_at = transaction.now
@@ -68,12 +68,12 @@ def accept_invitation(transaction: Transaction, invitation: str) -> Welcome:
 
 
 def revoke_token(transaction: Transaction, hint: str) -> TokenReport:
-    """Revoke a token, by its first letters, with the browser sessions that began with it.
+    """Revoke a token, by its first characters, with the browser sessions that began with it.
 
     Raises
     ------
     NotFoundError
-        If no token begins so, or several do.
+        If no token begins with them, or several do.
     """
     tokens = transaction.session.scalars(select(Token).where(Token.hint == hint)).all()
     if len(tokens) != 1:
@@ -83,13 +83,13 @@ def revoke_token(transaction: Transaction, hint: str) -> TokenReport:
 
 
 def revoke_tokens_of_team(transaction: Transaction, name: str) -> list[TokenReport]:
-    """Revoke whatever is valid of a team's people; NotFoundError if there is no such team."""
+    """Revoke all tokens of a team's people; NotFoundError if there is no such team."""
     team = team_named(transaction.session, name)
     return _revoke_valid(transaction, Token.person_id.in_([person.id for person in team.people]))
 
 
 def revoke_tokens_of_person(transaction: Transaction, name: str) -> list[TokenReport]:
-    """Revoke whatever is valid of a person's; NotFoundError if there is no such person."""
+    """Revoke all tokens of a person; NotFoundError if there is no such person."""
     person = person_named(transaction.session, name)
     return _revoke_valid(transaction, Token.person_id == person.id)
 
@@ -100,7 +100,7 @@ def list_tokens(session: Session, page: Page) -> Listed[TokenReport]:
 
 
 def token_report(token: Token) -> TokenReport:
-    """Return what may be known of a token."""
+    """Return what organisers see of a token."""
     return TokenReport(
         hint=token.hint,
         kind=token.kind,
@@ -117,37 +117,37 @@ def valid_token(session: Session, text: str, kind: TokenKind, now: datetime) -> 
     Raises
     ------
     NotSignedInError
-        If there is none of this kind, or it is not valid any more.
+        If there is no token of this kind, or it is no longer valid.
     """
     digest = _digest(text)
     token = session.scalars(select(Token).where(Token.digest == digest)).first()
-    # The index has compared digests, whose timing tells nothing of the text; this compares all.
+    # The index compared digests, whose timing reveals nothing about the text; compare them fully.
     is_known = token is not None and secrets.compare_digest(token.digest, digest)
     if token is None or not is_known or token.kind != kind:
         raise NotSignedInError(f"unknown {TOKEN_NAMES[kind]}; ask the organiser for another")
-    demand_valid(token, now)
+    check_valid(token, now)
     return token
 
 
-def demand_valid(token: Token, now: datetime) -> None:
-    """Refuse a token that was revoked, was used, or has expired: it is worth nothing at its end.
+def check_valid(token: Token, now: datetime) -> None:
+    """Refuse a token that is revoked, used or expired; it expires at the very time stated.
 
     Raises
     ------
     NotSignedInError
-        Saying which.
+        Naming the reason.
     """
     this = f"this {TOKEN_NAMES[token.kind]}"
     if token.revoked_at is not None:
-        became = {"access": "was revoked", "invite": "was used or revoked"}[token.kind]
-        raise NotSignedInError(f"{this} {became}; ask the organiser for another")
+        ended = {"access": "was revoked", "invite": "was used or revoked"}[token.kind]
+        raise NotSignedInError(f"{this} {ended}; ask the organiser for another")
     if token.expires_at is not None and token.expires_at <= now:
         raise NotSignedInError(f"{this} has expired; ask the organiser for another")
 
 
 @dataclass(frozen=True, slots=True)
-class Begun:
-    """A session that has begun."""
+class NewSession:
+    """A new session."""
 
     session: BrowserSession
     cookie: str
@@ -160,65 +160,67 @@ class Sessions:
     Parameters
     ----------
     secret : bytes
-        Signs cookies; the same for all processes of a server.
+        For signatures; the same in all processes of a server.
     """
 
     def __init__(self, secret: bytes) -> None:
         self._cookies = _signer(secret, "cookie")
         self._csrf_tokens = _signer(secret, "csrf")
 
-    def begin(self, session: Session, token: str, now: datetime) -> Begun:
-        """Begin a session of whoever shows a token, and forget those that are over.
+    def begin(self, session: Session, token: str, now: datetime) -> NewSession:
+        """Begin a session for the owner of a token, and delete expired ones.
 
         Raises
         ------
         NotSignedInError
-            If the token is none of access, was revoked, or has expired.
+            If it is not a valid access token.
         """
-        shown = valid_token(session, token, "access", now)
+        valid = valid_token(session, token, "access", now)
         session.execute(delete(BrowserSession).where(BrowserSession.expires_at <= now))
-        begun = BrowserSession(
+        browser = BrowserSession(
             id=secrets.token_urlsafe(32),
-            token=shown,
+            token=valid,
             created_at=now,
-            expires_at=min(now + LIFETIME, shown.expires_at or now + LIFETIME),
+            expires_at=min(now + LIFETIME, valid.expires_at or now + LIFETIME),
         )
-        session.add(begun)
-        return Begun(begun, self._cookies.sign(begun.id).decode(), self.csrf_token(begun.id))
+        session.add(browser)
+        return NewSession(
+            browser, self._cookies.sign(browser.id).decode(), self.csrf_token(browser.id)
+        )
 
     def id_in(self, cookie: str) -> str | None:
-        """Return the id of the session that a cookie is of; None if we did not sign it."""
+        """Return the session id in a cookie; None if its signature is wrong."""
         try:
             return self._cookies.unsign(cookie).decode()
         except BadSignature:
             return None
 
     def find(self, session: Session, session_id: str, now: datetime) -> BrowserSession | None:
-        """Return a session; None if it is over, or there is none."""
-        found = session.get(BrowserSession, session_id)
-        if found is None or found.expires_at <= now:
+        """Return a session; None if there is none, or it has ended."""
+        browser = session.get(BrowserSession, session_id)
+        if browser is None or browser.expires_at <= now:
             return None
         try:
-            demand_valid(found.token, now)
+            check_valid(browser.token, now)
         except NotSignedInError:
             return None
-        return found
+        return browser
 
     def end(self, session: Session, session_id: str) -> None:
-        """End a session; that it was ended meanwhile is no error."""
+        """End a session, if it has not ended already."""
         session.execute(delete(BrowserSession).where(BrowserSession.id == session_id))
 
     def csrf_token(self, session_id: str) -> str:
-        """Return what our own pages send, and other sites cannot know."""
+        """Return the token that this server's pages send and other sites cannot know."""
         return self._csrf_tokens.sign(session_id).decode().removeprefix(f"{session_id}.")
 
-    def demand_csrf_token(self, session_id: str, shown: str) -> None:
-        """Refuse a request without the session's token.
+    def check_csrf_token(self, session_id: str, shown: str) -> None:
+        """Refuse a request without the session's CSRF token.
 
         Raises
         ------
         ForgedError
-            If it is none, or another session's.
+            If the token is wrong.
         """
         if not secrets.compare_digest(self.csrf_token(session_id).encode(), shown.encode()):
             raise ForgedError(
@@ -227,9 +229,9 @@ class Sessions:
 
 
 def name_in(cookie: str) -> str:
-    """Return the name of the session that a cookie is of, if it is signed.
+    """Return the session id in a cookie, without checking the signature.
 
-    A signature may be written in several ways, and all of them hold; a name in one.
+    One signature can be written in several valid ways, so whole cookies do not identify a session.
     """
     return cookie.rpartition(".")[0]
 

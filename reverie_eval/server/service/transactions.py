@@ -1,8 +1,7 @@
-"""Changing what the server keeps: in one transaction, as somebody, at some time, on record.
+"""Transactions: each change has an actor, a time and an entry in the audit log.
 
-Whatever can be done is a function that takes a :class:`Transaction` and what is asked for, checks,
-writes, records, and returns a report. The API, the pages and the command line begin the transaction
-and call it; nothing else is done in three places.
+An action is a function that takes a :class:`Transaction` and a request model, checks, writes, logs,
+and returns a report. The API, the pages and the command line only begin a transaction and call it.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,16 +19,16 @@ from reverie_eval.server.store.tables import Base
 
 @dataclass(frozen=True, slots=True)
 class Transaction:
-    """A change in progress; it is kept as a whole, with its entries of the audit log, or not."""
+    """A change in progress; it is committed with its entries in the audit log, or not at all."""
 
     session: Session
     actor: str
-    """Who makes it, for the audit log."""
+    """Who makes the change, for the audit log."""
     now: datetime
     audit_log: AuditLog
 
     def as_actor(self, actor: str) -> Self:
-        """Return the same transaction, continued by somebody else."""
+        """Return the same transaction with another actor."""
         return replace(self, actor=actor)
 
     def add(self, row: Base) -> None:
@@ -38,7 +37,7 @@ class Transaction:
         self.session.flush()
 
     def record(self, action: str, row: Base, subject: str, **details: Any) -> None:
-        """Append to the audit log what was done to a row, which people know as ``subject``."""
+        """Append an action on a row to the audit log; ``subject`` is the row's name for people."""
         self.session.flush()
         self.audit_log.append(
             self.session, self.now, self.actor, action, row=row, subject=subject, **details
@@ -55,6 +54,6 @@ class Transactions:
 
     @contextmanager
     def begin(self, actor: str) -> Iterator[Transaction]:
-        """Begin a transaction of somebody's; it is committed at the end, or leaves no trace."""
+        """Begin a transaction; it is committed at the end, or rolled back after an error."""
         with self.database.writing() as session:
             yield Transaction(session, actor, self.clock(), self.audit_log)

@@ -1,1 +1,1 @@
-"""What the server keeps: rows in a database, uploads by their digest."""
+"""Storage: the database, and uploads by their digest."""

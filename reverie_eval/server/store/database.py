@@ -1,8 +1,8 @@
 """The database: SQLite in a file, or PostgreSQL.
 
-Writers take turns, on both: SQLite locks its file when a transaction begins, PostgreSQL takes one
-advisory lock. Scoring happens before, so a turn is a few inserts long, and whatever is decided in
-it - quotas, the chain of the audit log - is decided on what is really there.
+Only one transaction writes at a time: SQLite locks its file when a transaction begins, PostgreSQL
+takes an advisory lock. So decisions inside a transaction, such as on quotas or the chain of the
+audit log, cannot be outdated when it is committed. Scoring comes before, so transactions are short.
 """
 
 import errno
@@ -29,25 +29,25 @@ _FULL = {errno.ENOSPC, errno.EDQUOT}
 _FULL_SQLSTATE = "53100"
 """PostgreSQL's ``disk_full``: https://www.postgresql.org/docs/current/errcodes-appendix.html"""
 _WRITER_LOCK = 0x5EEDED
-"""Any number; PostgreSQL's advisory locks are known by theirs."""
+"""An arbitrary number that identifies the advisory lock."""
 
 _SQLITE_PRAGMAS = (
-    "journal_mode = WAL",  # readers go on while somebody writes
-    "synchronous = FULL",  # what was acknowledged survives a power cut
+    "journal_mode = WAL",  # reading is possible during a write
+    "synchronous = FULL",  # committed transactions survive a power cut
     "foreign_keys = ON",
-    "busy_timeout = 30000",  # milliseconds to wait for one's turn
+    "busy_timeout = 30000",  # milliseconds to wait for the lock
 )
 
 
 class Database:
-    """Sessions to read and to write in."""
+    """Database sessions for reading and for writing."""
 
     def __init__(self, url: URL | str) -> None:
         self.engine = create_engine(url, pool_pre_ping=True, hide_parameters=True)
-        self._turn = Lock()
-        """Of this process's writers. To wait in SQLite is to ask again and again: who waits longest
-        asks least often, and comes last."""
-        # A transaction of SQLite's sees one state anyway.
+        self._write_lock = Lock()
+        """Of this process's writers. SQLite waits by polling, less and less often, so the writer
+        that waited longest would come last."""
+        # Every transaction of SQLite is a snapshot.
         isolation = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
         self._snapshots = self.engine.execution_options(**isolation)
         if self.is_sqlite:
@@ -56,78 +56,78 @@ class Database:
 
     @property
     def is_sqlite(self) -> bool:
-        """Whether this is a file."""
+        """Whether the database is an SQLite file."""
         return self.engine.dialect.name == "sqlite"
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
-        """Open a session that changes nothing, and sees one state of the database throughout."""
+        """Open a session for reading that sees one snapshot of the database."""
         with Session(self._snapshots) as session:
             yield session
 
     @contextmanager
     def writing(self) -> Iterator[Session]:
-        """Open a session that is committed at its end, or leaves no trace; one at a time."""
+        """Open a session for writing; it is committed at the end, or rolled back after an error."""
         engine = self.engine.execution_options(writes=True)
-        with self._turn, Session(engine, expire_on_commit=False) as session, session.begin():
-            self._take_turn(session.connection())
+        with self._write_lock, Session(engine, expire_on_commit=False) as session, session.begin():
+            self._take_write_lock(session.connection())
             yield session
 
     def upgrade(self) -> None:
-        """Bring the tables to what this version needs, from any released version or none."""
+        """Migrate the tables to this version, from any released version or from none."""
         with self.migrating() as connection:
             migrate(connection, "head")
 
     @contextmanager
     def migrating(self) -> Iterator[Connection]:
-        """Open a transaction in which tables may be replaced, committed at its end or undone.
+        """Open a transaction in which tables can be changed.
 
-        To change a table, SQLite has it copied and dropped, which it refuses while other rows
-        refer to it. So foreign keys are checked at the end here, not at every step.
+        Changing a table in SQLite means copying and dropping it, which it refuses while other rows
+        refer to it. So foreign keys are only checked at the end.
         """
-        with self._turn, self.engine.connect() as connection:
+        with self._write_lock, self.engine.connect() as connection:
             if self.is_sqlite:
-                connection.detach()  # for nobody else, without the checks
+                connection.detach()  # not for reuse: it does not check foreign keys
                 connection.connection.cursor().execute("PRAGMA foreign_keys = OFF")
             with connection.execution_options(writes=True).begin():
-                self._take_turn(connection)
+                self._take_write_lock(connection)
                 yield connection
                 if self.is_sqlite:
-                    _demand_foreign_keys(connection)
+                    _check_foreign_keys(connection)
 
-    def _take_turn(self, connection: Connection) -> None:
-        if not self.is_sqlite:  # which has locked its file when the transaction began
+    def _take_write_lock(self, connection: Connection) -> None:
+        if not self.is_sqlite:  # SQLite locked its file when the transaction began
             connection.execute(text(f"SELECT pg_advisory_xact_lock({_WRITER_LOCK})"))
 
     def revision(self) -> str | None:
-        """Return the migration that the tables are of; None if there are no tables."""
+        """Return the current migration of the tables; None if there are no tables."""
         if self.is_sqlite and not Path(str(self.engine.url.database)).is_file():
-            return None  # to connect would make the file
+            return None  # connecting would create the file
         with self.engine.connect() as connection:
             return MigrationContext.configure(connection).get_current_revision()
 
     def is_current(self) -> bool:
-        """Whether the tables are what this version needs."""
+        """Whether the tables are those of this version."""
         return self.revision() == ScriptDirectory(str(MIGRATIONS)).get_current_head()
 
     def close(self) -> None:
-        """Let go of all connections."""
+        """Close all connections."""
         self.engine.dispose()
 
 
 def migrate(connection: Connection, revision: str) -> None:
-    """Bring the tables to a migration, in the connection's transaction."""
+    """Migrate the tables to a revision, in the connection's transaction."""
     command.upgrade(_alembic(connection), revision)
 
 
 def known_revisions() -> frozenset[str]:
-    """Return the migrations of this version and of all before it."""
+    """Return all migrations up to this version."""
     revisions = ScriptDirectory(str(MIGRATIONS)).walk_revisions()
     return frozenset(script.revision for script in revisions)
 
 
 def is_full(error: BaseException | None) -> bool:
-    """Whether an error, or what led to it, is that nothing more can be written."""
+    """Whether an error, or one of its causes, is that the disk or the database is full."""
     if error is None:
         return False
     match error:
@@ -148,17 +148,17 @@ def _alembic(connection: Connection) -> Config:
 
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: Any) -> None:
-    connection.isolation_level = None  # BEGIN is ours, below, not the driver's
+    connection.isolation_level = None  # the driver must not begin transactions; _begin_sqlite does
     for pragma in _SQLITE_PRAGMAS:
         connection.execute(f"PRAGMA {pragma}")
 
 
-def _demand_foreign_keys(connection: Connection) -> None:
+def _check_foreign_keys(connection: Connection) -> None:
     broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
     if broken:
         tables = first_few(sorted({row[0] for row in broken}))
         raise ReverieEvalError(
-            f"the database is damaged: rows of {tables} refer to what is not there; nothing was "
+            f"the database is damaged: rows of {tables} refer to missing rows; nothing was "
             "changed, restore a backup"
         )
 

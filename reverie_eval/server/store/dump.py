@@ -1,7 +1,7 @@
-"""All rows in a form that any database takes: how a server moves from one to another.
+"""Dumping and loading all rows in a portable form, to move a server to another database.
 
-Tables come before those that refer to them. The columns are those of the migration that the
-database is of, whatever this version's tables look like. Instants are ISO 8601, in UTC.
+Tables come before those that refer to them. The columns are those of the database's own migration,
+which may be older than this version. Times are ISO 8601, in UTC.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,15 +14,15 @@ from sqlalchemy import Connection, DateTime, MetaData, Table, func, insert, sele
 
 from reverie_eval.server.store.database import Database, migrate
 
-_MIGRATIONS_OWN = "alembic_version"
+_ALEMBIC_TABLE = "alembic_version"
 
 
 Row = Sequence[Any]
-"""The name of a table, and a value for each of its columns, by name."""
+"""The name of a table, and the values of a row by column."""
 
 
 def dump(database: Database) -> Iterator[Row]:
-    """Return every row as it was at one moment, while others go on writing."""
+    """Return all rows of one snapshot; others can write meanwhile."""
     with database.reading() as session:
         connection = session.connection()
         for table in _tables(connection):
@@ -32,7 +32,7 @@ def dump(database: Database) -> Iterator[Row]:
 
 
 def load(database: Database, revision: str, rows: Iterable[Row]) -> None:
-    """Fill a database that has no tables, and bring them to this version; all or nothing."""
+    """Fill an empty database and migrate it to this version, in one transaction."""
     with database.migrating() as connection:
         migrate(connection, revision)
         tables = {table.name: table for table in _tables(connection)}
@@ -46,7 +46,7 @@ def load(database: Database, revision: str, rows: Iterable[Row]) -> None:
 
 def _tables(connection: Connection) -> list[Table]:
     metadata = MetaData()
-    metadata.reflect(connection, only=lambda name, _: name != _MIGRATIONS_OWN)
+    metadata.reflect(connection, only=lambda name, _: name != _ALEMBIC_TABLE)
     return metadata.sorted_tables
 
 
@@ -67,7 +67,7 @@ def _typed(table: Table, rows: Iterable[Row]) -> Iterator[dict[str, Any]]:
 
 
 def _continue_numbers(connection: Connection, table: Table) -> None:
-    """Let PostgreSQL's next number follow the highest that was loaded."""
+    """Make PostgreSQL's next id follow the highest that was loaded."""
     serial = text("SELECT pg_get_serial_sequence(:table, 'id')")
     sequence = connection.scalar(serial, {"table": table.name})
     if sequence is not None:

@@ -1,4 +1,4 @@
-"""The rows of the database."""
+"""The tables of the database."""
 
 from datetime import UTC, datetime
 from typing import Any
@@ -11,19 +11,19 @@ from reverie_eval.schemas.service import Role, Verdict
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """An instant; SQLite keeps no time zones, so it is always kept in UTC."""
+    """A time, always stored in UTC, because SQLite does not store time zones."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
-        """Turn any time zone into UTC; a time without one is no instant."""
+        """Convert to UTC; times without a time zone are refused."""
         if value is not None and value.tzinfo is None:
             raise ValueError(f"{value} has no time zone")
         return None if value is None else value.astimezone(UTC)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
-        """Say that it is UTC; PostgreSQL answers in the time zone of its own settings."""
+        """Return the time in UTC; PostgreSQL uses the time zone of its settings."""
         if value is None or value.tzinfo is None:
             return value and value.replace(tzinfo=UTC)
         return value.astimezone(UTC)
@@ -42,7 +42,7 @@ class Base(DeclarativeBase):
 
 
 class Team(Base):
-    """Who submits together and shares a quota."""
+    """People who submit together and share a quota."""
 
     __tablename__ = "team"
 
@@ -53,7 +53,7 @@ class Team(Base):
 
 
 class Person(Base):
-    """Somebody in a team, with a quota of their own."""
+    """A person in a team, with a quota of their own."""
 
     __tablename__ = "person"
 
@@ -66,7 +66,7 @@ class Person(Base):
 
 
 class Token(Base):
-    """What a person shows; only its digest is kept."""
+    """A token or invitation of a person; only its digest is stored."""
 
     __tablename__ = "token"
 
@@ -75,7 +75,7 @@ class Token(Base):
     kind: Mapped[TokenKind]
     digest: Mapped[str] = mapped_column(String(64), unique=True)
     hint: Mapped[str] = mapped_column(String(16))
-    """Its first letters, to tell tokens apart."""
+    """Its first characters, to identify it."""
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime | None]
     revoked_at: Mapped[datetime | None]
@@ -84,12 +84,12 @@ class Token(Base):
 
 
 class BrowserSession(Base):
-    """Somebody who signed in with a browser, as whoever the token belongs to."""
+    """A browser that signed in with a token."""
 
     __tablename__ = "browser_session"
 
     id: Mapped[str] = mapped_column(String(64), primary_key=True)
-    """What the cookie carries, signed: to read this is not enough to make one."""
+    """In the cookie it is signed, so reading this is not enough to forge one."""
     token_id: Mapped[int] = mapped_column(ForeignKey("token.id"), index=True)
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime] = mapped_column(index=True)
@@ -97,7 +97,7 @@ class BrowserSession(Base):
 
 
 class Submission(Base):
-    """A scored submission; there is no other kind."""
+    """A submission; all stored submissions are scored."""
 
     __tablename__ = "submission"
     __table_args__ = (
@@ -111,14 +111,14 @@ class Submission(Base):
     team_id: Mapped[int] = mapped_column(ForeignKey("team.id"), index=True)
     person_id: Mapped[int] = mapped_column(ForeignKey("person.id"), index=True)
     sha256: Mapped[str] = mapped_column(String(64))
-    """Of the submission as it was unpacked, under which it is kept."""
+    """Of the unpacked submission, which is stored under it."""
     size: Mapped[int]
     received_at: Mapped[datetime]
     idempotency_key: Mapped[str | None] = mapped_column(String(200))
     method: Mapped[dict[str, Any]]
-    """What the team says of its method."""
+    """The team's description of its method."""
     report: Mapped[dict[str, Any]]
-    """The score report; of a private split with rounded means only."""
+    """The score report; for private splits, with rounded means only."""
     receipt: Mapped[dict[str, Any]]
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
@@ -128,7 +128,7 @@ class Submission(Base):
 
 
 class Grant(Base):
-    """Further submissions that the organiser gave a team."""
+    """Extra submissions that the organiser granted a team."""
 
     __tablename__ = "quota_grant"
 
@@ -143,7 +143,7 @@ class Grant(Base):
 
 
 class AuditEntry(Base):
-    """What somebody did; each entry's digest covers the entry and the digest before it."""
+    """An action; each entry's digest covers the entry and the digest before it."""
 
     __tablename__ = "audit"
 
@@ -152,16 +152,16 @@ class AuditEntry(Base):
     actor: Mapped[str] = mapped_column(String(200))
     action: Mapped[str] = mapped_column(String(64))
     row: Mapped[str] = mapped_column(String(64))
-    """What it was done to, for programs: ``team:3``."""
+    """The row that was changed, for programs: ``team:3``."""
     subject: Mapped[str] = mapped_column(String(200))
-    """What people called it then."""
+    """The name of the row for people, at that time."""
     details: Mapped[dict[str, Any]]
     previous: Mapped[str] = mapped_column(String(64))
     digest: Mapped[str] = mapped_column(String(64), unique=True)
 
 
 class Review(Base):
-    """What the organiser says of a submission, for everybody to read, until it is lifted."""
+    """The organiser's public verdict on a submission, until it is lifted."""
 
     __tablename__ = "review"
 
@@ -176,7 +176,7 @@ class Review(Base):
 
 
 class ReportedResult(Base):
-    """A result that a paper reports and no server has scored, entered by the organiser."""
+    """A result that a paper reports and this server has not scored, entered by the organiser."""
 
     __tablename__ = "reported_result"
 
@@ -184,9 +184,9 @@ class ReportedResult(Base):
     split: Mapped[str] = mapped_column(String(64), index=True)
     method: Mapped[dict[str, Any]]
     team: Mapped[str] = mapped_column(String(100))
-    """Who reports it, as the board is to call them."""
+    """Who reports it, as shown on the leaderboard."""
     scores: Mapped[dict[str, Any]]
-    """By metric key, fractions in [0, 1] and metres, as precise as they were reported."""
+    """By metric key: fractions in [0, 1] or metres, with the digits that were reported."""
     source: Mapped[str] = mapped_column(String(500))
     added_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime]
@@ -194,7 +194,7 @@ class ReportedResult(Base):
 
 
 class Notice(Base):
-    """What the organiser tells everybody, and whether submissions are taken; the latest holds."""
+    """A banner, and whether submissions are paused; the latest notice applies."""
 
     __tablename__ = "notice"
 
@@ -206,7 +206,7 @@ class Notice(Base):
 
 
 class Attempt(Base):
-    """An upload and what it came to, for the organiser to see that all is well."""
+    """An upload and its outcome, for the organiser."""
 
     __tablename__ = "attempt"
 
@@ -217,8 +217,8 @@ class Attempt(Base):
     outcome: Mapped[str] = mapped_column(String(64))
     """``scored``, ``repeat``, or the code of the problem."""
     problems: Mapped[int]
-    """How many there were with the file."""
+    """Number of problems in the file."""
     size: Mapped[int]
-    """Bytes, unpacked."""
+    """Bytes; after unpacking, if the server got that far."""
     milliseconds: Mapped[int]
     person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)

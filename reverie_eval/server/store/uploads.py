@@ -1,7 +1,7 @@
-"""Uploads, kept whole under their SHA-256, in a folder or an S3-compatible store.
+"""Storage of uploads by their SHA-256, in a folder or an S3-compatible store.
 
-A file is there before the row that speaks of it is committed. A crash between the two leaves a
-file that nobody asks for, never a row without its file.
+A file is stored before the row that refers to it is committed. A crash between the two leaves an
+unused file, never a row without its file.
 """
 
 import os
@@ -16,38 +16,38 @@ from urllib.parse import urlsplit
 from reverie_eval.errors import ReverieEvalError
 
 PIECE = 256 << 10
-"""Bytes of an upload that are in memory while somebody downloads it."""
+"""Bytes of an upload that are in memory during a download."""
 _NO_UPLOAD = "0" * 64
 
 
 class UploadsError(ReverieEvalError):
-    """A store far away cannot be used; says why, and what to do."""
+    """The S3-compatible store cannot be used; says why, and what to do."""
 
 
 class Uploads(Protocol):
-    """Where uploads are kept."""
+    """A store of uploads."""
 
     def put(self, sha256: str, content: bytes) -> None:
-        """Keep an upload; keeping it again changes nothing."""
+        """Store an upload; storing it again changes nothing."""
 
     def get(self, sha256: str) -> bytes:
-        """Return an upload; FileNotFoundError if it is not there."""
+        """Return an upload; FileNotFoundError if it is missing."""
 
     def pieces(self, sha256: str) -> Iterator[bytes]:
-        """Return an upload that is there, in pieces.
+        """Return an upload in pieces.
 
-        Between two of them nothing is open: whoever takes them may stop at any.
+        Nothing stays open between two pieces, so a reader may stop at any time.
         """
 
     def names(self) -> Iterator[str]:
-        """Return the names of all that is there; those of whole uploads are ``SHA-256.json``."""
+        """Return the names of all files; those of complete uploads are ``SHA-256.json``."""
 
     def try_out(self) -> None:
-        """Do what fails where no upload can be kept or read; it changes nothing."""
+        """Test whether uploads can be stored and read, without a change."""
 
 
 def open_uploads(place: str, folder: Path) -> Uploads:
-    """Open the uploads at a folder below the server's, or at ``s3://bucket/prefix``."""
+    """Open the store in a subfolder of the server's folder, or at ``s3://bucket/prefix``."""
     address = urlsplit(place)
     if address.scheme == "s3":
         return S3Uploads(address.netloc, address.path.strip("/"))
@@ -55,20 +55,20 @@ def open_uploads(place: str, folder: Path) -> Uploads:
 
 
 class FolderUploads:
-    """Uploads in a folder, fanned out by the first two letters of their digest."""
+    """Uploads in a folder, in subfolders by the first two characters of their digest."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._making = Lock()
 
     def put(self, sha256: str, content: bytes) -> None:
-        """Write the file whole and through to the disk, or not at all."""
+        """Write the file atomically, and flush it to the disk."""
         path = self._path(sha256)
         with self._making:
             _make_folder(path.parent)
         if not path.exists():
             _write_whole(path, content)
-        _sync_folder(path.parent)  # also where another request has just written it
+        _sync_folder(path.parent)  # another request may have written it just now
 
     def get(self, sha256: str) -> bytes:
         """Read the file."""
@@ -80,11 +80,11 @@ class FolderUploads:
         return (_piece(path, start) for start in range(0, path.stat().st_size, PIECE))
 
     def names(self) -> Iterator[str]:
-        """List the files, those too that a crash has left half-written."""
+        """List the files, including incomplete ones after a crash."""
         return (path.name for path in self.folder.rglob("*") if path.is_file())
 
     def try_out(self) -> None:
-        """Ask for what is not there, and write what has no name, or where the folder is to be."""
+        """Look for a missing upload, and write an unnamed file to the folder or its parent."""
         with suppress(FileNotFoundError):
             self.get(_NO_UPLOAD)
         there = next(place for place in (self.folder, *self.folder.parents) if place.exists())
@@ -102,7 +102,7 @@ def _piece(path: Path, start: int) -> bytes:
 
 
 def _write_whole(path: Path, content: bytes) -> None:
-    """Write a file through to the disk under another name, and only then give it its own."""
+    """Write a file under a temporary name, flush it to the disk, then rename it."""
     with NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
         try:
             file.write(content)
@@ -115,7 +115,7 @@ def _write_whole(path: Path, content: bytes) -> None:
 
 
 def _make_folder(folder: Path) -> None:
-    """Make a folder and those above it, each written through to the disk."""
+    """Make a folder and its parents, and flush each to the disk."""
     if not folder.is_dir():
         _make_folder(folder.parent)
         folder.mkdir(exist_ok=True)
@@ -123,7 +123,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write the folder's entries through to the disk, the new name among them."""
+    """Flush the entries of a folder to the disk."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -132,7 +132,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 _NOT_THERE = ("NoSuchKey", "404")
-"""What S3 says of an object that is asked for, and of one that is asked about."""
+"""S3's codes for missing objects, of GET and of HEAD."""
 
 
 class S3Uploads:
@@ -150,7 +150,7 @@ class S3Uploads:
             self._client: Any = boto3.client("s3")
 
     def put(self, sha256: str, content: bytes) -> None:
-        """Write the object; the store does so whole or not at all."""
+        """Write the object, which is atomic."""
         with self._asking():
             self._client.put_object(Bucket=self._bucket, Key=self._key(sha256), Body=content)
 
@@ -159,7 +159,7 @@ class S3Uploads:
         return self._read(sha256)
 
     def pieces(self, sha256: str) -> Iterator[bytes]:
-        """Read the object, asked for by ranges of bytes."""
+        """Read the object by ranges of bytes."""
         with self._asking():
             known = self._client.head_object(Bucket=self._bucket, Key=self._key(sha256))
         starts = range(0, known["ContentLength"], PIECE)
@@ -173,7 +173,7 @@ class S3Uploads:
                 yield from (found["Key"].rpartition("/")[2] for found in page.get("Contents", ()))
 
     def try_out(self) -> None:
-        """Ask for what is not there."""
+        """Look for a missing upload."""
         with suppress(FileNotFoundError):
             self.get(_NO_UPLOAD)
 
@@ -185,7 +185,7 @@ class S3Uploads:
 
     @contextmanager
     def _asking(self) -> Iterator[None]:
-        """Word what the store refuses, or that it cannot be reached."""
+        """Translate the errors of the store."""
         from botocore.exceptions import BotoCoreError, ClientError
 
         try:
@@ -194,7 +194,7 @@ class S3Uploads:
             if error.response["Error"]["Code"] in _NOT_THERE:
                 raise FileNotFoundError(str(error)) from error
             raise self._refusal(error) from error
-        except (BotoCoreError, ValueError) as error:  # which an endpoint is that is no URL
+        except (BotoCoreError, ValueError) as error:  # the endpoint is not a URL
             raise self._refusal(error) from error
 
     def _refusal(self, error: Exception) -> UploadsError:

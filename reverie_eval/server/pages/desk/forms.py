@@ -1,7 +1,7 @@
-"""What the desk's pages have in common: reading forms, showing what is wrong, asking again.
+"""Common parts of the desk's pages: reading forms, showing problems, asking for confirmation.
 
-A form that does harm is sent twice: the first reply repeats what is to be done and asks whether it
-shall be, with the same fields.
+Actions that are hard to undo need confirmation: the first reply describes the action, and has a
+form with the same fields to confirm it.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,15 +17,15 @@ from reverie_eval.server.pages.rendering import page, see_other, show_faults_wit
 from reverie_eval.server.service.paging import Page
 
 ON_A_PAGE = 100
-"""Rows of a list."""
+"""The number of rows on a page of a list."""
 _OURS = frozenset({"csrf_token", "confirmed"})
 
 Typed: TypeAlias = Mapping[str, str]
-"""What somebody typed into a form, by the names of its fields."""
+"""The input of a form, by the names of its fields."""
 Draw: TypeAlias = Callable[[Call, Typed, ProblemDocument], Response]
-"""Shows a page again, with what was typed into its form and what is wrong with it."""
+"""Shows a page again, with the input of its form and a problem."""
 Done = Annotated[str, Query(max_length=20)]
-"""What a form has just done; a page words those that it knows."""
+"""The outcome of a form, by which the page chooses a message."""
 
 
 def desk_page(
@@ -35,32 +35,32 @@ def desk_page(
     problem: ProblemDocument | None = None,
     **content: Any,
 ) -> Response:
-    """Show a page of the desk, and what was wrong with a form on it."""
+    """Show a page of the desk, with a problem of a form on it, if any."""
     status = problem.status if problem else 200
     content |= {"problem": problem, "now": snapshot.now}
     return page(desk.request, f"desk/{template}", snapshot, status, **content)
 
 
 def show_faults(desk: Call, typed: Typed, draw: Draw) -> None:
-    """Let an organiser see from now on what is wrong beside what was typed."""
-    desk.person()  # nobody else sees the page, with or without a fault
+    """Show further problems on the form's page, with its input."""
+    desk.person()  # others may not see the page, even with a problem
     show_faults_with(desk.request, lambda problem: draw(desk, typed, problem))
 
 
 def ask(desk: Call, typed: Typed, template: str = "confirm.html", **content: Any) -> Response:
-    """Ask whether it shall really be done."""
+    """Ask for confirmation of an action."""
     with desk.snapshot() as snapshot:
         action = desk.request.url.path
         return desk_page(desk, snapshot, template, fields=typed, action=action, **content)
 
 
 def page_at(desk: Call, name: str) -> Page:
-    """Return which page of a list is to be shown, by the name of its cursor in the address."""
+    """Return the requested page of a list, by the name of its cursor in the query."""
     return Page(ON_A_PAGE, desk.request.query_params.get(name))
 
 
 def typed_into(form: FormData) -> Typed:
-    """Return what somebody typed into a form."""
+    """Return the input of a form."""
     return {
         name: value.strip()
         for name, value in form.items()
@@ -69,14 +69,14 @@ def typed_into(form: FormData) -> Typed:
 
 
 def typed_by(desk: Call, form: FormData, draw: Draw) -> Typed:
-    """Return what an organiser typed into a form, and show further problems beside it."""
+    """Return an organiser's input of a form, and show further problems with it."""
     typed = typed_into(form)
     show_faults(desk, typed, draw)
     return typed
 
 
 def is_confirmed(form: FormData) -> bool:
-    """Whether somebody was asked, and said yes."""
+    """Whether the form was sent to confirm an action."""
     return form.get("confirmed") == "yes"
 
 
@@ -90,5 +90,5 @@ def end_of_day(date: str) -> str | None:
 
 
 def done(path: str, what: str) -> Response:
-    """Lead back to the page of a form, which says what was done."""
+    """Redirect to the page of a form, with a message about its outcome."""
     return see_other(f"{path}?done={what}")

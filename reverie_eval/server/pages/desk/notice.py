@@ -18,7 +18,7 @@ PAGE = "/desk/notice"
 def draw(
     desk: Call, typed: forms.Typed | None, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
-    """Show what holds, and the form to change it, filled with what was typed or else posted."""
+    """Show the current notice, and the form to change it, with its input or the posted notice."""
     notices = desk.server.notices
     with desk.snapshot() as snapshot:
         posted = latest_notice(snapshot.session)
@@ -40,13 +40,13 @@ def draw(
 
 @router.get(PAGE)
 def show_notice(desk: Desk, done: forms.Done = "") -> Response:
-    """Show what is said to everybody, with what holds in the form."""
+    """Show the current notice and the form to change it."""
     return draw(desk, None, what=done)
 
 
 @router.post(PAGE)
 def post(desk: Desk, form: Posted) -> Response:
-    """Show what everybody would see; say it to them once that was looked at."""
+    """Show a preview of a notice; post it if it was confirmed."""
     typed = forms.typed_by(desk, form, draw)
     new = read_model(NewNotice, {**typed, "paused": typed.get("paused") == "true"})
     notices = desk.server.notices

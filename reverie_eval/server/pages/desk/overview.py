@@ -1,4 +1,4 @@
-"""``/desk``: what the organiser looks at, what uploads came to, and who did what."""
+"""``/desk``: the overview, the list of uploads, and the audit log."""
 
 import shutil
 from typing import Annotated
@@ -29,13 +29,13 @@ Sought = Annotated[str, Query(max_length=200)]
 
 
 async def examined(runtime: Runtime) -> HealthReport:
-    """Return what ``/healthz`` says."""
+    """Return the report of ``/healthz``."""
     return await runtime.health.report()
 
 
 @router.get("/desk")
 def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) -> Response:
-    """Show whether all is well, and what the last day brought."""
+    """Show the state of the server, and the uploads of the last day."""
     server = desk.server
     with desk.snapshot() as snapshot:
         session = snapshot.session
@@ -47,7 +47,7 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
             boards=server.boards.values(),
             attempts=list_attempts(session, Page(A_FEW)).rows,
             counts=counts_of_splits(session),
-            kept=totals(session),
+            totals=totals(session),
             day=last_day(session, snapshot.now),
             standing=server.notices.current(session),
             disk=shutil.disk_usage(server.settings.folder),
@@ -74,9 +74,9 @@ def show_uploads(desk: Desk, cursor: Cursor = None, outcome: Sought = "") -> Res
 def show_audit(
     desk: Desk, cursor: Cursor = None, actor: Sought = "", subject: Sought = "", whole: Sought = ""
 ) -> Response:
-    """Show who did what, the latest first, and whether it is what was written.
+    """Show the audit log, the latest entry first, and whether it is unchanged.
 
-    That of the entries on the page; of the whole chain, which may be long, if somebody asks.
+    The entries on the page are always checked; the whole chain, which may be long, on request.
     """
     actor, subject, audit_log = _findable(actor), _findable(subject), desk.server.audit_log
     with desk.snapshot() as snapshot:
@@ -97,5 +97,5 @@ def show_audit(
 
 
 def _findable(text: str) -> str:
-    """Return what a database can look for: PostgreSQL has no text with a zero byte."""
+    """Remove zero bytes, which PostgreSQL does not allow in texts."""
     return text.replace("\0", "").strip()

@@ -1,4 +1,4 @@
-"""``/desk/people``: teams, who is in them, and their tokens."""
+"""``/desk/people``: teams, people and their tokens."""
 
 from typing import Annotated
 
@@ -21,7 +21,7 @@ PAGE = "/desk/people"
 def draw(
     desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
-    """Show everybody, their tokens, and the forms to add more."""
+    """Show all teams, people and tokens, and the forms to add more."""
     with desk.snapshot() as snapshot:
         session, browser = snapshot.session, snapshot.browser
         everybody = people.names_and_roles(session)
@@ -42,7 +42,7 @@ def draw(
 
 @router.get(PAGE)
 def show_people(desk: Desk, done: forms.Done = "") -> Response:
-    """Show everybody and their tokens."""
+    """Show all teams, people and tokens."""
     return draw(desk, {}, what=done)
 
 
@@ -67,7 +67,7 @@ def rename_team(desk: Desk, form: Posted) -> Response:
 
 @router.post(PAGE)
 def add_person(desk: Desk, form: Posted) -> Response:
-    """Add a person to a team; an organiser, only once it was asked for twice."""
+    """Add a person to a team; adding an organiser needs confirmation."""
     typed = forms.typed_by(desk, form, draw)
     new = read_model(NewPerson, typed)
     if new.role == "organiser" and not forms.is_confirmed(form):

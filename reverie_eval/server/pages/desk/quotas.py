@@ -1,4 +1,4 @@
-"""``/desk/quotas``: further submissions for a team."""
+"""``/desk/quotas``: quotas, and granting extra submissions."""
 
 from fastapi import APIRouter
 from fastapi.responses import Response
@@ -18,7 +18,7 @@ PAGE = "/desk/quotas"
 def draw(
     desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
-    """Show the quotas of splits, what was given beyond them, and the form to give more."""
+    """Show the quotas of splits, all grants, and the form to grant more."""
     with desk.snapshot() as snapshot:
         return forms.desk_page(
             desk,
@@ -35,7 +35,7 @@ def draw(
 
 @router.get(PAGE)
 def show_quotas(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the quotas and what was given beyond them."""
+    """Show the quotas and the grants."""
     return draw(desk, {}, what=done)
 
 

@@ -1,4 +1,4 @@
-"""``/desk/reported``: results that papers report, put on the boards."""
+"""``/desk/reported``: results that papers report, on the leaderboards."""
 
 from collections.abc import Mapping
 from decimal import Decimal, InvalidOperation
@@ -27,7 +27,7 @@ _PER_CENT = 100
 def draw(
     desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
-    """Show the reported results on the boards, and the form for another."""
+    """Show the reported results, and the form to add one."""
     with desk.snapshot() as snapshot:
         return forms.desk_page(
             desk,
@@ -37,7 +37,7 @@ def draw(
             results=reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
             splits=list(desk.server.boards),
             catalogue=CATALOGUE.values(),
-            said=Method.model_fields,
+            method_fields=Method.model_fields,
             typed=typed,
             done=what,
         )
@@ -45,13 +45,13 @@ def draw(
 
 @router.get(PAGE)
 def show_reported(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the reported results on the boards."""
+    """Show the reported results."""
     return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)
 def add(desk: Desk, form: Posted) -> Response:
-    """Put a result on a board that a paper reports."""
+    """Add a reported result to a leaderboard."""
     typed = forms.typed_by(desk, form, draw)
     method = {
         "name": typed.get("name", ""),
@@ -74,7 +74,7 @@ def add(desk: Desk, form: Posted) -> Response:
 
 
 def scores_of(typed: forms.Typed) -> Mapping[str, float]:
-    """Return the scores that were typed as papers print them: percent, metres.
+    """Return the scores of the form, which has them as papers print them: percent, metres.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""``/desk/reviews``: verifying, flagging and disqualifying submissions, for all to read."""
+"""``/desk/reviews``: public reviews of submissions."""
 
 from collections.abc import Mapping
 from typing import Annotated
@@ -33,7 +33,7 @@ _HARMFUL = frozenset({"flagged", "disqualified"})
 def draw(
     desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
 ) -> Response:
-    """Show what is said of submissions, and the form to say something of one."""
+    """Show the reviews, and the form to review a submission."""
     with desk.snapshot() as snapshot:
         session = snapshot.session
         standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
@@ -58,13 +58,13 @@ def show_reviews(
     submission: Annotated[str, Query(max_length=32)] = "",
     done: forms.Done = "",
 ) -> Response:
-    """Show what is said of submissions; a link may choose one to say something of."""
+    """Show the reviews; the query can select a submission to review."""
     return draw(desk, {"submission_id": submission}, what=done)
 
 
 @router.post(PAGE)
 def review(desk: Desk, form: Posted) -> Response:
-    """Say something of a submission; what does harm, only once it was asked for twice."""
+    """Review a submission; flagging and disqualifying need confirmation."""
     typed = forms.typed_by(desk, form, draw)
     new = read_model(NewReview, typed)
     if new.verdict in _HARMFUL and not forms.is_confirmed(form):
@@ -78,7 +78,7 @@ def review(desk: Desk, form: Posted) -> Response:
 
 @router.post(f"{PAGE}/{{review_id}}/lift")
 def lift_review(review_id: Number, desk: Desk, form: Posted) -> Response:
-    """Take back what was said of a submission."""
+    """Lift a review."""
     forms.show_faults(desk, {}, draw)
     if not forms.is_confirmed(form):
         question = "Lift this review?"

@@ -71,9 +71,9 @@ function makeStepper(walks) {
   function show(step) {
     slider.value = step;
     walks.forEach((walk) => walk.goTo(step));
-    const said = walks.map((walk) => walk.says(step)).filter(Boolean);
+    const sentences = walks.map((walk) => walk.says(step)).filter(Boolean);
     status.hidden = false;
-    status.textContent = `Step ${step} of ${last}: ${said.join("; compared with ")}`;
+    status.textContent = `Step ${step} of ${last}: ${sentences.join("; compared with ")}`;
     slider.setAttribute("aria-valuetext", status.textContent);
   }
 

@@ -60,7 +60,7 @@ def test_the_whole_way_without_scripts(server: Serving) -> None:
     reply = server.client.post("/sign-in", data=form)
     assert (reply.status_code, reply.headers["location"]) == (303, "/submit")
     owner = signed_in(server, OWNER)
-    assert "24 problems in this file." in said(owner.upload(BROKEN, "check"))
+    assert "23 problems in this file." in said(owner.upload(BROKEN, "check"))
     assert f"This file can be scored on {OPEN}." in said(owner.upload(GOOD, "check"))
     assert kept(server) == 0
     scored = owner.upload(**TYPED)
@@ -87,7 +87,7 @@ def test_all_problems_are_shown_with_their_places(owner: Visitor, what: str, sta
     reply = owner.upload(BROKEN, what)
     page = said(reply)
     assert reply.status_code == status
-    assert "24 problems in this file. Nothing was scored and no submission was used" in page
+    assert "23 problems in this file. Nothing was scored and no submission was used" in page
     assert "[4].trajectory is empty; an agent that does not move has one pose" in page
     assert "[86] has no instr_id; add it" in page
     assert reply.text.count("<tr><td><code>") == 24

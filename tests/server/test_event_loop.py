@@ -22,6 +22,7 @@ from reverie_eval.server.http.middleware import BodyLimits
 from reverie_eval.server.http.uploads import receive
 from reverie_eval.server.pages import guide, rendering
 from reverie_eval.server.settings import Limits
+from reverie_eval.server.state import utc_now
 from tests.support.serving import OpenServer, Serving, settings_of
 from tests.support.waiting import PATIENCE
 
@@ -146,7 +147,7 @@ def test_a_large_form_is_parsed_piece_by_piece() -> None:
 
         async def app(scope: object, receive_body: object, _: object) -> None:
             nonlocal found
-            found = (await receive(Request(scope, receive_body), Limits())).packed  # type: ignore[arg-type]
+            found = (await receive(Request(scope, receive_body), Limits(), utc_now)).packed  # type: ignore[arg-type]
 
         async def body() -> Mapping[str, object]:
             return messages.pop()

@@ -146,8 +146,8 @@ def test_a_reply_that_fails_after_the_commit_counts_once(
 ) -> None:
     submit = intake.Intake.submit
 
-    def submit_and_fail(*given: Any) -> None:
-        submit(*given)
+    def submit_and_fail(*given: Any, **named: Any) -> None:
+        submit(*given, **named)
         raise RuntimeError("after the commit")
 
     with monkeypatch.context() as broken:

@@ -6,6 +6,8 @@ content) or a form with a field ``file``. The method is described in the query o
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from datetime import datetime, timedelta
 from typing import Annotated, Any, NamedTuple
 
 from fastapi import Depends, Request
@@ -19,8 +21,10 @@ from reverie_eval.server.http.examples import FORM, SUBMISSION
 from reverie_eval.server.http.exchange import Exchange, exchange_of
 from reverie_eval.server.http.middleware import allow_body, is_multipart
 from reverie_eval.server.http.problems import read_model
-from reverie_eval.server.http.runtime import Runtime
+from reverie_eval.server.http.runtime import Runtime, RuntimeState
+from reverie_eval.server.service.intake import Clock
 from reverie_eval.server.settings import Limits
+from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Person
 from reverie_eval.submissions._sources import unpack
 
@@ -72,14 +76,16 @@ class Upload(NamedTuple):
     """A received upload."""
 
     packed: bytes
+    arrived: datetime
+    """When all of it was there."""
     fields: Mapping[str, Any]
     """The form's other fields."""
     filename: str = ""
     """Empty for a form in which no file was chosen."""
 
 
-async def receive(request: Request, limits: Limits) -> Upload:
-    """Read an upload.
+async def receive(request: Request, limits: Limits, clock: Clock) -> Upload:
+    """Read an upload, and look at the clock as soon as its last byte is there.
 
     Raises
     ------
@@ -95,14 +101,15 @@ async def receive(request: Request, limits: Limits) -> Upload:
     is_form = is_multipart(request.headers)
     allow_body(request.scope, (limits.upload_mebibytes << 20) + _FORM_OVERHEAD * is_form)
     body = await request.body()
+    arrived = clock()
     if not is_form:
-        return Upload(body, {})
+        return Upload(body, arrived, {})
     async with Request(request.scope, _replay(body)).form(max_files=1, max_fields=20) as form:
         file = form.get("file")
         if not isinstance(file, UploadFile):
             raise MalformedError("the form has no file; send the result file in the field `file`")
         fields = {name: value for name, value in form.items() if isinstance(value, str)}
-        return Upload(await file.read(), fields, file.filename or "")
+        return Upload(await file.read(), arrived, fields, file.filename or "")
 
 
 def _replay(body: bytes) -> Any:
@@ -128,7 +135,15 @@ async def counted(request: Request) -> Exchange:
 Counted = Annotated[Exchange, Depends(counted)]
 
 
-async def sender(caller: Caller) -> Person:
+async def began(server: Server) -> datetime:
+    """Return when a request began, before anything is waited for."""
+    return server.clock()
+
+
+Began = Annotated[datetime, Depends(began)]
+
+
+async def sender(_: Began, caller: Caller) -> Person:
     """Return who sends an upload, before any of it is taken."""
     return await run_in_threadpool(caller.person)
 
@@ -136,8 +151,23 @@ async def sender(caller: Caller) -> Person:
 Sender = Annotated[Person, Depends(sender)]
 
 
+@asynccontextmanager
+async def taken(
+    request: Request, server: ServerState, runtime: RuntimeState, began: datetime, person: Person
+) -> AsyncIterator[Upload]:
+    """Read a person's upload as soon as there is room for it, and hold its slot.
+
+    An upload that waits for a slot is not read meanwhile, so its arrival is dated back by the time
+    it waited: a queue makes nobody late.
+    """
+    async with runtime.admission.hold(person.id):
+        waited = max(server.clock() - began, timedelta())
+        upload = await receive(request, server.settings.limits, server.clock)
+        yield upload._replace(arrived=upload.arrived - waited)
+
+
 async def received(
-    request: Request, server: Server, runtime: Runtime, person: Sender
+    request: Request, server: Server, runtime: Runtime, began: Began, person: Sender
 ) -> AsyncIterator[Upload]:
     """Take the upload off the wire, once it is known who sends it and there is room for it.
 
@@ -151,10 +181,11 @@ async def received(
 
     if split in server.boards:
         exchange_of(request.scope).quota = quota_left
-    async with runtime.admission.hold(person.id):
-        upload = await receive(request, server.settings.limits)
-        async with runtime.admission.score():
-            yield upload
+    async with (
+        taken(request, server, runtime, began, person) as upload,
+        runtime.admission.score(),
+    ):
+        yield upload
 
 
 # Whoever reads the reply slowly keeps nobody waiting: what was taken is given back before it.

@@ -90,7 +90,9 @@ def submit(
     What is said of the method goes into the query or into the form beside the file. The same file,
     or the same Idempotency-Key, gets the first reply again, with status 200, and spends nothing.
     """
-    accepted = server.intake.submit(person, split, upload.packed, method, idempotency_key)
+    accepted = server.intake.submit(
+        person, split, upload.packed, method, idempotency_key, arrived=upload.arrived
+    )
     counted.is_repeat = accepted.is_repeat
     response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
     return accepted

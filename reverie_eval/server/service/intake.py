@@ -2,8 +2,8 @@
 
 Scoring comes before the transaction and needs no lock. What the transaction decides - is this a
 repeat, is anything left of the quota - is decided on what is there when it is this one's turn.
-Whether submissions are taken, and when one was received, is decided as soon as all of it has
-arrived: who is in time need not be fast.
+Whether submissions are taken, and when one was received, is decided by the instant at which all of
+it had arrived: who is in time need not be fast.
 """
 
 import hashlib
@@ -74,7 +74,14 @@ class Intake:
         }
 
     def submit(
-        self, person: Person, split: str, packed: bytes, method: Method, key: str | None
+        self,
+        person: Person,
+        split: str,
+        packed: bytes,
+        method: Method,
+        key: str | None,
+        *,
+        arrived: datetime,
     ) -> Accepted:
         """Unpack a submission, score it and keep it; whatever comes of that is noted.
 
@@ -89,13 +96,12 @@ class Intake:
         QuotaSpentError
             If nothing is left.
         NotOpenError
-            If the split accepts no submissions now.
+            If the split accepted no submissions when all of it had arrived.
         ConflictError
             If the key was used for another file.
         MalformedError
             If something is not said of the method that the organiser asks for.
         """
-        arrived = self.clock()
         board = board_named(self.boards, split)
         with self.attempts.recording(person, split, len(packed)) as attempt:
             content = unpack(packed, self.most_bytes)
@@ -188,7 +194,7 @@ class Intake:
         return Accepted(submission=submission_report(row), quota=quota, is_repeat=True)
 
     def _demand_open(self, session: Session, board: Board, now: datetime) -> None:
-        notice = self.notices.current(session)
+        notice = self.notices.at(session, now)
         if notice.paused:
             why = f": {notice.banner}" if notice.banner else ""
             raise NotOpenError(f"the organiser has paused submissions{why}")

@@ -256,6 +256,16 @@ def test_what_is_no_upload_is_short_and_quick(
         assert reply_on(connection) == expected
 
 
+@pytest.mark.parametrize(
+    ("length", "status"), [(SMALL // 4 + 1, 413), (SMALL // 4, 401)], ids=["large", "just not"]
+)
+def test_a_form_without_a_file_is_shorter(length: int, status: int, small: Small) -> None:
+    head = small.head("/sign-in", f"Content-Type: {URLENCODED}", f"Content-Length: {length}")
+    with small.connect() as connection:
+        connection.sendall(head.replace(b"; charset={}", b"") + b"&" * length)
+        assert reply_on(connection)[0] == status
+
+
 def test_what_is_no_upload_is_not_waited_for_either(hasty: Small) -> None:
     with hasty.connect() as connection:
         connection.sendall(hasty.head(TOKENS, JSON, "Content-Length: 100") + b"{")
@@ -500,7 +510,7 @@ def test_a_file_that_nobody_takes_is_given_up(impatient: Impatient, server: Serv
 
 
 def test_nothing_more_is_awaited_of_a_request_that_is_being_answered() -> None:
-    scope: Scope = {"type": "http"}
+    scope: Scope = {"type": "http", "headers": []}
 
     async def hang_up() -> Message:
         await asyncio.sleep(0.01)

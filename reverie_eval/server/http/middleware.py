@@ -28,6 +28,9 @@ from reverie_eval.server.http.exchange import address_of, exchange_of, session_o
 SMALL = 256 << 10
 """Bytes; several times the longest JSON, other than a submission, that any route accepts."""
 
+_SMALL_FORM = 64 << 10
+"""Bytes of a form without a file, which the framework parses on the event loop."""
+
 _KEY = "reverie_eval.allowance"
 _MULTIPART = b"multipart/form-data"
 _FORMS = frozenset({_MULTIPART, b"application/x-www-form-urlencoded"})
@@ -189,7 +192,9 @@ class BodyLimits(Middleware):
             From ``receive``, as soon as a limit is exceeded.
         """
         exchange = exchange_of(scope)
-        allowance = Allowance(SMALL, self._seconds, time.monotonic() + self._seconds)
+        is_form = _content_type(Headers(scope=scope))[0] in _FORMS
+        size = _SMALL_FORM if is_form else SMALL
+        allowance = Allowance(size, self._seconds, time.monotonic() + self._seconds)
         scope[_KEY] = allowance
         is_whole = False
 
@@ -256,7 +261,7 @@ async def _in_time(receive: Receive, allowance: Allowance) -> Message:
 
 
 def _too_large(size: int) -> str:
-    if size == SMALL:
+    if size <= SMALL:
         return f"the request is larger than {size >> 10} KiB"
     return (
         f"the upload is larger than {size >> 20} MiB; gzip it, and leave out fields other than "

@@ -4,7 +4,6 @@ The body is the result file itself (plain, gzipped or in a zip archive, which is
 content) or a form with a field ``file``. The method is described in the query or in the form.
 """
 
-import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from datetime import datetime, timedelta
@@ -12,13 +11,13 @@ from typing import Annotated, Any, NamedTuple
 
 from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
-from starlette.datastructures import UploadFile
 
 from reverie_eval.schemas.service import Method, QuotaReport
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Caller, Server
 from reverie_eval.server.http.examples import FORM, SUBMISSION
 from reverie_eval.server.http.exchange import Exchange, exchange_of
+from reverie_eval.server.http.forms import parse_form
 from reverie_eval.server.http.middleware import allow_body, is_multipart
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.runtime import Runtime, RuntimeState
@@ -30,8 +29,6 @@ from reverie_eval.submissions._sources import unpack
 
 _FORM_OVERHEAD = 64 << 10
 """Bytes of a form besides the file."""
-_PIECE = 64 << 10
-"""Bytes of a form that are parsed before the event loop handles other requests."""
 _METHOD_FIELDS: dict[str, Any] = Method.model_json_schema()["properties"]
 _PACKED = {"schema": {"type": "string", "format": "binary"}}
 
@@ -94,9 +91,7 @@ async def receive(request: Request, limits: Limits, clock: Clock) -> Upload:
     TooSlowError
         If it did not arrive in time.
     MalformedError
-        If it is a form without a file.
-    HTTPException
-        If the form cannot be parsed.
+        If it is a form without a file, or cannot be parsed.
     """
     is_form = is_multipart(request.headers)
     allow_body(request.scope, (limits.upload_mebibytes << 20) + _FORM_OVERHEAD * is_form)
@@ -104,25 +99,11 @@ async def receive(request: Request, limits: Limits, clock: Clock) -> Upload:
     arrived = clock()
     if not is_form:
         return Upload(body, arrived, {})
-    async with Request(request.scope, _replay(body)).form(max_files=1, max_fields=20) as form:
-        file = form.get("file")
-        if not isinstance(file, UploadFile):
-            raise MalformedError("the form has no file; send the result file in the field `file`")
-        fields = {name: value for name, value in form.items() if isinstance(value, str)}
-        return Upload(await file.read(), arrived, fields, file.filename or "")
-
-
-def _replay(body: bytes) -> Any:
-    """Return an ASGI ``receive`` that delivers a body that was already read, in pieces."""
-    starts = iter(range(0, len(body), _PIECE))
-
-    async def receive() -> Mapping[str, Any]:
-        await asyncio.sleep(0)  # parsing is done on the event loop
-        start = next(starts, 0)
-        end = start + _PIECE
-        return {"type": "http.request", "body": body[start:end], "more_body": end < len(body)}
-
-    return receive
+    form = await run_in_threadpool(parse_form, request.headers, body)
+    if "file" not in form.files:
+        raise MalformedError("the form has no file; send the result file in the field `file`")
+    content, filename = form.files["file"]
+    return Upload(content, arrived, form.texts, filename)
 
 
 async def counted(request: Request) -> Exchange:

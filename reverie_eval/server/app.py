@@ -61,7 +61,11 @@ def add_edge(app: FastAPI, settings: Settings) -> None:
     limits = settings.limits
     app.add_middleware(HeadRequests)
     app.add_middleware(FormCharsets)
-    app.add_middleware(BodyLimits, seconds=limits.seconds_for_body)
+    app.add_middleware(
+        BodyLimits,
+        seconds=limits.seconds_for_body,
+        kibibytes_per_second=limits.kibibytes_per_second,
+    )
     app.add_middleware(RateLimits, per_minute=limits.requests_per_minute)
     app.add_middleware(RequestTelemetry, metrics=app.state.runtime.metrics)
     app.add_middleware(SecurityHeaders)

@@ -172,6 +172,8 @@ class Limits(_Section):
     """Size of the submission in it."""
     seconds_for_body: PositiveInt = 60
     """Time for an upload to arrive."""
+    kibibytes_per_second: PositiveInt = 16
+    """The slowest that an upload may be sent on average, after its first 10 seconds."""
     requests_per_minute: PositiveInt = 120
     """For one address, one token, and one browser session each."""
     uploads_at_once: PositiveInt = 32

@@ -182,7 +182,7 @@ def calls_to_parse(content: bytes) -> int:
     threading.setprofile(count)
     sys.setprofile(count)
     try:
-        asyncio.run(BodyLimits(app, PATIENCE)(scope, body, None))  # type: ignore[arg-type]
+        asyncio.run(BodyLimits(app, PATIENCE, 1)(scope, body, None))  # type: ignore[arg-type]
     finally:
         sys.setprofile(None)
         threading.setprofile(None)

@@ -26,7 +26,7 @@ import uvicorn
 from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
-from reverie_eval.server.http import patience
+from reverie_eval.server.http import middleware, patience
 from reverie_eval.server.http.exchange import begin, exchange_of
 from reverie_eval.server.http.middleware import BodyLimits
 from reverie_eval.server.operations import run
@@ -423,6 +423,11 @@ def of_headers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def of_slow_senders(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(middleware, "SECONDS_OF_GRACE", 0.3)
+
+
+@pytest.fixture
 def of_readers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(patience, "SECONDS_FOR_HEADERS", PATIENCE)
     monkeypatch.setattr(patience, "SECONDS_FOR_REPLY", 0.3)
@@ -480,6 +485,34 @@ def test_a_connection_that_sends_no_request_is_closed(
     pytest.fail("the connection is still open")
 
 
+@pytest.mark.usefixtures("of_slow_senders")
+def test_who_sends_slowly_is_told_so(impatient: Impatient, server: Serving) -> None:
+    """Long before all of it would have to be there."""
+    shown = f"Authorization: Bearer {server.tokens[OWNER]}"
+    path = f"/api/v1/splits/{OPEN}/validate"
+    head = f"POST {path} HTTP/1.1\r\nHost: x\r\n{shown}\r\nContent-Length: {len(GOOD)}\r\n\r\n"
+    with impatient.connect() as connection:
+        connection.sendall(head.encode() + GOOD[:1000])
+        received = b""
+        while b"no submission was used" not in received.lower():
+            piece = connection.recv(1 << 16)
+            assert piece, received
+            received += piece
+    assert received.startswith(b"HTTP/1.1 408")
+    assert b"sent too slowly: 1,000 bytes in" in received
+    assert b"16 KiB a second" in received
+
+
+def test_who_sends_fast_enough_is_waited_for() -> None:
+    allowance = middleware.Allowance(0, seconds=60, kibibytes_per_second=2, began=100)
+    assert [allowance.next_until(received) for received in (0, 2048, 20480, 1 << 20)] == [
+        110,
+        111,
+        120,
+        160,
+    ]
+
+
 def unread(impatient: Impatient, head: bytes) -> bytes:
     """Ask for something, wait until nobody is connected, and return what had come until then."""
     with impatient.connect(room=1 << 12) as connection:
@@ -521,4 +554,4 @@ def test_nothing_more_is_awaited_of_a_request_that_is_being_answered() -> None:
         assert (await receive())["type"] == "http.disconnect"
 
     begin(scope)
-    asyncio.run(BodyLimits(app, seconds=0)(scope, hang_up, AsyncMock()))
+    asyncio.run(BodyLimits(app, seconds=0, kibibytes_per_second=1)(scope, hang_up, AsyncMock()))

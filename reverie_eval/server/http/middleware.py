@@ -13,7 +13,7 @@ import ipaddress
 import math
 import time
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from limits import RateLimitItemPerMinute
 from limits.storage import MemoryStorage
@@ -30,6 +30,9 @@ SMALL = 256 << 10
 
 _SMALL_FORM = 64 << 10
 """Bytes of a form without a file, which the framework parses on the event loop."""
+
+SECONDS_OF_GRACE = 10
+"""Before a body has to have a speed: connections begin slowly."""
 
 _KEY = "reverie_eval.allowance"
 _MULTIPART = b"multipart/form-data"
@@ -172,16 +175,29 @@ class Allowance:
     size: int
     """Bytes."""
     seconds: float
-    until: float
-    """Deadline on the monotonic clock."""
+    kibibytes_per_second: float
+    """The slowest that it may be sent on average, after the first seconds."""
+    began: float = field(default_factory=time.monotonic)
+    """When it was first waited for, on the monotonic clock."""
+
+    @property
+    def until(self) -> float:
+        """The deadline of all of it."""
+        return self.began + self.seconds
+
+    def next_until(self, received: int) -> float:
+        """Return the deadline of the next bytes."""
+        needed = received / (self.kibibytes_per_second * 1024)
+        return min(self.until, self.began + SECONDS_OF_GRACE + needed)
 
 
 class BodyLimits(Middleware):
-    """Enforces the size and the deadline of each request's body."""
+    """Enforces the size, the deadline and the speed of each request's body."""
 
-    def __init__(self, app: ASGIApp, seconds: float) -> None:
+    def __init__(self, app: ASGIApp, seconds: float, kibibytes_per_second: float) -> None:
         super().__init__(app)
         self._seconds = seconds
+        self._kibibytes_per_second = kibibytes_per_second
 
     async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request while counting its body.
@@ -194,7 +210,7 @@ class BodyLimits(Middleware):
         exchange = exchange_of(scope)
         is_form = _content_type(Headers(scope=scope))[0] in _FORMS
         size = _SMALL_FORM if is_form else SMALL
-        allowance = Allowance(size, self._seconds, time.monotonic() + self._seconds)
+        allowance = Allowance(size, self._seconds, self._kibibytes_per_second)
         scope[_KEY] = allowance
         is_whole = False
 
@@ -202,7 +218,7 @@ class BodyLimits(Middleware):
             nonlocal is_whole
             if is_whole or exchange.status is not None:  # the body is no longer read
                 return await receive()
-            message = await _in_time(receive, allowance)
+            message = await _in_time(receive, allowance, exchange.received)
             exchange.received += len(message.get("body", b""))
             if exchange.received > allowance.size:
                 raise TooLargeError(_too_large(allowance.size))
@@ -238,10 +254,10 @@ class FormCharsets(Middleware):
 
 
 def allow_body(scope: Scope, size: int) -> None:
-    """Set a request's size limit and restart its deadline."""
+    """Set a request's size limit and restart its deadlines."""
     allowance: Allowance = scope[_KEY]
     allowance.size = size
-    allowance.until = time.monotonic() + allowance.seconds
+    allowance.began = time.monotonic()
 
 
 def is_multipart(headers: Headers) -> bool:
@@ -249,15 +265,32 @@ def is_multipart(headers: Headers) -> bool:
     return _content_type(headers)[0] == _MULTIPART
 
 
-async def _in_time(receive: Receive, allowance: Allowance) -> Message:
+async def _in_time(receive: Receive, allowance: Allowance, received: int) -> Message:
+    until = allowance.next_until(received)
     try:
-        async with asyncio.timeout(allowance.until - time.monotonic()):
+        async with asyncio.timeout(until - time.monotonic()):
             return await receive()
     except TimeoutError:
+        is_slow = until < allowance.until
         raise TooSlowError(
-            f"the upload did not arrive within {allowance.seconds:g} seconds; gzip it, or try "
-            "again. No submission was used"
+            _too_slow(allowance, received) if is_slow else _too_late(allowance)
         ) from None
+
+
+def _too_late(allowance: Allowance) -> str:
+    return (
+        f"the upload did not arrive within {allowance.seconds:g} seconds; gzip it, or try again. "
+        "No submission was used"
+    )
+
+
+def _too_slow(allowance: Allowance, received: int) -> str:
+    seconds = time.monotonic() - allowance.began
+    return (
+        f"the upload is sent too slowly: {received:,} bytes in {seconds:.0f} seconds, and at least "
+        f"{allowance.kibibytes_per_second:g} KiB a second are needed; gzip it, or use a faster "
+        "connection. No submission was used"
+    )
 
 
 def _too_large(size: int) -> str:

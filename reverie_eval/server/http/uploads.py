@@ -141,7 +141,7 @@ async def taken(
     An upload that waits for a slot is not read meanwhile, so its arrival is dated back by the time
     it waited: a queue makes nobody late.
     """
-    async with runtime.admission.hold(person.id):
+    async with runtime.admission.hold(person.team_id):
         waited = max(server.clock() - began, timedelta())
         upload = await receive(request, server.settings.limits, server.clock)
         yield upload._replace(arrived=upload.arrived - waited)

@@ -170,6 +170,8 @@ class Limits(_Section):
     """Size of a request's body."""
     unpacked_mebibytes: PositiveInt = 64
     """Size of the submission in it."""
+    mebibytes_per_day: PositiveInt = 1024
+    """Submissions that a team may send in 24 hours, unpacked, to all splits together."""
     seconds_for_body: PositiveInt = 60
     """Time for an upload to arrive."""
     kibibytes_per_second: PositiveInt = 16

@@ -82,6 +82,7 @@ class ServerState:
             Attempts(database, clock),
             settings.required_metadata,
             most_bytes=settings.limits.unpacked_mebibytes << 20,
+            mebibytes_per_day=settings.limits.mebibytes_per_day,
         )
         submissions = SubmissionService(
             boards, database, uploads, transactions, settings.required_metadata

@@ -40,7 +40,7 @@ def left(server: Serving) -> int:
         pytest.param(Board, "read", id="reading"),
         pytest.param(Board, "score", id="scoring"),
         pytest.param(Board, "report", id="rounding"),
-        pytest.param(FolderUploads, "put", id="keeping the file"),
+        pytest.param(FolderUploads, "staged", id="keeping the file"),
         pytest.param(intake, "quota_usages", id="counting the quota"),
         pytest.param(Signer, "sign", id="signing"),
         pytest.param(AuditLog, "append", id="the audit log"),
@@ -72,7 +72,7 @@ def test_a_disk_without_room_for_the_file_leaves_nothing(
         raise OSError(errno.ENOSPC, "No space left on device", "/srv/secret/path")
 
     with monkeypatch.context() as full:
-        full.setattr(FolderUploads, "put", fail)
+        full.setattr(FolderUploads, "staged", fail)
         reply = upload(server_on)
     assert (reply.status_code, reply.json()["code"]) == (507, "storage-full")
     assert "/srv" not in reply.text

@@ -4,7 +4,7 @@
 
     reverie-eval.toml, signing-key.pem, bundles/...    unchanged
     database.jsonl        all rows at one moment, for any database
-    uploads/SHA-256.json  every upload that a row refers to
+    uploads/SHA-256.json  every upload that a row refers to, unpacked
     manifest.json         the contents of the archive, with their SHA-256
 
 An upload is stored before the row that refers to it, and never changed or deleted. So every upload
@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from gzip import BadGzipFile
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
@@ -152,7 +153,7 @@ class _Contents:
         """Add an upload and return True; return False if it is missing or damaged."""
         try:
             content = uploads.get(sha256)
-        except FileNotFoundError:
+        except (FileNotFoundError, BadGzipFile):
             return False
         is_whole = hashlib.sha256(content).hexdigest() == sha256
         if is_whole:

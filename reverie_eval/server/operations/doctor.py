@@ -25,7 +25,7 @@ from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
-from reverie_eval.server.store.uploads import Uploads, UploadsError, open_uploads
+from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
 
 Track = Callable[[Sequence[str], str], Iterable[str]]
@@ -96,8 +96,8 @@ def _at_uploads(
         sound += not trouble
         if trouble:
             whose = first_few([report.id for report in reports if report.sha256 == sha256])
-            remedy = f"replace it with uploads/{sha256}.json from a backup"
-            message = f"{sha256[:2]}/{sha256}.json of submission {whose} {trouble}; {remedy}"
+            remedy = f"replace it with uploads/{sha256}.json from a backup, compressed with gzip"
+            message = f"{sha256[:2]}/{name_of(sha256)} of submission {whose} {trouble}; {remedy}"
             yield Finding("uploads", "fault", message)
     yield Finding("uploads", "ok", f"{sound:,} of {count_text(len(expected), 'upload')} intact")
 
@@ -114,7 +114,7 @@ def _trouble(uploads: Uploads, sha256: str) -> str:
 
 
 def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
-    expected = {f"{sha256}.json" for sha256 in session.scalars(select(Submission.sha256))}
+    expected = {name_of(sha256) for sha256 in session.scalars(select(Submission.sha256))}
     strays = sorted(name for name in uploads.names() if name not in expected)
     if strays:
         message = (

@@ -70,7 +70,7 @@ def show_split(split: SplitName, call: Anybody) -> SplitReport:
     status_code=status.HTTP_201_CREATED,
     responses={
         200: {"model": Accepted, "description": "The reply to the same file or key, again"},
-        **problems(*_OF_FILES, "not-open", "conflict", "quota-spent"),
+        **problems(*_OF_FILES, "not-open", "conflict", "quota-spent", "bytes-spent"),
     },
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )

@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import AttemptReport
 from reverie_eval.server.errors import (
+    BytesSpentError,
     ConflictError,
     FaultError,
     MalformedError,
@@ -37,6 +38,7 @@ MOST_KEPT = 50_000
 FAILURES = (
     RejectedFileError,
     QuotaSpentError,
+    BytesSpentError,
     NotOpenError,
     ConflictError,
     MalformedError,

@@ -20,7 +20,7 @@ from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentEr
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.notices import Notices
-from reverie_eval.server.service.quotas import QuotaUsage, quota_usages
+from reverie_eval.server.service.quotas import QuotaUsage, demand_bytes, quota_usages
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.submissions import demand_metadata, submission_report
 from reverie_eval.server.service.transactions import Transactions
@@ -50,6 +50,7 @@ class Intake:
     attempts: Attempts
     required_metadata: Collection[str]
     most_bytes: int
+    mebibytes_per_day: int
 
     def validate(self, person: Person, split: str, content: bytes) -> Checked:
         """Check a submission without looking at answers; nothing is spent or kept.
@@ -95,6 +96,8 @@ class Intake:
             Listing everything that is wrong with it. Nothing is spent.
         QuotaSpentError
             If nothing is left.
+        BytesSpentError
+            If the team has sent too many bytes in the last 24 hours.
         NotOpenError
             If the split accepted no submissions when all of it had arrived.
         ConflictError
@@ -130,7 +133,6 @@ class Intake:
             self._demand_quota(session, person, board, arrived)
         reading = board.read(content)
         report = board.report(board.score(reading), reading)
-        self.uploads.put(sha256, content)
         row = Submission(
             id=secrets.token_hex(8),
             split=split,
@@ -141,12 +143,16 @@ class Intake:
             method=method.model_dump(mode="json"),
             report=report.model_dump(mode="json"),
         )
-        with self.transactions.begin(person.name) as transaction:
+        with (
+            self.uploads.staged(sha256, content) as keep,
+            self.transactions.begin(person.name) as transaction,
+        ):
             session = transaction.session
             known = self._known(session, person, split, sha256, key)
             if known is not None:
                 return self._repeated(session, known, board, person)
             usage = self._demand_quota(session, person, board, arrived)
+            demand_bytes(session, person.team_id, row.size, self.mebibytes_per_day, arrived)
             quota = usage.with_one_more(arrived).state(arrived)
             row.person = session.merge(person, load=False)
             row.team = row.person.team
@@ -163,6 +169,7 @@ class Intake:
             row.receipt = receipt.model_dump(mode="json")
             transaction.add(row)
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
+            keep()
             return Accepted(submission=submission_report(row), quota=quota, is_repeat=False)
 
     def _known(

@@ -19,6 +19,7 @@ RequestError
     TooSlowError          the upload did not arrive in time
     BusyError             too many uploads are waiting
     WrongMethodError      the address does not accept this method
+    DatabaseDownError     the database does not answer
     StorageFullError      the disk or the database is full
     FaultError            the server failed
 """
@@ -296,6 +297,23 @@ class WrongMethodError(RequestError):
 
     def __init__(self) -> None:
         super().__init__("this address does not accept this method; see the Allow header")
+
+
+class DatabaseDownError(RequestError):
+    """The database does not answer."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    code = "database-down"
+    heading = "Server unavailable"
+    example_arguments = (_EXAMPLE_REQUEST,)
+    seconds = 10
+
+    def __init__(self, request_id: str) -> None:
+        self.request_id = request_id
+        super().__init__(
+            f"the server's database does not answer; try again in {self.seconds} seconds: no file "
+            "is counted twice"
+        )
 
 
 class StorageFullError(RequestError):

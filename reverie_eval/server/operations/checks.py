@@ -27,7 +27,7 @@ from reverie_eval.server.settings import (
     variables_ignored,
 )
 from reverie_eval.server.state import utc_now
-from reverie_eval.server.store.database import Database, known_revisions
+from reverie_eval.server.store.database import Database, is_full, known_revisions
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
 from reverie_eval.text import count_text
@@ -193,6 +193,8 @@ def reason_of(error: Exception) -> str:
             return f"{error}; install it: pip install 'reverie-eval[postgresql]'"
         case OperationalError(orig=said) if "locked" in str(said):
             return f"{said}; another program has locked it: stop that program, or try again"
+        case _ if is_full(error):
+            return f"{said_by(error)}; free some space"
         case _:
             remedy = "check that it is running and undamaged, and `database` in the settings"
             return f"{said_by(error)}; {remedy}"
@@ -246,6 +248,12 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
     if fault is not None:
         yield Finding("database", "fault", fault)
         return
+    with closing(Database(settings.database_url)) as database:
+        damage = database.damage()
+    if damage:
+        message = f"the file is damaged ({damage}); restore the last backup"
+        yield Finding("database", "fault", message)
+        return
     # The URL's query may contain the passphrase of a key.
     yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
 
@@ -287,7 +295,8 @@ def _at_uploads(settings: Settings) -> Iterator[Finding]:
     except UploadsError as error:
         yield Finding("uploads", "fault", str(error))
     except OSError as error:
-        remedy = "choose a folder that the server can write to"
+        is_space = is_full(error)
+        remedy = "free some space" if is_space else "choose a folder that the server can write to"
         message = f"{settings.uploads}: {error.strerror}; {remedy}"
         yield Finding("uploads", "fault", message)
     else:

@@ -10,6 +10,7 @@ from pathlib import Path
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
+from reverie_eval.errors import ReverieEvalError
 from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folder, said_by
@@ -36,14 +37,14 @@ _LITTLE_SPACE = 1 << 30
 
 
 def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Finding]:
-    """Check what a server needs to start, then all stored data."""
-    first = check_folder(folder)
-    yield from first
-    if any(finding.kind == "fault" for finding in first):
+    """Check what a server needs to start, then all stored data, if it can be read at all."""
+    yield from check_folder(folder)
+    try:
+        state = ServerState.open(load_settings(folder))
+    except (ReverieEvalError, *REFUSALS):
         message = "the stored data was not checked; fix the faults above first"
         yield Finding("stored data", "note", message)
         return
-    state = ServerState.open(load_settings(folder))
     with closing(state.database), state.database.reading() as session:
         yield from _guarded("database", _at_the_file(state.database, session))
         yield from _guarded("submissions", _at_submissions(session, state, track))

@@ -13,6 +13,7 @@ from reverie_eval.server.http.middleware import (
     HeadRequests,
     RateLimits,
     SecurityHeaders,
+    UntrustedProxies,
 )
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.paging import known_query
@@ -72,3 +73,4 @@ def add_edge(app: FastAPI, settings: Settings) -> None:
     if settings.trusted_proxies:
         trusted = [str(network) for network in settings.trusted_proxies]
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=trusted)
+    app.add_middleware(UntrustedProxies, trusted=settings.trusted_proxies)

@@ -19,9 +19,11 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    HttpUrl,
     IPvAnyNetwork,
     NonNegativeInt,
     PositiveInt,
+    TypeAdapter,
     ValidationError,
     model_validator,
 )
@@ -97,6 +99,19 @@ def _known_store(place: str) -> str:
     if not is_folder and not (address.scheme == "s3" and address.netloc):
         raise ValueError("must be a folder, or an S3-compatible store, s3://BUCKET/PREFIX")
     return place
+
+
+def _known_address(address: str) -> str:
+    """Check the server's public address; empty if it is not set."""
+    if not address:
+        return address
+    url = _URL.validate_python(address)
+    if url.username or url.password or url.query or url.fragment or url.path not in (None, "/"):
+        raise ValueError("must be a scheme and a host, https://eval.example.org")
+    return str(url).rstrip("/")
+
+
+_URL: TypeAdapter[HttpUrl] = TypeAdapter(HttpUrl)
 
 
 class _Section(BaseModel):
@@ -196,6 +211,8 @@ class Settings(BaseSettings):
     )
 
     title: Name = "REVERIE evaluation server"
+    public_address: Annotated[str, AfterValidator(_known_address)] = ""
+    """How people reach the server: ``https://eval.example.org``. Printed in what they copy."""
     banner: Line = ""
     """A message shown to everyone: maintenance, deadlines."""
     paused: bool = False

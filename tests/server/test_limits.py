@@ -295,6 +295,7 @@ def test_a_broken_form_is_not_quoted_in_the_log(small: Small) -> None:
         assert reply_on(connection) == (400, "malformed-request")
     assert {line["logger"] for line in small.logged()} <= {
         "reverie_eval.server.requests",
+        "reverie_eval.server.proxies",
         "uvicorn.error",
     }
 

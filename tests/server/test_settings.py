@@ -20,6 +20,7 @@ from reverie_eval.server.settings import (
     load_settings,
 )
 from tests.support.acting import NOON
+from tests.support.processes import Laptop
 from tests.support.serving import (
     GOOD,
     OPEN,
@@ -514,3 +515,42 @@ def test_settings_cannot_be_changed(tmp_path: Path) -> None:
     settings = loaded(tmp_path)
     with pytest.raises(ValueError, match="frozen"):
         settings.title = "x"  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("address", "proxies", "is_warned"),
+    [
+        pytest.param("https://eval.example.org", "[]", True, id="nobody is trusted"),
+        pytest.param("https://eval.example.org", '["127.0.0.1"]', False, id="a proxy is trusted"),
+        pytest.param("http://localhost:8000", "[]", False, id="no TLS"),
+        pytest.param("", "[]", False, id="no address"),
+    ],
+)
+def test_tls_needs_a_proxy_that_is_trusted(
+    address: str,
+    proxies: str,
+    is_warned: bool,  # noqa: FBT001  # a column of the table
+    lab: str,
+    laptop: Laptop,
+) -> None:
+    variables = {
+        "REVERIE_EVAL_PUBLIC_ADDRESS": address,
+        "REVERIE_EVAL_TRUSTED_PROXIES": proxies,
+    }
+    checked = laptop.run("server", "check", lab, variables=variables)
+    assert ("trusted_proxies is empty" in checked.out) is is_warned
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        pytest.param("eval.example.org", id="no scheme"),
+        pytest.param("ftp://eval.example.org", id="another scheme"),
+        pytest.param("https://me:secret@eval.example.org", id="a password"),
+        pytest.param("https://eval.example.org/reverie", id="a path"),
+        pytest.param("https://eval.example.org/?q", id="a query"),
+    ],
+)
+def test_a_public_address_is_a_scheme_and_a_host(address: str, lab: str, laptop: Laptop) -> None:
+    variables = {"REVERIE_EVAL_PUBLIC_ADDRESS": address}
+    assert "public_address" in laptop.run("server", "check", lab, status=1, variables=variables).out

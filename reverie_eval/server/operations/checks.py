@@ -213,6 +213,13 @@ def _at_settings(settings: Settings) -> Iterator[Finding]:
     for name in variables_ignored():
         message = f"the environment variable {name} is not a setting; check its spelling"
         yield Finding("settings", "note", message)
+    if settings.public_address.startswith("https:") and not settings.trusted_proxies:
+        message = (
+            "public_address is https, which a proxy must provide, but trusted_proxies is empty: "
+            "all visitors share one rate limit, and cookies are not marked Secure; add the "
+            "address from which the proxy connects"
+        )
+        yield Finding("settings", "note", message)
     url = settings.database_url
     if url.password and not is_private and "REVERIE_EVAL_DATABASE" not in os.environ:
         message = f"other users can read the database's password; run `chmod 600 {file}`"

@@ -28,8 +28,12 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
 
 
-def create_app(server: ServerState) -> FastAPI:
-    """Make the application around an opened server."""
+def create_app(server: ServerState, address: str = "http://localhost") -> FastAPI:
+    """Make the application around an opened server.
+
+    ``address`` is printed where people copy the server's address, unless the settings have another:
+    what a request's Host header says is anybody's choice.
+    """
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -44,8 +48,10 @@ def create_app(server: ServerState) -> FastAPI:
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
+        redirect_slashes=False,  # the redirect would contain the Host header
     )
     app.state.server = server
+    app.state.address = server.settings.public_address or address
     app.state.runtime = RuntimeState.of(server)
     for part in (access, splits, submissions, organising):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])

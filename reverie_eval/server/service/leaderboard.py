@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import inf
 from typing import Any
+from unicodedata import normalize
 from urllib.parse import urljoin
 
 import msgspec
@@ -201,7 +202,10 @@ def as_csv(ranking: Ranking) -> str:
 def _cell(value: str | int | None) -> str | int | None:
     if isinstance(value, bool):
         return str(value).lower()
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+    # Spreadsheets read full-width signs as the ASCII ones, to which NFKC maps them.
+    if isinstance(value, str) and normalize("NFKC", value[:1]).startswith(_FORMULA):
+        return f"'{value}"
+    return value
 
 
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:

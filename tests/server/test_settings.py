@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import make_url
 
+from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.operations.checks import demand_sound
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -554,3 +555,22 @@ def test_tls_needs_a_proxy_that_is_trusted(
 def test_a_public_address_is_a_scheme_and_a_host(address: str, lab: str, laptop: Laptop) -> None:
     variables = {"REVERIE_EVAL_PUBLIC_ADDRESS": address}
     assert "public_address" in laptop.run("server", "check", lab, status=1, variables=variables).out
+
+
+@pytest.mark.parametrize(
+    ("dataset", "is_warned"),
+    [pytest.param("REVERIE v1", True, id="real"), pytest.param("demo", False, id="the demo world")],
+)
+def test_a_small_private_split_is_warned_of(
+    dataset: str,
+    is_warned: bool,  # noqa: FBT001  # a column of the table
+    folder: Path,
+    laptop: Laptop,
+) -> None:
+    file = folder / "bundles" / "test.npz"
+    known = Bundle.load(file)
+    origin = known.header.split, dataset, known.header.sources
+    Bundle.build(*origin, known.arrays, known.other_splits, texts=known.texts).save(file)
+    checked = laptop.run("server", "check", folder)
+    assert ("test is private and has only 91 episodes" in checked.out) is is_warned
+    assert "val_unseen is private" not in checked.out

@@ -13,6 +13,7 @@ from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
+from reverie_eval.ground_truth import DEMO_DATASET
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.service.audit import AuditLog
@@ -37,6 +38,7 @@ _DEFAULT_PASSWORDS = frozenset({"postgres", "password", "secret", "changeme", "c
 REFUSALS = (SQLAlchemyError, ModuleNotFoundError, ValueError)
 """Errors of using a database; a stored value that cannot be read is a ValueError."""
 _OTHERS_MAY_READ = 0o077
+_FEW_EPISODES = 1000
 _LATER_VERSION = f"was made by a later version than {__version__}; install the latest reverie-eval"
 
 
@@ -239,6 +241,14 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
         truth = board.truth
         what = f"{name}: {truth.header.dataset}, {board.split.visibility}, {truth.fingerprint[:12]}"
         yield Finding("ground truth", "ok", what)
+        episodes = len(truth.episodes.instr_ids)
+        if board.is_private and episodes < _FEW_EPISODES and truth.header.dataset != DEMO_DATASET:
+            message = (
+                f"{name} is private and has only {episodes} episodes: exact counts can be worked "
+                "out from its scores, and a year's submissions tell the outcomes of more than a "
+                "tenth of them; lower its quota (see SECURITY.md)"
+            )
+            yield Finding("ground truth", "note", message)
 
 
 def _at_signing_key(settings: Settings) -> Iterator[Finding]:

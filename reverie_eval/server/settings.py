@@ -169,6 +169,33 @@ class Split(_Section):
     protocol: Annotated[str, AfterValidator(_known_protocol)] = DEFAULT_PROTOCOL
     quota: Quota | None = None
     phases: Annotated[tuple[Phase, ...], AfterValidator(_some)] = (Phase(name="always"),)
+    release_scores: Literal["at-once", "phase-end"] = "at-once"
+    """Phase-end: nobody sees the scores of a private split before the phase ends."""
+
+    @model_validator(mode="after")
+    def _can_hold_scores(self) -> Self:
+        if self.release_scores == "at-once":
+            return self
+        if self.visibility == "open":
+            raise ValueError("scores of an open split cannot be held back; its answers are public")
+        if any(phase.closes is None for phase in self.phases):
+            raise ValueError("scores that are held back need phases that all have `closes`")
+        return self
+
+    def scores_held_until(self, received_at: datetime, now: datetime) -> datetime | None:
+        """Return the end of the phase in which a submission came; None if its scores are released.
+
+        Of several phases, the last one to end counts.
+        """
+        if self.release_scores == "at-once":
+            return None
+        ends = [
+            phase.closes
+            for phase in self.phases
+            if phase.closes is not None and phase.is_open(received_at)
+        ]
+        until = max(ends, default=None)
+        return until if until is not None and now.replace(microsecond=0) <= until else None
 
     @property
     def effective_quota(self) -> Quota:

@@ -69,6 +69,7 @@ def test_a_split_says_what_is_needed_to_score_alike(server: Serving) -> None:
         "fingerprint": truth.fingerprint,
         "public_fingerprint": public.fingerprint,
         "phases": [{"name": "always", "opens": None, "closes": None, "is_open": True}],
+        "release_scores": "at-once",
         "quota": None,
     }
     assert said in server.ask(None, "GET", "/splits").json()

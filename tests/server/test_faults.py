@@ -11,6 +11,7 @@ from reverie_eval.server.service import intake
 from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.submissions import View
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import FolderUploads
 from tests.support.serving import OWNER, PRIVATE, Serving, submission_for
@@ -44,7 +45,7 @@ def left(server: Serving) -> int:
         pytest.param(intake, "quota_usages", id="counting the quota"),
         pytest.param(Signer, "sign", id="signing"),
         pytest.param(AuditLog, "append", id="the audit log"),
-        pytest.param(intake, "submission_report", id="wording the reply"),
+        pytest.param(View, "report", id="wording the reply"),
     ],
 )
 def test_a_failing_step_leaves_nothing(

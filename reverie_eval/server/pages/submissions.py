@@ -38,7 +38,9 @@ def show_submission(
             visitor.request,
             "publication.html",
             snapshot,
-            shown=publication(snapshot.session, submission_id, snapshot.now),
+            shown=publication(
+                snapshot.session, submission_id, visitor.server.submissions.view(snapshot.now)
+            ),
             said=Method.model_fields,
             primary=PRIMARY_METRIC,
         )
@@ -49,7 +51,8 @@ def change_submission(submission_id: str, member: Member, form: Posted, _: Scori
     """Change what one of the page's small forms is about: each sends its own fields only."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}
     with member.snapshot() as snapshot:
-        submission_of(snapshot.session, snapshot.person, submission_id)
+        view = member.server.submissions.view(snapshot.now)
+        submission_of(snapshot.session, snapshot.person, submission_id, view)
 
     def draw(problem: ProblemDocument) -> Response:
         with member.snapshot() as snapshot:
@@ -78,7 +81,7 @@ def _own_page(
         If it does not exist, or belongs to another team.
     """
     server, session, person = visit.server, snapshot.session, snapshot.person
-    shown = submission_of(session, person, submission_id)
+    shown = submission_of(session, person, submission_id, server.submissions.view(snapshot.now))
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
     # The values of single episodes may be seen, and still are what was scored.

@@ -172,5 +172,6 @@ def _report(board: Board, quota: QuotaReport | None, now: datetime) -> SplitRepo
         fingerprint=board.truth.fingerprint,
         public_fingerprint=board.public_fingerprint,
         phases=phases,
+        release_scores=board.split.release_scores,
         quota=quota,
     )

@@ -15,14 +15,21 @@ from datetime import datetime
 from sqlalchemy import and_, or_, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.service import Accepted, Checked, Method, QuotaReport
+from reverie_eval.schemas.service import (
+    Accepted,
+    Checked,
+    Method,
+    QuotaReport,
+    SubmissionReport,
+)
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.boards import Board, board_named
+from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.quotas import QuotaUsage, demand_bytes, quota_usages
 from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.submissions import demand_metadata, submission_report
+from reverie_eval.server.service.submissions import View, demand_metadata
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
@@ -48,6 +55,7 @@ class Intake:
     transactions: Transactions
     notices: Notices
     attempts: Attempts
+    embargo: Embargo
     required_metadata: Collection[str]
     most_bytes: int
     mebibytes_per_day: int
@@ -170,7 +178,7 @@ class Intake:
             transaction.add(row)
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
             keep()
-            return Accepted(submission=submission_report(row), quota=quota, is_repeat=False)
+            return Accepted(submission=self._worded(row), quota=quota, is_repeat=False)
 
     def _known(
         self, session: Session, person: Person, split: str, sha256: str, key: str | None
@@ -198,7 +206,10 @@ class Intake:
         self, session: Session, row: Submission, board: Board, person: Person
     ) -> Accepted:
         quota = self.quotas(session, person, board.name)[board.name]
-        return Accepted(submission=submission_report(row), quota=quota, is_repeat=True)
+        return Accepted(submission=self._worded(row), quota=quota, is_repeat=True)
+
+    def _worded(self, row: Submission) -> SubmissionReport:
+        return View(self.embargo, self.clock()).report(row)
 
     def _demand_open(self, session: Session, board: Board, now: datetime) -> None:
         notice = self.notices.at(session, now)

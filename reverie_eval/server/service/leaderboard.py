@@ -116,7 +116,7 @@ def leaderboard(
     if metric not in SORTABLE:
         known = ", ".join(SORTABLE)
         raise MalformedError(f"a board is not sorted by {metric!r}; choose one of: {known}")
-    found = cache.entries(session, board)
+    found = cache.entries(session, board, now)
     if metric not in found.ranked:
         values = [entry.scores.get(metric) for entry in found.entries]
         rows = map(Row, _ranks(values, CATALOGUE[metric]), found.entries)

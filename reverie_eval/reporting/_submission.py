@@ -41,6 +41,9 @@ def submission_lines(submission: SubmissionReport, *, is_repeat: bool) -> Iterat
     yield printable(f"{about}, received {time_text(submission.received_at)}")
     if is_repeat:
         yield "this file was already scored; no submission was used"
+    if submission.scores_held_until is not None:
+        ends = time_text(submission.scores_held_until)
+        yield f"scores are published when the phase ends at {ends}"
     if submission.status == "unpublished":
         yield "not published: submit it again with --publish, which does not use a submission"
     else:
@@ -59,7 +62,8 @@ def quota_lines(quota: QuotaReport, split: str) -> Iterator[str]:
 def receipt_lines(receipt: Receipt) -> Iterator[str]:
     """Yield what a receipt proves."""
     about = f"received a file from {receipt.team} at {time_text(receipt.received_at)}"
-    yield printable(f"proven: the server {about} and gave it these scores")
+    given = "gave it these scores" if receipt.scores else "held its scores back"
+    yield printable(f"proven: the server {about} and {given}")
     for key, value in receipt.scores.items():
         metric = CATALOGUE.get(key)
         if metric is not None and metric.headline:

@@ -170,6 +170,8 @@ class SplitReport(WireModel):
     )
     """The same for its public bundle, with which participants check submissions themselves."""
     phases: list[PhaseReport]
+    release_scores: Literal["at-once", "phase-end"] = "at-once"
+    """Phase-end: scores are held back until the phase in which a submission came has ended."""
     quota: QuotaReport | None
     """Yours; null if you are not signed in."""
 
@@ -209,6 +211,9 @@ class SubmissionReport(WireModel):
     method: Method
     report: ScoreReport
     receipt: Receipt
+    """Without scores while these are held back."""
+    scores_held_until: datetime | None = None
+    """When the phase ends until which nobody sees the scores, UTC; null if they are released."""
     status: Literal["unpublished", "published", "withdrawn"]
     published_at: datetime | None
     withdrawn_at: datetime | None

@@ -70,7 +70,9 @@ def _lines(value: object) -> object:
         raise ValueError("must not contain invisible characters") from None
 
 
-def _short(url: HttpUrl) -> HttpUrl:
+def _plain(url: HttpUrl) -> HttpUrl:
+    if url.username or url.password:  # https://github.com@example.org leads to example.org
+        raise ValueError("must not contain a user name or a password")
     if len(str(url)) > LONGEST_LINK:  # in the normalised form that is stored
         raise ValueError(f"must have at most {LONGEST_LINK} characters")
     return url
@@ -95,7 +97,7 @@ Text = Annotated[str, Field(max_length=LONGEST_TEXT), BeforeValidator(_lines)]
 Https = Annotated[
     HttpUrl,
     UrlConstraints(allowed_schemes=["https"], max_length=LONGEST_LINK),
-    AfterValidator(_short),
+    AfterValidator(_plain),
 ]
 Instant = Annotated[AwareDatetime, AfterValidator(_instant)]
 Secret = Annotated[str, Field(min_length=1, max_length=200)]

@@ -13,6 +13,7 @@ from reverie_eval.server.http.middleware import (
     HeadRequests,
     RateLimits,
     SecurityHeaders,
+    UntrustedProxies,
 )
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.paging import known_query
@@ -27,8 +28,12 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
 
 
-def create_app(server: ServerState) -> FastAPI:
-    """Make the application around an opened server."""
+def create_app(server: ServerState, address: str = "http://localhost") -> FastAPI:
+    """Make the application around an opened server.
+
+    ``address`` is printed where people copy the server's address, unless the settings have another:
+    what a request's Host header says is anybody's choice.
+    """
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -43,8 +48,10 @@ def create_app(server: ServerState) -> FastAPI:
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
+        redirect_slashes=False,  # the redirect would contain the Host header
     )
     app.state.server = server
+    app.state.address = server.settings.public_address or address
     app.state.runtime = RuntimeState.of(server)
     for part in (access, splits, submissions, organising):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
@@ -61,10 +68,15 @@ def add_edge(app: FastAPI, settings: Settings) -> None:
     limits = settings.limits
     app.add_middleware(HeadRequests)
     app.add_middleware(FormCharsets)
-    app.add_middleware(BodyLimits, seconds=limits.seconds_for_body)
+    app.add_middleware(
+        BodyLimits,
+        seconds=limits.seconds_for_body,
+        kibibytes_per_second=limits.kibibytes_per_second,
+    )
     app.add_middleware(RateLimits, per_minute=limits.requests_per_minute)
     app.add_middleware(RequestTelemetry, metrics=app.state.runtime.metrics)
     app.add_middleware(SecurityHeaders)
     if settings.trusted_proxies:
         trusted = [str(network) for network in settings.trusted_proxies]
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=trusted)
+    app.add_middleware(UntrustedProxies, trusted=settings.trusted_proxies)

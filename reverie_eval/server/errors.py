@@ -13,11 +13,13 @@ RequestError
     ConflictError         not possible in the current state
     MalformedError        the request is invalid, not the submission in it
     QuotaSpentError       no submissions left; says when there will be one
+    BytesSpentError       the team has sent too many bytes today; says when it may send more
     TooManyError          more requests than an address, a token or a session may make
     TooLargeError         the body is larger than the limit
     TooSlowError          the upload did not arrive in time
     BusyError             too many uploads are waiting
     WrongMethodError      the address does not accept this method
+    DatabaseDownError     the database does not answer
     StorageFullError      the disk or the database is full
     FaultError            the server failed
 """
@@ -208,6 +210,26 @@ def _next(quota: QuotaReport) -> str:
     return f"the next is possible from {whole.isoformat(timespec='seconds')}"
 
 
+class BytesSpentError(RequestError):
+    """The submissions of a team in 24 hours are larger than the limit."""
+
+    status = HTTPStatus.TOO_MANY_REQUESTS
+    code = "bytes-spent"
+    heading = "Too much data today"
+    example_arguments = (1024, 1020 << 20, 5 << 20, 3600)
+
+    def __init__(self, limit: int, used: int, size: int, seconds: int | None) -> None:
+        """Take the limit in MiB, what the team has sent and wants to send, and when it may."""
+        self.seconds = seconds
+        remedy = "leave out fields other than instr_id, trajectory and the answer"
+        later = "" if seconds is None else f", or try again in {seconds:,} seconds"
+        super().__init__(
+            f"your team may send {limit:,} MiB of submissions in 24 hours, unpacked, and has sent "
+            f"{used / (1 << 20):,.1f} MiB; this one has {size / (1 << 20):,.1f} MiB. Make it "
+            f"smaller: {remedy}{later}. No submission was used"
+        )
+
+
 class TooManyError(RequestError):
     """More requests in a minute than an address, a token or a session may make."""
 
@@ -275,6 +297,23 @@ class WrongMethodError(RequestError):
 
     def __init__(self) -> None:
         super().__init__("this address does not accept this method; see the Allow header")
+
+
+class DatabaseDownError(RequestError):
+    """The database does not answer."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    code = "database-down"
+    heading = "Server unavailable"
+    example_arguments = (_EXAMPLE_REQUEST,)
+    seconds = 10
+
+    def __init__(self, request_id: str) -> None:
+        self.request_id = request_id
+        super().__init__(
+            f"the server's database does not answer; try again in {self.seconds} seconds: no file "
+            "is counted twice"
+        )
 
 
 class StorageFullError(RequestError):

@@ -19,9 +19,11 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    HttpUrl,
     IPvAnyNetwork,
     NonNegativeInt,
     PositiveInt,
+    TypeAdapter,
     ValidationError,
     model_validator,
 )
@@ -99,6 +101,19 @@ def _known_store(place: str) -> str:
     return place
 
 
+def _known_address(address: str) -> str:
+    """Check the server's public address; empty if it is not set."""
+    if not address:
+        return address
+    url = _URL.validate_python(address)
+    if url.username or url.password or url.query or url.fragment or url.path not in (None, "/"):
+        raise ValueError("must be a scheme and a host, https://eval.example.org")
+    return str(url).rstrip("/")
+
+
+_URL: TypeAdapter[HttpUrl] = TypeAdapter(HttpUrl)
+
+
 class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
@@ -156,6 +171,33 @@ class Split(_Section):
     """Grounding: answers alone are scored, with the agent placed at the goal."""
     quota: Quota | None = None
     phases: Annotated[tuple[Phase, ...], AfterValidator(_some)] = (Phase(name="always"),)
+    release_scores: Literal["at-once", "phase-end"] = "at-once"
+    """Phase-end: nobody sees the scores of a private split before the phase ends."""
+
+    @model_validator(mode="after")
+    def _can_hold_scores(self) -> Self:
+        if self.release_scores == "at-once":
+            return self
+        if self.visibility == "open":
+            raise ValueError("scores of an open split cannot be held back; its answers are public")
+        if any(phase.closes is None for phase in self.phases):
+            raise ValueError("scores that are held back need phases that all have `closes`")
+        return self
+
+    def scores_held_until(self, received_at: datetime, now: datetime) -> datetime | None:
+        """Return the end of the phase in which a submission came; None if its scores are released.
+
+        Of several phases, the last one to end counts.
+        """
+        if self.release_scores == "at-once":
+            return None
+        ends = [
+            phase.closes
+            for phase in self.phases
+            if phase.closes is not None and phase.is_open(received_at)
+        ]
+        until = max(ends, default=None)
+        return until if until is not None and now.replace(microsecond=0) <= until else None
 
     @property
     def effective_quota(self) -> Quota:
@@ -172,8 +214,12 @@ class Limits(_Section):
     """Size of a request's body."""
     unpacked_mebibytes: PositiveInt = 64
     """Size of the submission in it."""
+    mebibytes_per_day: PositiveInt = 1024
+    """Submissions that a team may send in 24 hours, unpacked, to all splits together."""
     seconds_for_body: PositiveInt = 60
     """Time for an upload to arrive."""
+    kibibytes_per_second: PositiveInt = 16
+    """The slowest that an upload may be sent on average, after its first 10 seconds."""
     requests_per_minute: PositiveInt = 120
     """For one address, one token, and one browser session each."""
     uploads_at_once: PositiveInt = 32
@@ -194,6 +240,8 @@ class Settings(BaseSettings):
     )
 
     title: Name = "REVERIE evaluation server"
+    public_address: Annotated[str, AfterValidator(_known_address)] = ""
+    """How people reach the server: ``https://eval.example.org``. Printed in what they copy."""
     banner: Line = ""
     """A message shown to everyone: maintenance, deadlines."""
     paused: bool = False

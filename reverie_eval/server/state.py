@@ -12,6 +12,7 @@ from reverie_eval.errors import Problem
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, board_named, load_boards
+from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
 from reverie_eval.server.service.intake import Clock, Intake
@@ -71,6 +72,7 @@ class ServerState:
         notices = Notices(settings.banner, paused=settings.paused)
         audit_log = AuditLog.of(signer)
         transactions = Transactions(database, audit_log, clock)
+        embargo = Embargo(boards, signer)
         intake = Intake(
             boards,
             database,
@@ -80,11 +82,13 @@ class ServerState:
             transactions,
             notices,
             Attempts(database, clock),
+            embargo,
             settings.required_metadata,
             most_bytes=settings.limits.unpacked_mebibytes << 20,
+            mebibytes_per_day=settings.limits.mebibytes_per_day,
         )
         submissions = SubmissionService(
-            boards, database, uploads, transactions, settings.required_metadata
+            boards, database, uploads, transactions, embargo, settings.required_metadata
         )
         sessions = Sessions(signer.secret_for("browser sessions"))
         return cls(

@@ -301,8 +301,9 @@ def test_intervals_of_open_splits_alone(server: Serving) -> None:
 def test_intervals_are_those_of_the_command_line(server: Serving) -> None:
     submission = entered(server)
     report = server.ask(OWNER, "GET", f"/submissions/{submission}").json()["report"]
+    view = server.state.submissions.view(server.clock())
     with server.state.database.reading() as session:
-        known = submission_of(session, server.person(OWNER), submission)
+        known = submission_of(session, server.person(OWNER), submission, view)
     scores = server.state.submissions.episodes(known)
     expected = scores.with_intervals().intervals
     assert expected is not None

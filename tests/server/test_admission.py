@@ -1,4 +1,4 @@
-"""Room for uploads: to each person a share, which is free again before the reply is read."""
+"""Room for uploads: to each team a share, which is free again before the reply is read."""
 
 import asyncio
 import os
@@ -19,6 +19,7 @@ from tests.support.serving import (
     GOOD,
     MATE,
     OPEN,
+    OTHER,
     OWNER,
     InProcess,
     OpenServer,
@@ -30,8 +31,8 @@ from tests.support.visiting import signed_in
 from tests.support.waiting import PATIENCE
 
 MANY = 30
-"""More places than any one person has."""
-ADA, BEN = 1, 2
+"""More places than any one team has."""
+BLUE, RED = 1, 2
 
 Around = Callable[[ASGIApp, Admission], ASGIApp]
 
@@ -40,7 +41,7 @@ Around = Callable[[ASGIApp, Admission], ASGIApp]
 def crowded(
     folder: Path, open_server: OpenServer, portal: BlockingPortal
 ) -> Iterator[Callable[..., tuple[Serving, Admission]]]:
-    """Return what opens a server with one place for each person, where nobody waits."""
+    """Return what opens a server with one place for each team, where nobody waits."""
     clients = []
 
     def open_crowded(
@@ -64,7 +65,7 @@ def letting_another_in(app: ASGIApp, admission: Admission) -> ASGIApp:
 
     async def answering(scope: Scope, receive: Receive, send: Send) -> None:
         async def sending(message: Message) -> None:
-            async with admission.hold(BEN):
+            async with admission.hold(RED):
                 await send(message)
 
         await app(scope, receive, sending)
@@ -81,23 +82,24 @@ def test_a_place_is_free_before_the_reply_is_taken(
     assert reply.status_code in {200, 201}
 
 
-def test_a_person_is_one_in_the_api_and_on_the_pages(
+def test_a_team_is_one_whoever_sends_and_how(
     crowded: Callable[..., tuple[Serving, Admission]], portal: BlockingPortal
 ) -> None:
     server, admission = crowded(4)
     visitor = signed_in(server, OWNER)
-    with portal.wrap_async_context_manager(admission.hold(server.person(OWNER).id)):
+    with portal.wrap_async_context_manager(admission.hold(server.person(OWNER).team_id)):
         assert server.upload(OWNER).status_code == 503
+        assert server.upload(MATE).status_code == 503
         assert visitor.upload().status_code == 503
-        assert server.upload(MATE).status_code == 201
+        assert server.upload(OTHER).status_code == 201
     assert visitor.upload().status_code == 303
 
 
-async def held(admission: Admission, person: int, places: AsyncExitStack) -> int:
-    """Return how many uploads of somebody's are let in without waiting, and let them stay."""
+async def held(admission: Admission, team: int, places: AsyncExitStack) -> int:
+    """Return how many uploads of a team are let in without waiting, and let them stay."""
     for count in range(MANY):
         try:
-            await places.enter_async_context(admission.hold(person))
+            await places.enter_async_context(admission.hold(team))
         except BusyError:
             return count
     pytest.fail("there is no end of places")
@@ -114,14 +116,14 @@ async def held(admission: Admission, person: int, places: AsyncExitStack) -> int
         (32, [8, 8, 8, 8, 0]),
     ],
 )
-def test_one_person_holds_no_more_than_a_quarter_of_the_places(
+def test_one_team_holds_no_more_than_a_quarter_of_the_places(
     at_once: int, expected: list[int]
 ) -> None:
     admission = Admission(at_once, waiting=0, seconds=PATIENCE)
 
     async def held_by_five() -> list[int]:
         async with AsyncExitStack() as places:
-            return [await held(admission, person, places) for person in range(5)]
+            return [await held(admission, team, places) for team in range(5)]
 
     async def twice() -> list[list[int]]:
         return [await held_by_five(), await held_by_five()]
@@ -147,21 +149,42 @@ def test_no_more_are_scored_at_once_than_there_are_cores(at_once: int) -> None:
 def test_who_has_their_share_waits_and_nobody_else() -> None:
     admission = Admission(at_once=8, waiting=1, seconds=PATIENCE)
 
-    async def upload(person: int) -> None:
-        async with admission.hold(person):
+    async def upload(team: int) -> None:
+        async with admission.hold(team):
             pass
 
     async def scenario() -> None:
-        async with admission.hold(ADA), admission.hold(ADA):
-            third = asyncio.create_task(upload(ADA))
+        async with admission.hold(BLUE), admission.hold(BLUE):
+            third = asyncio.create_task(upload(BLUE))
             await asyncio.sleep(0)
             assert admission.waiting == 1
             with pytest.raises(BusyError):
-                await upload(ADA)
-            await upload(BEN)
+                await upload(BLUE)
+            await upload(RED)
             assert not third.done()
         await third
         assert admission.waiting == 0
+
+    asyncio.run(scenario())
+
+
+def test_one_team_fills_no_more_than_a_quarter_of_the_queue() -> None:
+    admission = Admission(at_once=4, waiting=8, seconds=PATIENCE)
+
+    async def upload(team: int) -> None:
+        async with admission.hold(team):
+            pass
+
+    async def scenario() -> None:
+        async with admission.hold(BLUE), admission.hold(RED):
+            queued = [asyncio.create_task(upload(BLUE)) for _ in range(2)]
+            await asyncio.sleep(0)
+            with pytest.raises(BusyError):
+                await upload(BLUE)
+            queued.append(asyncio.create_task(upload(RED)))
+            await asyncio.sleep(0)
+            assert admission.waiting == 3
+        await asyncio.gather(*queued)
 
     asyncio.run(scenario())
 
@@ -170,13 +193,13 @@ def test_whose_turn_never_comes_leaves_their_place_to_others() -> None:
     admission = Admission(at_once=4, waiting=9, seconds=0.01)
 
     async def scenario() -> None:
-        async with admission.hold(ADA):
+        async with admission.hold(BLUE):
             with pytest.raises(BusyError):
-                async with admission.hold(ADA):
+                async with admission.hold(BLUE):
                     pytest.fail("there was a place")
         async with AsyncExitStack() as places:
-            for person in (ADA, BEN, 3, 4):
-                await places.enter_async_context(admission.hold(person))
+            for team in (BLUE, RED, 3, 4):
+                await places.enter_async_context(admission.hold(team))
             with pytest.raises(BusyError):
                 await places.enter_async_context(admission.hold(5))
         async with admission.hold(5):

@@ -70,6 +70,7 @@ def test_a_split_says_what_is_needed_to_score_alike(server: Serving) -> None:
         "fingerprint": truth.fingerprint,
         "public_fingerprint": public.fingerprint,
         "phases": [{"name": "always", "opens": None, "closes": None, "is_open": True}],
+        "release_scores": "at-once",
         "quota": None,
     }
     assert said in server.ask(None, "GET", "/splits").json()
@@ -183,6 +184,8 @@ WRONG = [
     pytest.param({"description": CHANGED_BACK}, "description", id="a description read backwards"),
     pytest.param({"description": "x" * 2001}, "description", id="a long description"),
     pytest.param({"paper": "http://example.org"}, "paper", id="a link without encryption"),
+    pytest.param({"paper": "https://me:secret@example.org"}, "paper", id="a link with a password"),
+    pytest.param({"code": "https://github.com@example.org/x"}, "code", id="a link with a user"),
     pytest.param({"code": "javascript:alert(1)"}, "code", id="a link that is a script"),
     pytest.param({"code": "example.org"}, "code", id="no link"),
     pytest.param({"code": f"https://example.org/{'x' * 500}"}, "code", id="a long link"),

@@ -1,5 +1,6 @@
 """The doctor: every kind of damage is found and named, and nothing else is."""
 
+import gzip
 import shutil
 import sqlite3
 from collections.abc import Callable, Sequence
@@ -65,7 +66,7 @@ def sql(statement: str) -> Damage:
 
 def upload(folder: Path) -> Path:
     """Return the file of an upload."""
-    return min((folder / "uploads").rglob("*.json"))
+    return min((folder / "uploads").rglob("*.json.gz"))
 
 
 def replace_key(folder: Path) -> None:
@@ -94,10 +95,16 @@ FIRST = "id = (SELECT min(id) FROM submission)"
 DAMAGES = [
     pytest.param(lambda folder: upload(folder).unlink(), "uploads", "is missing", id="no upload"),
     pytest.param(
-        lambda folder: upload(folder).write_bytes(b"[]"),
+        lambda folder: upload(folder).write_bytes(gzip.compress(b"[]")),
         "uploads",
         "differs from the file that was uploaded",
         id="upload",
+    ),
+    pytest.param(
+        lambda folder: upload(folder).write_bytes(b"[]"),
+        "uploads",
+        "cannot be read (Not a gzipped file",
+        id="upload that is not compressed",
     ),
     pytest.param(put_a_folder, "uploads", "cannot be read", id="upload that is no file"),
     pytest.param(replace_key, "receipts", "this is key", id="another key"),

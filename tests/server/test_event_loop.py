@@ -1,9 +1,11 @@
 """Nothing slow runs on the event loop: what takes long for one request delays no other."""
 
 import asyncio
+import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from ipaddress import ip_network
 from pathlib import Path
@@ -13,16 +15,19 @@ from typing import NamedTuple
 
 import httpx
 import pytest
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 
-from reverie_eval.server.http import openapi, problems
+from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.http import openapi, problems, uploads
 from reverie_eval.server.http.callers import COOKIE
 from reverie_eval.server.http.exchange import begin
 from reverie_eval.server.http.middleware import BodyLimits
 from reverie_eval.server.http.uploads import receive
 from reverie_eval.server.pages import guide, rendering
 from reverie_eval.server.settings import Limits
-from tests.support.serving import OpenServer, Serving, settings_of
+from reverie_eval.server.state import utc_now
+from tests.support.serving import GOOD, OPEN, OWNER, OpenServer, Serving, settings_of
 from tests.support.waiting import PATIENCE
 
 PER_MINUTE = 30
@@ -128,36 +133,64 @@ def test_a_refusal_does_not_ask_the_database(
     assert "too many requests" in reply.text.lower()
 
 
-def test_a_large_form_is_parsed_piece_by_piece() -> None:
-    head = b'--x\r\nContent-Disposition: form-data; name="file"; filename="f"\r\n\r\n'
-    pieces = 15  # which is too little to be put on disk, where every write takes turns
-    content = b"\r\n--" * (pieces << 14)
-    messages = [{"type": "http.request", "body": head + content + b"\r\n--x--\r\n"}]
-    turns = 0
+def test_others_are_answered_while_a_form_is_parsed(
+    server: Serving, standing_still: Callable[..., Standstill]
+) -> None:
+    stopped = standing_still(uploads, "parse_form")
+    with ThreadPoolExecutor(1) as other:
+        files = {"file": ("answers.json", GOOD)}
+        late = other.submit(server.ask, OWNER, "POST", f"/splits/{OPEN}/validate", files=files)
+        assert stopped.reached.wait(PATIENCE)
+        for _ in range(20):
+            assert server.client.get("/static/style.css").status_code == 200
+        assert not late.done()
+        stopped.over.set()
+    assert late.result().status_code == 200
 
-    async def others() -> None:
-        nonlocal turns
-        while True:
-            await asyncio.sleep(0)
-            turns += 1
 
-    async def upload() -> bytes:
-        found = b""
+CONTENT_TYPE = b"multipart/form-data; boundary=x"
+HEAD = b'--x\r\nContent-Disposition: form-data; name="file"; filename="f"\r\n\r\n'
+FILLINGS = {
+    "boundaries with something behind them": b"\r\n--xX",
+    "all but a boundary": b"\r\n--",
+    "ends of lines": b"\r\n",
+    "fields": b'\r\n--x\r\nContent-Disposition: form-data; name="a"\r\n\r\n',
+    "fields without a name": b"\r\n--x\r\n\r\n",
+    "lines before a field": b'\r\n--x\r\nContent-Disposition: form-data; name="a"' + b"\r\na:" * 99,
+}
 
-        async def app(scope: object, receive_body: object, _: object) -> None:
-            nonlocal found
-            found = (await receive(Request(scope, receive_body), Limits())).packed  # type: ignore[arg-type]
 
-        async def body() -> Mapping[str, object]:
-            return messages.pop()
+def calls_to_parse(content: bytes) -> int:
+    """Return how many calls it takes to parse a form with a file."""
+    messages = [{"type": "http.request", "body": HEAD + content + b"\r\n--x--\r\n"}]
+    calls = 0
 
-        scope = {"type": "http", "method": "POST", "path": "/"}
-        scope["headers"] = [(b"content-type", b"multipart/form-data; boundary=x")]  # type: ignore[assignment]
-        begin(scope)
-        waiting = asyncio.create_task(others())
-        await BodyLimits(app, PATIENCE)(scope, body, None)  # type: ignore[arg-type]
-        waiting.cancel()
-        return found
+    def count(*_: object) -> None:
+        nonlocal calls
+        calls += 1
 
-    assert asyncio.run(upload()) == content
-    assert turns >= pieces
+    async def app(scope: object, receive_body: object, _: object) -> None:
+        with suppress(MalformedError, HTTPException):
+            await receive(Request(scope, receive_body), Limits(), utc_now)  # type: ignore[arg-type]
+
+    async def body() -> Mapping[str, object]:
+        return messages.pop()
+
+    scope = {"type": "http", "method": "POST", "path": "/", "app": None}
+    scope["headers"] = [(b"content-type", CONTENT_TYPE)]  # type: ignore[assignment]
+    begin(scope)
+    threading.setprofile(count)
+    sys.setprofile(count)
+    try:
+        asyncio.run(BodyLimits(app, PATIENCE, 1)(scope, body, None))  # type: ignore[arg-type]
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    return calls
+
+
+@pytest.mark.parametrize("filling", FILLINGS.values(), ids=FILLINGS)
+def test_no_byte_of_a_form_costs_more_than_another(filling: bytes) -> None:
+    size = 2 << 20
+    plain = calls_to_parse(b"x" * size)
+    assert calls_to_parse(filling * (size // len(filling))) < 3 * plain

@@ -11,6 +11,7 @@ from reverie_eval.server.service import intake
 from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.submissions import View
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import FolderUploads
 from tests.support.serving import OWNER, PRIVATE, Serving, submission_for
@@ -40,11 +41,11 @@ def left(server: Serving) -> int:
         pytest.param(Board, "read", id="reading"),
         pytest.param(Board, "score", id="scoring"),
         pytest.param(Board, "report", id="rounding"),
-        pytest.param(FolderUploads, "put", id="keeping the file"),
+        pytest.param(FolderUploads, "staged", id="keeping the file"),
         pytest.param(intake, "quota_usages", id="counting the quota"),
         pytest.param(Signer, "sign", id="signing"),
         pytest.param(AuditLog, "append", id="the audit log"),
-        pytest.param(intake, "submission_report", id="wording the reply"),
+        pytest.param(View, "report", id="wording the reply"),
     ],
 )
 def test_a_failing_step_leaves_nothing(
@@ -72,7 +73,7 @@ def test_a_disk_without_room_for_the_file_leaves_nothing(
         raise OSError(errno.ENOSPC, "No space left on device", "/srv/secret/path")
 
     with monkeypatch.context() as full:
-        full.setattr(FolderUploads, "put", fail)
+        full.setattr(FolderUploads, "staged", fail)
         reply = upload(server_on)
     assert (reply.status_code, reply.json()["code"]) == (507, "storage-full")
     assert "/srv" not in reply.text
@@ -146,8 +147,8 @@ def test_a_reply_that_fails_after_the_commit_counts_once(
 ) -> None:
     submit = intake.Intake.submit
 
-    def submit_and_fail(*given: Any) -> None:
-        submit(*given)
+    def submit_and_fail(*given: Any, **named: Any) -> None:
+        submit(*given, **named)
         raise RuntimeError("after the commit")
 
     with monkeypatch.context() as broken:

@@ -185,7 +185,10 @@ def test_an_empty_board_as_csv(server: Serving) -> None:
     assert headings[:2] == ["rank", "submission_id"]
 
 
-@pytest.mark.parametrize("sign", "=+-@")
+@pytest.mark.parametrize(
+    "sign",
+    [*"=+-@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\ufe66"],
+)
 def test_no_cell_is_a_formula(server: Serving, sign: str) -> None:
     formula = f'{sign}HYPERLINK("https://evil.example","Walker")'
     entered(server, method={"name": formula})

@@ -26,7 +26,7 @@ import uvicorn
 from starlette.types import Message, Receive, Scope, Send
 
 from fixtures.servers import make_folder
-from reverie_eval.server.http import patience
+from reverie_eval.server.http import middleware, patience
 from reverie_eval.server.http.exchange import begin, exchange_of
 from reverie_eval.server.http.middleware import BodyLimits
 from reverie_eval.server.operations import run
@@ -256,6 +256,16 @@ def test_what_is_no_upload_is_short_and_quick(
         assert reply_on(connection) == expected
 
 
+@pytest.mark.parametrize(
+    ("length", "status"), [(SMALL // 4 + 1, 413), (SMALL // 4, 401)], ids=["large", "just not"]
+)
+def test_a_form_without_a_file_is_shorter(length: int, status: int, small: Small) -> None:
+    head = small.head("/sign-in", f"Content-Type: {URLENCODED}", f"Content-Length: {length}")
+    with small.connect() as connection:
+        connection.sendall(head.replace(b"; charset={}", b"") + b"&" * length)
+        assert reply_on(connection)[0] == status
+
+
 def test_what_is_no_upload_is_not_waited_for_either(hasty: Small) -> None:
     with hasty.connect() as connection:
         connection.sendall(hasty.head(TOKENS, JSON, "Content-Length: 100") + b"{")
@@ -285,6 +295,7 @@ def test_a_broken_form_is_not_quoted_in_the_log(small: Small) -> None:
         assert reply_on(connection) == (400, "malformed-request")
     assert {line["logger"] for line in small.logged()} <= {
         "reverie_eval.server.requests",
+        "reverie_eval.server.proxies",
         "uvicorn.error",
     }
 
@@ -413,6 +424,11 @@ def of_headers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def of_slow_senders(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(middleware, "SECONDS_OF_GRACE", 0.3)
+
+
+@pytest.fixture
 def of_readers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(patience, "SECONDS_FOR_HEADERS", PATIENCE)
     monkeypatch.setattr(patience, "SECONDS_FOR_REPLY", 0.3)
@@ -470,6 +486,34 @@ def test_a_connection_that_sends_no_request_is_closed(
     pytest.fail("the connection is still open")
 
 
+@pytest.mark.usefixtures("of_slow_senders")
+def test_who_sends_slowly_is_told_so(impatient: Impatient, server: Serving) -> None:
+    """Long before all of it would have to be there."""
+    shown = f"Authorization: Bearer {server.tokens[OWNER]}"
+    path = f"/api/v1/splits/{OPEN}/validate"
+    head = f"POST {path} HTTP/1.1\r\nHost: x\r\n{shown}\r\nContent-Length: {len(GOOD)}\r\n\r\n"
+    with impatient.connect() as connection:
+        connection.sendall(head.encode() + GOOD[:1000])
+        received = b""
+        while b"no submission was used" not in received.lower():
+            piece = connection.recv(1 << 16)
+            assert piece, received
+            received += piece
+    assert received.startswith(b"HTTP/1.1 408")
+    assert b"sent too slowly: 1,000 bytes in" in received
+    assert b"16 KiB a second" in received
+
+
+def test_who_sends_fast_enough_is_waited_for() -> None:
+    allowance = middleware.Allowance(0, seconds=60, kibibytes_per_second=2, began=100)
+    assert [allowance.next_until(received) for received in (0, 2048, 20480, 1 << 20)] == [
+        110,
+        111,
+        120,
+        160,
+    ]
+
+
 def unread(impatient: Impatient, head: bytes) -> bytes:
     """Ask for something, wait until nobody is connected, and return what had come until then."""
     with impatient.connect(room=1 << 12) as connection:
@@ -500,7 +544,7 @@ def test_a_file_that_nobody_takes_is_given_up(impatient: Impatient, server: Serv
 
 
 def test_nothing_more_is_awaited_of_a_request_that_is_being_answered() -> None:
-    scope: Scope = {"type": "http"}
+    scope: Scope = {"type": "http", "headers": []}
 
     async def hang_up() -> Message:
         await asyncio.sleep(0.01)
@@ -511,4 +555,4 @@ def test_nothing_more_is_awaited_of_a_request_that_is_being_answered() -> None:
         assert (await receive())["type"] == "http.disconnect"
 
     begin(scope)
-    asyncio.run(BodyLimits(app, seconds=0)(scope, hang_up, AsyncMock()))
+    asyncio.run(BodyLimits(app, seconds=0, kibibytes_per_second=1)(scope, hang_up, AsyncMock()))

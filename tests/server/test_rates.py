@@ -95,14 +95,65 @@ def sign_in(server: Serving, who: str) -> str:
     return reply.cookies[COOKIE]
 
 
-def test_trying_tokens_costs_more(limited: Callable[..., Serving]) -> None:
+def test_wrong_tokens_throttle_wrong_tokens_alone(limited: Callable[..., Serving]) -> None:
     server = limited()
     wrong = [
         server.ask(None, "GET", "/me", headers={"Authorization": f"Bearer rv_{n}"}).status_code
         for n in range(PER_MINUTE // FAILED_COST + 1)
     ]
     assert wrong == [401] * (PER_MINUTE // FAILED_COST) + [429]
-    assert me(server, OWNER).status_code == 429, "it is the address that has tried too often"
+    assert me(server, OWNER).status_code == 200
+    assert server.ask(None, "POST", "/session", json={"token": server.tokens[OWNER]}).is_success
+    server.client.cookies.clear()
+    assert server.ask(None, "GET", f"/splits/{OPEN}/leaderboard").status_code == 200
+
+
+def test_a_stale_token_locks_out_nobody_else(limited: Callable[..., Serving]) -> None:
+    server = limited()
+    stale = {"Authorization": "Bearer rv_stale"}
+    statuses = [
+        server.ask(None, "GET", "/me", headers=stale).status_code for _ in range(3 * PER_MINUTE)
+    ]
+    assert statuses == [401] * 3 + [429] * (3 * PER_MINUTE - 3)
+    assert me(server, OWNER).status_code == 200
+    assert server.ask(None, "GET", f"/splits/{OPEN}/leaderboard").status_code == 200
+
+
+def test_who_is_throttled_is_told_until_when(limited: Callable[..., Serving]) -> None:
+    server = limited()
+    shown = [{"Authorization": f"Bearer rv_{number}"} for number in range(4)]
+    *_, reply = [server.ask(None, "GET", "/me", headers=headers) for headers in shown]
+    assert reply.json()["code"] == "too-many-requests"
+    assert 1 <= int(reply.headers["retry-after"]) <= 60
+    assert "www-authenticate" not in reply.headers
+
+
+@pytest.mark.parametrize(
+    ("proxies", "warned"),
+    [
+        pytest.param((), 1, id="none"),
+        pytest.param(("10.0.0.0/8",), 1, id="another"),
+        pytest.param((PROXY,), 0, id="this one"),
+    ],
+)
+def test_a_proxy_that_is_not_trusted_is_warned_of_once(
+    proxies: tuple[str, ...],
+    warned: int,
+    limited: Callable[..., Serving],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    server = limited(*proxies)
+    for number in range(3):
+        me(server, OWNER, f"192.0.2.{number}")
+    warnings = [record for record in caplog.records if record.levelname == "WARNING"]
+    assert [PROXY in record.getMessage() for record in warnings] == [True] * warned
+
+
+def test_who_sends_no_such_header_is_not_warned_of(
+    limited: Callable[..., Serving], caplog: pytest.LogCaptureFixture
+) -> None:
+    me(limited(), OWNER)
+    assert [record for record in caplog.records if record.levelname == "WARNING"] == []
 
 
 @pytest.mark.parametrize(
@@ -131,8 +182,9 @@ def test_who_is_sent_away_is_not_even_read(limited: Callable[..., Serving]) -> N
     for _ in range(PER_MINUTE):
         me(server, OWNER)
     assert server.upload(OWNER).status_code == 429
+    view = server.state.submissions.view(server.clock())
     with server.state.database.reading() as session:
-        assert list_submissions(session, server.person(OWNER), Page()).rows == []
+        assert list_submissions(session, server.person(OWNER), Page(), view).rows == []
 
 
 def test_health_may_be_asked_always(limited: Callable[..., Serving]) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from sqlalchemy import make_url
 
-from reverie_eval.server.operations.checks import demand_sound
+from reverie_eval.ground_truth import Bundle
+from reverie_eval.server.operations.checks import check_sound
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
     Metadata,
@@ -20,6 +21,7 @@ from reverie_eval.server.settings import (
     load_settings,
 )
 from tests.support.acting import NOON
+from tests.support.processes import Laptop
 from tests.support.serving import (
     GOOD,
     OPEN,
@@ -297,7 +299,7 @@ def test_a_misspelt_variable_is_noted_and_that_of_another_program_is_no_fault(
     monkeypatch.setenv("REVERIE_EVAL_TITLE", "Ours")
     monkeypatch.setenv("REVERIE_EVAL_TOKEN", "rv_mine")
     said: list[str] = []
-    assert demand_sound(folder, said.append).title == "Ours"
+    assert check_sound(folder, said.append).title == "Ours"
     assert said == [
         "the environment variable REVERIE_EVAL_DATBASE is not a setting; check its spelling",
         "the environment variable REVERIE_EVAL_PORT_80_TCP is not a setting; check its spelling",
@@ -514,3 +516,61 @@ def test_settings_cannot_be_changed(tmp_path: Path) -> None:
     settings = loaded(tmp_path)
     with pytest.raises(ValueError, match="frozen"):
         settings.title = "x"  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("address", "proxies", "is_warned"),
+    [
+        pytest.param("https://eval.example.org", "[]", True, id="nobody is trusted"),
+        pytest.param("https://eval.example.org", '["127.0.0.1"]', False, id="a proxy is trusted"),
+        pytest.param("http://localhost:8000", "[]", False, id="no TLS"),
+        pytest.param("", "[]", False, id="no address"),
+    ],
+)
+def test_tls_needs_a_proxy_that_is_trusted(
+    address: str,
+    proxies: str,
+    is_warned: bool,  # noqa: FBT001  # a column of the table
+    lab: str,
+    laptop: Laptop,
+) -> None:
+    variables = {
+        "REVERIE_EVAL_PUBLIC_ADDRESS": address,
+        "REVERIE_EVAL_TRUSTED_PROXIES": proxies,
+    }
+    checked = laptop.run("server", "check", lab, variables=variables)
+    assert ("trusted_proxies is empty" in checked.out) is is_warned
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        pytest.param("eval.example.org", id="no scheme"),
+        pytest.param("ftp://eval.example.org", id="another scheme"),
+        pytest.param("https://me:secret@eval.example.org", id="a password"),
+        pytest.param("https://eval.example.org/reverie", id="a path"),
+        pytest.param("https://eval.example.org/?q", id="a query"),
+    ],
+)
+def test_a_public_address_is_a_scheme_and_a_host(address: str, lab: str, laptop: Laptop) -> None:
+    variables = {"REVERIE_EVAL_PUBLIC_ADDRESS": address}
+    assert "public_address" in laptop.run("server", "check", lab, status=1, variables=variables).out
+
+
+@pytest.mark.parametrize(
+    ("dataset", "is_warned"),
+    [pytest.param("REVERIE v1", True, id="real"), pytest.param("demo", False, id="the demo world")],
+)
+def test_a_small_private_split_is_warned_of(
+    dataset: str,
+    is_warned: bool,  # noqa: FBT001  # a column of the table
+    folder: Path,
+    laptop: Laptop,
+) -> None:
+    file = folder / "bundles" / "test.npz"
+    known = Bundle.load(file)
+    origin = known.header.split, dataset, known.header.sources
+    Bundle.build(*origin, known.arrays, known.other_splits, texts=known.texts).save(file)
+    checked = laptop.run("server", "check", folder)
+    assert ("test is private and has only 91 episodes" in checked.out) is is_warned
+    assert "val_unseen is private" not in checked.out

@@ -3,6 +3,7 @@
 import hashlib
 import os
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from reverie_eval.server.store.uploads import (
     S3Uploads,
     Uploads,
     UploadsError,
+    name_of,
     open_uploads,
 )
 from tests.support.participants import private_submission
@@ -40,21 +42,21 @@ def test_what_is_put_can_be_got(uploads: Uploads) -> None:
     uploads.put(OTHER_SHA256, b"other")
     assert uploads.get(SHA256) == CONTENT
     assert uploads.get(OTHER_SHA256) == b"other"
-    assert sorted(uploads.names()) == sorted([f"{SHA256}.json", f"{OTHER_SHA256}.json"])
+    assert sorted(uploads.names()) == sorted([name_of(SHA256), name_of(OTHER_SHA256)])
 
 
 def test_to_put_again_changes_nothing(uploads: Uploads) -> None:
     for _ in range(3):
         uploads.put(SHA256, CONTENT)
     assert uploads.get(SHA256) == CONTENT
-    assert list(uploads.names()) == [f"{SHA256}.json"]
+    assert list(uploads.names()) == [name_of(SHA256)]
 
 
 def test_many_may_put_the_same_at_once(uploads: Uploads) -> None:
     with ThreadPoolExecutor(16) as pool:
         list(pool.map(lambda _: uploads.put(SHA256, CONTENT), range(32)))
     assert uploads.get(SHA256) == CONTENT
-    assert list(uploads.names()) == [f"{SHA256}.json"]
+    assert list(uploads.names()) == [name_of(SHA256)]
 
 
 def test_what_is_large_comes_in_pieces(uploads: Uploads) -> None:
@@ -63,6 +65,43 @@ def test_what_is_large_comes_in_pieces(uploads: Uploads) -> None:
     pieces = list(uploads.pieces(SHA256))
     assert b"".join(pieces) == content
     assert max(map(len, pieces)) == PIECE
+
+
+def test_what_is_repetitive_takes_little_room(tmp_path: Path) -> None:
+    FolderUploads(tmp_path).put(SHA256, CONTENT + b" " * (16 << 20))
+    assert (tmp_path / SHA256[:2] / name_of(SHA256)).stat().st_size < 1 << 17
+
+
+def test_what_is_staged_and_not_kept_leaves_nothing(uploads: Uploads) -> None:
+    with uploads.staged(SHA256, CONTENT):
+        pass
+    with suppress(RuntimeError), uploads.staged(OTHER_SHA256, CONTENT):
+        raise RuntimeError
+    assert list(uploads.names()) == []
+
+
+def test_what_is_staged_and_kept_is_there_at_once(uploads: Uploads) -> None:
+    with uploads.staged(SHA256, CONTENT) as keep:
+        keep()
+        assert uploads.get(SHA256) == CONTENT
+    assert list(uploads.names()) == [name_of(SHA256)]
+
+
+def test_who_does_not_keep_takes_nothing_from_who_does(uploads: Uploads) -> None:
+    with uploads.staged(SHA256, CONTENT), uploads.staged(SHA256, CONTENT) as keep:
+        keep()
+    assert uploads.get(SHA256) == CONTENT
+    assert list(uploads.names()) == [name_of(SHA256)]
+
+
+@pytest.mark.parametrize("length", [0, 5, 20, 30])
+def test_a_damaged_file_is_an_error_of_reading(length: int, tmp_path: Path) -> None:
+    store = FolderUploads(tmp_path)
+    store.put(SHA256, CONTENT)
+    (file,) = tmp_path.rglob("*.json.gz")
+    file.write_bytes(file.read_bytes()[:length] + b"?" * (length > 5))
+    with pytest.raises(OSError, match=r"."):
+        store.get(SHA256)
 
 
 def test_what_was_never_put_is_not_found(uploads: Uploads) -> None:
@@ -77,7 +116,7 @@ def test_to_try_a_store_leaves_nothing_in_it(uploads: Uploads) -> None:
     uploads.try_out()
     uploads.put(SHA256, CONTENT)
     uploads.try_out()
-    assert list(uploads.names()) == [f"{SHA256}.json"]
+    assert list(uploads.names()) == [name_of(SHA256)]
 
 
 @pytest.mark.usefixtures("bucket")
@@ -103,7 +142,7 @@ def test_an_s3_store_names_more_than_a_page(bucket: str, tmp_path: Path) -> None
     store._client.meta.events.register(  # noqa: SLF001  # pages are of a thousand otherwise
         "provide-client-params.s3.ListObjectsV2", lambda params, **_: {**params, "MaxKeys": 2}
     )
-    assert sorted(store.names()) == sorted(f"{name}.json" for name in names)
+    assert sorted(store.names()) == sorted(name_of(name) for name in names)
 
 
 def test_two_prefixes_of_a_bucket_are_two_stores(bucket: str, tmp_path: Path) -> None:
@@ -116,8 +155,8 @@ def test_two_prefixes_of_a_bucket_are_two_stores(bucket: str, tmp_path: Path) ->
 
 def test_a_kept_file_is_its_owners_alone(tmp_path: Path) -> None:
     FolderUploads(tmp_path / "uploads").put(SHA256, CONTENT)
-    (file,) = (tmp_path / "uploads").rglob("*.json")
-    assert file.relative_to(tmp_path) == Path("uploads") / SHA256[:2] / f"{SHA256}.json"
+    (file,) = (tmp_path / "uploads").rglob("*.json.gz")
+    assert file.relative_to(tmp_path) == Path("uploads") / SHA256[:2] / name_of(SHA256)
     assert file.stat().st_mode & 0o777 == 0o600
 
 
@@ -146,7 +185,7 @@ def test_a_crash_leaves_no_half_of_a_file(
             uploads.put(SHA256, CONTENT)
     with pytest.raises(FileNotFoundError):
         uploads.get(SHA256)
-    assert f"{SHA256}.json" not in uploads.names()
+    assert name_of(SHA256) not in uploads.names()
     uploads.put(SHA256, CONTENT)
     assert uploads.get(SHA256) == CONTENT
 
@@ -164,7 +203,7 @@ def test_a_write_that_fails_leaves_nothing_at_all(
         broken.setattr(Path, "replace", full)
         with pytest.raises(OSError, match="No space"):
             uploads.put(SHA256, CONTENT)
-    assert list(uploads.names()) == [f"{OTHER_SHA256}.json"]
+    assert list(uploads.names()) == [name_of(OTHER_SHA256)]
 
 
 def test_a_file_and_every_new_folder_is_written_through(
@@ -189,7 +228,7 @@ def test_a_file_and_every_new_folder_is_written_through(
     folder = tmp_path / "a" / "uploads" / SHA256[:2]
     temporary = done[3]
     assert temporary.parent == folder
-    named = folder / f"{SHA256}.json"
+    named = folder / name_of(SHA256)
     assert done == [tmp_path, tmp_path / "a", folder.parent, temporary, named, folder]
     done.clear()
     uploads.put(SHA256, CONTENT)  # another's name may not be on the disk yet

@@ -156,7 +156,7 @@ def make_app(state: ServerState) -> FastAPI:
     FastAPI works out what routes take when the first request comes, which takes longer than most
     tests. Nothing of that is one server's.
     """
-    app = create_app(state)
+    app = create_app(state, "http://server")
     _routes.extend(app.routes if not _routes else ())
     app.router.routes[:] = [
         own if isinstance(own, Route | Mount) else first

@@ -34,14 +34,14 @@ def serve(*, folder: Path | None, host: str, port: int) -> None:
 
     Exit status: 0 stopped, 1 settings or data are not sound, 2 usage or system error.
     """
-    from reverie_eval.server.operations.checks import demand_sound
+    from reverie_eval.server.operations.checks import check_sound
     from reverie_eval.server.operations.run import run_server
     from reverie_eval.server.state import ServerState
 
     gc.enable()  # off in this command, which pays off in short lives only
     token = None if folder or _DEMO.exists() else _make_demo()
     place = folder or _DEMO
-    state = ServerState.open(demand_sound(place, note))
+    state = ServerState.open(check_sound(place, note))
     print(f"{state.settings.title}, data in {state.settings.folder}", flush=True)
     with suppress(KeyboardInterrupt):
         run_server(state, host, port, _announcement(place, token))

@@ -223,8 +223,9 @@ def _show(accepted: "Accepted", server: str, kept: Path | None) -> None:
     from reverie_eval.reporting._table import print_table
 
     submission = accepted.submission
-    table = submission_table(submission.report, server)
-    show(table.to_text, None, lambda console: print_table(console, table, table.stacked()))
+    if submission.scores_held_until is None:
+        table = submission_table(submission.report, server)
+        show(table.to_text, None, lambda console: print_table(console, table, table.stacked()))
     print(
         "",
         *submission_lines(submission, is_repeat=accepted.is_repeat),

@@ -10,12 +10,15 @@ is served over TLS alone.
 import asyncio
 import hashlib
 import ipaddress
+import logging
 import math
 import time
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
 
-from limits import RateLimitItemPerMinute
+from limits import RateLimitItem, RateLimitItemPerMinute
 from limits.storage import MemoryStorage
 from limits.strategies import FixedWindowRateLimiter
 from python_multipart.multipart import parse_options_header
@@ -28,6 +31,12 @@ from reverie_eval.server.http.exchange import address_of, exchange_of, session_o
 SMALL = 256 << 10
 """Bytes; several times the longest JSON, other than a submission, that any route accepts."""
 
+_SMALL_FORM = 64 << 10
+"""Bytes of a form without a file, which the framework parses on the event loop."""
+
+SECONDS_OF_GRACE = 10
+"""Before a body has to have a speed: connections begin slowly."""
+
 _KEY = "reverie_eval.allowance"
 _MULTIPART = b"multipart/form-data"
 _FORMS = frozenset({_MULTIPART, b"application/x-www-form-urlencoded"})
@@ -36,13 +45,15 @@ _NAMES_OF_UTF_8 = frozenset({_UTF_8, b"utf8", b"us-ascii"})
 """ASCII is a subset of UTF-8."""
 
 FAILED_COST = 10
-"""How many requests a wrong token or invitation counts for. Expired sessions cost no more than
-others: browsers send them without being asked, and they cannot be guessed, because they are
-signed."""
+"""One in this many requests may show a wrong token or invitation. Expired sessions are not counted:
+browsers send them without being asked, and they cannot be guessed, because they are signed."""
 EXEMPT = ("/healthz", "/static/")
 """Monitoring must never be refused, and its result is cached for some seconds; static files are
 cached by browsers."""
 
+Network: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
+
+_PROXY_LOGGER = logging.getLogger("reverie_eval.server.proxies")
 _NOT_SIGNED_IN = 401
 _IPV6_SITE = 64
 """Prefix length of the network that a provider assigns to one customer."""
@@ -113,11 +124,16 @@ class HeadRequests(Middleware):
 
 
 class RateLimits(Middleware):
-    """Refuses requests over the limit."""
+    """Refuses requests over the limit.
+
+    Whoever shows a wrong token is throttled alone: that token, and further wrong ones of the same
+    address. Valid tokens of the address and its requests without one are counted as always.
+    """
 
     def __init__(self, app: ASGIApp, per_minute: int) -> None:
         super().__init__(app)
         self._limit = RateLimitItemPerMinute(per_minute)
+        self._failed_limit = RateLimitItemPerMinute(max(1, per_minute // FAILED_COST))
         self._counts = FixedWindowRateLimiter(MemoryStorage())
 
     async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -131,24 +147,77 @@ class RateLimits(Middleware):
         if scope["path"].startswith(EXEMPT):
             await self.app(scope, receive, send)
             return
-        address, token = site_of(address_of(scope)), token_of(scope)
-        self._take("address", address)
-        for kind, shown in (("token", token), ("session", session_of(scope))):
+        address, token = site_of(address_of(scope)), _digest(token_of(scope))
+        self._demand(self._failed_limit, "wrong token", token)
+        for kind, shown in (("token", token), ("session", _digest(session_of(scope)))):
             if shown:
-                self._take(kind, hashlib.sha256(shown.encode()).hexdigest())
+                self._take(self._limit, kind, shown)
+        self._take(self._limit, "address", address)
         attempts = bool(token) or scope["method"] == "POST"
+        is_throttled = False
 
         async def watching(message: Message) -> None:
+            nonlocal is_throttled
             if message.get("status") == _NOT_SIGNED_IN and attempts:
-                self._counts.hit(self._limit, "address", address, cost=FAILED_COST - 1)
-            await send(message)
+                self._counts.hit(self._failed_limit, "wrong token", token)
+                is_throttled = not self._counts.hit(self._failed_limit, "failed", address)
+            if not is_throttled:
+                await send(message)
 
         await self.app(scope, receive, watching)
+        if is_throttled:
+            raise self._error(self._failed_limit, "failed", address)
 
-    def _take(self, kind: str, whose: str) -> None:
-        if not self._counts.hit(self._limit, kind, whose):
-            until = self._counts.get_window_stats(self._limit, kind, whose).reset_time
-            raise TooManyError(max(1, math.ceil(until - time.time())))
+    def _demand(self, limit: RateLimitItem, kind: str, whose: str) -> None:
+        if whose and not self._counts.test(limit, kind, whose):
+            raise self._error(limit, kind, whose)
+
+    def _take(self, limit: RateLimitItem, kind: str, whose: str) -> None:
+        if not self._counts.hit(limit, kind, whose):
+            raise self._error(limit, kind, whose)
+
+    def _error(self, limit: RateLimitItem, kind: str, whose: str) -> TooManyError:
+        until = self._counts.get_window_stats(limit, kind, whose).reset_time
+        return TooManyError(max(1, math.ceil(until - time.time())))
+
+
+def _digest(shown: str) -> str:
+    """Return what a token or a session is counted by; empty for none."""
+    return hashlib.sha256(shown.encode()).hexdigest() if shown else ""
+
+
+class UntrustedProxies(Middleware):
+    """Warns once of a proxy that the settings do not name: all its visitors are one to the server.
+
+    Of clients, that header is often made up, so it is only warned of those nearby.
+    """
+
+    def __init__(
+        self, app: ASGIApp, trusted: Sequence[ipaddress.IPv4Network | ipaddress.IPv6Network]
+    ) -> None:
+        super().__init__(app)
+        self._trusted = trusted
+        self._has_warned = False
+
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if not self._has_warned and "x-forwarded-for" in Headers(scope=scope):
+            self._warn(address_of(scope))
+        await self.app(scope, receive, send)
+
+    def _warn(self, peer: str) -> None:
+        try:
+            parsed = ipaddress.ip_address(peer)
+        except ValueError:
+            return
+        if not parsed.is_private or any(parsed in network for network in self._trusted):
+            return
+        self._has_warned = True
+        message = (
+            f"X-Forwarded-For came from {peer}, which is not in trusted_proxies: if it is your "
+            "proxy, add it, or all visitors share one rate limit"
+        )
+        _PROXY_LOGGER.warning(message)
 
 
 def site_of(address: str) -> str:
@@ -169,16 +238,29 @@ class Allowance:
     size: int
     """Bytes."""
     seconds: float
-    until: float
-    """Deadline on the monotonic clock."""
+    kibibytes_per_second: float
+    """The slowest that it may be sent on average, after the first seconds."""
+    began: float = field(default_factory=time.monotonic)
+    """When it was first waited for, on the monotonic clock."""
+
+    @property
+    def until(self) -> float:
+        """The deadline of all of it."""
+        return self.began + self.seconds
+
+    def next_until(self, received: int) -> float:
+        """Return the deadline of the next bytes."""
+        needed = received / (self.kibibytes_per_second * 1024)
+        return min(self.until, self.began + SECONDS_OF_GRACE + needed)
 
 
 class BodyLimits(Middleware):
-    """Enforces the size and the deadline of each request's body."""
+    """Enforces the size, the deadline and the speed of each request's body."""
 
-    def __init__(self, app: ASGIApp, seconds: float) -> None:
+    def __init__(self, app: ASGIApp, seconds: float, kibibytes_per_second: float) -> None:
         super().__init__(app)
         self._seconds = seconds
+        self._kibibytes_per_second = kibibytes_per_second
 
     async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request while counting its body.
@@ -189,7 +271,9 @@ class BodyLimits(Middleware):
             From ``receive``, as soon as a limit is exceeded.
         """
         exchange = exchange_of(scope)
-        allowance = Allowance(SMALL, self._seconds, time.monotonic() + self._seconds)
+        is_form = _content_type(Headers(scope=scope))[0] in _FORMS
+        size = _SMALL_FORM if is_form else SMALL
+        allowance = Allowance(size, self._seconds, self._kibibytes_per_second)
         scope[_KEY] = allowance
         is_whole = False
 
@@ -197,7 +281,7 @@ class BodyLimits(Middleware):
             nonlocal is_whole
             if is_whole or exchange.status is not None:  # the body is no longer read
                 return await receive()
-            message = await _in_time(receive, allowance)
+            message = await _in_time(receive, allowance, exchange.received)
             exchange.received += len(message.get("body", b""))
             if exchange.received > allowance.size:
                 raise TooLargeError(_too_large(allowance.size))
@@ -233,10 +317,10 @@ class FormCharsets(Middleware):
 
 
 def allow_body(scope: Scope, size: int) -> None:
-    """Set a request's size limit and restart its deadline."""
+    """Set a request's size limit and restart its deadlines."""
     allowance: Allowance = scope[_KEY]
     allowance.size = size
-    allowance.until = time.monotonic() + allowance.seconds
+    allowance.began = time.monotonic()
 
 
 def is_multipart(headers: Headers) -> bool:
@@ -244,19 +328,36 @@ def is_multipart(headers: Headers) -> bool:
     return _content_type(headers)[0] == _MULTIPART
 
 
-async def _in_time(receive: Receive, allowance: Allowance) -> Message:
+async def _in_time(receive: Receive, allowance: Allowance, received: int) -> Message:
+    until = allowance.next_until(received)
     try:
-        async with asyncio.timeout(allowance.until - time.monotonic()):
+        async with asyncio.timeout(until - time.monotonic()):
             return await receive()
     except TimeoutError:
+        is_slow = until < allowance.until
         raise TooSlowError(
-            f"the upload did not arrive within {allowance.seconds:g} seconds; gzip it, or try "
-            "again. No submission was used"
+            _too_slow(allowance, received) if is_slow else _too_late(allowance)
         ) from None
 
 
+def _too_late(allowance: Allowance) -> str:
+    return (
+        f"the upload did not arrive within {allowance.seconds:g} seconds; gzip it, or try again. "
+        "No submission was used"
+    )
+
+
+def _too_slow(allowance: Allowance, received: int) -> str:
+    seconds = time.monotonic() - allowance.began
+    return (
+        f"the upload is sent too slowly: {received:,} bytes in {seconds:.0f} seconds, and at least "
+        f"{allowance.kibibytes_per_second:g} KiB a second are needed; gzip it, or use a faster "
+        "connection. No submission was used"
+    )
+
+
 def _too_large(size: int) -> str:
-    if size == SMALL:
+    if size <= SMALL:
         return f"the request is larger than {size >> 10} KiB"
     return (
         f"the upload is larger than {size >> 20} MiB; gzip it, and leave out fields other than "

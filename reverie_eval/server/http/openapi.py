@@ -14,6 +14,7 @@ from fastapi.responses import JSONResponse
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import (
     ERRORS,
+    DatabaseDownError,
     FaultError,
     ForgedError,
     MalformedError,
@@ -29,7 +30,11 @@ Document = dict[str, Any]
 MEDIA_TYPE = "application/problem+json"
 
 _MODELS = "#/components/schemas/"
-_EVERYWHERE: tuple[str, ...] = (TooManyError.code, FaultError.code)
+_EVERYWHERE: tuple[str, ...] = (
+    TooManyError.code,
+    DatabaseDownError.code,
+    FaultError.code,
+)
 _OF_FASTAPI = ("HTTPValidationError", "ValidationError")
 _CHANGING = frozenset({"post", "patch", "put", "delete"})
 
@@ -100,8 +105,9 @@ def _complete(method: str, operation: Document) -> None:
         ]
         everywhere += (ForgedError.code,)
     for status, reply in problems(*everywhere).items():
-        known = replies.setdefault(str(status), reply)
-        known["content"][MEDIA_TYPE]["examples"] |= reply["content"][MEDIA_TYPE]["examples"]
+        declared = reply["content"][MEDIA_TYPE]
+        content = replies.setdefault(str(status), reply)["content"]
+        content.setdefault(MEDIA_TYPE, declared)["examples"] |= declared["examples"]
     operation["responses"] = dict(sorted(replies.items()))
 
 

@@ -19,6 +19,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import (
     WRONG_FORM,
+    DatabaseDownError,
     FaultError,
     MalformedError,
     NotFoundError,
@@ -32,7 +33,7 @@ from reverie_eval.server.errors import (
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.openapi import MEDIA_TYPE
 from reverie_eval.server.http.wrong_values import unreadable_json, wrong_value
-from reverie_eval.server.store.database import is_full
+from reverie_eval.server.store.database import is_full, is_unreachable
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -117,7 +118,9 @@ def _fault(request: Request, error: Exception) -> RequestError:
     log_fault(request, error)
     exchange = exchange_of(request.scope)
     exchange.asks_database = False
-    return (StorageFullError if is_full(error) else FaultError)(exchange.id)
+    if is_full(error):
+        return StorageFullError(exchange.id)
+    return (DatabaseDownError if is_unreachable(error) else FaultError)(exchange.id)
 
 
 def _reply(request: Request, error: RequestError) -> Response:

@@ -3,8 +3,8 @@
 Admission limits how many uploads are held in memory, and how many are scored, at once.
 
 Waiting uploads are not read yet: their bytes are still with the sender. So five hundred uploads at
-once need no more memory than the first few. Each person may hold only a share of the slots, so
-someone who sends many slow uploads delays only their own.
+once need no more memory than the first few. The people of a team may together hold only a share of
+the slots, and of the queue, so a team that sends many slow uploads delays only its own.
 """
 
 import asyncio
@@ -25,55 +25,67 @@ from reverie_eval.server.state import ServerState
 SECONDS_TO_RETRY = 10
 
 _SHARE = 4
-"""A person may hold one in this many slots, and at least one."""
+"""A team may hold one in this many slots and places in the queue, and at least one."""
 _SCORED_AT_ONCE = os.cpu_count() or 1
 """More would not be faster, but take more memory."""
 
 
 class Admission:
-    """Admits uploads, first come, first served, up to each person's share."""
+    """Admits uploads, first come, first served, up to each team's share."""
 
     def __init__(self, at_once: int, waiting: int, seconds: float) -> None:
         self._memory = asyncio.Semaphore(at_once)
-        self._share = max(1, at_once // _SHARE)
-        self._shares: WeakValueDictionary[int, asyncio.Semaphore] = WeakValueDictionary()
+        self._slots_of_team = max(1, at_once // _SHARE)
+        self._teams: WeakValueDictionary[int, _Team] = WeakValueDictionary()
         self._scoring = asyncio.Semaphore(min(at_once, _SCORED_AT_ONCE))
         self._longest_queue = waiting
+        self._queue_of_team = min(waiting, max(1, waiting // _SHARE))
         self._seconds = seconds
         self.waiting = 0
 
     @asynccontextmanager
-    async def hold(self, person: int) -> AsyncIterator[None]:
-        """Wait for a slot for a person's upload, and hold it.
+    async def hold(self, team_id: int) -> AsyncIterator[None]:
+        """Wait for a slot for a team's upload, and hold it.
 
         Raises
         ------
         BusyError
             If too many uploads are waiting, or no slot became free in time.
         """
-        own = self._shares.setdefault(person, asyncio.Semaphore(self._share))
-        has_to_wait = own.locked() or self._memory.locked()
-        if has_to_wait and self.waiting >= self._longest_queue:
+        team = self._teams.setdefault(team_id, _Team(self._slots_of_team))
+        has_to_wait = team.slots.locked() or self._memory.locked()
+        is_full = self.waiting >= self._longest_queue or team.waiting >= self._queue_of_team
+        if has_to_wait and is_full:
             raise BusyError(SECONDS_TO_RETRY)
         async with AsyncExitStack() as places:
-            await self._wait(places, own)
+            await self._wait(places, team)
             yield
 
-    async def _wait(self, places: AsyncExitStack, own: asyncio.Semaphore) -> None:
+    async def _wait(self, places: AsyncExitStack, team: "_Team") -> None:
         self.waiting += 1
+        team.waiting += 1
         try:
             async with asyncio.timeout(self._seconds):
-                # The person's own limit comes first, or their uploads would fill the queue.
-                await places.enter_async_context(own)
+                # The team's own limit comes first, or its uploads would fill the queue.
+                await places.enter_async_context(team.slots)
                 await places.enter_async_context(self._memory)
         except TimeoutError:
             raise BusyError(SECONDS_TO_RETRY) from None
         finally:
             self.waiting -= 1
+            team.waiting -= 1
 
     def score(self) -> asyncio.Semaphore:
         """Return the semaphore to hold while scoring."""
         return self._scoring
+
+
+class _Team:
+    """What a team holds, for as long as it holds or waits for anything."""
+
+    def __init__(self, slots: int) -> None:
+        self.slots = asyncio.Semaphore(slots)
+        self.waiting = 0
 
 
 @dataclass(frozen=True)

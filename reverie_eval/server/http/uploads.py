@@ -4,30 +4,31 @@ The body is the result file itself (plain, gzipped or in a zip archive, which is
 content) or a form with a field ``file``. The method is described in the query or in the form.
 """
 
-import asyncio
 from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from datetime import datetime, timedelta
 from typing import Annotated, Any, NamedTuple
 
 from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
-from starlette.datastructures import UploadFile
 
 from reverie_eval.schemas.service import Method, QuotaReport
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Caller, Server
 from reverie_eval.server.http.examples import FORM, SUBMISSION
 from reverie_eval.server.http.exchange import Exchange, exchange_of
+from reverie_eval.server.http.forms import parse_form
 from reverie_eval.server.http.middleware import allow_body, is_multipart
 from reverie_eval.server.http.problems import read_model
-from reverie_eval.server.http.runtime import Runtime
+from reverie_eval.server.http.runtime import Runtime, RuntimeState
+from reverie_eval.server.service.intake import Clock
 from reverie_eval.server.settings import Limits
+from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Person
 from reverie_eval.submissions._sources import unpack
 
 _FORM_OVERHEAD = 64 << 10
 """Bytes of a form besides the file."""
-_PIECE = 64 << 10
-"""Bytes of a form that are parsed before the event loop handles other requests."""
 _METHOD_FIELDS: dict[str, Any] = Method.model_json_schema()["properties"]
 _PACKED = {"schema": {"type": "string", "format": "binary"}}
 
@@ -72,14 +73,16 @@ class Upload(NamedTuple):
     """A received upload."""
 
     packed: bytes
+    arrived: datetime
+    """When all of it was there."""
     fields: Mapping[str, Any]
     """The form's other fields."""
     filename: str = ""
     """Empty for a form in which no file was chosen."""
 
 
-async def receive(request: Request, limits: Limits) -> Upload:
-    """Read an upload.
+async def receive(request: Request, limits: Limits, clock: Clock) -> Upload:
+    """Read an upload, and look at the clock as soon as its last byte is there.
 
     Raises
     ------
@@ -88,34 +91,19 @@ async def receive(request: Request, limits: Limits) -> Upload:
     TooSlowError
         If it did not arrive in time.
     MalformedError
-        If it is a form without a file.
-    HTTPException
-        If the form cannot be parsed.
+        If it is a form without a file, or cannot be parsed.
     """
     is_form = is_multipart(request.headers)
     allow_body(request.scope, (limits.upload_mebibytes << 20) + _FORM_OVERHEAD * is_form)
     body = await request.body()
+    arrived = clock()
     if not is_form:
-        return Upload(body, {})
-    async with Request(request.scope, _replay(body)).form(max_files=1, max_fields=20) as form:
-        file = form.get("file")
-        if not isinstance(file, UploadFile):
-            raise MalformedError("the form has no file; send the result file in the field `file`")
-        fields = {name: value for name, value in form.items() if isinstance(value, str)}
-        return Upload(await file.read(), fields, file.filename or "")
-
-
-def _replay(body: bytes) -> Any:
-    """Return an ASGI ``receive`` that delivers a body that was already read, in pieces."""
-    starts = iter(range(0, len(body), _PIECE))
-
-    async def receive() -> Mapping[str, Any]:
-        await asyncio.sleep(0)  # parsing is done on the event loop
-        start = next(starts, 0)
-        end = start + _PIECE
-        return {"type": "http.request", "body": body[start:end], "more_body": end < len(body)}
-
-    return receive
+        return Upload(body, arrived, {})
+    form = await run_in_threadpool(parse_form, request.headers, body)
+    if "file" not in form.files:
+        raise MalformedError("the form has no file; send the result file in the field `file`")
+    content, filename = form.files["file"]
+    return Upload(content, arrived, form.texts, filename)
 
 
 async def counted(request: Request) -> Exchange:
@@ -128,7 +116,15 @@ async def counted(request: Request) -> Exchange:
 Counted = Annotated[Exchange, Depends(counted)]
 
 
-async def sender(caller: Caller) -> Person:
+async def began(server: Server) -> datetime:
+    """Return when a request began, before anything is waited for."""
+    return server.clock()
+
+
+Began = Annotated[datetime, Depends(began)]
+
+
+async def sender(_: Began, caller: Caller) -> Person:
     """Return the sender of an upload, before the upload is read."""
     return await run_in_threadpool(caller.person)
 
@@ -136,8 +132,23 @@ async def sender(caller: Caller) -> Person:
 Sender = Annotated[Person, Depends(sender)]
 
 
+@asynccontextmanager
+async def taken(
+    request: Request, server: ServerState, runtime: RuntimeState, began: datetime, person: Person
+) -> AsyncIterator[Upload]:
+    """Read a person's upload as soon as there is room for it, and hold its slot.
+
+    An upload that waits for a slot is not read meanwhile, so its arrival is dated back by the time
+    it waited: a queue makes nobody late.
+    """
+    async with runtime.admission.hold(person.team_id):
+        waited = max(server.clock() - began, timedelta())
+        upload = await receive(request, server.settings.limits, server.clock)
+        yield upload._replace(arrived=upload.arrived - waited)
+
+
 async def received(
-    request: Request, server: Server, runtime: Runtime, person: Sender
+    request: Request, server: Server, runtime: Runtime, began: Began, person: Sender
 ) -> AsyncIterator[Upload]:
     """Read the upload when the sender is known and a slot is free.
 
@@ -151,10 +162,11 @@ async def received(
 
     if split in server.boards:
         exchange_of(request.scope).quota = quota_left
-    async with runtime.admission.hold(person.id):
-        upload = await receive(request, server.settings.limits)
-        async with runtime.admission.score():
-            yield upload
+    async with (
+        taken(request, server, runtime, began, person) as upload,
+        runtime.admission.score(),
+    ):
+        yield upload
 
 
 # The slots are released before the reply is sent, so slow readers do not hold them.

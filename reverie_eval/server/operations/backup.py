@@ -4,7 +4,7 @@
 
     reverie-eval.toml, signing-key.pem, bundles/...    unchanged
     database.jsonl        all rows at one moment, for any database
-    uploads/SHA-256.json  every upload that a row refers to
+    uploads/SHA-256.json  every upload that a row refers to, unpacked
     manifest.json         the contents of the archive, with their SHA-256
 
 An upload is stored before the row that refers to it, and never changed or deleted. So every upload
@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from gzip import BadGzipFile
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
@@ -28,7 +29,7 @@ from pydantic import BaseModel, ConfigDict
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.ground_truth import bundle_name
-from reverie_eval.server.operations.checks import database_errors, demand_known
+from reverie_eval.server.operations.checks import check_known, database_errors
 from reverie_eval.server.operations.folder import SIGNING_KEY
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database
@@ -126,7 +127,7 @@ def _write(settings: Settings, archive: tarfile.TarFile) -> Manifest:
 def _rows(settings: Settings) -> tuple[str, Sequence[Row]]:
     """Return the migration of the database, and all rows."""
     with database_errors(), closing(Database(settings.database_url)) as database:
-        revision = demand_known(database)
+        revision = check_known(database)
         if revision is None:
             raise ReverieEvalError(
                 "there is no database to back up; run `reverie-eval server check "
@@ -152,7 +153,7 @@ class _Contents:
         """Add an upload and return True; return False if it is missing or damaged."""
         try:
             content = uploads.get(sha256)
-        except FileNotFoundError:
+        except (FileNotFoundError, BadGzipFile):
             return False
         is_whole = hashlib.sha256(content).hexdigest() == sha256
         if is_whole:

@@ -13,6 +13,7 @@ from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
+from reverie_eval.ground_truth import DEMO_DATASET
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.service.audit import AuditLog
@@ -27,7 +28,7 @@ from reverie_eval.server.settings import (
     variables_ignored,
 )
 from reverie_eval.server.state import utc_now
-from reverie_eval.server.store.database import Database, known_revisions
+from reverie_eval.server.store.database import Database, is_full, known_revisions
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
 from reverie_eval.text import count_text
@@ -37,6 +38,7 @@ _DEFAULT_PASSWORDS = frozenset({"postgres", "password", "secret", "changeme", "c
 REFUSALS = (SQLAlchemyError, ModuleNotFoundError, ValueError)
 """Errors of using a database; a stored value that cannot be read is a ValueError."""
 _OTHERS_MAY_READ = 0o077
+_FEW_EPISODES = 1000
 _LATER_VERSION = f"was made by a later version than {__version__}; install the latest reverie-eval"
 
 
@@ -74,7 +76,7 @@ def check_folder(folder: Path) -> Sequence[Finding]:
     return [finding for look in looks for finding in look(settings)]
 
 
-def demand_sound(folder: Path, note: Callable[[str], None]) -> Settings:
+def check_sound(folder: Path, note: Callable[[str], None]) -> Settings:
     """Check a server's folder and return its settings.
 
     ``note`` is called with each finding that is not a fault but deserves attention.
@@ -121,7 +123,7 @@ def _revision_fault(settings: Settings) -> str | None:
     )
 
 
-def demand_known(database: Database) -> str | None:
+def check_known(database: Database) -> str | None:
     """Return the migration of a database; None if it is empty.
 
     Raises
@@ -193,6 +195,8 @@ def reason_of(error: Exception) -> str:
             return f"{error}; install it: pip install 'reverie-eval[postgresql]'"
         case OperationalError(orig=said) if "locked" in str(said):
             return f"{said}; another program has locked it: stop that program, or try again"
+        case _ if is_full(error):
+            return f"{said_by(error)}; free some space"
         case _:
             remedy = "check that it is running and undamaged, and `database` in the settings"
             return f"{said_by(error)}; {remedy}"
@@ -210,6 +214,13 @@ def _at_settings(settings: Settings) -> Iterator[Finding]:
     yield Finding("settings", "ok", f"{file}, splits: {', '.join(settings.splits)}")
     for name in variables_ignored():
         message = f"the environment variable {name} is not a setting; check its spelling"
+        yield Finding("settings", "note", message)
+    if settings.public_address.startswith("https:") and not settings.trusted_proxies:
+        message = (
+            "public_address is https, which a proxy must provide, but trusted_proxies is empty: "
+            "all visitors share one rate limit, and cookies are not marked Secure; add the "
+            "address from which the proxy connects"
+        )
         yield Finding("settings", "note", message)
     url = settings.database_url
     if url.password and not is_private and "REVERIE_EVAL_DATABASE" not in os.environ:
@@ -230,6 +241,14 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
         truth = board.truth
         what = f"{name}: {truth.header.dataset}, {board.split.visibility}, {truth.fingerprint[:12]}"
         yield Finding("ground truth", "ok", what)
+        episodes = len(truth.episodes.instr_ids)
+        if board.is_private and episodes < _FEW_EPISODES and truth.header.dataset != DEMO_DATASET:
+            message = (
+                f"{name} is private and has only {episodes} episodes: exact counts can be worked "
+                "out from its scores, and a year's submissions tell the outcomes of more than a "
+                "tenth of them; lower its quota (see SECURITY.md)"
+            )
+            yield Finding("ground truth", "note", message)
 
 
 def _at_signing_key(settings: Settings) -> Iterator[Finding]:
@@ -245,6 +264,12 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
     fault = database_fault(settings)
     if fault is not None:
         yield Finding("database", "fault", fault)
+        return
+    with closing(Database(settings.database_url)) as database:
+        damage = database.damage()
+    if damage:
+        message = f"the file is damaged ({damage}); restore the last backup"
+        yield Finding("database", "fault", message)
         return
     # The URL's query may contain the passphrase of a key.
     yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
@@ -287,7 +312,8 @@ def _at_uploads(settings: Settings) -> Iterator[Finding]:
     except UploadsError as error:
         yield Finding("uploads", "fault", str(error))
     except OSError as error:
-        remedy = "choose a folder that the server can write to"
+        is_space = is_full(error)
+        remedy = "free some space" if is_space else "choose a folder that the server can write to"
         message = f"{settings.uploads}: {error.strerror}; {remedy}"
         yield Finding("uploads", "fault", message)
     else:

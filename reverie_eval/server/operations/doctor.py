@@ -10,6 +10,7 @@ from pathlib import Path
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
+from reverie_eval.errors import ReverieEvalError
 from reverie_eval.receipts import ReceiptError, verify
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folder, said_by
@@ -25,7 +26,7 @@ from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
-from reverie_eval.server.store.uploads import Uploads, UploadsError, open_uploads
+from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
 
 Track = Callable[[Sequence[str], str], Iterable[str]]
@@ -36,14 +37,14 @@ _LITTLE_SPACE = 1 << 30
 
 
 def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Finding]:
-    """Check what a server needs to start, then all stored data."""
-    first = check_folder(folder)
-    yield from first
-    if any(finding.kind == "fault" for finding in first):
+    """Check what a server needs to start, then all stored data, if it can be read at all."""
+    yield from check_folder(folder)
+    try:
+        state = ServerState.open(load_settings(folder))
+    except (ReverieEvalError, *REFUSALS):
         message = "the stored data was not checked; fix the faults above first"
         yield Finding("stored data", "note", message)
         return
-    state = ServerState.open(load_settings(folder))
     with closing(state.database), state.database.reading() as session:
         yield from _guarded("database", _at_the_file(state.database, session))
         yield from _guarded("submissions", _at_submissions(session, state, track))
@@ -96,8 +97,8 @@ def _at_uploads(
         sound += not trouble
         if trouble:
             whose = first_few([report.id for report in reports if report.sha256 == sha256])
-            remedy = f"replace it with uploads/{sha256}.json from a backup"
-            message = f"{sha256[:2]}/{sha256}.json of submission {whose} {trouble}; {remedy}"
+            remedy = f"replace it with uploads/{sha256}.json from a backup, compressed with gzip"
+            message = f"{sha256[:2]}/{name_of(sha256)} of submission {whose} {trouble}; {remedy}"
             yield Finding("uploads", "fault", message)
     yield Finding("uploads", "ok", f"{sound:,} of {count_text(len(expected), 'upload')} intact")
 
@@ -114,7 +115,7 @@ def _trouble(uploads: Uploads, sha256: str) -> str:
 
 
 def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
-    expected = {f"{sha256}.json" for sha256 in session.scalars(select(Submission.sha256))}
+    expected = {name_of(sha256) for sha256 in session.scalars(select(Submission.sha256))}
     strays = sorted(name for name in uploads.names() if name not in expected)
     if strays:
         message = (

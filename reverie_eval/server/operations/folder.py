@@ -20,7 +20,7 @@ from reverie_eval.errors import Problem
 from reverie_eval.files import staged_folder
 from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_name
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
-from reverie_eval.server.operations.checks import acting, demand_known
+from reverie_eval.server.operations.checks import acting, check_known
 from reverie_eval.server.service.people import add_person, add_team
 from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.service.tokens import create_token
@@ -64,7 +64,7 @@ def fill(folder: Path) -> None:
     with as_file(files("reverie_eval.server") / "template.toml") as template:
         shutil.copyfile(template, folder / SETTINGS_FILE)
     (folder / SETTINGS_FILE).chmod(_OWNER_ONLY)  # the database's URL may contain a password
-    demand_empty(load_settings(folder))
+    check_empty(load_settings(folder))
     upgrade_folder(folder)
 
 
@@ -75,7 +75,7 @@ def _add_first_organiser(folder: Path, *, now: datetime, actor: str) -> str:
         return create_token(transaction, NewToken(person=FIRST_PERSON, kind="access")).token
 
 
-def demand_empty(settings: Settings) -> None:
+def check_empty(settings: Settings) -> None:
     """Check that a database is empty.
 
     Raises
@@ -120,7 +120,7 @@ def upgrade_folder(folder: Path) -> None:
         If it was made by a later version.
     """
     with closing(Database(load_settings(folder).database_url)) as database:
-        demand_known(database)
+        check_known(database)
         make_private(database)
         database.upgrade()
 

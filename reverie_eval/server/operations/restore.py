@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from reverie_eval.errors import Problem, RejectedError
 from reverie_eval.server.operations.backup import DATABASE, FORMAT, MANIFEST, UPLOADS, Manifest
 from reverie_eval.server.operations.checks import database_errors
-from reverie_eval.server.operations.folder import building, demand_empty, make_private
+from reverie_eval.server.operations.folder import building, check_empty, make_private
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.store.database import Database, known_revisions
 from reverie_eval.server.store.dump import load
@@ -46,7 +46,7 @@ def restore_backup(archive: Path, folder: Path) -> Manifest:
             manifest = _unpack(archive, aside, extras)
             settings = load_settings(aside)
             with database_errors():
-                demand_empty(settings)
+                check_empty(settings)
                 _keep_uploads(settings, extras / UPLOADS)
                 _load(settings, manifest, extras / DATABASE)
         return manifest

@@ -42,7 +42,8 @@ def run_server(
         If the address is in use or not this machine's.
     """
     listening = listen(host, port)
-    server = _Server(configuration(create_app(state)), lambda: announce(url_of(listening)))
+    url = url_of(listening)
+    server = _Server(configuration(create_app(state, url)), lambda: announce(url))
     gc.freeze()  # the ground truth stays in memory; collecting it would only cost time
     with _stopped_is_done():
         server.run(sockets=[listening])

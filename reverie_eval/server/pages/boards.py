@@ -17,7 +17,7 @@ from starlette.types import Receive, Scope, Send
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.http.callers import Server, Visitor
-from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
 from reverie_eval.server.service.entries import Row
@@ -240,5 +240,5 @@ def _numbers(here: int, pages: int) -> Sequence[int | None]:
 
 
 def _address(request: Request, query: BoardQuery) -> str:
-    board = str(request.url_for("show_board", **request.path_params))
-    return f"{board}{query.link()}".removesuffix("?")
+    path = request.app.url_path_for("show_board", **request.path_params)
+    return address_of_site(request, f"{path}{query.link()}").removesuffix("?")

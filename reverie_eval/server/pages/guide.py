@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.geometry import HEIGHT, WIDTH
@@ -13,7 +13,7 @@ from reverie_eval.scoring import ALIASES, PROTOCOLS
 from reverie_eval.server.errors import ERRORS
 from reverie_eval.server.http.callers import Call, Visitor
 from reverie_eval.server.http.examples import SUBMISSION
-from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service.attempts import DAYS_KEPT
 from reverie_eval.server.service.tokens import LIFETIME
 from reverie_eval.submissions import submission_schema
@@ -50,7 +50,7 @@ def show_submitting(visitor: Visitor) -> Response:
         example=_example(),
         picture=(WIDTH, HEIGHT),
         limits=visitor.server.settings.limits,
-        address=_address(visitor.request),
+        address=address_of_site(visitor.request),
         split=next(iter(visitor.server.boards)),
     )
 
@@ -91,7 +91,7 @@ def show_api(visitor: Visitor) -> Response:
     return _page(
         visitor,
         "guide/api.html",
-        address=_address(visitor.request),
+        address=address_of_site(visitor.request),
         split=next(iter(visitor.server.boards)),
         errors=ERRORS,
         limits=visitor.server.settings.limits,
@@ -123,10 +123,6 @@ def _example() -> str:
         for record in SUBMISSION
     ]
     return "[\n  {" + "},\n  {".join(records) + "}\n]"
-
-
-def _address(request: Request) -> str:
-    return str(request.base_url).rstrip("/")
 
 
 class Field(NamedTuple):

@@ -86,6 +86,11 @@ def page(
     return HTMLResponse(html, status, HEADERS)
 
 
+def address_of_site(request: Request, path: str = "") -> str:
+    """Return the server's public address, or that of one of its pages."""
+    return f"{request.app.state.address}{path}"
+
+
 def see_other(path: str) -> RedirectResponse:
     """Redirect after a form, to a page for GET."""
     return RedirectResponse(path, 303)

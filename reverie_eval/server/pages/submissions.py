@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
-from reverie_eval.metrics import primary_metric
+from reverie_eval.metrics import CATALOGUE, primary_metric
 from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.callers import Call, Member, Posted, Snapshot, Visitor
@@ -34,14 +34,16 @@ def show_submission(
                 return _own_page(visitor, snapshot, submission_id, done)
             except NotFoundError:
                 pass  # it may be published
-        shown = publication(snapshot.session, submission_id, snapshot.now)
+        shown = publication(
+            snapshot.session, submission_id, visitor.server.submissions.view(snapshot.now)
+        )
         return page(
             visitor.request,
             "publication.html",
             snapshot,
             shown=shown,
             method_fields=Method.model_fields,
-            primary=primary_metric(shown.report.scores).key,
+            primary=primary_metric(shown.report.scores or CATALOGUE).key,
         )
 
 
@@ -50,7 +52,8 @@ def change_submission(submission_id: str, member: Member, form: Posted, _: Scori
     """Apply one of the forms on the page; each sends only its own fields."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}
     with member.snapshot() as snapshot:
-        submission_of(snapshot.session, snapshot.person, submission_id)
+        view = member.server.submissions.view(snapshot.now)
+        submission_of(snapshot.session, snapshot.person, submission_id, view)
 
     def draw(problem: ProblemDocument) -> Response:
         with member.snapshot() as snapshot:
@@ -79,7 +82,7 @@ def _own_page(
         If it does not exist, or belongs to another team.
     """
     server, session, person = visit.server, snapshot.session, snapshot.person
-    shown = submission_of(session, person, submission_id)
+    shown = submission_of(session, person, submission_id, server.submissions.view(snapshot.now))
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
     # Episodes may be shown, and would be scored in the same way now.
@@ -97,7 +100,7 @@ def _own_page(
         now=snapshot.now,
         typed={**_texts(shown.method), **typed},
         method_fields=Method.model_fields,
-        primary=primary_metric(shown.report.scores).key,
+        primary=primary_metric(shown.report.scores or CATALOGUE).key,
         required=server.settings.required_metadata,
         done=done,
         problem=problem,

@@ -22,7 +22,7 @@ from reverie_eval.server.errors import MalformedError, RejectedFileError
 from reverie_eval.server.http.callers import Call, Member, Server
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.runtime import Runtime
-from reverie_eval.server.http.uploads import Upload, content_of, method_from, receive
+from reverie_eval.server.http.uploads import Began, Upload, content_of, method_from, taken
 from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
 from reverie_eval.server.pages.teams import split_quotas
 
@@ -58,7 +58,7 @@ def draw_fault(member: Call, typed: Mapping[str, str], problem: ProblemDocument)
 
 
 async def posted_upload(
-    request: Request, member: Member, server: Server, runtime: Runtime
+    request: Request, member: Member, server: Server, runtime: Runtime, began: Began
 ) -> AsyncIterator[Upload]:
     """Read the form when a slot is free; after a problem, the input is kept.
 
@@ -70,8 +70,7 @@ async def posted_upload(
     exchange = exchange_of(request.scope)
     exchange.uploaded_to = ""
     person = await run_in_threadpool(member.person)
-    async with runtime.admission.hold(person.id):
-        upload = await receive(request, server.settings.limits)
+    async with taken(request, server, runtime, began, person) as upload:
         is_to_be_scored = upload.fields.get("what") == "score"
         exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None
         shown = upload.fields.get("csrf_token", "")
@@ -101,7 +100,9 @@ def submit(member: Member, upload: PostedUpload) -> Response:
         report = server.intake.validate(person, board.name, content_of(upload, server))
         return draw(member, typed, report=report)
     method = method_from({name: typed[name] for name in Method.model_fields if name in typed})
-    accepted = server.intake.submit(person, board.name, upload.packed, method, key=None)
+    accepted = server.intake.submit(
+        person, board.name, upload.packed, method, key=None, arrived=upload.arrived
+    )
     exchange_of(member.request.scope).is_repeat = accepted.is_repeat
     outcome = "again" if accepted.is_repeat else "scored"
     return see_other(f"/submissions/{accepted.submission.id}?done={outcome}")

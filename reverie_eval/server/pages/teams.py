@@ -42,7 +42,8 @@ def show_team(member: Member) -> Response:
     """Show the team's people, quotas, submissions and tokens."""
     server = member.server
     with member.snapshot() as snapshot:
-        person, team = snapshot.person, team_of(snapshot.session, snapshot.person, MOST_SUBMISSIONS)
+        person, view = snapshot.person, server.submissions.view(snapshot.now)
+        team = team_of(snapshot.session, person, MOST_SUBMISSIONS, view)
         left = [(each.board.name, each.quota) for each in split_quotas(server, snapshot)]
         return page(
             member.request,

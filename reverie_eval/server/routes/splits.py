@@ -71,7 +71,7 @@ def show_split(split: SplitName, call: Anybody) -> SplitReport:
     status_code=status.HTTP_201_CREATED,
     responses={
         200: {"model": Accepted, "description": "The reply to the same file or key, again"},
-        **problems(*_OF_FILES, "not-open", "conflict", "quota-spent"),
+        **problems(*_OF_FILES, "not-open", "conflict", "quota-spent", "bytes-spent"),
     },
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
@@ -91,7 +91,9 @@ def submit(
     Describe the method in the query, or in fields of the form. Uploading the same file again, or
     using the same Idempotency-Key, returns the first result with status 200 and uses no submission.
     """
-    accepted = server.intake.submit(person, split, upload.packed, method, idempotency_key)
+    accepted = server.intake.submit(
+        person, split, upload.packed, method, idempotency_key, arrived=upload.arrived
+    )
     counted.is_repeat = accepted.is_repeat
     response.status_code = status.HTTP_200_OK if accepted.is_repeat else status.HTTP_201_CREATED
     return accepted
@@ -169,5 +171,6 @@ def _report(board: Board, quota: QuotaReport | None, now: datetime) -> SplitRepo
         fingerprint=board.truth.fingerprint,
         public_fingerprint=board.public_fingerprint,
         phases=phases,
+        release_scores=board.split.release_scores,
         quota=quota,
     )

@@ -26,14 +26,16 @@ _CSV = "instr_id,path_length,success,...\n4774_267_1,12.5,1.0,...\n"
 def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
     """List your team's submissions, the newest first; the organiser sees all teams'."""
     with caller.snapshot() as snapshot:
-        return paging.reply(list_submissions(snapshot.session, snapshot.person, paging.page))
+        view = caller.server.submissions.view(snapshot.now)
+        return paging.reply(list_submissions(snapshot.session, snapshot.person, paging.page, view))
 
 
 @router.get("/{submission_id}", responses=_OF_ONE)
 def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionReport:
     """Show a submission of your team."""
     with caller.snapshot() as snapshot:
-        return submission_of(snapshot.session, snapshot.person, submission_id)
+        view = caller.server.submissions.view(snapshot.now)
+        return submission_of(snapshot.session, snapshot.person, submission_id, view)
 
 
 @router.patch("/{submission_id}", responses=problems("not-signed-in", "not-found", "conflict"))

@@ -17,6 +17,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import AttemptReport
 from reverie_eval.server.errors import (
+    BytesSpentError,
     ConflictError,
     FaultError,
     MalformedError,
@@ -36,6 +37,7 @@ MOST_KEPT = 50_000
 FAILURES = (
     RejectedFileError,
     QuotaSpentError,
+    BytesSpentError,
     NotOpenError,
     ConflictError,
     MalformedError,

@@ -51,6 +51,8 @@ class Entry:
     scores: Mapping[str, float]
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Low and high, for headline metrics only."""
+    scores_held_until: datetime | None = None
+    """When its scores are released, if they are held back."""
     signature: str = ""
     standing: Standing = "ranked"
     source: str = ""
@@ -96,8 +98,14 @@ class BoardEntries:
     """The entries that are not ranked."""
     metrics: frozenset[str]
     """All metrics of the ranked entries."""
+    held_until: datetime | None = None
+    """When scores are released next, if any are held back."""
     ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
     """The rankings computed so far, by metric."""
+
+    def is_over(self, now: datetime) -> bool:
+        """Whether scores were released since."""
+        return self.held_until is not None and now.replace(microsecond=0) > self.held_until
 
 
 class EntriesCache:
@@ -109,13 +117,13 @@ class EntriesCache:
         self._lock = Lock()
         """So that concurrent requests read the entries only once."""
 
-    def entries(self, session: Session, board: Board) -> BoardEntries:
+    def entries(self, session: Session, board: Board, now: datetime) -> BoardEntries:
         """Return the entries of a leaderboard."""
         number = _last_recorded(session, AuditEntry.action != _NO_CHANGE)
         with self._lock:
             cached = self._cached.get(board.name)
-            if cached is None or cached.number < number:
-                cached = self._cached[board.name] = _read_entries(session, board, number)
+            if cached is None or cached.number < number or cached.is_over(now):
+                cached = self._cached[board.name] = _read_entries(session, board, number, now)
             return cached
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
@@ -129,12 +137,13 @@ class EntriesCache:
         return counts
 
 
-def _read_entries(session: Session, board: Board, number: int) -> BoardEntries:
-    entries = [*_scored(session, board), *_reported(session, board)]
+def _read_entries(session: Session, board: Board, number: int, now: datetime) -> BoardEntries:
+    entries = [*_scored(session, board, now), *_reported(session, board)]
     ranked = [entry for entry in entries if entry.standing == "ranked"]
     apart = [Row(None, entry) for entry in entries if entry.standing != "ranked"]
     metrics = frozenset(key for entry in ranked for key in entry.scores)
-    return BoardEntries(number, ranked, apart, metrics)
+    held = [entry.scores_held_until for entry in entries if entry.scores_held_until is not None]
+    return BoardEntries(number, ranked, apart, metrics, min(held, default=None))
 
 
 def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:
@@ -142,7 +151,7 @@ def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:
     return session.scalar(chosen.limit(1)) or 0
 
 
-def _scored(session: Session, board: Board) -> Sequence[Entry]:
+def _scored(session: Session, board: Board, now: datetime) -> Sequence[Entry]:
     chosen = (
         select(
             Submission.id,
@@ -151,6 +160,7 @@ def _scored(session: Session, board: Board) -> Sequence[Entry]:
             cast(Submission.method, Text).label("method"),
             cast(Submission.report, Text).label("report"),
             Submission.published_at,
+            Submission.received_at,
             Submission.anonymous_until,
         )
         .join(Team, Submission.team_id == Team.id)
@@ -165,10 +175,20 @@ def _scored(session: Session, board: Board) -> Sequence[Entry]:
         for submission, rows in reviews_of(session, board.name).items()
     }
     rules = without_version(board.signature)
-    return [_entry(row, reviews.get(row.id, ()), rules) for row in session.execute(chosen)]
+    return [
+        _entry(
+            row,
+            reviews.get(row.id, ()),
+            rules,
+            board.split.scores_held_until(row.received_at, now),
+        )
+        for row in session.execute(chosen)
+    ]
 
 
-def _entry(row: Any, reviews: Sequence[PublishedReview], rules: str) -> Entry:
+def _entry(
+    row: Any, reviews: Sequence[PublishedReview], rules: str, held_until: datetime | None
+) -> Entry:
     report = _REPORT.decode(row.report)
     drawn = {} if report.intervals is None else report.intervals.intervals
     standing: Standing = "ranked"
@@ -183,7 +203,8 @@ def _entry(row: Any, reviews: Sequence[PublishedReview], rules: str) -> Entry:
         method=_METHOD.decode(row.method),
         published_at=row.published_at,
         anonymous_until=row.anonymous_until,
-        scores=report.scores,
+        scores=report.scores if held_until is None else {},
+        scores_held_until=held_until,
         intervals={
             key: drawn[key] for key, metric in CATALOGUE.items() if metric.headline and key in drawn
         },

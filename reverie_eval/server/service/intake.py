@@ -2,7 +2,8 @@
 
 Scoring comes before the transaction and needs no lock. Whether a submission is a repeat, and
 whether the quota allows it, is checked again inside the transaction, when no other can interfere.
-Whether the split is open is decided by the time at which the upload arrived: scoring may end later.
+Whether the split is open, and when a submission was received, is decided by the time at which all
+of the upload had arrived: scoring may end later.
 """
 
 import hashlib
@@ -14,14 +15,21 @@ from datetime import datetime
 from sqlalchemy import and_, or_, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.service import Accepted, Checked, Method, QuotaReport
+from reverie_eval.schemas.service import (
+    Accepted,
+    Checked,
+    Method,
+    QuotaReport,
+    SubmissionReport,
+)
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.boards import Board, board_named
+from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.notices import Notices
-from reverie_eval.server.service.quotas import QuotaUsage, quota_usages
+from reverie_eval.server.service.quotas import QuotaUsage, check_bytes, quota_usages
 from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.submissions import check_metadata, submission_report
+from reverie_eval.server.service.submissions import View, check_metadata
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
@@ -47,8 +55,10 @@ class Intake:
     transactions: Transactions
     notices: Notices
     attempts: Attempts
+    embargo: Embargo
     required_metadata: Collection[str]
     most_bytes: int
+    mebibytes_per_day: int
 
     def validate(self, person: Person, split: str, content: bytes) -> Checked:
         """Check a submission without using the answers; it is not stored or counted.
@@ -73,7 +83,14 @@ class Intake:
         }
 
     def submit(
-        self, person: Person, split: str, packed: bytes, method: Method, key: str | None
+        self,
+        person: Person,
+        split: str,
+        packed: bytes,
+        method: Method,
+        key: str | None,
+        *,
+        arrived: datetime,
     ) -> Accepted:
         """Unpack a submission, score and store it, and record the attempt.
 
@@ -87,14 +104,15 @@ class Intake:
             Listing all problems. No submission is used.
         QuotaSpentError
             If no submissions are left.
+        BytesSpentError
+            If the team has sent too many bytes in the last 24 hours.
         NotOpenError
-            If the split accepts no submissions now.
+            If the split accepted no submissions when all of it had arrived.
         ConflictError
             If the key was used for another file.
         MalformedError
             If required information about the method is missing.
         """
-        arrived = self.clock()
         board = board_named(self.boards, split)
         with self.attempts.recording(person, split, len(packed)) as attempt:
             content = unpack(packed, self.most_bytes)
@@ -123,7 +141,6 @@ class Intake:
             self._check_quota(session, person, board, arrived)
         reading = board.read(content)
         report = board.report(board.score(reading), reading)
-        self.uploads.put(sha256, content)
         row = Submission(
             id=secrets.token_hex(8),
             split=split,
@@ -134,12 +151,16 @@ class Intake:
             method=method.model_dump(mode="json"),
             report=report.model_dump(mode="json"),
         )
-        with self.transactions.begin(person.name) as transaction:
+        with (
+            self.uploads.staged(sha256, content) as keep,
+            self.transactions.begin(person.name) as transaction,
+        ):
             session = transaction.session
             earlier = self._earlier(session, person, split, sha256, key)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person)
             usage = self._check_quota(session, person, board, arrived)
+            check_bytes(session, person.team_id, row.size, self.mebibytes_per_day, arrived)
             quota = usage.with_one_more(arrived).state(arrived)
             row.person = session.merge(person, load=False)
             row.team = row.person.team
@@ -156,7 +177,8 @@ class Intake:
             row.receipt = receipt.model_dump(mode="json")
             transaction.add(row)
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
-            return Accepted(submission=submission_report(row), quota=quota, is_repeat=False)
+            keep()
+            return Accepted(submission=self._worded(row), quota=quota, is_repeat=False)
 
     def _earlier(
         self, session: Session, person: Person, split: str, sha256: str, key: str | None
@@ -186,10 +208,13 @@ class Intake:
         self, session: Session, row: Submission, board: Board, person: Person
     ) -> Accepted:
         quota = self.quotas(session, person, board.name)[board.name]
-        return Accepted(submission=submission_report(row), quota=quota, is_repeat=True)
+        return Accepted(submission=self._worded(row), quota=quota, is_repeat=True)
+
+    def _worded(self, row: Submission) -> SubmissionReport:
+        return View(self.embargo, self.clock()).report(row)
 
     def _check_open(self, session: Session, board: Board, now: datetime) -> None:
-        notice = self.notices.current(session)
+        notice = self.notices.at(session, now)
         if notice.paused:
             why = f": {notice.banner}" if notice.banner else ""
             raise NotOpenError(f"the organiser has paused submissions{why}")

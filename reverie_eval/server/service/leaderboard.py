@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import inf
 from typing import Any
+from unicodedata import normalize
 from urllib.parse import urljoin
 
 import msgspec
@@ -113,7 +114,7 @@ def leaderboard(
     if metric not in SORTABLE:
         known = ", ".join(SORTABLE)
         raise MalformedError(f"cannot sort by {metric!r}; choose one of: {known}")
-    cached = cache.entries(session, board)
+    cached = cache.entries(session, board, now)
     if metric not in cached.ranked:
         values = [entry.scores.get(metric) for entry in cached.entries]
         rows = map(Row, _ranks(values, CATALOGUE[metric]), cached.entries)
@@ -199,7 +200,10 @@ def as_csv(ranking: Ranking) -> str:
 def _cell(value: str | int | None) -> str | int | None:
     if isinstance(value, bool):
         return str(value).lower()
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+    # Spreadsheets read full-width signs as the ASCII ones, to which NFKC maps them.
+    if isinstance(value, str) and normalize("NFKC", value[:1]).startswith(_FORMULA):
+        return f"'{value}"
+    return value
 
 
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:

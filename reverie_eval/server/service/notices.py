@@ -25,7 +25,13 @@ class Notices:
 
     def current(self, session: Session) -> NoticeReport:
         """Return the current notice."""
-        posted = latest_notice(session)
+        return self._of(latest_notice(session))
+
+    def at(self, session: Session, moment: datetime) -> NoticeReport:
+        """Return the notice that was current at a moment."""
+        return self._of(latest_notice(session, moment))
+
+    def _of(self, posted: Notice | None) -> NoticeReport:
         if posted is None:
             return self.of_settings
         new = NewNotice(banner=posted.banner, paused=posted.paused)
@@ -48,6 +54,9 @@ class Notices:
         return self.if_posted(new, posted.posted_by, posted.created_at)
 
 
-def latest_notice(session: Session) -> Notice | None:
-    """Return the notice that was posted last, or None."""
-    return session.scalars(select(Notice).order_by(Notice.id.desc()).limit(1)).first()
+def latest_notice(session: Session, until: datetime | None = None) -> Notice | None:
+    """Return the notice that was posted last, of all or of those until a moment; or None."""
+    posted = select(Notice).order_by(Notice.id.desc()).limit(1)
+    if until is not None:
+        posted = posted.where(Notice.created_at <= until)
+    return session.scalars(posted).first()

@@ -11,7 +11,7 @@ from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport, Te
 from reverie_eval.schemas.service import Role, SubmissionReport
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.paging import Listed, Page, list_page
-from reverie_eval.server.service.submissions import submission_report
+from reverie_eval.server.service.submissions import View
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Person, Submission, Team, Token
 
@@ -99,7 +99,7 @@ class TeamView:
     """Those of the person who asks; the newest first."""
 
 
-def team_of(session: Session, person: Person, most: int) -> TeamView:
+def team_of(session: Session, person: Person, most: int, view: View) -> TeamView:
     """Return a person's team, with its latest submissions."""
     of_team = Submission.team_id == person.team_id
     latest = select(Submission).where(of_team).order_by(Submission.received_at.desc()).limit(most)
@@ -108,7 +108,7 @@ def team_of(session: Session, person: Person, most: int) -> TeamView:
     counted = select(func.count()).select_from(Submission).where(of_team)
     return TeamView(
         people=session.scalars(members).all(),
-        submissions=[submission_report(row) for row in session.scalars(latest)],
+        submissions=[view.report(row) for row in session.scalars(latest)],
         submitted=session.scalar(counted) or 0,
         tokens=session.scalars(tokens).all(),
     )

@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import GrantReport, NewGrant
 from reverie_eval.schemas.service import QuotaReport, QuotaWindow, WindowName
-from reverie_eval.server.errors import MalformedError, NotFoundError
+from reverie_eval.server.errors import BytesSpentError, MalformedError, NotFoundError
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.people import team_named
 from reverie_eval.server.service.transactions import Transaction
@@ -60,6 +60,31 @@ def quota_usages(
         for split, quota in quotas.items()
         for of_split in [[row for row in received if row.split == split]]
     }
+
+
+def check_bytes(session: Session, team_id: int, size: int, mebibytes: int, now: datetime) -> None:
+    """Make sure that a team may send so many bytes more in 24 hours, to all splits together.
+
+    Raises
+    ------
+    BytesSpentError
+        If it may not; says when it may.
+    """
+    sent = session.execute(
+        select(Submission.received_at, Submission.size)
+        .where(Submission.team_id == team_id, Submission.received_at > now - WINDOWS["day"])
+        .order_by(Submission.received_at)
+    ).all()
+    used = sum(row.size for row in sent)
+    left = excess = used + size - (mebibytes << 20)
+    if excess <= 0:
+        return
+    for row in sent:
+        left -= row.size
+        if left <= 0:
+            seconds = ceil((row.received_at + WINDOWS["day"] - now).total_seconds())
+            raise BytesSpentError(mebibytes, used, size, max(1, seconds))
+    raise BytesSpentError(mebibytes, used, size, None)
 
 
 @dataclass(frozen=True, slots=True)

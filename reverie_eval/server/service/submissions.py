@@ -19,6 +19,7 @@ from reverie_eval.schemas.service import Method, Receipt, SubmissionChange, Subm
 from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.service.boards import Board, board_named
+from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
 from reverie_eval.server.service.reviews import find_submission, standing_reviews
 from reverie_eval.server.service.transactions import Transactions
@@ -31,7 +32,7 @@ RECENT = 8
 
 
 def list_submissions(
-    session: Session, person: Person, page: Page, split: str | None = None
+    session: Session, person: Person, page: Page, view: "View", split: str | None = None
 ) -> Listed[SubmissionReport]:
     """List the submissions of a person's team, the newest first; the organiser sees all teams'.
 
@@ -55,10 +56,12 @@ def list_submissions(
         place = tuple_(Submission.received_at, Submission.id)
         rows = rows.where(place < tuple_(last.received_at, last.id))
     found = session.scalars(rows.limit(page.limit + 1)).all()
-    return cut(found, page, submission_report, lambda row: row.id)
+    return cut(found, page, view.report, lambda row: row.id)
 
 
-def submission_of(session: Session, person: Person, submission_id: str) -> SubmissionReport:
+def submission_of(
+    session: Session, person: Person, submission_id: str, view: "View"
+) -> SubmissionReport:
     """Return a submission of a person's team; the organiser sees all teams'.
 
     Raises
@@ -66,11 +69,23 @@ def submission_of(session: Session, person: Person, submission_id: str) -> Submi
     NotFoundError
         If there is none, or it is another team's; the error does not reveal which.
     """
-    return submission_report(_row_of(session, person, submission_id))
+    return view.report(_row_of(session, person, submission_id))
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What may be seen of submissions at a moment."""
+
+    embargo: Embargo
+    now: datetime
+
+    def report(self, row: Submission) -> SubmissionReport:
+        """Word a submission for its team."""
+        return self.embargo.word(submission_report(row), row, self.now)
 
 
 def submission_report(row: Submission) -> SubmissionReport:
-    """Return a submission as its team sees it."""
+    """Return all that is stored of a submission, including what its team may not see yet."""
     return SubmissionReport(
         id=row.id,
         split=row.split,
@@ -102,11 +117,13 @@ class Publication:
     """Empty while the team chose to be anonymous."""
     method: Method
     report: ScoreReport
+    scores_held_until: datetime | None
+    """When its scores are released, if they are not."""
     published_at: datetime
     reviews: Sequence[Review]
 
 
-def publication(session: Session, submission_id: str, now: datetime) -> Publication:
+def publication(session: Session, submission_id: str, view: View) -> Publication:
     """Return a published submission; nothing in it reveals a team that is still anonymous.
 
     Raises
@@ -117,13 +134,14 @@ def publication(session: Session, submission_id: str, now: datetime) -> Publicat
     row = find_submission(session, submission_id)
     if row is None or row.published_at is None or row.withdrawn_at is not None:
         raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
-    is_anonymous = row.anonymous_until is not None and row.anonymous_until > now
+    is_anonymous = row.anonymous_until is not None and row.anonymous_until > view.now
     return Publication(
         id=row.id,
         split=row.split,
         team="" if is_anonymous else row.team.name,
         method=Method.model_validate(row.method),
-        report=ScoreReport.model_validate(row.report),
+        report=view.embargo.report(row, view.now),
+        scores_held_until=view.embargo.until(row, view.now),
         published_at=row.published_at,
         reviews=standing_reviews(session, row.id),
     )
@@ -153,11 +171,16 @@ class SubmissionService:
     database: Database
     uploads: Uploads
     transactions: Transactions
+    embargo: Embargo
     required_metadata: Collection[str]
 
     def __post_init__(self) -> None:
         """Create the cache of scores."""
         self._scored = lru_cache(RECENT)(self._score_again)
+
+    def view(self, now: datetime) -> View:
+        """Return what may be seen at a moment."""
+        return View(self.embargo, now)
 
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces."""
@@ -206,9 +229,11 @@ class SubmissionService:
             If required information about the method would be missing.
         """
         with self.database.reading() as session:
-            known = submission_of(session, person, submission_id)
-        if not change.model_fields_set:
-            return known
+            known = submission_report(_row_of(session, person, submission_id))
+            if not change.model_fields_set:
+                return submission_of(
+                    session, person, submission_id, self.view(self.transactions.clock())
+                )
         intervals = self._intervals(known) if change.published else None
         with self.transactions.begin(person.name) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
@@ -236,7 +261,7 @@ class SubmissionService:
                 raise ConflictError("a withdrawn submission cannot be published; restore it first")
             changed = change.model_dump(mode="json", exclude_unset=True)
             transaction.record("changed", row, row.id, **changed)
-            return submission_report(row)
+            return self.view(now).report(row)
 
     def _intervals(self, known: SubmissionReport) -> Mapping[str, Any] | None:
         """Compute confidence intervals, for open splits only.

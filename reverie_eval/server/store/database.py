@@ -8,7 +8,7 @@ audit log, cannot be outdated when it is committed. Scoring comes before, so tra
 import errno
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -17,7 +17,9 @@ from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import URL, Connection, create_engine, event, text
+from sqlalchemy import URL, Connection, Dialect, create_engine, event, text
+from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import TimeoutError as NoConnectionLeftError
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
@@ -28,6 +30,10 @@ MIGRATIONS = Path(__file__).parent / "migrations"
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _FULL_SQLSTATE = "53100"
 """PostgreSQL's ``disk_full``: https://www.postgresql.org/docs/current/errcodes-appendix.html"""
+_NO_CONNECTION_SQLSTATES = ("08", "57P", "53300")
+"""Connection exceptions, an operator's intervention, too many connections."""
+_NO_SPACE_FOR_INDEX = sqlite3.SQLITE_IOERR_SHMSIZE
+_BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
 _WRITER_LOCK = 0x5EEDED
 """An arbitrary number that identifies the advisory lock."""
 
@@ -51,7 +57,7 @@ class Database:
         isolation = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
         self._snapshots = self.engine.execution_options(**isolation)
         if self.is_sqlite:
-            event.listen(self.engine, "connect", _prepare_sqlite)
+            event.listen(self.engine, "do_connect", _connect_sqlite)
             event.listen(self.engine, "begin", _begin_sqlite)
 
     @property
@@ -72,6 +78,22 @@ class Database:
         with self._write_lock, Session(engine, expire_on_commit=False) as session, session.begin():
             self._take_write_lock(session.connection())
             yield session
+
+    @contextmanager
+    def trying(self) -> Iterator[Session]:
+        """Open a session like :meth:`writing`, and undo at its end what was written."""
+        with suppress(_UndoneError), self.writing() as session:
+            yield session
+            session.flush()
+            raise _UndoneError
+
+    def damage(self) -> str:
+        """Return what SQLite first finds wrong with its file; empty if nothing is."""
+        if not self.is_sqlite:
+            return ""
+        with self.engine.connect() as connection:
+            found = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
+        return "" if found == "ok" else " ".join(found.split())
 
     def upgrade(self) -> None:
         """Migrate the tables to this version, from any released version or from none."""
@@ -140,6 +162,32 @@ def is_full(error: BaseException | None) -> bool:
     return is_full(error.__cause__ or error.__context__)
 
 
+def is_unreachable(error: BaseException | None) -> bool:
+    """Whether an error, or what led to it, is that the database cannot be asked for the moment."""
+    if error is None:
+        return False
+    match error:
+        case DBAPIError(connection_invalidated=True) | NoConnectionLeftError():
+            return True
+        case OperationalError(orig=sqlite3.Error(sqlite_errorcode=code)) if code in _BUSY:
+            return True
+        case OperationalError(orig=said) if _is_of_connection(said):
+            return True
+    return is_unreachable(error.__cause__ or error.__context__)
+
+
+def _is_of_connection(said: BaseException | None) -> bool:
+    """Whether psycopg had no connection, or PostgreSQL closed or refused it."""
+    if not hasattr(said, "sqlstate"):
+        return False
+    state = getattr(said, "sqlstate", None)
+    return state is None or state.startswith(_NO_CONNECTION_SQLSTATES)
+
+
+class _UndoneError(Exception):
+    """Ends a transaction that is to leave no trace."""
+
+
 def _alembic(connection: Connection) -> Config:
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
@@ -147,7 +195,26 @@ def _alembic(connection: Connection) -> Config:
     return config
 
 
-def _prepare_sqlite(connection: sqlite3.Connection, _: Any) -> None:
+def _connect_sqlite(dialect: Dialect, _: Any, given: Any, named: Any) -> Any:
+    """Open the file; on a full disk without the index that processes share, which takes space.
+
+    Then no other connection can use the file, but what is in it can still be read. If a server is
+    running, the index is there.
+    """
+    connection: Any = dialect.connect(*given, **named)
+    try:
+        _prepare_sqlite(connection)
+    except sqlite3.OperationalError as error:
+        connection.close()
+        if error.sqlite_errorcode != _NO_SPACE_FOR_INDEX:
+            raise
+        connection = dialect.connect(*given, **named)
+        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+        _prepare_sqlite(connection)
+    return connection
+
+
+def _prepare_sqlite(connection: sqlite3.Connection) -> None:
     connection.isolation_level = None  # the driver must not begin transactions; _begin_sqlite does
     for pragma in _SQLITE_PRAGMAS:
         connection.execute(f"PRAGMA {pragma}")

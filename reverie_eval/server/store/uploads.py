@@ -1,16 +1,21 @@
 """Storage of uploads by their SHA-256, in a folder or an S3-compatible store.
 
-A file is stored before the row that refers to it is committed. A crash between the two leaves an
-unused file, never a row without its file.
+They are stored compressed; the SHA-256 is that of the unpacked bytes, which every reader gets. A
+file is written under another name first, and renamed in the transaction that adds its row, just
+before it is committed. A crash between the two leaves an unused file, never a row without its file.
 """
 
+import gzip
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import secrets
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryFile
 from threading import Lock
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 from urllib.parse import urlsplit
 
 from reverie_eval.errors import ReverieEvalError
@@ -18,6 +23,11 @@ from reverie_eval.errors import ReverieEvalError
 PIECE = 256 << 10
 """Bytes of an upload that are in memory during a download."""
 _NO_UPLOAD = "0" * 64
+_FASTEST = 1
+"""Compresses trajectories to a third; to compress them more costs more time than scoring."""
+
+Keep: TypeAlias = Callable[[], None]
+"""Gives an upload its name."""
 
 
 class UploadsError(ReverieEvalError):
@@ -27,11 +37,14 @@ class UploadsError(ReverieEvalError):
 class Uploads(Protocol):
     """A store of uploads."""
 
+    def staged(self, sha256: str, content: bytes) -> AbstractContextManager[Keep]:
+        """Write an upload, to be kept by calling what is given, or else to leave no trace."""
+
     def put(self, sha256: str, content: bytes) -> None:
         """Store an upload; storing it again changes nothing."""
 
     def get(self, sha256: str) -> bytes:
-        """Return an upload; FileNotFoundError if it is missing."""
+        """Return an upload; FileNotFoundError if it is missing, OSError if it is damaged."""
 
     def pieces(self, sha256: str) -> Iterator[bytes]:
         """Return an upload in pieces.
@@ -40,7 +53,7 @@ class Uploads(Protocol):
         """
 
     def names(self) -> Iterator[str]:
-        """Return the names of all files; those of complete uploads are ``SHA-256.json``."""
+        """Return the names of all files; complete uploads are named by :func:`name_of`."""
 
     def try_out(self) -> None:
         """Test whether uploads can be stored and read, without a change."""
@@ -54,6 +67,35 @@ def open_uploads(place: str, folder: Path) -> Uploads:
     return FolderUploads(folder / place)
 
 
+def name_of(sha256: str) -> str:
+    """Return the name of an upload's file, in a folder of the first two letters."""
+    return f"{sha256}.json.gz"
+
+
+def pack(content: bytes) -> bytes:
+    """Return an upload as it is kept."""
+    return gzip.compress(content, _FASTEST, mtime=0)
+
+
+def _unpack(packed: bytes) -> bytes:
+    if not packed:
+        raise gzip.BadGzipFile("the file is empty")
+    try:
+        return gzip.decompress(packed)
+    except (EOFError, zlib.error) as error:
+        raise gzip.BadGzipFile(str(error)) from error
+
+
+def _unpack_pieces(packed: Iterator[bytes]) -> Iterator[bytes]:
+    """Unpack an upload from its pieces, into pieces of at most :data:`PIECE` bytes."""
+    stream = zlib.decompressobj(zlib.MAX_WBITS | 16)  # 16: with a gzip header
+    for piece in packed:
+        left = piece
+        while left:
+            yield stream.decompress(left, PIECE)
+            left = stream.unconsumed_tail
+
+
 class FolderUploads:
     """Uploads in a folder, in subfolders by the first two characters of their digest."""
 
@@ -61,23 +103,39 @@ class FolderUploads:
         self.folder = folder
         self._making = Lock()
 
-    def put(self, sha256: str, content: bytes) -> None:
-        """Write the file atomically, and flush it to the disk."""
+    @contextmanager
+    def staged(self, sha256: str, content: bytes) -> Iterator[Keep]:
+        """Write a hidden file through to the disk, which is renamed or removed."""
         path = self._path(sha256)
         with self._making:
             _make_folder(path.parent)
-        if not path.exists():
-            _write_whole(path, content)
-        _sync_folder(path.parent)  # another request may have written it just now
+        if path.exists():
+            yield partial(_sync_folder, path.parent)  # another request may have just renamed it
+            return
+        with NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
+            hidden = Path(file.name)
+            try:
+                file.write(pack(content))
+                file.flush()
+                os.fsync(file.fileno())
+                yield partial(_rename, hidden, path)
+            finally:
+                hidden.unlink(missing_ok=True)
+
+    def put(self, sha256: str, content: bytes) -> None:
+        """Write the file whole and through to the disk, or not at all."""
+        with self.staged(sha256, content) as keep:
+            keep()
 
     def get(self, sha256: str) -> bytes:
         """Read the file."""
-        return self._path(sha256).read_bytes()
+        return _unpack(self._path(sha256).read_bytes())
 
     def pieces(self, sha256: str) -> Iterator[bytes]:
         """Read the file, opened for each piece."""
         path = self._path(sha256)
-        return (_piece(path, start) for start in range(0, path.stat().st_size, PIECE))
+        starts = range(0, path.stat().st_size, PIECE)
+        return _unpack_pieces(_piece(path, start) for start in starts)
 
     def names(self) -> Iterator[str]:
         """List the files, including incomplete ones after a crash."""
@@ -92,7 +150,7 @@ class FolderUploads:
             file.write(_NO_UPLOAD.encode())
 
     def _path(self, sha256: str) -> Path:
-        return self.folder / sha256[:2] / f"{sha256}.json"
+        return self.folder / sha256[:2] / name_of(sha256)
 
 
 def _piece(path: Path, start: int) -> bytes:
@@ -101,17 +159,9 @@ def _piece(path: Path, start: int) -> bytes:
         return file.read(PIECE)
 
 
-def _write_whole(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name, flush it to the disk, then rename it."""
-    with NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
-        try:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-            Path(file.name).replace(path)
-        except BaseException:
-            Path(file.name).unlink(missing_ok=True)
-            raise
+def _rename(hidden: Path, path: Path) -> None:
+    hidden.replace(path)
+    _sync_folder(path.parent)
 
 
 def _make_folder(folder: Path) -> None:
@@ -149,21 +199,35 @@ class S3Uploads:
         with self._asking():
             self._client: Any = boto3.client("s3")
 
+    @contextmanager
+    def staged(self, sha256: str, content: bytes) -> Iterator[Keep]:
+        """Write an object under another key; the store copies it, and it is removed."""
+        staging = f"{self._key(sha256)}.{secrets.token_hex(8)}"
+        with self._asking():
+            self._client.put_object(Bucket=self._bucket, Key=staging, Body=pack(content))
+        try:
+            yield partial(self._copy, staging, self._key(sha256))
+        finally:
+            with suppress(UploadsError), self._asking():  # the doctor lists what is left over
+                self._client.delete_object(Bucket=self._bucket, Key=staging)
+
     def put(self, sha256: str, content: bytes) -> None:
         """Write the object, which is atomic."""
         with self._asking():
-            self._client.put_object(Bucket=self._bucket, Key=self._key(sha256), Body=content)
+            key = self._key(sha256)
+            self._client.put_object(Bucket=self._bucket, Key=key, Body=pack(content))
 
     def get(self, sha256: str) -> bytes:
         """Read the object."""
-        return self._read(sha256)
+        return _unpack(self._read(sha256))
 
     def pieces(self, sha256: str) -> Iterator[bytes]:
         """Read the object by ranges of bytes."""
         with self._asking():
             known = self._client.head_object(Bucket=self._bucket, Key=self._key(sha256))
         starts = range(0, known["ContentLength"], PIECE)
-        return (self._read(sha256, Range=f"bytes={start}-{start + PIECE - 1}") for start in starts)
+        ranges = (f"bytes={start}-{start + PIECE - 1}" for start in starts)
+        return _unpack_pieces(self._read(sha256, Range=each) for each in ranges)
 
     def names(self) -> Iterator[str]:
         """List the objects."""
@@ -176,6 +240,11 @@ class S3Uploads:
         """Look for a missing upload."""
         with suppress(FileNotFoundError):
             self.get(_NO_UPLOAD)
+
+    def _copy(self, source: str, target: str) -> None:
+        with self._asking():
+            origin = {"Bucket": self._bucket, "Key": source}
+            self._client.copy_object(Bucket=self._bucket, Key=target, CopySource=origin)
 
     def _read(self, sha256: str, **part: str) -> bytes:
         with self._asking():
@@ -202,4 +271,4 @@ class S3Uploads:
         return UploadsError(f"s3://{self._bucket}: {error}; {remedy}")
 
     def _key(self, sha256: str) -> str:
-        return f"{self._prefix}{sha256[:2]}/{sha256}.json"
+        return f"{self._prefix}{sha256[:2]}/{name_of(sha256)}"

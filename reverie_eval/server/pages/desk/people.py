@@ -10,6 +10,7 @@ from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.http.callers import Call, Desk, Posted
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
+from reverie_eval.server.pages.rendering import address_of_site
 from reverie_eval.server.service import people, tokens
 
 router = APIRouter()
@@ -85,7 +86,7 @@ def create_token(desk: Desk, form: Posted) -> Response:
     asked = {name: typed.get(name, "") for name in ("person", "kind")}
     new = read_model(NewToken, {**asked, "expires_at": forms.end_of_day(typed.get("until", ""))})
     created = desk.perform(tokens.create_token, new)
-    sign_in = str(desk.request.url_for("show_sign_in"))
+    sign_in = address_of_site(desk.request, "/sign-in")
     with desk.snapshot() as snapshot:
         return forms.desk_page(desk, snapshot, "token.html", created=created, sign_in=sign_in)
 

@@ -36,6 +36,7 @@ def draw(
     """Show the reviews, and the form to review a submission."""
     with desk.snapshot() as snapshot:
         session = snapshot.session
+        chosen, embargo = _chosen(session, typed), desk.server.submissions.embargo
         standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
         return forms.desk_page(
             desk,
@@ -45,7 +46,8 @@ def draw(
             standing=reviews.review_rows(session, standing, standing=True),
             lifted=reviews.review_rows(session, lifted, standing=False),
             latest=reviews.latest_submissions(session, A_FEW),
-            chosen=_chosen(session, typed),
+            chosen=chosen,
+            scores={} if chosen is None else embargo.report(chosen, snapshot.now).scores,
             verdicts=VERDICTS,
             typed=typed,
             done=what,

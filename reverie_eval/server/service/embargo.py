@@ -1,0 +1,64 @@
+"""Scores that are held back until a phase ends.
+
+They are computed and kept when a submission arrives, as always. Until they are released, everything
+that leaves the server is worded without them, the receipt included, which is signed without scores
+each time. What the phase's end is, the settings say: whoever extends a phase extends this as well.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.schemas.service import Receipt, SubmissionReport
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.store.tables import Submission
+
+
+@dataclass(frozen=True, slots=True)
+class Embargo:
+    """Words submissions for their teams and for readers, without scores that are held back."""
+
+    boards: Mapping[str, Board]
+    signer: Signer
+
+    def until(self, row: Submission, now: datetime) -> datetime | None:
+        """Return the last second in which a submission's scores are held back, if they are now."""
+        board = self.boards.get(row.split)
+        return None if board is None else board.split.scores_held_until(row.received_at, now)
+
+    def report(self, row: Submission, now: datetime) -> ScoreReport:
+        """Return what a submission scored, as far as it may be seen."""
+        known = ScoreReport.model_validate(row.report)
+        return known if self.until(row, now) is None else without_scores(known)
+
+    def word(self, known: SubmissionReport, row: Submission, now: datetime) -> SubmissionReport:
+        """Return a submission as its team may see it."""
+        until = self.until(row, now)
+        if until is None:
+            return known
+        return known.model_copy(
+            update={
+                "report": without_scores(known.report),
+                "receipt": self._signed_without_scores(known.receipt),
+                "scores_held_until": until,
+            }
+        )
+
+    def _signed_without_scores(self, receipt: Receipt) -> Receipt:
+        return self.signer.sign(
+            submission_id=receipt.submission_id,
+            team=receipt.team,
+            sha256=receipt.sha256,
+            received_at=receipt.received_at,
+            split=receipt.split,
+            signature=receipt.signature,
+            scores={},
+            quota=receipt.quota,
+        )
+
+
+def without_scores(report: ScoreReport) -> ScoreReport:
+    """Return what a private split's report says besides its scores."""
+    return report.model_copy(update={"scores": {}})

@@ -1,0 +1,170 @@
+"""When an upload counts: as soon as all of it has arrived, however long the server takes."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import httpx
+import pytest
+from anyio.from_thread import BlockingPortal
+
+from reverie_eval.schemas.organising import NewNotice
+from reverie_eval.server.http.runtime import Admission
+from reverie_eval.server.settings import Phase
+from tests.support.acting import NOON
+from tests.support.serving import (
+    MATE,
+    OPEN,
+    OTHER,
+    OWNER,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
+from tests.support.visiting import signed_in
+from tests.support.waiting import wait_until
+
+CLOSES = NOON + timedelta(seconds=1)
+Upload = Callable[[Serving], httpx.Response]
+UPLOADS: dict[str, Upload] = {
+    "the API": lambda server: server.upload(OWNER),
+    "a page": lambda server: signed_in(server, OWNER).upload(),
+}
+ACCEPTED = {201, 303}
+
+
+@pytest.fixture
+def closing(folder: Path, open_server: OpenServer) -> Serving:
+    """Return a server with a phase that closes in a second."""
+    phases = (Phase(name="first", closes=CLOSES),)
+    return open_server(adjusted(settings_of(folder), OPEN, phases=phases))
+
+
+def admission_of(server: Serving) -> Admission:
+    """Return what lets uploads in."""
+    app = server.client._transport._app.app  # type: ignore[attr-defined]  # noqa: SLF001
+    admission: Admission = app.state.runtime.admission
+    return admission
+
+
+@pytest.fixture
+def in_line_for_scoring(
+    portal: BlockingPortal, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[Serving], AbstractContextManager[list[int]]]:
+    """Return what lets nobody score for a while, and tells that an upload waits for its turn."""
+
+    @contextmanager
+    def nobody_scores(server: Serving) -> Iterator[list[int]]:
+        admission = admission_of(server)
+        arrived: list[int] = []
+        real = admission.score
+
+        def score() -> object:
+            arrived.append(len(arrived))
+            return real()
+
+        with ExitStack() as turns:
+            while not real().locked():
+                turns.enter_context(portal.wrap_async_context_manager(real()))
+            monkeypatch.setattr(admission, "score", score)
+            yield arrived
+
+    return nobody_scores
+
+
+def received_at(server: Serving) -> list[datetime]:
+    """Return when the receipts say that submissions came."""
+    found = server.ask(OWNER, "GET", "/submissions").json()
+    return [datetime.fromisoformat(each["receipt"]["received_at"]) for each in found]
+
+
+@pytest.mark.parametrize("upload", UPLOADS.values(), ids=UPLOADS)
+def test_who_has_arrived_in_time_is_in_time_however_long_the_queue(
+    upload: Upload,
+    closing: Serving,
+    in_line_for_scoring: Callable[[Serving], AbstractContextManager[list[int]]],
+) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        with in_line_for_scoring(closing) as arrived:
+            reply = pool.submit(upload, closing)
+            wait_until(lambda: arrived)
+            closing.clock.turn(hours=1)
+        assert reply.result().status_code in ACCEPTED
+    assert received_at(closing) == [NOON]
+
+
+@pytest.mark.parametrize("upload", UPLOADS.values(), ids=UPLOADS)
+def test_a_pause_does_not_refuse_what_had_arrived(
+    upload: Upload,
+    server: Serving,
+    in_line_for_scoring: Callable[[Serving], AbstractContextManager[list[int]]],
+) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        with in_line_for_scoring(server) as arrived:
+            reply = pool.submit(upload, server)
+            wait_until(lambda: arrived)
+            server.clock.turn(seconds=1)
+            with server.acting() as transaction:
+                server.state.notices.post(transaction, NewNotice(banner="", paused=True))
+        assert reply.result().status_code in ACCEPTED
+    assert server.upload(OTHER).json()["code"] == "not-open"
+
+
+def test_a_pause_that_is_over_still_refuses_what_arrived_during_it(
+    server: Serving,
+    in_line_for_scoring: Callable[[Serving], AbstractContextManager[list[int]]],
+) -> None:
+    def post(*, paused: bool) -> None:
+        server.clock.turn(seconds=1)
+        with server.acting() as transaction:
+            server.state.notices.post(transaction, NewNotice(banner="", paused=paused))
+
+    post(paused=True)
+    with ThreadPoolExecutor(1) as pool:
+        with in_line_for_scoring(server) as arrived:
+            reply = pool.submit(server.upload, OWNER)
+            wait_until(lambda: arrived)
+            post(paused=False)
+        assert reply.result().json()["code"] == "not-open"
+
+
+@pytest.mark.parametrize("upload", UPLOADS.values(), ids=UPLOADS)
+def test_what_waits_unread_loses_no_time(
+    upload: Upload, closing: Serving, portal: BlockingPortal
+) -> None:
+    admission = admission_of(closing)
+    with ThreadPoolExecutor(1) as pool:
+        with ExitStack() as places:
+            for number in range(closing.state.settings.limits.uploads_at_once):
+                place = portal.wrap_async_context_manager(admission.hold(1000 + number))
+                places.enter_context(place)
+            reply = pool.submit(upload, closing)
+            wait_until(lambda: admission.waiting == 1)
+            closing.clock.turn(hours=1)
+        assert reply.result().status_code in ACCEPTED
+    assert received_at(closing) == [NOON]
+
+
+def test_thirty_uploads_that_wait_for_one_slot_are_all_in_time(
+    closing: Serving,
+    in_line_for_scoring: Callable[[Serving], AbstractContextManager[list[int]]],
+) -> None:
+    people = (OWNER, MATE, OTHER)
+    replies: list[Future[httpx.Response]] = []
+    with ThreadPoolExecutor(30) as pool:
+        with in_line_for_scoring(closing) as arrived:
+            for number in range(30):
+                content = closing.distinct()
+                replies.append(pool.submit(closing.upload, people[number % 3], content))
+            admission = admission_of(closing)
+            wait_until(lambda: len(arrived) + admission.waiting == 30)
+            closing.clock.turn(hours=1)
+        assert [reply.result().status_code for reply in replies] == [201] * 30
+
+
+def test_who_arrives_late_is_late(closing: Serving) -> None:
+    closing.clock.turn(seconds=2)
+    assert closing.upload(OWNER).json()["code"] == "not-open"

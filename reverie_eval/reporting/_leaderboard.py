@@ -17,6 +17,7 @@ METHOD_FLAGS = {
     "pre_exploration": "pre-exploration",
     "ground_truth_objects": "ground-truth objects",
     "ensemble": "ensemble",
+    "navigation_only": "navigation only",
 }
 """What a reader must know to compare a method with others."""
 _STANDINGS = {

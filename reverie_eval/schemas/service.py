@@ -108,6 +108,8 @@ class Method(WireModel):
     """Used the annotated objects of a viewpoint, as listed in the dataset's box files."""
     ensemble: bool = False
     """Several models decide together."""
+    navigation_only: bool = False
+    """Only navigates: the file has no answers. Cannot be changed after the submission."""
 
 
 class MethodChange(Method):

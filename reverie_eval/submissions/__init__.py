@@ -6,7 +6,12 @@ official form straight into columns: nearly every file has it. The careful lane 
 what is wrong. Both give the same :class:`Predictions`. ``_alignment`` turns its ids into integers.
 """
 
-from reverie_eval.submissions._alignment import AlignedSubmission, align, align_answers_only
+from reverie_eval.submissions._alignment import (
+    AlignedSubmission,
+    align,
+    align_answers_only,
+    check_navigation_only,
+)
 from reverie_eval.submissions._conversion import Conversion, convert
 from reverie_eval.submissions._hints import answer_hints, submission_hints
 from reverie_eval.submissions._official import submission_schema
@@ -32,6 +37,7 @@ __all__ = [
     "align_answers_only",
     "answer_hints",
     "check_names",
+    "check_navigation_only",
     "convert",
     "parse_predictions",
     "read_bytes",

@@ -94,6 +94,22 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     return _aligned(predictions, episode, np.argsort(episode), viewpoint=stop, offsets=offsets)
 
 
+def check_navigation_only(*, found: bool, declared: bool) -> None:
+    """Check that a submission is navigation only if, and only if, its method is said to be.
+
+    A file whose answers were lost on the way would otherwise be scored, and count as submitted.
+
+    Raises
+    ------
+    SubmissionError
+        If it is not as declared.
+    """
+    if found and not declared:
+        raise SubmissionError([problems.undeclared_navigation_only()])
+    if declared and not found:
+        raise SubmissionError([problems.declared_navigation_only()])
+
+
 def _look_up(
     predictions: Predictions, ground_truth: GroundTruth
 ) -> tuple[Predictions, IntArray, IntArray]:

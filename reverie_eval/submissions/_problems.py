@@ -303,6 +303,19 @@ def not_a_list(found: object) -> Problem:
     return Problem("not-a-list", WHOLE_FILE, message)
 
 
+def undeclared_navigation_only() -> Problem:
+    message = (
+        "no record has an answer; if the agent only navigates, say so: --navigation-only, the "
+        "field navigation_only of the API, or the box on the page"
+    )
+    return Problem("navigation-only", WHOLE_FILE, message)
+
+
+def declared_navigation_only() -> Problem:
+    message = "has answers, but the method is said to be navigation only; leave that out"
+    return Problem("navigation-only", WHOLE_FILE, message)
+
+
 def no_answers() -> Problem:
     message = "no record has an answer, and the grounding track scores nothing else"
     return Problem("missing-field", WHOLE_FILE, message)

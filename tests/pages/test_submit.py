@@ -77,6 +77,7 @@ def test_the_whole_way_without_scripts(server: Serving) -> None:
         "pre_exploration": False,
         "ground_truth_objects": False,
         "ensemble": True,
+        "navigation_only": False,
     }
     assert owner.send("/sign-out", {}).headers["location"] == "/"
     assert owner.get("/team").headers["location"] == "/sign-in?back=/team"
@@ -90,7 +91,7 @@ def test_all_problems_are_shown_with_their_places(owner: Visitor, what: str, sta
     assert "23 problems in this file. Nothing was scored and no submission was used" in page
     assert "[4].trajectory is empty; an agent that does not move has one pose" in page
     assert "[86] has no instr_id; add it" in page
-    assert reply.text.count("<tr><td><code>") == 24
+    assert reply.text.count("<tr><td><code>") == 23
     assert kept(owner.server) == 0
 
 

@@ -155,6 +155,7 @@ def test_what_is_said_of_a_method_is_kept(server: Serving, way: Any) -> None:
         "pre_exploration": True,
         "ground_truth_objects": False,
         "ensemble": False,
+        "navigation_only": False,
     }
 
 

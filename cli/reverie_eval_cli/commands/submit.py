@@ -36,6 +36,7 @@ _FLAGS = {
     "pre_exploration": "It saw the test buildings before the instructions.",
     "ground_truth_objects": "It was given the annotated objects of a viewpoint.",
     "ensemble": "Several models decide together.",
+    "navigation_only": "It only navigates: the file has no answers.",
 }
 _LONGEST_NAME = 100
 

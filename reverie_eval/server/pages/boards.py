@@ -50,6 +50,7 @@ class BoardQuery(BaseModel):
     pre_exploration: Choice = ""
     ground_truth_objects: Choice = ""
     ensemble: Choice = ""
+    navigation_only: Choice = ""
     since: Day = None
     until: Day = None
     text: Annotated[str, Field(max_length=100)] = ""

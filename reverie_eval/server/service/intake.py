@@ -34,6 +34,7 @@ from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.server.store.uploads import Uploads
+from reverie_eval.submissions import check_navigation_only
 from reverie_eval.submissions._sources import unpack
 
 Clock = Callable[[], datetime]
@@ -140,6 +141,8 @@ class Intake:
             self._check_open(session, board, arrived)
             self._check_quota(session, person, board, arrived)
         reading = board.read(content)
+        is_navigation_only = reading.submission.is_navigation_only
+        check_navigation_only(found=is_navigation_only, declared=method.navigation_only)
         report = board.report(board.score(reading), reading)
         row = Submission(
             id=secrets.token_hex(8),

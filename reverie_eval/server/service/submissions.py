@@ -15,7 +15,13 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ProtocolError
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import Method, Receipt, SubmissionChange, SubmissionReport
+from reverie_eval.schemas.service import (
+    Method,
+    MethodChange,
+    Receipt,
+    SubmissionChange,
+    SubmissionReport,
+)
 from reverie_eval.scoring import Scores
 from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
 from reverie_eval.server.service.boards import Board, board_named
@@ -247,10 +253,7 @@ class SubmissionService:
             if intervals is not None:
                 row.report = {**row.report, "intervals": intervals}
             if change.method is not None:
-                edited = change.method.model_dump(mode="json", exclude_unset=True)
-                method = Method.model_validate({**row.method, **edited})
-                check_metadata(method, self.required_metadata)
-                row.method = method.model_dump(mode="json")
+                row.method = self._edited(row, change.method).model_dump(mode="json")
             if change.withdrawn is not None:
                 row.withdrawn_at = (row.withdrawn_at or now) if change.withdrawn else None
             if change.published is not None:
@@ -262,6 +265,17 @@ class SubmissionService:
             changed = change.model_dump(mode="json", exclude_unset=True)
             transaction.record("changed", row, row.id, **changed)
             return self.view(now).report(row)
+
+    def _edited(self, row: Submission, change: MethodChange) -> Method:
+        edited = change.model_dump(mode="json", exclude_unset=True)
+        method = Method.model_validate({**row.method, **edited})
+        check_metadata(method, self.required_metadata)
+        if method.navigation_only != Method.model_validate(row.method).navigation_only:
+            raise ConflictError(
+                "whether a submission is navigation only follows from its file, and cannot be "
+                "changed"
+            )
+        return method
 
     def _intervals(self, known: SubmissionReport) -> Mapping[str, Any] | None:
         """Compute confidence intervals, for open splits only.

@@ -14,7 +14,6 @@ DIFFERENCES: Mapping[str, str] = MappingProxyType(
         "keyed": "{:,} records keyed by their instr_id",
         "prefixed": '{:,} instr_ids with the prefix "reverie_"',
         "hops": "{:,} trajectories of nested hops",
-        "empty hops": "{:,} empty hops, skipped",
         "long hops": "{:,} hops with more than one viewpoint, every viewpoint counted",
         "bare viewpoints": "{:,} poses that are bare viewpoint ids",
         "no angles": "{:,} poses without heading and elevation",
@@ -56,7 +55,7 @@ class ReadingLog:
     problems: list[Problem] = field(default_factory=list)
     """Problems of single records."""
     differences: Counter[str] = field(default_factory=Counter)
-    """How often each key of ``DIFFERENCES`` occurs."""
+    """How often each key of ``DIFFERENCES`` occurs; also "empty hops", which are not listed."""
     ignored_fields: Counter[str] = field(default_factory=Counter)
     """How many records have each of the fields that are not read."""
     _faults: dict[Fault, _Occurrences] = field(default_factory=dict)

@@ -61,7 +61,9 @@ def read_trajectory(
     for index, element in enumerate(trajectory):
         if not _is_empty(element):
             poses += _read_element(location, index, element, log)
-    is_nested = any(_is_hop(element) and len(element) != 1 for element in trajectory)
+    is_nested = any(
+        is_list(element) and len(element) != 1 and _is_hop(element) for element in trajectory
+    )
     log.differences["hops"] += is_nested
     log.differences["empty hops"] += sum(_is_empty(element) for element in trajectory)
     return poses
@@ -106,7 +108,7 @@ def _read_element(
 
 def _has_angles_as_text(element: Any) -> bool:
     """Whether this is ``["viewpoint", "1.5", "0.0"]``, which looks like a hop."""
-    if not (_is_hop(element) and len(element) == _POSE_LENGTH):
+    if not (is_list(element) and len(element) == _POSE_LENGTH and _is_hop(element)):
         return False
     return all(_NUMBER.fullmatch(part) for part in element[1:])
 

@@ -11,7 +11,7 @@ from tests.support.browser import OpenPage, sign_in
 from tests.support.demo_site import MARKED, MARKUP, OPEN, OWNER, SAMPLES, Site, sound
 
 BROKEN = SAMPLES / "broken.json"
-PROBLEMS_OF_BROKEN = 24
+PROBLEMS_OF_BROKEN = 23
 """As ``reverie-eval validate`` counts them."""
 
 TRANSFER = """([name, text]) => {

@@ -141,11 +141,7 @@ _HOPS = (
     f"{_LONG} hops with more than one viewpoint, every viewpoint counted",
     f"{_POSES} poses without heading and elevation",
 )
-_EMPTY_HOPS = (
-    f"{_RECORDS} trajectories of nested hops",
-    f"{_RECORDS} empty hops, skipped",
-    *_HOPS[1:],
-)
+_EMPTY_HOPS = (f"{_RECORDS} trajectories of nested hops", *_HOPS[1:])
 
 FORMS: Mapping[str, Form] = MappingProxyType(
     {

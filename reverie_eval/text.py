@@ -23,7 +23,7 @@ def first_few(names: Iterable[object], limit: int = 3) -> str:
     'a, b, c and 2 more'
     """
     listed = [str(name) for name in names]
-    more = f" and {len(listed) - limit} more" if len(listed) > limit else ""
+    more = f" and {len(listed) - limit:,} more" if len(listed) > limit else ""
     return ", ".join(listed[:limit]) + more
 
 

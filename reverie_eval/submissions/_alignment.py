@@ -194,7 +194,8 @@ def _episode_problems(
         return  # nearly always: what follows loops over records in Python
     unknown = _unknown_by_split(predictions, episode, ground_truth)
     if ground_truth.is_demo and not known.size and unknown.keys() == {None}:
-        yield problems.ids_outside_demo(len(unknown[None]), ground_truth.split)
+        _, first = _location_and_id(predictions, unknown[None][0])
+        yield problems.ids_outside_demo(len(unknown[None]), first, ground_truth.split)
         return
     for other_split, records in unknown.items():
         if other_split is not None:

@@ -148,7 +148,7 @@ def _read_box(
         return None
     fields = {
         BOX_KEY: list(box),
-        **({} if record.get(VIEW_KEY) is None else {VIEW_KEY: int(record[VIEW_KEY])}),
+        **({} if record.get(VIEW_KEY) is None else {VIEW_KEY: _whole_view(record[VIEW_KEY])}),
         **({} if record.get(IMAGE_SIZE_KEY) is None else {IMAGE_SIZE_KEY: list(size)}),
     }
     x_scale, y_scale = WIDTH / size[0], HEIGHT / size[1]
@@ -163,6 +163,7 @@ def _read_box(
     is_cut = max(x - left, right - x_end, y - top, bottom - y_end) > _SLACK
     is_outside = x_end <= x or y_end <= y
     log.differences["scaled boxes"] += size != (WIDTH, HEIGHT)
+    log.differences["upright images"] += size[0] < size[1]
     log.differences["cut boxes"] += is_cut and not is_outside
     log.differences["boxes outside"] += is_outside
     uncut = (left, top, right - left, bottom - top)
@@ -177,6 +178,10 @@ def _read_camera(
 ) -> Camera | None:
     view = record.get(VIEW_KEY)
     if view is not None:
+        whole = _whole_view(view)
+        if whole is not None and not is_integer(view):
+            log.add_fault(problems.VIEWS_NOT_WHOLE, location, f".{VIEW_KEY}", view)
+            view = whole
         if is_integer(view) and 0 <= view < N_VIEWS:
             return _VIEW_CAMERAS[int(view)]
         log.problems.append(problems.wrong_view(location, VIEW_KEY, view))
@@ -190,6 +195,14 @@ def _read_camera(
         # An unreadable trajectory or pose was reported already: one problem is enough.
         log.problems.append(problems.no_view(location, VIEW_KEY, has_poses=poses is not None))
     return None
+
+
+def _whole_view(view: Any) -> int | None:
+    """Return the number of a view, also from 12.0, "12" or "12.0"; None if it tells none."""
+    if is_integer(view) or (isinstance(view, float) and view.is_integer()):
+        return int(view)
+    is_text = _is_digits(view) or _is_decimal_text(view)
+    return int(float(view)) if is_text else None
 
 
 def _read_image_size(

@@ -35,10 +35,12 @@ def box_hints(boxes: BoxAnswers) -> Iterator[str]:
     """Yield hints that need nothing but the boxes, a sentence each."""
     x, y, width, height = boxes.xywh.T
     right, lower = x + width, y + height
-    if (np.maximum(right, lower) <= 1).mean() > MOST:
+    # Corners in fractions, read as width and height, reach up to 2.
+    if (np.maximum(right, lower) <= 2).mean() > MOST:
         yield (
-            "most boxes lie within one pixel of the upper left corner; if they are fractions of "
-            'the image, add "predImageSize": [1, 1]'
+            "most boxes lie within two pixels of the upper left corner; if they are fractions of "
+            'the image, add "predImageSize": [1, 1]; predBox is [x, y, width, height], not two '
+            "corners"
         )
     elif len(boxes.row) >= _ENOUGH and max(right.max(), lower.max()) <= _SMALL_IMAGE:
         yield (

@@ -8,7 +8,7 @@ from typing import Any
 from reverie_eval.errors import SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._answers import Answer
+from reverie_eval.submissions._answers import Answer, has_answer
 from reverie_eval.submissions._document import (
     are_records,
     is_python_literal,
@@ -16,6 +16,7 @@ from reverie_eval.submissions._document import (
     parse_python_literal,
 )
 from reverie_eval.submissions._fields import ANSWER_KEYS
+from reverie_eval.submissions._hints import UNNAMED_ANSWERS
 from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import ReadRecord, read_records
@@ -40,6 +41,10 @@ class Conversion:
     """Poses whose heading and elevation are written as 0, because the file does not give them."""
 
     @property
+    def _is_navigation_only(self) -> bool:
+        return not any(map(has_answer, self.records))
+
+    @property
     def notes(self) -> Sequence[str]:
         """What a reader of the converted file should know, a sentence each."""
         without_angles = (
@@ -50,6 +55,7 @@ class Conversion:
             *([f"read as: {'; '.join(self.read_as)}"] if self.read_as else []),
             *(f"fixed: {mistake}" for mistake in self.fixed),
             *(f"dropped: {name}, in {count:,} records" for name, count in self.dropped.items()),
+            *([UNNAMED_ANSWERS] if self.dropped and self._is_navigation_only else []),
             *([without_angles] if self.poses_without_angles else []),
         ]
 
@@ -141,7 +147,7 @@ def _without_repeats(records: Sequence[ReadRecord], log: ReadingLog) -> Sequence
     written = []
     for record in records:
         official = _official(record)
-        if earlier.get(record.instr_id) == official:
+        if record.instr_id is not None and earlier.get(record.instr_id) == official:
             log.add_fault(problems.REPEATED_RECORDS, record.location, ".instr_id", record.instr_id)
         else:
             earlier.setdefault(record.instr_id, official)

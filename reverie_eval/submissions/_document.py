@@ -27,7 +27,7 @@ _NOT_JSON = {
     b"7z\xbc\xaf": "a 7z archive",
     b"Rar!": "a rar archive",
     b"(\xb5/\xfd": "a Zstandard archive",
-    b"\x1f\x8b": "gzipped twice",
+    b"\x1f\x8b": "packed twice",
     b"\x80": "a Python pickle",
     b"\x93NUMPY": "a numpy array",
     b"\x89HDF": "an HDF5 file",
@@ -41,6 +41,7 @@ _TAR_MARK_AT = 257
 _PYTHON_LITERAL = re.compile(rb"[\s\[{(]+'")
 _BRACKETS = ("[", "{")
 _SHOWN_TEXT = 60
+_SPACE = re.compile(r"\s*")
 
 _NUMBER_TYPES = (float, int, Real)
 """The common types come first: checking against an abstract class takes ten times as long."""
@@ -70,14 +71,10 @@ def parse_document(content: bytes, log: ReadingLog) -> Any:
     SubmissionError
         If it is not JSON.
     """
-    import json  # rarely needed: most files take the fast lane
-
     _check_kind(content)
     check_value_count(content, MAX_VALUES)
     try:
-        return json.loads(content, object_pairs_hook=_build_object)
-    except json.JSONDecodeError as error:
-        return _parse_almost_json(error, log)
+        return _decoded_twice(_parse_json(content, log), log)
     except UnicodeDecodeError as error:
         problem = problems.not_json(f"byte {error.start}", f"not {error.encoding} text")
     except RecursionError:
@@ -119,7 +116,24 @@ def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
     try:
         return ast.literal_eval(content.decode().strip())
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise SubmissionError([problems.not_a_literal(str(error))]) from error
+        raise SubmissionError([problems.not_a_literal()]) from error
+
+
+def _parse_json(content: bytes | str, log: ReadingLog) -> Any:
+    import json  # rarely needed: most files take the fast lane
+
+    try:
+        return json.loads(content, object_pairs_hook=_build_object)
+    except json.JSONDecodeError as error:
+        return _parse_almost_json(error, log)
+
+
+def _decoded_twice(document: Any, log: ReadingLog) -> Any:
+    """Parse the JSON that a JSON text holds, as ``json.dump(json.dumps(...))`` writes it."""
+    if not (isinstance(document, str) and document.lstrip().startswith(_BRACKETS)):
+        return document
+    log.add_whole_file_fault(problems.ENCODED_TWICE, None)
+    return _parse_json(document, log)
 
 
 def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
@@ -130,39 +144,55 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
     SubmissionError
         If it does not.
     """
-    import json
-
     text = error.doc
-    where = f"line {error.lineno}, column {error.colno}"
     if error.msg == "Extra data":
-        records = _parse_lines(text)
-        if records is not None:
-            log.add_whole_file_fault(problems.JSON_LINES, None)
-            return records
-        if not text[error.pos :].startswith(_BRACKETS):
-            shown = text[error.pos : error.pos + _SHOWN_TEXT]
-            log.add_whole_file_fault(problems.TRAILING_TEXT, shown)
-            return json.loads(text[: error.pos], object_pairs_hook=_build_object)
+        values, later_error = _parse_several(text)
+        if later_error is None:
+            return _join(values, error, log)
+        # What follows the last value that could be read.
+        rest = text[later_error.pos :]
+        if len(values) == 1 and not text[error.pos :].startswith(_BRACKETS):
+            log.add_whole_file_fault(problems.TRAILING_TEXT, rest[:_SHOWN_TEXT])
+            return values[0]
+        error = later_error
+    where = f"line {error.lineno}, column {error.colno}"
     if error.pos >= len(text.rstrip()) or error.msg.startswith("Unterminated string"):
         raise SubmissionError([problems.cut_short(where)])
     raise SubmissionError([problems.not_json(where, error.msg.removesuffix(" at"))])
 
 
-def _parse_lines(text: str) -> Sequence[Any] | None:
-    """Return the values of JSON Lines, one object a line; None if it is something else."""
+def _join(values: Sequence[Any], error: "JSONDecodeError", log: ReadingLog) -> Sequence[Any]:
+    """Return the records of JSON Lines, or of several lists one after another."""
+    if all(isinstance(value, dict) for value in values):
+        log.add_whole_file_fault(problems.JSON_LINES, None)
+        return values
+    if all(isinstance(value, list) for value in values):
+        log.add_whole_file_fault(problems.SEVERAL_LISTS, None)
+        return [record for value in values for record in value]
+    where = f"line {error.lineno}, column {error.colno}"
+    raise SubmissionError([problems.not_json(where, "Extra data")])
+
+
+def _parse_several(text: str) -> tuple[Sequence[Any], "JSONDecodeError | None"]:
+    """Return the JSON values that follow one another, and the error where that ends, if any."""
     import json
 
-    records = []
-    for line in text.splitlines():
-        if line.strip():
-            try:
-                record = json.loads(line, object_pairs_hook=_build_object)
-            except ValueError:
-                return None
-            if not isinstance(record, dict):
-                return None
-            records.append(record)
-    return records
+    decoder = json.JSONDecoder(object_pairs_hook=_build_object)
+    values: list[Any] = []
+    position = _end_of_space(text, 0)
+    while position < len(text):
+        try:
+            value, position = decoder.raw_decode(text, position)
+        except json.JSONDecodeError as error:
+            return values, error
+        values.append(value)
+        position = _end_of_space(text, position)
+    return values, None
+
+
+def _end_of_space(text: str, position: int) -> int:
+    space = _SPACE.match(text, position)
+    return position if space is None else space.end()
 
 
 def check_value_count(content: bytes, limit: int) -> None:

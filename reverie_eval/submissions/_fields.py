@@ -24,17 +24,24 @@ _ABSTENTIONS = ("None", "-1", "")
 """What codebases write besides -1 and null where the agent predicts no object."""
 
 _SPELLINGS: Mapping[str, tuple[str, ...]] = {
-    INSTR_ID_KEY: ("instrid", "instructionid", "instid", "episodeid"),
+    INSTR_ID_KEY: ("instrid", "instructionid", "instid", "episodeid", "id"),
     TRAJECTORY_KEY: ("trajectory", "path", "predpath", "traj", "predtrajectory", "predtraj"),
     ANSWER_KEYS[0]: (
         *("predobjid", "predobj", "predobject", "predobjectid", "predictedobjid"),
-        *("predictedobject", "predictedobjectid", "objid", "objectid", "predid"),
+        *("predictedobject", "predictedobjectid", "objid", "objectid", "predid", "pred"),
+        "prediction",
     ),
     BOX_KEY: ("predbox", "predbbox", "predictedbox", "predictedbbox", "bbox", "box"),
-    VIEW_KEY: ("predview", "predviewid", "predviewindex", "predviewidx", "viewindex", "viewid"),
+    VIEW_KEY: (
+        *("predview", "predviewid", "predviewindex", "predviewidx", "viewindex", "viewid"),
+        *("view", "viewidx", "pointid"),
+    ),
     IMAGE_SIZE_KEY: ("predimagesize", "predimgsize", "imagesize", "imgsize"),
 }
 """How people spell each field, in lower case and without underscores or other marks."""
+
+_UNRELATED = ("instruction", "instructions")
+"""Names that resemble a spelling, but mean something else in the dataset's own files."""
 
 _MARKS = re.compile(r"[\W_]+")
 _LONGEST = 40
@@ -59,8 +66,12 @@ def find_misspelt(record: Mapping[str, Any], *, has_key: bool) -> Mapping[str, s
     """
     unknown = {field: _meant_by(field) for field in record if field not in FIELDS}
     missing = {meant for meant in unknown.values() if meant and not _has(record, meant)}
+    if BOX_KEY not in missing and not _has_box(record):
+        missing -= {VIEW_KEY, IMAGE_SIZE_KEY}
     if has_key:
         missing.discard(INSTR_ID_KEY)
+    if list(unknown.values()).count(INSTR_ID_KEY) > 1:
+        unknown.pop("id", None)  # the weakest of the spellings: ids of other things have it too
     # Of two fields that mean the same, the first counts, as it would under its right name.
     first = {meant: field for field, meant in reversed(unknown.items()) if meant in missing}
     return {field: meant for meant, field in first.items()}
@@ -90,6 +101,8 @@ def _meant_by(field: object) -> str | None:
     known = {each: key for key, spellings in _SPELLINGS.items() for each in spellings}
     if spelling in known:
         return known[spelling]
+    if spelling in _UNRELATED:
+        return None
     # Short names such as "bbox" and "path" resemble too much that has nothing to do with them.
     close = get_close_matches(spelling, [each for each in known if len(each) > 5], 1, _CLOSE)
     return known[close[0]] if close else None

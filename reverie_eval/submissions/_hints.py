@@ -15,6 +15,15 @@ from reverie_eval.text import first_few, printable
 _LONGEST = 40
 """Letters of a field's name that are shown."""
 _MOST_FIELDS = 8
+_FEW = 0.25
+"""If a smaller share of the predicted objects is visible where the agents stop, the ids probably
+mean something else, or are in another order: agents choose among what they see."""
+
+UNNAMED_ANSWERS = (
+    "no record has predObjId or predBox; if one of these fields is the predicted object, rename it "
+    "to predObjId"
+)
+"""About a file without answers whose records have fields that are not read."""
 
 
 def submission_hints(
@@ -28,6 +37,8 @@ def submission_hints(
         yield f"read as: {'; '.join(predictions.read_as)}"
     if predictions.ignored_fields:
         yield f"ignored fields: {_list_fields(predictions.ignored_fields)}"
+        if submission.is_navigation_only:
+            yield UNNAMED_ANSWERS
     if submission.abstained.all() and not submission.is_navigation_only:
         yield "no answer predicts an object: RGS will be 0"
     if submission.boxes.row.size:
@@ -62,8 +73,10 @@ def answer_hints(submission: AlignedSubmission, ground_truth: GroundTruth) -> It
     if predicted.sum() <= len(boxes.row):
         return
     is_candidate = ground_truth.answers.is_visible(submission.predicted_object, stop)
-    if not is_candidate[predicted].any():
-        yield (
-            "no predicted object is visible where its agent stops; object ids are those of the "
-            "box files, numbered within each building"
-        )
+    seen, count = int(is_candidate[predicted].sum()), int(predicted.sum())
+    if seen >= _FEW * count:
+        return
+    found = "no predicted object is visible where its agent stops"
+    if seen:
+        found = f"of {count:,} predicted objects, only {seen:,} can be seen where the agent stops"
+    yield f"{found}; object ids are those of the box files, numbered within each building"

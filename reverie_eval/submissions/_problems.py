@@ -69,8 +69,22 @@ _CONVERT_FOR_SPLIT = "reverie-eval convert --split"
 
 JSON_LINES = Fault(
     "not-json",
-    "one JSON object per line instead of one list",
+    "one JSON object after another instead of one list",
     "write a list of records",
+    _CONVERT,
+    of_file=True,
+)
+SEVERAL_LISTS = Fault(
+    "not-json",
+    "several lists one after another",
+    "write one list",
+    _CONVERT,
+    of_file=True,
+)
+ENCODED_TWICE = Fault(
+    "not-json",
+    "the JSON as one text within quotes: it was encoded twice",
+    "use json.dump alone, without json.dumps",
     _CONVERT,
     of_file=True,
 )
@@ -90,8 +104,29 @@ PYTHON_LITERAL = Fault(
 )
 WRAPPED = Fault(
     "not-a-list",
-    "a list of records under the key {example}",
-    "write the list alone",
+    "the records under the key {example}",
+    "write them alone",
+    _CONVERT,
+    of_file=True,
+)
+NESTED_LISTS = Fault(
+    "not-a-list",
+    "lists of records within the list",
+    "write one list of records",
+    _CONVERT,
+    of_file=True,
+)
+TABLE = Fault(
+    "not-a-list",
+    "a table of columns instead of records",
+    'write a list of records (pandas: to_json(orient="records"))',
+    _CONVERT,
+    of_file=True,
+)
+KEYED_BY_ROW = Fault(
+    "not-a-list",
+    "records keyed by row numbers, such as {example}",
+    'write a list of records (pandas: to_json(orient="records"))',
     _CONVERT,
     of_file=True,
 )
@@ -105,6 +140,12 @@ DISAGREEING_ANSWERS = Fault(
     "two-answers",
     "different answers under two keys, such as {example}",
     "keep one of the keys",
+)
+VIEWS_NOT_WHOLE = Fault(
+    "wrong-view",
+    "a view index that is not written as a whole number, such as {example}",
+    "write whole numbers",
+    _CONVERT,
 )
 NULL_BOXES = Fault(
     "missing-field",
@@ -172,8 +213,9 @@ REPEATED_RECORDS = Fault(
 )
 
 
-def misspelt(meant: str) -> Fault:
-    what = "the field {example}, which is not read"
+def misspelt(field: str, meant: str) -> Fault:
+    """Return the fault of records that have a field under another name; one for each name."""
+    what = f"the field {_json(field).replace('{', '{{').replace('}', '}}')}, which is not read"
     return Fault("misspelt-field", what, f"did you mean {meant}? Rename it", _CONVERT)
 
 
@@ -238,8 +280,11 @@ def cut_short(where: str) -> Problem:
     return Problem("not-json", where, message)
 
 
-def not_a_literal(reason: str) -> Problem:
-    message = f"looks printed by Python, but cannot be read ({reason}); write it with json.dump"
+def not_a_literal() -> Problem:
+    message = (
+        "looks printed by Python, but holds more than lists, dictionaries, texts and plain "
+        "numbers, such as nan or array(...), or was cut; write it with json.dump"
+    )
     return Problem("not-json", WHOLE_FILE, message)
 
 
@@ -340,12 +385,12 @@ def missing_episodes(missing: Sequence[str], expected: int, split: str) -> Probl
     return Problem("missing-episode", WHOLE_FILE, message)
 
 
-def ids_outside_demo(count: int, split: str) -> Problem:
+def ids_outside_demo(count: int, first: str, split: str) -> Problem:
     message = (
-        f"none of its {count_text(count, 'episode')} is in the demo world that ships with this "
-        "package; to score REVERIE itself, clone github.com/YuankaiQi/REVERIE, run `reverie-eval "
-        f"compile REVERIE --split {split} -o {split}.npz` once and pass --ground-truth "
-        f"{split}.npz"
+        f"no instr_id is in the demo world that ships with this package ({count:,} are not, the "
+        f"first is {_json(first)}); to score REVERIE itself, clone "
+        f"github.com/YuankaiQi/REVERIE, run `reverie-eval compile REVERIE --split {split} "
+        f"-o {split}.npz` once and pass --ground-truth {split}.npz"
     )
     return Problem("not-the-demo-world", WHOLE_FILE, message)
 

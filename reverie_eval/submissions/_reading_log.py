@@ -25,6 +25,8 @@ DIFFERENCES: Mapping[str, str] = MappingProxyType(
         "abstentions": "{:,} answers that predict no object, not written as -1",
         "navigation only": "{:,} records, none with an answer: navigation only",
         "scaled boxes": "{:,} boxes scaled from another image size to 640 x 480",
+        "upright images": "{:,} of these from images taller than wide; predImageSize is [width, "
+        "height]",
         "cut boxes": "{:,} boxes that reach beyond the image, cut to it",
         "boxes outside": "{:,} boxes entirely outside the image, which match nothing",
         "cameras off the grid": "{:,} boxes from cameras that are not one of the 36 views, warped "

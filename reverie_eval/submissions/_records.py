@@ -22,7 +22,7 @@ from reverie_eval.submissions._document import (
     is_list,
     parse_document,
 )
-from reverie_eval.submissions._fields import FIELDS, find_misspelt
+from reverie_eval.submissions._fields import FIELDS, INSTR_ID_KEY, find_misspelt
 from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
@@ -34,6 +34,7 @@ from reverie_eval.submissions._predictions import (
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._sources import read_bytes
+from reverie_eval.submissions._tables import rows_of_table
 from reverie_eval.submissions._trajectories import Pose, read_trajectory
 
 MAX_RECORDS = 200_000
@@ -119,13 +120,28 @@ def _check_problem_count(log: ReadingLog) -> None:
 
 
 def _unwrap(document: Any, log: ReadingLog) -> Any:
-    """Return the list of records in an object like ``{"results": [...]}``."""
-    if not isinstance(document, Mapping) or "instr_id" in document:
+    """Return the records of a document that holds them in another structure, if it tells which."""
+    if is_list(document):
+        if document and all(_is_list_of_records(value) for value in document):
+            log.add_whole_file_fault(problems.NESTED_LISTS, None)
+            return [record for records in document for record in records]
+    elif isinstance(document, Mapping) and not isinstance(document, RepeatingObject):
+        return _unwrap_object(document, log)
+    return document
+
+
+def _unwrap_object(document: Mapping[str, Any], log: ReadingLog) -> Any:
+    rows = rows_of_table(document)
+    if rows is not None:
+        log.add_whole_file_fault(problems.TABLE, None)
+        return rows
+    # The values may be notes beside the records, but not records themselves.
+    if INSTR_ID_KEY in document or any(_is_record_like(value) for value in document.values()):
+        return _without_row_numbers(document, log)
+    held = {key: value for key, value in document.items() if _holds_records(value)}
+    if len(held) != 1:
         return document
-    lists = {key: value for key, value in document.items() if _is_list_of_records(value)}
-    if len(lists) != 1 or any(isinstance(value, Mapping) for value in document.values()):
-        return document
-    ((key, records),) = lists.items()
+    ((key, records),) = held.items()
     log.add_whole_file_fault(problems.WRAPPED, key)
     return records
 
@@ -134,13 +150,33 @@ def _is_list_of_records(value: Any) -> bool:
     return is_list(value) and bool(value) and isinstance(value[0], Mapping)
 
 
+def _is_record_like(value: Any) -> bool:
+    return isinstance(value, Mapping) and not FIELDS.isdisjoint(value)
+
+
+def _holds_records(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return bool(value) and all(map(_is_record_like, value.values()))
+    return _is_list_of_records(value)
+
+
+def _without_row_numbers(document: Mapping[str, Any], log: ReadingLog) -> Any:
+    """Return the records alone if they are keyed by row numbers and have their ids within."""
+    for key, record in document.items():
+        is_row = str(key).isdigit() and isinstance(record, Mapping) and INSTR_ID_KEY in record
+        if not is_row or record[INSTR_ID_KEY] == key:
+            return document
+    log.add_whole_file_fault(problems.KEYED_BY_ROW, next(iter(document)))
+    return list(document.values())
+
+
 def _located_records(document: Any, log: ReadingLog) -> Iterable[tuple[RecordLocation, Any]]:
     if isinstance(document, list | tuple):
         return [(RecordLocation(row), record) for row, record in enumerate(document)]
     if not isinstance(document, Mapping):
         raise SubmissionError([problems.not_a_list(document)])
-    # One record by itself is not a set of keyed records.
-    if document and not any(isinstance(value, Mapping) for value in document.values()):
+    # One record by itself is not a set of keyed records, nor is a report with some sections.
+    if 2 * sum(isinstance(value, Mapping) for value in document.values()) < len(document):
         raise SubmissionError([problems.not_a_list(document)])
     if isinstance(document, RepeatingObject):
         log.problems.extend(map(problems.repeated_key, sorted(document.repeated)))
@@ -166,7 +202,7 @@ def _with_known_fields(
     """Return a record with its misspelt fields under the names that they must mean."""
     misspelt = find_misspelt(record, has_key=location.key is not None)
     for field, meant in misspelt.items():
-        log.add_fault(problems.misspelt(meant), location, "", field)
+        log.add_fault(problems.misspelt(field, meant), location, "", field)
     ignored = [field for field in record if field not in FIELDS and field not in misspelt]
     log.ignored_fields.update(ignored)
     if not misspelt:
@@ -186,10 +222,14 @@ def _read_instr_id(
             problems.wrong_type(location, value, problems.INSTR_ID_FORM, "instr_id")
         )
         return None
-    if location.key not in (None, value):
+    if location.key is not None and _bare(location.key) != _bare(value):
         log.problems.append(problems.key_mismatch(location, value))
     log.differences["prefixed"] += value.startswith(ID_PREFIX)
     return value.removeprefix(ID_PREFIX)
+
+
+def _bare(instr_id: str) -> str:
+    return instr_id.removeprefix(ID_PREFIX)
 
 
 def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False) -> Predictions:

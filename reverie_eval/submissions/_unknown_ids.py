@@ -15,7 +15,7 @@ _Correction: TypeAlias = Callable[[str], str]
 _Place: TypeAlias = Callable[[int], tuple[RecordLocation, str]]
 """Returns the record of an id, and where in it the id is."""
 
-_PREFIX = re.compile(r"^[A-Za-z][A-Za-z0-9]*[_-]")
+_PREFIX = re.compile(r"^(?:[A-Za-z][A-Za-z0-9]*[_-])+")
 _INSTRUCTION = re.compile(r"\d{1,9}$")
 
 

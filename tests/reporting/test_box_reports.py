@@ -232,8 +232,8 @@ def test_boxes_that_are_null_are_abstentions() -> None:
 # Remarks on boxes that were probably not meant so.
 
 FRACTIONS = (
-    "most boxes lie within one pixel of the upper left corner; if they are fractions of the image, "
-    'add "predImageSize": [1, 1]'
+    "most boxes lie within two pixels of the upper left corner; if they are fractions of the "
+    'image, add "predImageSize": [1, 1]; predBox is [x, y, width, height], not two corners'
 )
 CORNERS = (
     "most boxes reach beyond the image; predBox is [x, y, width, height], not two corners, in an "
@@ -250,8 +250,9 @@ TWO_CORNERS = [400, 300, 500, 400]
         pytest.param([FRACTION] * 5, [FRACTIONS], id="fractions"),
         pytest.param([FRACTION] * 3 + [USUAL] * 2, [FRACTIONS], id="fractions in over half"),
         pytest.param([FRACTION] * 2 + [USUAL] * 2, [], id="fractions in half"),
-        pytest.param([[0.5, 0.5, 0.5, 0.6]] * 5, [], id="a little farther down"),
-        pytest.param([[0.5, 0.5, 0.6, 0.5]] * 5, [], id="a little farther across"),
+        pytest.param([[0.25, 0.5, 0.75, 1.0]] * 5, [FRACTIONS], id="corners in fractions"),
+        pytest.param([[0.5, 0.5, 0.5, 1.6]] * 5, [], id="a little farther down"),
+        pytest.param([[0.5, 0.5, 1.6, 0.5]] * 5, [], id="a little farther across"),
         pytest.param([TWO_CORNERS] * 5, [CORNERS], id="corners"),
         pytest.param([TWO_CORNERS] * 3 + [USUAL] * 2, [CORNERS], id="corners in over half"),
         pytest.param([TWO_CORNERS] * 2 + [USUAL] * 2, [], id="corners in half"),

@@ -245,7 +245,7 @@ def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:
     submission = [record("4774_267_1", "a68b5ae6571e4a66a4727573b88227e4"), record("2_3_0", "c1")]
     (problem,) = problems_of(submission, demo)
     assert (problem.code, problem.where) == ("not-the-demo-world", "file")
-    assert "none of its 2 episodes" in problem.message
+    assert "(2 are not, the first is '4774_267_1')" in problem.message
     assert "clone github.com/YuankaiQi/REVERIE" in problem.message
     assert "reverie-eval compile REVERIE --split val_unseen -o val_unseen.npz" in problem.message
     assert "--ground-truth val_unseen.npz" in problem.message

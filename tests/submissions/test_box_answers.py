@@ -105,6 +105,7 @@ def test_a_camera_far_off_the_grid_is_reported() -> None:
 # Where in the picture.
 
 SCALED = "1 boxes scaled from another image size to 640 x 480"
+UPRIGHT = "1 of these from images taller than wide; predImageSize is [width, height]"
 CUT = "1 boxes that reach beyond the image, cut to it"
 OUTSIDE = "1 boxes entirely outside the image, which match nothing"
 
@@ -141,13 +142,13 @@ OUTSIDE = "1 boxes entirely outside the image, which match nothing"
         pytest.param(
             {"predBox": [10, 20, 30, 40], "predImageSize": [320, 480]},
             [20, 20, 60, 40],
-            [SCALED],
+            [SCALED, UPRIGHT],
             id="half as wide",
         ),
         pytest.param(
             {"predBox": [10, 20, 30, 40], "predImageSize": [640, 960]},
             [10, 10, 30, 20],
-            [SCALED],
+            [SCALED, UPRIGHT],
             id="twice as high",
         ),
         pytest.param({"predBox": [-10, 20, 30, 40]}, [0, 20, 20, 40], [CUT], id="left edge"),

@@ -14,9 +14,11 @@ from jsonschema import Draft202012Validator
 
 from reverie_eval import GroundTruth, SubmissionError, evaluate
 from reverie_eval.submissions import convert, read_predictions, submission_schema
+from reverie_eval.submissions._hints import UNNAMED_ANSWERS
 from reverie_eval.submissions._official import decode_official
 from tests.conftest import SAMPLES
 from tests.support import forms
+from tests.support.broken_files import broken
 from tests.support.flat import Run
 from tests.support.forms import FORMS, OFFICIAL, Form
 from tests.support.worlds import SPLIT, Case, cases_with_boxes, ground_truth_by_hand, records_of
@@ -66,6 +68,7 @@ def test_the_notes_say_what_was_read_dropped_and_added(form: Form, result: Path,
     assert run("convert", "result.json", "-o", "submit.json").err.splitlines() == [
         *([f"result.json: read as: {'; '.join(form.read_as)}"] if form.read_as else []),
         *(f"result.json: dropped: {name}, in {len(OFFICIAL)} records" for name in form.dropped),
+        *([f"result.json: {UNNAMED_ANSWERS}"] if form.dropped and not has_answers(form) else []),
         *([] if has_angles else [f"result.json: {zeros}"]),
     ]
 
@@ -345,3 +348,32 @@ def test_a_box_that_reading_rejects_has_no_schema(changes: dict[str, Any]) -> No
 def test_a_record_without_an_answer_has_no_schema() -> None:
     silent = {field: RIGHT[field] for field in ("instr_id", "trajectory")}
     assert not SCHEMA.is_valid([silent])
+
+
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        *("pandas to_json", 'pandas to_json(orient="index")', 'pandas to_json(orient="split")'),
+        *('pandas to_json(orient="table")', "two files joined", "one list per process"),
+        *("JSON within JSON", '{"results": {...}}', "predObjId written in three ways"),
+        *('{"version": 1, "meta": {...}, "results": [...]}', "instr_id written id"),
+        "the prefix val_unseen_",
+    ],
+)
+def test_another_structure_is_converted_to_what_was_meant(mistake: str) -> None:
+    records = convert(broken(mistake), split=SPLIT).records
+    assert records == [
+        {name: record[name] for name in ("instr_id", "trajectory", "predObjId")}
+        for record in OFFICIAL
+    ]
+
+
+def test_views_become_whole_numbers() -> None:
+    assert {record["predView"] for record in convert(broken("views as decimals")).records} == {12}
+
+
+def test_a_record_without_id_repeats_no_other() -> None:
+    record = {name: OFFICIAL[0][name] for name in ("trajectory", "predObjId")}
+    with pytest.raises(SubmissionError) as caught:
+        convert([record, record])
+    assert {problem.code for problem in caught.value.problems} == {"missing-field"}

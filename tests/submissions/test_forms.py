@@ -24,6 +24,7 @@ from reverie_eval import (
 )
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.submissions import read_predictions
+from reverie_eval.submissions._hints import UNNAMED_ANSWERS
 from tests.conftest import SAMPLES
 from tests.support.forms import FORMS, NAVIGATION_ONLY, OFFICIAL, Form, Record, hops, viewpoints
 from tests.support.worlds import SPLIT
@@ -82,6 +83,8 @@ def test_differences_from_the_official_form_are_reported(form: Form, demo: Groun
     read_as = [f"read as: {'; '.join(form.read_as)}"] if form.read_as else []
     ignored = ", ".join(f"{field} ({len(OFFICIAL)})" for field in form.dropped)
     remarks = [f"ignored fields: {ignored}"] if ignored else []
+    if form.dropped and form in (FORMS[name] for name in NAVIGATION_ONLY):
+        remarks.append(UNNAMED_ANSWERS)
     scores = evaluate(form.bytes(), split=SPLIT, ground_truth=demo)
     pointer = [note for note in scores.notes if "--diagnose" in note]
     assert len(pointer) == any("hops with more" in each for each in form.read_as)
@@ -288,7 +291,7 @@ NO_ANSWER = {"instr_id": "7_1_1", "trajectory": [["a", 0, 0]]}
             {"predictions": [RECORD]},
             "not-a-list",
             "file",
-            "has a list of records under the key 'predictions'; write the list alone",
+            "has the records under the key 'predictions'; write them alone",
             id="list in a wrapper",
         ),
         pytest.param(
@@ -518,7 +521,12 @@ DEGREES = "most headings or elevations exceed a full turn: angles are radians, n
         pytest.param(answering_all(0, slice(HALF + 1)), [ZERO], id="object 0 in over half"),
         pytest.param(answering_all(0, slice(HALF - 10)), [], id="object 0 in under half"),
         pytest.param(answering_all(999_999), [NOWHERE], id="ids of something else"),
-        pytest.param(answering_all(999_999, slice(1, None)), [], id="one id is right"),
+        pytest.param(
+            answering_all(999_999, slice(1, None)),
+            ["of 84 predicted objects, only 1 can be seen"],
+            id="one id is right",
+        ),
+        pytest.param(answering_all(999_999, slice(HALF, None)), [], id="half of the ids are right"),
         pytest.param(turned(in_degrees), [DEGREES], id="degrees"),
         pytest.param(turned(in_degrees, slice(HALF + 1)), [DEGREES], id="over half in degrees"),
         pytest.param(turned(in_degrees, slice(HALF)), [], id="under half in degrees"),

@@ -116,7 +116,16 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
             "has a list printed by Python instead of JSON; write it with json.dump",
             id="single quotes",
         ),
-        pytest.param(b"[{}]\n\n  [{}]", "not-json", "line 3, column 3", "", id="JSON lines"),
+        pytest.param(
+            b"{}\n" + 100_000 * b"[",
+            "too-deep",
+            "file",
+            "is nested too deeply",
+            id="nested after an object",
+        ),
+        pytest.param(
+            b"[{}]\n\n  {}", "not-json", "line 3, column 3", "", id="a list and an object"
+        ),
         pytest.param(b'[{"a": 1}', "not-json", "line 1, column 10", "", id="cut off"),
         pytest.param(b"[1e5, .5]", "not-json", "line 1, column 7", "", id="no digit before point"),
         pytest.param(b'["a\nb"]', "not-json", "line 1, column 4", "", id="line break in a text"),

@@ -186,9 +186,9 @@ def test_the_size_that_an_archive_claims_is_not_trusted() -> None:
 @pytest.mark.parametrize(
     ("packed", "message"),
     [
-        pytest.param(gzip.compress(gzip.compress(TEXT)), "gzipped twice", id="gzip in gzip"),
+        pytest.param(gzip.compress(gzip.compress(TEXT)), "packed twice", id="gzip in gzip"),
         pytest.param(zipped({"a": zipped({"b": TEXT})}), "within another", id="zip in zip"),
-        pytest.param(zipped({"a.json.gz": gzip.compress(TEXT)}), "gzipped twice", id="gzip in zip"),
+        pytest.param(zipped({"a.json.gz": gzip.compress(TEXT)}), "packed twice", id="gzip in zip"),
     ],
 )
 def test_a_file_is_unpacked_once(packed: bytes, message: str) -> None:

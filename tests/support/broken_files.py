@@ -138,12 +138,18 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "trajectory written traj": renamed("trajectory", "traj"),
         "trajectory written pred_path": renamed("trajectory", "pred_path"),
         "instr_id written instruction_id": renamed("instr_id", "instruction_id"),
+        "instr_id written id": renamed("instr_id", "id"),
         "instr_id written instrId": renamed("instr_id", "instrId"),
         "no trajectory": without("trajectory"),
         "no instr_id": without("instr_id"),
         "one record without an answer": lambda records: [
             *records[:-1],
             *without("predObjId")(records[-1:]),  # type: ignore[misc]
+        ],
+        "predObjId written in three ways": lambda records: [
+            {("predObjID", "objId", "pred")[row % 3]: record["predObjId"]}
+            | {name: record[name] for name in ("instr_id", "trajectory")}
+            for row, record in enumerate(records)
         ],
         "a field twice": lambda records: text(records).replace(
             b'"predObjId"', b'"predObjId": 1, "predObjId"', 1
@@ -161,6 +167,7 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "instructions counted from 1": ids(from_one),
         "only the tasks' ids": first_of_tasks,
         "the prefix r2r_": ids("r2r_{}".format),
+        "the prefix val_unseen_": ids("val_unseen_{}".format),
         "a space after every id": ids("{} ".format),
         "ids as numbers": ids(lambda instr_id: int(instr_id.replace("_", ""))),
         "ids of another split": lambda records: [
@@ -206,6 +213,10 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
         "a box and an object": boxed(predObjId=3),
         "boxes without area": boxed(predBox=[10, 20, 0, 0]),
         "boxes of three numbers": boxed(predBox=[10, 20, 30]),
+        "views as decimals": boxed(predView=12.0),
+        "predView written view": in_every(
+            lambda _: {"predObjId": -1, "predBox": [10, 20, 30, 40], "view": 12}
+        ),
         "view 36": boxed(predView=36),
         "angles in degrees, boxes without view": lambda records: [
             {
@@ -220,10 +231,44 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
             for record in records
         ],
         # The file.
+        "JSON Lines with a line of a log": lambda records: b"\n".join(
+            [
+                *(json.dumps(record).encode() for record in records[:3]),
+                b"done",
+                *(json.dumps(record).encode() for record in records[3:]),
+            ]
+        ),
         "JSON Lines": lambda records: b"\n".join(json.dumps(record).encode() for record in records),
         "printed by Python": lambda records: repr(records).encode(),
         "a pickle": pickle.dumps,
         '{"results": [...]}': lambda records: {"results": records},
+        '{"version": 1, "meta": {...}, "results": [...]}': lambda records: {
+            "version": 1,
+            "meta": {"model": "ours"},
+            "results": records,
+        },
+        '{"results": {...}}': lambda records: {
+            "results": {record["instr_id"]: record for record in records}
+        },
+        "one list per process": lambda records: [records[:40], records[40:]],
+        "two files joined": lambda records: text(records[:40]) + b"\n" + text(records[40:]),
+        "JSON within JSON": lambda records: json.dumps(text(records).decode()).encode(),
+        "pandas to_json": lambda records: {
+            name: {str(row): record[name] for row, record in enumerate(records)}
+            for name in records[0]
+        },
+        'pandas to_json(orient="index")': lambda records: {
+            str(row): record for row, record in enumerate(records)
+        },
+        'pandas to_json(orient="split")': lambda records: {
+            "columns": list(records[0]),
+            "index": list(range(len(records))),
+            "data": [list(record.values()) for record in records],
+        },
+        'pandas to_json(orient="table")': lambda records: {
+            "schema": {"fields": [{"name": "instr_id", "type": "string"}]},
+            "data": records,
+        },
         "one record": lambda records: records[0],
         "tar.gz": tarred,
         "bzip2": lambda records: bz2.compress(text(records)),

@@ -1,7 +1,8 @@
-"""Hints about predicted boxes that were probably not meant as they were read.
+"""Predicted boxes that were probably not meant as they were read.
 
-Those of :func:`box_hints` need the file alone. :func:`reading_hints` compares boxes with the
-annotated boxes of all objects in the same view, whichever of them is the target.
+Boxes that can match nothing are problems, others give hints. Those of :func:`box_hints` need the
+file alone. :func:`reading_hints` compares boxes with the annotated boxes of all objects in the same
+view, whichever of them is the target.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -11,9 +12,11 @@ from typing import TypeAlias
 import numpy as np
 
 from reverie_eval.arrays import FloatArray, IntArray
+from reverie_eval.errors import Problem
 from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, snap
 from reverie_eval.ground_truth import CandidateBoxes
 from reverie_eval.metrics import box_match
+from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._predictions import MOST, BoxAnswers
 
 _N_HEADINGS = 12
@@ -24,11 +27,27 @@ _SAMPLE = 500
 _SMALL_IMAGE = 384
 """Pixels: the largest square that vision models usually take. Of the annotated boxes of val_unseen,
 five in six reach beyond its right or lower edge."""
+_TINY = 2
+"""Pixels: fractions of an image reach no farther, as sides or as corners."""
 _BETTER = 0.25
 """Share of the boxes by which another reading must fit better than the one that was used."""
 
 _Drawn: TypeAlias = tuple[FloatArray, IntArray]
 """Boxes, shape (n, 4), and their views, shape (n,)."""
+
+
+def box_scale_problems(boxes: BoxAnswers) -> Iterator[Problem]:
+    """Yield a problem if most boxes cannot match anything, so that their scale must be wrong."""
+    if len(boxes.row) < _ENOUGH:
+        return
+    is_outside = (boxes.xywh[:, 2:] == 0).any(axis=1)
+    is_tiny = (boxes.uncut_xywh[:, 2:] <= _TINY).all(axis=1)
+    for is_wrong, problem in (
+        (is_outside, problems.boxes_outside),
+        (is_tiny & ~is_outside, problems.tiny_boxes),
+    ):
+        if is_wrong.mean() > MOST:
+            yield problem(int(is_wrong.sum()), len(is_wrong))
 
 
 def box_hints(boxes: BoxAnswers) -> Iterator[str]:

@@ -361,6 +361,22 @@ def declared_navigation_only() -> Problem:
     return Problem("navigation-only", WHOLE_FILE, message)
 
 
+def boxes_outside(count: int, total: int) -> Problem:
+    message = (
+        f"{count:,} of its {total:,} boxes lie entirely outside an image of 640 x 480; predBox is "
+        "[x, y, width, height] in pixels of that image, or of one of the size predImageSize"
+    )
+    return Problem("wrong-scale", WHOLE_FILE, message)
+
+
+def tiny_boxes(count: int, total: int) -> Problem:
+    message = (
+        f"{count:,} of its {total:,} boxes are at most two pixels wide and high; if they are "
+        'fractions of the image, add "predImageSize": [1, 1]'
+    )
+    return Problem("wrong-scale", WHOLE_FILE, message)
+
+
 def no_answers() -> Problem:
     message = "no record has an answer, and the grounding track scores nothing else"
     return Problem("missing-field", WHOLE_FILE, message)

@@ -16,6 +16,7 @@ from reverie_eval.geometry import FAR_OFF, degrees_off, is_on_grid
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._answers import Answer, has_answer, read_answer
+from reverie_eval.submissions._box_hints import box_scale_problems
 from reverie_eval.submissions._document import (
     RepeatingObject,
     are_records,
@@ -240,6 +241,7 @@ def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False
     answers = [record.answer or Answer(ABSTAINED) for record in records]
     stop_angles = np.array([_stop_angles(record) for record in records]).reshape(-1, 2)
     boxes = _box_columns(answers, stop_angles)
+    log.problems.extend(box_scale_problems(boxes))
     log.differences["cameras off the grid"] += int((~is_on_grid(boxes.camera)).sum())
     log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
     return Predictions(

@@ -218,6 +218,8 @@ MISTAKES: Mapping[str, Mistake] = MappingProxyType(
             lambda _: {"predObjId": -1, "predBox": [10, 20, 30, 40], "view": 12}
         ),
         "view 36": boxed(predView=36),
+        "boxes as fractions without a size": boxed(predBox=[0.25, 0.5, 0.2, 0.3]),
+        "boxes of 1280 x 960 images without a size": boxed(predBox=[700, 500, 300, 200]),
         "angles in degrees, boxes without view": lambda records: [
             {
                 **record,

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any
 
-from reverie_eval.errors import SubmissionError
+from reverie_eval.errors import Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.submissions import _problems as problems
+from reverie_eval.submissions._alignment import align
 from reverie_eval.submissions._answers import Answer, has_answer
 from reverie_eval.submissions._document import (
     are_records,
@@ -19,9 +20,10 @@ from reverie_eval.submissions._fields import ANSWER_KEYS
 from reverie_eval.submissions._hints import UNNAMED_ANSWERS
 from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._records import ReadRecord, read_records
+from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
+from reverie_eval.text import count_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,8 @@ class Conversion:
     """Fields that the official form does not have, with the number of records that had them."""
     poses_without_angles: int
     """Poses whose heading and elevation are written as 0, because the file does not give them."""
+    remaining: Sequence[Problem] = ()
+    """Why the converted file is still rejected, if a split was given."""
 
     @property
     def _is_navigation_only(self) -> bool:
@@ -57,6 +61,7 @@ class Conversion:
             *(f"dropped: {name}, in {count:,} records" for name, count in self.dropped.items()),
             *([UNNAMED_ANSWERS] if self.dropped and self._is_navigation_only else []),
             *([without_angles] if self.poses_without_angles else []),
+            *([_remaining_note(self.remaining)] if self.remaining else []),
         ]
 
 
@@ -103,7 +108,21 @@ def convert(
         fixed=log.fixed(),
         dropped=dict(log.ignored_fields),
         poses_without_angles=sum(pose.heading is None for pose in poses),
+        remaining=() if truth is None else _problems_of(written, truth),
     )
+
+
+def _problems_of(records: Sequence[Mapping[str, Any]], truth: GroundTruth) -> Sequence[Problem]:
+    try:
+        align(read_predictions(records), truth)
+    except SubmissionError as error:
+        return error.problems
+    return ()
+
+
+def _remaining_note(problems: Sequence[Problem]) -> str:
+    count = count_text(len(problems), "problem")
+    return f"still rejected, {count}, which `reverie-eval validate` lists; the first: {problems[0]}"
 
 
 def _parse(content: bytes, log: ReadingLog) -> Any:

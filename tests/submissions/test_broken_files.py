@@ -1,5 +1,6 @@
 """Mistakes that people make are found, explained in a few lines, and corrected where possible."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -79,6 +80,17 @@ def test_what_does_not_tell_what_was_meant_is_not_offered_to_be_corrected(
     mistake: str, demo: GroundTruth
 ) -> None:
     assert "convert" not in message_about(mistake, demo)
+
+
+def test_what_stays_wrong_is_said(demo: GroundTruth) -> None:
+    records = json.loads(broken("object ids as decimals"))
+    conversion = convert(records[:-1], split=SPLIT, ground_truth=demo)
+    missing = records[-1]["instr_id"]
+    assert conversion.notes[-1] == (
+        "still rejected, 1 problem, which `reverie-eval validate` lists; the first: file: episode "
+        f"{missing} has no prediction; every episode of val_unseen needs one"
+    )
+    assert convert(records, split=SPLIT, ground_truth=demo).remaining == ()
 
 
 def test_a_file_with_several_mistakes_has_them_all_corrected(demo: GroundTruth) -> None:

@@ -136,6 +136,16 @@ def _with_axes_swapped(drawn: _Drawn) -> _Drawn:
     return xywh[:, [1, 0, 3, 2]], view
 
 
+def _from_right(drawn: _Drawn) -> _Drawn:
+    (x, y, width, height), view = drawn[0].T, drawn[1]
+    return np.column_stack([WIDTH - x - width, y, width, height]), view
+
+
+def _from_bottom(drawn: _Drawn) -> _Drawn:
+    (x, y, width, height), view = drawn[0].T, drawn[1]
+    return np.column_stack([x, HEIGHT - y - height, width, height]), view
+
+
 def _scaled(drawn: _Drawn, side: int) -> _Drawn:
     xywh, view = drawn
     return xywh * np.array([WIDTH, HEIGHT, WIDTH, HEIGHT]) / side, view
@@ -157,9 +167,12 @@ _READINGS: Mapping[str, Callable[[_Drawn], _Drawn]] = {
     "[left, top, right, bottom]": _from_corners,
     "[centre x, centre y, width, height]": _from_centre,
     "[y, x, height, width]": _with_axes_swapped,
+    "x measured from the right edge": _from_right,
+    "y measured from the lower edge": _from_bottom,
     "boxes of 224 x 224 images": partial(_scaled, side=224),
     "boxes of 336 x 336 images": partial(_scaled, side=336),
     "boxes of 384 x 384 images": partial(_scaled, side=384),
+    "boxes of 1000 x 1000 images": partial(_scaled, side=1000),
     "views counted from 1": partial(_turned, views=-1),
     "views one too low": partial(_turned, views=1),
     "views whose first row looks up": _upside_down,

@@ -85,6 +85,19 @@ def resized(box: Box, width: float, height: float) -> Box:
             id="axes swapped",
         ),
         pytest.param(
+            lambda box, view: {"predBox": [640 - box[0] - box[2], *box[1:]], "predView": view},
+            "x measured from the right edge",
+            id="mirrored",
+        ),
+        pytest.param(
+            lambda box, view: {
+                "predBox": [box[0], 480 - box[1] - box[3], *box[2:]],
+                "predView": view,
+            },
+            "y measured from the lower edge",
+            id="upside down",
+        ),
+        pytest.param(
             lambda box, view: {"predBox": resized(box, 224, 224), "predView": view},
             "boxes of 224 x 224 images",
             id="224 pixels",

@@ -118,7 +118,7 @@ def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
     log.add_whole_file_fault(problems.PYTHON_LITERAL, None)
     try:
         return ast.literal_eval(content.decode().strip())
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+    except (SyntaxError, ValueError, TypeError, RecursionError, MemoryError) as error:
         raise SubmissionError([problems.not_a_literal(str(error))]) from error
 
 
@@ -149,7 +149,13 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
 
 
 def _parse_lines(text: str) -> Sequence[Any] | None:
-    """Return the values of JSON Lines, one object a line; None if it is something else."""
+    """Return the values of JSON Lines, one object a line; None if it is something else.
+
+    Raises
+    ------
+    SubmissionError
+        If a line is nested too deeply.
+    """
     import json
 
     records = []
@@ -159,6 +165,8 @@ def _parse_lines(text: str) -> Sequence[Any] | None:
                 record = json.loads(line, object_pairs_hook=_build_object)
             except ValueError:
                 return None
+            except RecursionError:
+                raise SubmissionError([problems.too_deep()]) from None
             if not isinstance(record, dict):
                 return None
             records.append(record)

@@ -6,6 +6,7 @@ Each file comes from a seed, so a file that fails can be made again from the num
 import gzip
 import json
 from collections.abc import Callable, Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from random import Random
 from typing import Any, TypeAlias
@@ -115,21 +116,32 @@ def with_odd_values(random: Random, document: Any) -> Any:
         holder, key = random.choice(list(_places(document)))
         match random.choice(["odd", "odd", "remove", "repeat", "text", "swap"]):
             case "odd":
-                holder[key] = random.choice(ODD_VALUES)
+                holder[key] = deepcopy(random.choice(ODD_VALUES))
             case "remove":
                 del holder[key]
             case "repeat" if isinstance(holder, list):
-                holder.insert(key, holder[key])
+                holder.insert(key, deepcopy(holder[key]))
             case "repeat":
-                holder[f"{key} "] = holder[key]
+                holder[f"{key} "] = deepcopy(holder[key])
             case "text":
                 holder[key] = str(holder[key])
             case _:
                 other, place = random.choice(list(_places(document)))
-                holder[key] = json.loads(json.dumps(other[place]))
+                holder[key] = deepcopy(other[place])
         if not document:
             return document
     return document
+
+
+def damaged(random: Random, content: bytes) -> bytes:
+    """Return a file with mistakes: in its values, or in its bytes, as always if it is not JSON."""
+    try:
+        document = json.loads(content)
+    except (ValueError, RecursionError):
+        return with_odd_bytes(random, content)
+    if not isinstance(document, list | dict) or not document or random.random() < 0.5:
+        return with_odd_bytes(random, content)
+    return json.dumps(with_odd_values(random, document)).encode()
 
 
 def _places(document: Any) -> Iterator[tuple[Any, Any]]:

@@ -115,7 +115,7 @@ def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
     log.add_whole_file_fault(problems.PYTHON_LITERAL, None)
     try:
         return ast.literal_eval(content.decode().strip())
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+    except (SyntaxError, ValueError, TypeError, RecursionError, MemoryError) as error:
         raise SubmissionError([problems.not_a_literal()]) from error
 
 

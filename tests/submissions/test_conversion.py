@@ -227,6 +227,7 @@ def test_the_broken_sample_is_rejected_with_its_reading_problems(result: Path, r
     [
         pytest.param(b'{"instr_id": "a", "trajectory": []}', "not-a-list", id="record alone"),
         pytest.param(b"[", "not-json", id="not JSON"),
+        pytest.param(b"[{'a': None, []: 1}]", "not-json", id="Python that cannot be a value"),
         pytest.param(b'{"a": {}, "a": {}}', "repeated-field", id="id twice"),
         pytest.param(b'[{"instr_id": "a", "instr_id": "b"}]', "repeated-field", id="field twice"),
     ],

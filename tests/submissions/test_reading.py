@@ -140,6 +140,13 @@ DAMAGED[-5] ^= 1  # a bit of the checksum
         pytest.param(b"17", "not-a-list", "file", "holds 17", id="number"),
         pytest.param(b"[" * HUNDRED_THOUSAND, "too-deep", "file", "nested", id="brackets"),
         pytest.param(
+            b"{}\n" + b"[" * HUNDRED_THOUSAND,
+            "too-deep",
+            "file",
+            "nested",
+            id="brackets in the second line",
+        ),
+        pytest.param(
             document(record(note="[" * HUNDRED_THOUSAND + "]" * HUNDRED_THOUSAND)),
             "too-deep",
             "file",

@@ -299,6 +299,7 @@ ONE_OFF = 0.36787944117144233
         ),
         # Coverage 1, so 4 m are expected: 4 / (4 + |4 - 2|), as if the way were shorter.
         pytest.param([[0.0, 4.0], [4.0, 0.0]], 2.0, 4.0, 2 / 3, id="shorter than expected"),
+        pytest.param([[0.0, 0.4], [0.4, 0.0]], 0.2, 0.4, 2 / 3, id="all within a metre"),
         # Coverage c = (1 + e^-1) / 2, 3c m expected, none walked: c 3c / (3c + 3c) = c / 2.
         pytest.param([[0.0], [3.0]], 0.0, 3.0, (1 + ONE_OFF) / 4, id="stays at the start"),
         # 3 m away from both nodes: c = e^-1, and c 5 m are expected and walked.

@@ -1,6 +1,7 @@
 """Mistakes that people make are found, explained in a few lines, and corrected where possible."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from reverie_eval import GroundTruth, SubmissionError, evaluate
 from reverie_eval.submissions import convert
 from tests.conftest import SAMPLES
 from tests.support.broken_files import MISTAKES, broken, message_about, table
+from tests.support.forms import OFFICIAL
 from tests.support.worlds import SPLIT
 
 PAGE = Path("docs/broken-files.md")
@@ -99,3 +101,53 @@ def test_a_file_with_several_mistakes_has_them_all_corrected(demo: GroundTruth) 
         evaluate(content, split=SPLIT, ground_truth=demo)
     assert [problem.code for problem in rejected.value.problems] == ["not-a-list", "misspelt-field"]
     assert len(convert(content).fixed) == 2
+
+
+def message_about_ids(instr_ids: Mapping[int, str], demo: GroundTruth) -> str:
+    """Return what is said of a file with other instr_ids in some rows."""
+    records = [
+        {**record, "instr_id": instr_ids.get(row, record["instr_id"])}
+        for row, record in enumerate(OFFICIAL)
+    ]
+    with pytest.raises(SubmissionError) as rejected:
+        evaluate(json.dumps(records).encode(), split=SPLIT, ground_truth=demo)
+    return str(rejected.value)
+
+
+def test_a_mistake_that_explains_half_of_the_unknown_ids_is_named(demo: GroundTruth) -> None:
+    prefixed = f"r2r_{OFFICIAL[0]['instr_id']}"
+    assert "has a prefix before the instr_id" in message_about_ids({0: prefixed, 1: "?"}, demo)
+
+
+def test_a_mistake_that_explains_fewer_is_not_named(demo: GroundTruth) -> None:
+    prefixed = f"r2r_{OFFICIAL[0]['instr_id']}"
+    message = message_about_ids({0: prefixed, 1: "?", 2: "??"}, demo)
+    assert "prefix" not in message
+    assert f"'{prefixed}' is not an episode" in message
+
+
+def test_a_mistake_in_few_ids_is_named_though_the_others_are_right(demo: GroundTruth) -> None:
+    row, task = next(
+        (row, record["instr_id"].removesuffix("_0"))
+        for row, record in enumerate(OFFICIAL)
+        if record["instr_id"].endswith("_0")
+    )
+    assert "has a task's id instead of an episode's" in message_about_ids({row: task}, demo)
+
+
+def test_a_scan_before_viewpoint_ids_may_have_underscores(demo: GroundTruth) -> None:
+    scanned = [
+        {**record, "trajectory": [[f"two_parts_{pose[0]}", 0, 0] for pose in record["trajectory"]]}
+        for record in OFFICIAL
+    ]
+    with pytest.raises(SubmissionError, match="have the scan before viewpoint ids"):
+        evaluate(json.dumps(scanned).encode(), split=SPLIT, ground_truth=demo)
+
+
+def test_a_mistake_in_all_poses_of_a_later_record_is_one_of_one_record() -> None:
+    records = [dict(record) for record in OFFICIAL]
+    viewpoint_id = records[3]["trajectory"][0][0]
+    records[3]["trajectory"] = [[viewpoint_id, "0.5", "0"]] * 3
+    (fixed,) = convert(json.dumps(records).encode()).fixed
+    shown = f"['{viewpoint_id}', '0.5', '0']"
+    assert fixed == f"angles written as text, such as {shown}, in 1 record"

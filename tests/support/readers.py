@@ -1,7 +1,9 @@
 """What reads files that others wrote, as functions of bytes, and small files to start from."""
 
+import atexit
 import gzip
 import json
+import shutil
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -78,6 +80,7 @@ def _zipped(content: bytes) -> bytes:
 def _dataset() -> tuple[Path, Sequence[tuple[Path, bytes]]]:
     """Write a dataset, and return its folder and its files with what they hold."""
     folder = Path(mkdtemp(prefix="reverie-eval-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     scan = replace(FLAT.scans["flat"], centres={TUB: (8.0, 8.0, 1.0), SINK: (9.0, 6.0, 1.0)})
     write_world(replace(FLAT, scans={"flat": scan}), folder)
     files = sorted(path for path in folder.rglob("*.json"))

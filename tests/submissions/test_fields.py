@@ -1,0 +1,33 @@
+"""Fields whose names are misspelt, and those that only resemble a known one."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from reverie_eval.submissions._fields import find_misspelt
+
+BOX = [10, 20, 30, 40]
+
+
+@pytest.mark.parametrize(
+    ("record", "expected"),
+    [
+        pytest.param({"predObjId": 5, "bbox": BOX}, {}, id="a box beside an answer"),
+        pytest.param({"pred_objid": "5", "bbox": BOX}, {}, id="a box beside an answer of DUET"),
+        pytest.param({"predObjId": -1, "bbox": BOX}, {"bbox": "predBox"}, id="a box alone"),
+        pytest.param({"predObjId": 5, "objId": 7}, {}, id="an id beside an answer"),
+        pytest.param({"pred_objid": "5", "objId": 7}, {}, id="an id beside an answer of DUET"),
+        pytest.param({"predBox": BOX, "objId": 7}, {}, id="an id beside a box"),
+        pytest.param({"predBox": None, "objId": 7}, {"objId": "predObjId"}, id="an id alone"),
+        pytest.param({"instrId": "7_1_0"}, {"instrId": "instr_id"}, id="an instr_id"),
+    ],
+)
+def test_a_field_counts_as_misspelt_if_the_record_lacks_what_it_is_for(
+    record: Mapping[str, Any], expected: Mapping[str, str]
+) -> None:
+    assert find_misspelt(record, has_key=False) == expected
+
+
+def test_a_record_that_has_a_key_needs_no_instr_id() -> None:
+    assert find_misspelt({"instrId": "7_1_0"}, has_key=True) == {}

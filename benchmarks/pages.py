@@ -4,7 +4,8 @@
 a file of SQLite, and asks over one connection, one request after the other, as one reader does. The
 first request after something was published reads the board anew; its time is printed, and has no
 bar. Weight is everything that a browser fetches for the page, unpacked, without the chart's data;
-beside it stands what is sent of it. Then a browser opens the board, until its charts are drawn and
+beside it stands what is sent of it. A page of the API's longest list is timed, and the server's
+peak memory while many ask for one. Then a browser opens the board, until its charts are drawn and
 it has nothing more to do, and draws them anew by another metric. Latencies depend on the machine.
 """
 
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
@@ -31,10 +33,13 @@ from sqlalchemy import insert, select
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fixtures.servers import make_folder
-from reverie_eval.schemas.organising import NewPerson, NewTeam
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
+from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.schemas.service import Method, QuotaReport
 from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.service.paging import LONGEST
 from reverie_eval.server.service.people import add_person, add_team
+from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState, utc_now
 from reverie_eval.server.store.tables import Person, Submission
@@ -59,6 +64,8 @@ SERVER = """
 import sys
 from pathlib import Path
 from reverie_eval.server.operations.run import run_server
+from reverie_eval.server.service.paging import LONGEST
+from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 state = ServerState.open(load_settings(Path(sys.argv[1])))
@@ -66,6 +73,8 @@ run_server(state, "127.0.0.1", 0, announce=lambda url: print(url, flush=True))
 """
 
 BOARD = f"/boards/{SPLIT}"
+SUBMISSIONS = "/api/v1/submissions"
+AT_ONCE = 16
 API = f"/api/v1/splits/{SPLIT}/leaderboard"
 TIMED = (
     ("first page", BOARD, True),
@@ -86,23 +95,25 @@ def main() -> int:
     with TemporaryDirectory() as temporary:
         folder = Path(temporary) / "server"
         make_folder(folder)
-        fill(folder)
-        with running(folder) as url:
+        token = fill(folder)
+        with running(folder) as (url, server):
             connection = http.client.HTTPConnection(urlsplit(url).netloc)
             medians = [timed(connection, *each) for each in TIMED]
             touch(folder)
             print(f"first page after a change: {1000 * ask(connection, BOARD)[0]:.1f} ms")
             kilobytes = weight(connection)
+            lists(url, server, token)
             slowest = in_browser(url)
     is_slow = max(medians) >= MOST_MILLISECONDS or slowest >= MOST_TO_USE
     return int(is_slow or kilobytes >= MOST_KILOBYTES)
 
 
-def fill(folder: Path) -> None:
-    """Put results on the board, as if each had been submitted and published."""
+def fill(folder: Path) -> str:
+    """Put results on the board, as if each had been submitted; return a token of an organiser."""
     state = ServerState.open(load_settings(folder))
     board = state.board(SPLIT)
     report = board.score(board.read(SAMPLE.read_bytes())).with_intervals().to_report()
+    sample, receipt = report.model_dump(mode="json"), _receipt(state, report)
     random, now = Random(0), utc_now()  # noqa: S311  # figures, no secrets
     with state.transactions.begin("benchmark") as transaction:
         session = transaction.session
@@ -112,12 +123,29 @@ def fill(folder: Path) -> None:
             add_person(transaction, NewPerson(team=name, name=f"P {number}"))
         people = session.scalars(select(Person)).all()
         rows = [
-            _row(number, people[number % TEAMS], _varied(report.model_dump(mode="json"), random))
+            _row(number, people[number % TEAMS], _varied(sample, random), receipt)
             | {"published_at": now - timedelta(hours=number)}
             for number in range(ENTRIES)
         ]
         session.execute(insert(Submission), rows)
+        add_person(transaction, NewPerson(team=name, name="Organiser", role="organiser"))
+        token = create_token(transaction, NewToken(person="Organiser", kind="access")).token
     state.database.close()
+    return token
+
+
+def _receipt(state: ServerState, report: ScoreReport) -> dict[str, Any]:
+    receipt = state.signer.sign(
+        submission_id="any",
+        team="any",
+        sha256="0" * 64,
+        received_at=utc_now(),
+        split=SPLIT,
+        signature=report.signature,
+        scores=report.scores,
+        quota=QuotaReport(remaining=0, next_at=None, seconds_to_next=0, windows=[]),
+    )
+    return receipt.model_dump(mode="json")
 
 
 def _varied(report: dict[str, Any], random: Random) -> dict[str, Any]:
@@ -125,7 +153,9 @@ def _varied(report: dict[str, Any], random: Random) -> dict[str, Any]:
     return {**report, "scores": scores}
 
 
-def _row(number: int, person: Person, report: dict[str, Any]) -> dict[str, Any]:
+def _row(
+    number: int, person: Person, report: dict[str, Any], receipt: dict[str, Any]
+) -> dict[str, Any]:
     method = Method.model_validate(
         {
             "name": f"Method {number} with memory",
@@ -146,7 +176,7 @@ def _row(number: int, person: Person, report: dict[str, Any]) -> dict[str, Any]:
         "received_at": utc_now(),
         "method": method.model_dump(mode="json"),
         "report": report,
-        "receipt": {"proof": "x" * 1000},
+        "receipt": receipt,
     }
 
 
@@ -158,8 +188,8 @@ def touch(folder: Path) -> None:
 
 
 @contextmanager
-def running(folder: Path) -> Iterator[str]:
-    """Run a server in a process of its own; return the URL that it prints."""
+def running(folder: Path) -> Iterator[tuple[str, int]]:
+    """Run a server in a process of its own; return the URL that it prints, and its number."""
     words = [sys.executable, "-c", SERVER, str(folder)]
     often = {**os.environ, "REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
     with subprocess.Popen(
@@ -167,7 +197,7 @@ def running(folder: Path) -> Iterator[str]:
     ) as process:
         assert process.stdout is not None  # noqa: S101  # it was asked for
         try:
-            yield process.stdout.readline().strip()
+            yield process.stdout.readline().strip(), process.pid
         finally:
             process.terminate()
 
@@ -182,6 +212,28 @@ def timed(connection: http.client.HTTPConnection, name: str, path: str, has_bar:
         verdict = f"   below {MOST_MILLISECONDS:g}   {_verdict(median < MOST_MILLISECONDS)}"
     print(f"{name}, {ENTRIES:,} entries: median {median:.1f} ms, max {max(times):.1f} ms{verdict}")
     return median if has_bar else 0.0
+
+
+def lists(url: str, server: int, token: str) -> None:
+    """Print what a page of the API's longest list takes; it has no bar but its bounded length."""
+    connection = http.client.HTTPConnection(urlsplit(url).netloc)
+    for limit in (100, LONGEST):
+        path = f"{SUBMISSIONS}?limit={limit}"
+        size = len(ask(connection, path, token=token)[1])
+        times = [1000 * ask(connection, path, token=token)[0] for _ in range(5)]
+        median = statistics.median(times)
+        print(f"{limit:,} of {ENTRIES:,} submissions: median {median:.1f} ms, {size / 1e6:.2f} MB")
+    before = _peak_megabytes(server)
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        connections = [http.client.HTTPConnection(urlsplit(url).netloc) for _ in range(AT_ONCE)]
+        list(pool.map(lambda each: ask(each, path, token=token), connections))
+    after = _peak_megabytes(server)
+    print(f"peak memory, {AT_ONCE} such requests at once: {before:.0f} MB before, {after:.0f} MB")
+
+
+def _peak_megabytes(process: int) -> float:
+    status = Path(f"/proc/{process}/status").read_text()
+    return int(re.findall(r"VmHWM:\s+(\d+) kB", status)[0]) / 1000
 
 
 def weight(connection: http.client.HTTPConnection) -> float:
@@ -237,7 +289,7 @@ def _look(page: Page, address: str) -> tuple[float, float, Sequence[int]]:
     page.goto(address)
     page.evaluate(IDLE, "success rate against trajectory length")
     opened = time.perf_counter()
-    page.get_by_label("Across").select_option("spl")
+    page.get_by_label("Horizontal axis").select_option("spl")
     page.evaluate(IDLE, "success rate against success weighted")
     redrawn = time.perf_counter()
     fetched: Sequence[int] = page.evaluate(FETCHED)
@@ -246,11 +298,12 @@ def _look(page: Page, address: str) -> tuple[float, float, Sequence[int]]:
 
 
 def ask(
-    connection: http.client.HTTPConnection, path: str, *, packed: bool = False
+    connection: http.client.HTTPConnection, path: str, *, packed: bool = False, token: str = ""
 ) -> tuple[float, bytes]:
     """Return how many seconds a reply took, and the reply."""
     start = time.perf_counter()
     headers = {"Accept-Encoding": "gzip"} if packed else {}
+    headers |= {"Authorization": f"Bearer {token}"} if token else {}
     connection.request("GET", path, headers=headers)
     reply = connection.getresponse()
     body = reply.read()

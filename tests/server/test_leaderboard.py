@@ -159,6 +159,7 @@ def test_the_board_as_csv(server: Serving) -> None:
         "pre_exploration",
         "ground_truth_objects",
         "ensemble",
+        "navigation_only",
     ]
     more = ["standing", "reviews", "source", "signature"]
     known = ("ranked", "", "", server.state.boards[OPEN].signature)
@@ -166,13 +167,13 @@ def test_the_board_as_csv(server: Serving) -> None:
         [*about, *said, *more, "success", "rgspl"],
         [
             *("1", first, "Blue", f"{at}0Z", "1"),
-            *('Our, "best"', *links.values(), *flags, "true"),
+            *('Our, "best"', *links.values(), *flags, "true", "false"),
             *known,
             *("0.5", "0.25"),
         ],
         [
             *("", second, "", f"{at}1Z", "1"),
-            *("Walker", "", "", *flags, "false"),
+            *("Walker", "", "", *flags, "false", "false"),
             *known,
             *("0.75", ""),
         ],

@@ -1,8 +1,11 @@
 """Helpers for wording: counts, lists, names, times, and the words of an instruction."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime, timedelta
+from typing import TypeVar
+
+T = TypeVar("T")
 
 _WORD = re.compile(r"\w+")
 
@@ -16,15 +19,15 @@ def count_text(number: int, noun: str, plural: str = "") -> str:
     return f"{number:,} {noun if number == 1 else plural or f'{noun}s'}"
 
 
-def first_few(names: Iterable[object], limit: int = 3) -> str:
+def first_few(names: Iterable[T], limit: int = 3, text: Callable[[T], str] = str) -> str:
     """List the first few names and count the rest.
 
     >>> first_few("abcde")
     'a, b, c and 2 more'
     """
-    listed = [str(name) for name in names]
+    listed = list(names)
     more = f" and {len(listed) - limit:,} more" if len(listed) > limit else ""
-    return ", ".join(listed[:limit]) + more
+    return ", ".join(map(text, listed[:limit])) + more
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 MAX_VALUES = 30_000_000
 """Enough for a thousand poses in each of the 6,292 episodes of test: 25 million values."""
+MAX_RECORDS = 200_000
+"""Nearly twenty times the largest split, the 10,290 episodes of train."""
 
 _NOT_JSON = {
     b"PK\x03\x04": "a zip archive within another",
@@ -174,18 +176,27 @@ def _join(values: Sequence[Any], error: "JSONDecodeError", log: ReadingLog) -> S
 
 
 def _parse_several(text: str) -> tuple[Sequence[Any], "JSONDecodeError | None"]:
-    """Return the JSON values that follow one another, and the error where that ends, if any."""
+    """Return the lists and objects that follow one another, and the error where that ends, if any.
+
+    Raises
+    ------
+    SubmissionError
+        If there are more of them than records in any split.
+    """
     import json
 
     decoder = json.JSONDecoder(object_pairs_hook=_build_object)
     values: list[Any] = []
     position = _end_of_space(text, 0)
     while position < len(text):
+        if not text.startswith(_BRACKETS, position):
+            return values, json.JSONDecodeError("Expecting value", text, position)
         try:
             value, position = decoder.raw_decode(text, position)
         except json.JSONDecodeError as error:
             return values, error
         values.append(value)
+        check_record_count(len(values))
         position = _end_of_space(text, position)
     return values, None
 
@@ -193,6 +204,18 @@ def _parse_several(text: str) -> tuple[Sequence[Any], "JSONDecodeError | None"]:
 def _end_of_space(text: str, position: int) -> int:
     space = _SPACE.match(text, position)
     return position if space is None else space.end()
+
+
+def check_record_count(count: int) -> None:
+    """Refuse more records than any split could need.
+
+    Raises
+    ------
+    SubmissionError
+        If there are more than ``MAX_RECORDS``.
+    """
+    if count > MAX_RECORDS:
+        raise SubmissionError([problems.too_many_records(MAX_RECORDS)])
 
 
 def check_value_count(content: bytes, limit: int) -> None:

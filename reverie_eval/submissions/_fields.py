@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
 from functools import lru_cache
 from typing import Any
 
@@ -39,6 +40,9 @@ _SPELLINGS: Mapping[str, tuple[str, ...]] = {
     IMAGE_SIZE_KEY: ("predimagesize", "predimgsize", "imagesize", "imgsize"),
 }
 """How people spell each field, in lower case and without underscores or other marks."""
+_MEANT_BY = {spelling: key for key, spellings in _SPELLINGS.items() for spelling in spellings}
+_LONG_SPELLINGS = [spelling for spelling in _MEANT_BY if len(spelling) > 5]
+"""Short ones such as "bbox" and "path" resemble too much that has nothing to do with them."""
 
 _UNRELATED = ("instruction", "instructions")
 """Names that resemble a spelling, but mean something else in the dataset's own files."""
@@ -46,6 +50,9 @@ _UNRELATED = ("instruction", "instructions")
 _MARKS = re.compile(r"[\W_]+")
 _LONGEST = 40
 """Longer names are not compared: no spelling of a known field is half as long."""
+MAX_COMPARED = 1_000
+"""Different names that are compared with the known ones in a file: each takes a tenth of a
+millisecond."""
 _CLOSE = 0.87
 """How similar a name must be to a spelling: one letter more, less, or in the wrong place."""
 
@@ -57,19 +64,20 @@ def is_abstention(value: Any) -> bool:
     return value is None or (isinstance(value, str) and value in _ABSTENTIONS)
 
 
-def find_misspelt(record: Mapping[str, Any], *, has_key: bool) -> Mapping[str, str]:
+def find_misspelt(
+    record: Mapping[str, Any], optional: AbstractSet[str] = frozenset()
+) -> Mapping[str, str]:
     """Return the fields of a record that can only be a misspelt known one, with what they mean.
 
     A field that resembles a known one is left alone if the record has that one as well: codebases
-    keep notes of their own beside the official fields. ``has_key`` says that the record is the
-    value of a key, which is its instr_id.
+    keep notes of their own beside the official fields. The same goes for known ones that are
+    ``optional`` in this record.
     """
     unknown = {field: _meant_by(field) for field in record if field not in FIELDS}
     missing = {meant for meant in unknown.values() if meant and not _has(record, meant)}
     if BOX_KEY not in missing and not _has_box(record):
         missing -= {VIEW_KEY, IMAGE_SIZE_KEY}
-    if has_key:
-        missing.discard(INSTR_ID_KEY)
+    missing -= optional
     if list(unknown.values()).count(INSTR_ID_KEY) > 1:
         unknown.pop("id", None)  # the weakest of the spellings: ids of other things have it too
     # Of two fields that mean the same, the first counts, as it would under its right name.
@@ -98,11 +106,9 @@ def _meant_by(field: object) -> str | None:
     from difflib import get_close_matches  # slow to import, and rarely needed
 
     spelling = _MARKS.sub("", field.lower())
-    known = {each: key for key, spellings in _SPELLINGS.items() for each in spellings}
-    if spelling in known:
-        return known[spelling]
+    if spelling in _MEANT_BY:
+        return _MEANT_BY[spelling]
     if spelling in _UNRELATED:
         return None
-    # Short names such as "bbox" and "path" resemble too much that has nothing to do with them.
-    close = get_close_matches(spelling, [each for each in known if len(each) > 5], 1, _CLOSE)
-    return known[close[0]] if close else None
+    close = get_close_matches(spelling, _LONG_SPELLINGS, 1, _CLOSE)
+    return _MEANT_BY[close[0]] if close else None

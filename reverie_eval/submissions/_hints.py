@@ -57,8 +57,12 @@ def submission_hints(
 
 
 def _list_fields(fields: Mapping[str, int]) -> str:
-    counts = [f"{printable(str(name))[:_LONGEST]} ({fields[name]:,})" for name in fields]
-    return first_few(counts, _MOST_FIELDS)
+    return first_few(fields.items(), _MOST_FIELDS, _field_text)
+
+
+def _field_text(field: tuple[str, int]) -> str:
+    name, count = field
+    return f"{printable(str(name))[:_LONGEST]} ({count:,})"
 
 
 def answer_hints(submission: AlignedSubmission, ground_truth: GroundTruth) -> Iterator[str]:

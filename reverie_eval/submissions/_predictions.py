@@ -30,7 +30,7 @@ class BoxAnswers:
     """The predicted boxes, one row each."""
 
     row: IntArray
-    """Shape (n_boxes,): the record of each box, or after alignment its episode."""
+    """Shape (n_boxes,): the record of each box, or after alignment its episode; ascending."""
     xywh: FloatArray
     """Shape (n_boxes, 4): pixels of a 640 x 480 image, cut to it; area 0 if it was outside."""
     camera: FloatArray
@@ -95,8 +95,6 @@ class Predictions:
     pose."""
     boxes: BoxAnswers = NO_BOXES
     """The predicted boxes."""
-    is_navigation_only: bool = False
-    """Whether no record has an answer."""
     read_as: Sequence[str] = ()
     """How the file differs from the official form, a phrase each."""
     ignored_fields: Mapping[str, int] = field(default_factory=dict)
@@ -105,6 +103,11 @@ class Predictions:
     """How often each difference from the official form occurs, by its key."""
     problems: Sequence[Problem] = ()
     """What could not be read."""
+
+    @property
+    def is_navigation_only(self) -> bool:
+        """Whether no record has an answer."""
+        return self.differences.get("navigation only", 0) > 0
 
     @property
     def has_long_hops(self) -> bool:
@@ -127,7 +130,7 @@ class Predictions:
     def content(self, record: int) -> tuple[object, ...]:
         """Return what a record predicts, to be compared with that of another record."""
         begin, end = self.offsets[record : record + 2]
-        box = np.equal(self.boxes.row, record)
+        box = slice(*np.searchsorted(self.boxes.row, [record, record + 1]))
         return (
             list(self.viewpoint_ids[begin:end]),
             int(self.predicted_object[record]),

@@ -313,8 +313,8 @@ def too_large(limit: int) -> Problem:
     return Problem("too-large", WHOLE_FILE, message)
 
 
-def too_many_records(found: int, limit: int) -> Problem:
-    message = f"holds {found:,} records, more than the {limit:,} that any split could need"
+def too_many_records(limit: int) -> Problem:
+    message = f"holds more than {limit:,} records; no split has so many episodes"
     return Problem("too-large", WHOLE_FILE, message)
 
 

@@ -85,6 +85,11 @@ class ReadingLog:
         return [*self.problems, *faults]
 
     @property
+    def unknown_fields(self) -> int:
+        """At most how many different fields were found that the official form does not have."""
+        return len(self.ignored_fields) + len(self._faults)
+
+    @property
     def has_unfixable(self) -> bool:
         """Whether something is wrong that does not tell what was meant."""
         return bool(self.problems) or not all(fault.convert for fault in self._faults)

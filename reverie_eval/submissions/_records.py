@@ -6,6 +6,7 @@ one without changing the meaning is read, counted and reported.
 """
 
 from collections.abc import Iterable, Mapping, Sequence, Sized
+from collections.abc import Set as AbstractSet
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,10 +21,17 @@ from reverie_eval.submissions._box_hints import box_scale_problems
 from reverie_eval.submissions._document import (
     RepeatingObject,
     are_records,
+    check_record_count,
     is_list,
     parse_document,
 )
-from reverie_eval.submissions._fields import FIELDS, INSTR_ID_KEY, find_misspelt
+from reverie_eval.submissions._fields import (
+    FIELDS,
+    INSTR_ID_KEY,
+    MAX_COMPARED,
+    TRAJECTORY_KEY,
+    find_misspelt,
+)
 from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
@@ -37,9 +45,6 @@ from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._tables import rows_of_table
 from reverie_eval.submissions._trajectories import Pose, read_trajectory
-
-MAX_RECORDS = 200_000
-"""Nearly twenty times the largest split, the 10,290 episodes of train."""
 
 
 class ReadRecord(NamedTuple):
@@ -92,10 +97,11 @@ def read_records(
         be reported together with those that alignment finds.
     """
     document = _unwrap(document, log)
-    if isinstance(document, Sized) and len(document) > MAX_RECORDS:
-        raise SubmissionError([problems.too_many_records(len(document), MAX_RECORDS)])
+    if isinstance(document, Sized):
+        check_record_count(len(document))
+    optional = {TRAJECTORY_KEY} if answers_only else set()
     records = [
-        (location, _with_known_fields(location, record, log))
+        (location, _with_known_fields(location, record, log, optional))
         for location, record in _located_records(document, log)
         if _is_record(location, record, log)
     ]
@@ -198,10 +204,13 @@ def _is_record(location: RecordLocation, record: Any, log: ReadingLog) -> bool:
 
 
 def _with_known_fields(
-    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog, optional: AbstractSet[str]
 ) -> Mapping[str, Any]:
     """Return a record with its misspelt fields under the names that they must mean."""
-    misspelt = find_misspelt(record, has_key=location.key is not None)
+    if location.key is not None:
+        optional = optional | {INSTR_ID_KEY}
+    few = log.unknown_fields + len(record) <= MAX_COMPARED
+    misspelt = find_misspelt(record, optional) if few else {}
     for field, meant in misspelt.items():
         log.add_fault(problems.misspelt(field, meant), location, "", field)
     ignored = [field for field in record if field not in FIELDS and field not in misspelt]
@@ -256,7 +265,6 @@ def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False
         pose_paths=[pose.path for pose in poses],
         continues_hop=np.array([pose.continues_hop for pose in poses], dtype=np.bool_),
         boxes=boxes,
-        is_navigation_only=log.differences["navigation only"] > 0,
         read_as=log.read_as(),
         ignored_fields=dict(log.ignored_fields),
         differences=log.differences,

@@ -16,8 +16,6 @@ from reverie_eval.submissions._reading_log import ReadingLog
 
 MAX_POSES = 20_000
 """Per trajectory. Published agents take about 15 steps, each with turns between 36 views."""
-
-
 _POSE_LENGTH = 3
 _NUMBER = re.compile(r"-?\d{1,3}(\.\d{1,20})?(e-?\d{1,2})?")
 """An angle. Viewpoint ids are 32 hexadecimal digits."""

@@ -7,7 +7,7 @@ searches for more of them.
 import gzip
 import time
 import tracemalloc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from random import Random
 from types import MappingProxyType
 
@@ -19,6 +19,20 @@ from tests.support.readers import READERS
 
 POSE = b'["door",0,0]'
 RECORD = b'{"instr_id":"7_1_0","trajectory":[%s],"predObjId":1}' % POSE
+BOX_RECORD = RECORD.replace(
+    b'"predObjId":1', b'"predBox":[1,2,3,4],"predView":1,"predImageSize":[640,480]'
+)
+
+
+def _records(records: Iterable[bytes]) -> bytes:
+    return b"[%s]" % b",".join(records)
+
+
+def _misspelt(number: int) -> bytes:
+    marks = f"{number:b}".replace("0", "-").replace("1", "_")
+    return b'{"pred%sObjId":1}' % marks.encode()
+
+
 FILES = {"submissions": 400, "houses": 400, "datasets": 30}
 BYTES_AT_LEAST = 4 << 20
 BYTES_PER_BYTE = {"submissions": 250, "houses": 250, "datasets": 600}
@@ -36,9 +50,14 @@ HOSTILE: Mapping[str, Callable[[int], bytes]] = MappingProxyType(
         "a long text": lambda n: b'["' + b"x" * n + b'"]',
         "escapes": lambda n: b'["' + b"\\u0000" * n + b'"]',
         "a field again and again": lambda n: b"[{" + b'"instr_id":"7_1_0",' * n + b'"x":0}]',
-        "a record again and again": lambda n: b"[" + b",".join([RECORD] * (n // 20)) + b"]",
         "a long trajectory": lambda n: RECORD.replace(POSE, b",".join([POSE] * n)),
         "lines": lambda n: b"{}\n" * n,
+        "objects one after another": lambda n: b"{}" * (10 * n),
+        "numbers one after another": lambda n: b"1 " * (10 * n),
+        "different fields": lambda n: _records(b'{"predictobj%dx":1}' % i for i in range(n)),
+        "different misspelt fields": lambda n: _records(map(_misspelt, range(n))),
+        "a record again and again": lambda n: _records([RECORD] * (n // 20)),
+        "boxes again and again": lambda n: _records([BOX_RECORD] * (n // 20)),
         "spaces": lambda n: b" " * n,
         "Python": lambda n: b"[" + b"(None,)," * n + b"]",
         "quotes": lambda n: b"'" * n,

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from reverie_eval.submissions import read_predictions
 from reverie_eval.submissions._fields import find_misspelt
 
 BOX = [10, 20, 30, 40]
@@ -26,8 +27,24 @@ BOX = [10, 20, 30, 40]
 def test_a_field_counts_as_misspelt_if_the_record_lacks_what_it_is_for(
     record: Mapping[str, Any], expected: Mapping[str, str]
 ) -> None:
-    assert find_misspelt(record, has_key=False) == expected
+    assert find_misspelt(record) == expected
 
 
 def test_a_record_that_has_a_key_needs_no_instr_id() -> None:
-    assert find_misspelt({"instrId": "7_1_0"}, has_key=True) == {}
+    assert find_misspelt({"instrId": "7_1_0"}, {"instr_id"}) == {}
+
+
+def test_answers_alone_need_no_trajectory() -> None:
+    records = [{"instr_id": "7_1_0", "path": [["door", 0, 0]], "predObjId": 5}]
+    predictions = read_predictions(records, answers_only=True)
+    assert not predictions.problems
+    assert predictions.ignored_fields == {"path": 1}
+
+
+def test_names_are_compared_as_long_as_there_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.submissions._records.MAX_COMPARED", 6)
+    record = {"instr_id": "7_1_0", "trajectory": [["door", 0, 0]]}
+    records = [{**record, f"pred-obj-id{'-' * row}": 5} for row in range(9)]
+    predictions = read_predictions(records)
+    assert [problem.code for problem in predictions.problems].count("misspelt-field") == 4
+    assert len(predictions.ignored_fields) == 5

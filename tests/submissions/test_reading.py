@@ -692,11 +692,12 @@ def test_the_fast_lane_accepts_what_agents_write(name: str) -> None:
     assert decode_official((SAMPLES / name).read_bytes()) is not None
 
 
-def test_more_records_than_any_split_could_need(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("reverie_eval.submissions._records.MAX_RECORDS", 2)
-    (problem,) = problems_of(b"[{}, {}, {}]")
+@pytest.mark.parametrize("content", [b"[{}, {}, {}]", b"{}\n{}\n{}", b"{} {} {} and more"])
+def test_more_records_than_any_split_has(content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.submissions._document.MAX_RECORDS", 2)
+    (problem,) = problems_of(content)
     assert (problem.code, problem.where) == ("too-large", "file")
-    assert "holds 3 records, more than the 2 that any split could need" in problem.message
+    assert problem.message == "holds more than 2 records; no split has so many episodes"
 
 
 @pytest.mark.parametrize("content", [b"[[], [], []]", b"[1, 2, 3, 4, 5]", b'[{"a": 1, "b": [2]}]'])

@@ -126,7 +126,7 @@ class HeadRequests(Middleware):
 class RateLimits(Middleware):
     """Refuses requests over the limit.
 
-    Whoever shows a wrong token is throttled alone: that token, and further wrong ones of the same
+    Wrong tokens throttle only those who guess: that token, and further wrong ones of the same
     address. Valid tokens of the address and its requests without one are counted as always.
     """
 
@@ -192,9 +192,7 @@ class UntrustedProxies(Middleware):
     Of clients, that header is often made up, so it is only warned of those nearby.
     """
 
-    def __init__(
-        self, app: ASGIApp, trusted: Sequence[ipaddress.IPv4Network | ipaddress.IPv6Network]
-    ) -> None:
+    def __init__(self, app: ASGIApp, trusted: Sequence[Network]) -> None:
         super().__init__(app)
         self._trusted = trusted
         self._has_warned = False

@@ -70,7 +70,7 @@ class SplitQuota:
     opens_at: datetime | None
     """When the next phase begins, or None."""
     closes_at: datetime | None
-    """When the current phase ends; None if it has no end, or there is none."""
+    """When the current phase ends; None if no phase is open, or it has no end."""
 
 
 def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota]:

@@ -2,7 +2,8 @@
 
 They are computed and kept when a submission arrives, as always. Until they are released, everything
 that leaves the server is worded without them, the receipt included, which is signed without scores
-each time. What the phase's end is, the settings say: whoever extends a phase extends this as well.
+each time. The end of a phase is read from the settings: if it is extended, scores are held back for
+as long.
 """
 
 from collections.abc import Mapping

@@ -115,7 +115,7 @@ def team_of(session: Session, person: Person, most: int, view: View) -> TeamView
 
 
 def team_named(session: Session, name: str) -> Team:
-    """Return a team by name; NotFoundError if there is none."""
+    """Return a team by name; raise NotFoundError if it does not exist."""
     team = session.scalars(select(Team).where(Team.name == name)).first()
     if team is None:
         raise NotFoundError(f"there is no team {name!r}")
@@ -123,7 +123,7 @@ def team_named(session: Session, name: str) -> Team:
 
 
 def person_named(session: Session, name: str) -> Person:
-    """Return a person by name; NotFoundError if there is none."""
+    """Return a person by name; raise NotFoundError if it does not exist."""
     person = session.scalars(select(Person).where(Person.name == name)).first()
     if person is None:
         raise NotFoundError(f"there is no person {name!r}")

@@ -104,7 +104,7 @@ def find_submission(session: Session, submission_id: str) -> Submission | None:
 
 
 def any_submission(session: Session, submission_id: str) -> Submission:
-    """Return a submission of any team; NotFoundError if there is none."""
+    """Return a submission of any team; raise NotFoundError if it does not exist."""
     row = find_submission(session, submission_id)
     if row is None:
         raise NotFoundError(f"there is no submission {submission_id!r}")

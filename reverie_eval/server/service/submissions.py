@@ -73,7 +73,7 @@ def submission_of(
     Raises
     ------
     NotFoundError
-        If there is none, or it is another team's; the error does not reveal which.
+        If it does not exist or belongs to another team; the error does not reveal which.
     """
     return view.report(_row_of(session, person, submission_id))
 
@@ -135,7 +135,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
     Raises
     ------
     NotFoundError
-        If there is none, it is not published, or it is withdrawn; the error does not reveal which.
+        If it does not exist, is not published or is withdrawn; the error does not reveal which.
     """
     row = find_submission(session, submission_id)
     if row is None or row.published_at is None or row.withdrawn_at is not None:

@@ -196,7 +196,7 @@ class Sessions:
             return None
 
     def find(self, session: Session, session_id: str, now: datetime) -> BrowserSession | None:
-        """Return a session; None if there is none, or it has ended."""
+        """Return a session; None if it does not exist or has ended."""
         browser = session.get(BrowserSession, session_id)
         if browser is None or browser.expires_at <= now:
             return None

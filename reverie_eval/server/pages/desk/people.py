@@ -97,7 +97,7 @@ def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
     forms.show_faults(desk, {}, draw)
     if not forms.is_confirmed(form):
         question = f"Revoke the token that begins with {hint}?"
-        remark = "Whoever uses it is signed out at once, and needs another."
+        remark = "Anyone signed in with it is signed out at once and needs another."
         return forms.ask(desk, {}, question=question, remark=remark, yes="Revoke it", back=PAGE)
     desk.perform(tokens.revoke_token, hint)
     return forms.done(PAGE, "revoked")

@@ -131,6 +131,12 @@ def dataset_files(command: Command) -> Command:
     return command
 
 
+jobs = click.option(
+    "--jobs",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Number of worker processes.  [default: number of cores]",
+)
 object_positions = click.option(
     "--object-positions",
     metavar="FILE",

@@ -3,11 +3,10 @@
 All files appear in the folder at once. If building fails or is interrupted, none does.
 """
 
-from collections.abc import Callable, Collection, Generator, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -23,6 +22,7 @@ from reverie_eval.dataset._reader import Reader
 from reverie_eval.dataset._rules import find_problems
 from reverie_eval.errors import DatasetError, Problem, ReverieEvalError
 from reverie_eval.files import staged_folder
+from reverie_eval.processes import map_in_processes
 from reverie_eval.text import count_text, first_few
 
 _HOUSE = ".house"
@@ -184,7 +184,7 @@ def build_boxes(
     with staged_folder(folder) as staging:
         build = partial(_build_scan, folder=staging, rules=rules)
         # Closing the generator stops the processes if showing progress fails or is interrupted.
-        with closing(_build_all(build, scans, min(jobs, len(scans)))) as running:
+        with closing(map_in_processes(build, scans, jobs)) as running:
             results = list(progress(running, len(scans)))
         # Problems are sorted by position: with the scan first, each scan's stay together.
         found = [
@@ -196,32 +196,6 @@ def build_boxes(
             raise DatasetError(found)
     built = [result for result in results if isinstance(result, BuiltBoxes)]
     return BuiltBoxes(*map(sum, zip(*built, strict=True)))
-
-
-def _build_all(
-    build: Callable[[Scan], ScanResult], scans: Sequence[Scan], jobs: int
-) -> Generator[ScanResult]:
-    if jobs <= 1:
-        yield from map(build, scans)
-        return
-    # `multiprocessing.Pool` waits forever for a process that was killed, and `concurrent.futures`
-    # cannot stop running ones.
-    from pebble import ProcessExpired, ProcessPool
-
-    # "spawn" starts fresh processes: a forked copy of a process with threads, which a progress bar
-    # has, may hang.
-    with ProcessPool(jobs, context=get_context("spawn")) as pool:
-        try:
-            yield from pool.map(build, scans).result()
-        except ProcessExpired as error:
-            pool.stop()
-            raise ReverieEvalError(
-                "a process that was building boxes was killed, perhaps for lack of memory; try "
-                "fewer --jobs"
-            ) from error
-        except BaseException:
-            pool.stop()  # otherwise leaving the block waits for the scans still to be built
-            raise
 
 
 def _build_scan(scan: Scan, *, folder: Path, rules: BoxRules) -> ScanResult:

@@ -41,6 +41,14 @@ def submission_lines(submission: SubmissionReport, *, is_repeat: bool) -> Iterat
     yield printable(f"{about}, received {time_text(submission.received_at)}")
     if is_repeat:
         yield "this file was already scored; no submission was used"
+    for result in submission.earlier:
+        scores = ", ".join(
+            f"{metric.label} {metric.display(result.report.scores[key])}"
+            for key, metric in CATALOGUE.items()
+            if metric.headline and key in result.report.scores
+        )
+        again = f"scored again at {time_text(result.replaced_at)}: {result.reason}"
+        yield printable(f"{again}; before, it had {scores}")
     if submission.scores_held_until is not None:
         ends = time_text(submission.scores_held_until)
         yield f"scores are published when the phase ends at {ends}"

@@ -183,6 +183,50 @@ class ReportedEntry(WireModel):
     created_at: datetime
 
 
+class NewCorrection(WireModel):
+    """Why the submissions to a split are scored again."""
+
+    split: SplitName
+    reason: Reason = Field(examples=["Targets of 40 episodes were corrected."])
+    """Public; one line. If a correction to the current ground truth and rules was announced
+    already, that one is continued, with its own reason."""
+
+
+class RescoringReport(WireModel):
+    """Which submissions were scored again."""
+
+    split: SplitName
+    signature: str
+    """What their scores depend on now."""
+    scored: int = Field(examples=[20])
+    rejected: dict[str, str] = Field(examples=[{}])
+    """Submissions that cannot be scored again, and why; they keep their earlier results."""
+    left: int = Field(examples=[65])
+    """How many are still to be scored again."""
+
+
+class ResultChange(WireModel):
+    """How a correction changed a result."""
+
+    submission_id: SubmissionId
+    team: TeamName
+    method: str = Field(examples=["Walker"])
+    before: dict[str, float]
+    after: dict[str, float]
+    """Empty if it could not be scored again."""
+    rank_before: int | None
+    """By the primary metric; null if it is not on the leaderboard."""
+    rank_after: int | None
+    problem: str
+    """Why it could not be scored again; empty if it could."""
+
+    def difference(self, metric: str) -> float:
+        """Return by how much a metric grew; 0 if a value is missing."""
+        if metric not in self.before or metric not in self.after:
+            return 0.0
+        return self.after[metric] - self.before[metric]
+
+
 class NewNotice(WireModel):
     """A message to everyone, and whether submissions are paused."""
 

@@ -201,6 +201,15 @@ class Receipt(WireModel):
     """Ed25519 over the canonical JSON of the other fields, in base64."""
 
 
+class EarlierResult(WireModel):
+    """What a submission scored before a correction of the ground truth or the rules."""
+
+    report: ScoreReport
+    receipt: Receipt
+    replaced_at: datetime
+    reason: str = Field(examples=["Targets of 40 episodes were corrected."])
+
+
 class SubmissionReport(WireModel):
     """A scored submission."""
 
@@ -214,6 +223,9 @@ class SubmissionReport(WireModel):
     report: ScoreReport
     receipt: Receipt
     """Without scores while these are held back."""
+    earlier: list[EarlierResult] = Field(default_factory=list)
+    """Its results before it was scored again, the earliest first; empty while scores are held
+    back."""
     scores_held_until: datetime | None = None
     """When the phase ends until which nobody sees the scores, UTC; null if they are released."""
     status: Literal["unpublished", "published", "withdrawn"]
@@ -286,6 +298,16 @@ class LeaderboardRow(WireModel):
     reviews: list[PublicReview] = Field(default_factory=list)
 
 
+class CorrectionReport(WireModel):
+    """A change of a split's ground truth or rules, for which its submissions are scored again."""
+
+    split: SplitName
+    created_at: datetime
+    reason: str = Field(examples=["Targets of 40 episodes were corrected."])
+    signature: str
+    """What scores depend on since."""
+
+
 class Leaderboard(WireModel):
     """The published results of a split."""
 
@@ -299,6 +321,8 @@ class Leaderboard(WireModel):
     rows: list[LeaderboardRow]
     apart: list[LeaderboardRow] = Field(default_factory=list)
     """Rows that are not ranked."""
+    corrections: list[CorrectionReport] = Field(default_factory=list)
+    """The latest first."""
 
 
 class ProblemDocument(WireModel):

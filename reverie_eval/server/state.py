@@ -19,6 +19,7 @@ from reverie_eval.server.service.intake import Clock, Intake
 from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.receipts import Signer, load_key
+from reverie_eval.server.service.rescoring import Rescoring
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
@@ -45,6 +46,7 @@ class ServerState:
     transactions: Transactions
     intake: Intake
     submissions: SubmissionService
+    rescoring: Rescoring
     notices: Notices
     sessions: Sessions
     entries: EntriesCache
@@ -101,6 +103,7 @@ class ServerState:
             transactions,
             intake,
             submissions,
+            Rescoring(boards, database, uploads, signer, transactions),
             notices,
             sessions,
             EntriesCache(),

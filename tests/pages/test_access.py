@@ -66,6 +66,8 @@ POST /desk/reviews/{review_id}/lift sign-in    403       403       403       303
 GET  /desk/reported                 sign-in    403       403       403       200
 POST /desk/reported                 sign-in    403       403       403       303
 POST /desk/reported/{result_id}/remove sign-in 403       403       403       303
+GET  /desk/corrections              sign-in    403       403       403       200
+POST /desk/corrections              sign-in    403       403       403       409
 GET  /desk/quotas                   sign-in    403       403       403       200
 POST /desk/quotas                   sign-in    403       403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
@@ -94,6 +96,7 @@ FORMS: Mapping[str, dict[str, str]] = {
         "source": "https://example.org/",
         "spl": "7",
     },
+    "POST /desk/corrections": {"split": OPEN, "reason": "corrected targets"},
     "POST /desk/quotas": {
         "team": "Blue",
         "split": OPEN,

@@ -2,11 +2,13 @@
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 
 import httpx
 import pytest
 from sqlalchemy import update
 
+from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.http.health import Canary, UnhealthyError
 from reverie_eval.server.pages.desk.overview import ON_A_PAGE
 from reverie_eval.server.service.attempts import list_attempts
@@ -18,7 +20,19 @@ from reverie_eval.server.service.reported import list_reported
 from reverie_eval.server.service.reviews import standing_reviews
 from reverie_eval.server.service.tokens import list_tokens
 from reverie_eval.server.store.tables import AuditEntry
-from tests.support.serving import BROKEN, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+from tests.support.serving import (
+    BROKEN,
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+    with_arrays,
+)
 from tests.support.visiting import Visitor, said, signed_in
 
 MARKUP = "<script>alert(1)</script>"
@@ -29,6 +43,7 @@ PAGES = (
     "/desk/uploads",
     "/desk/reviews",
     "/desk/reported",
+    "/desk/corrections",
     "/desk/people",
     "/desk/quotas",
     "/desk/notice",
@@ -358,3 +373,27 @@ def test_an_upload_on_the_page_is_noted_too(server: Serving) -> None:
     signed_in(server, OWNER).upload()
     with server.state.database.reading() as session:
         assert [each.outcome for each in list_attempts(session, Page()).rows] == ["scored"]
+
+
+# Corrections.
+
+
+def test_submissions_are_scored_again_at_the_desk(
+    server: Serving, folder: Path, open_server: OpenServer
+) -> None:
+    name = sent(server)
+    bundle = Bundle.load(folder / "bundles" / f"{OPEN}.npz")
+    changed = with_arrays(bundle, task_target=bundle.arrays["task_target"] + 1)
+    changed.save(folder / "bundles" / "changed.npz")
+    settings = adjusted(settings_of(folder), OPEN, bundle="bundles/changed.npz")
+    later = open_server(settings, server.tokens)
+    desk = signed_in(later, ORGANISER)
+    assert "1 submission to score again" in said(desk.get("/desk/corrections"))
+    assert "reason" in said(sending(desk, "/desk/corrections", split=OPEN, reason=""))
+    page = told(desk, "/desk/corrections", split=OPEN, reason=MARKUP)
+    assert "All submissions were scored again" in page
+    assert "All submissions were scored with the current ground truth" in page
+    assert MARKUP in page, "its text, not its effect"
+    assert "Earlier results" in said(signed_in(later, OWNER).get(f"/submissions/{name}"))
+    again = sending(desk, "/desk/corrections", split=OPEN, reason="again")
+    assert (again.status_code, "were scored with the current" in said(again)) == (409, True)

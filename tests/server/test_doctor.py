@@ -353,14 +353,14 @@ def test_a_stray_file_is_no_fault(kept: Path, run: Run) -> None:
     assert "1 file without a submission: .half" in outcome.out
 
 
-def test_other_ground_truth_since_then_is_no_fault(kept: Path, run: Run) -> None:
+def test_a_split_that_was_removed_is_no_fault(kept: Path, run: Run) -> None:
     shutil.copy(kept / "bundles" / "val_seen.npz", kept / "bundles" / "spare.npz")
     settings = kept / "reverie-eval.toml"
     only_seen = settings.read_text().partition("[splits.val_unseen]")[0]
     settings.write_text(only_seen)
     outcome = run("server", "doctor", str(kept))
     assert outcome.status == 0
-    assert "1 submission to val_unseen scored with other ground truth" in outcome.out
+    assert "1 submission to val_unseen, which the settings do not name" in outcome.out
 
 
 def test_little_space_is_a_fault(kept: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

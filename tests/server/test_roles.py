@@ -61,6 +61,7 @@ DELETE /organiser/reviews/{review_id}             401    403   403    403       
 GET    /organiser/reported                        401    403   403    403        200      401         401
 POST   /organiser/reported                        401    403   403    403        201      401         401
 DELETE /organiser/reported/{result_id}            401    403   403    403        200      401         401
+POST   /organiser/corrections                     401    403   403    403        409      401         401
 GET    /organiser/notice                          401    403   403    403        200      401         401
 PUT    /organiser/notice                          401    403   403    403        200      401         401
 GET    /organiser/attempts                        401    403   403    403        200      401         401
@@ -95,6 +96,7 @@ BODIES: Mapping[str, dict[str, Any]] = {
             "source": "https://example.org/paper",
         }
     },
+    "POST /organiser/corrections": {"json": {"split": OPEN, "reason": "corrected targets"}},
     "PUT /organiser/notice": {"json": {"banner": "Back at noon."}},
 }
 

@@ -82,6 +82,7 @@ EXAMPLES = (
     Example("/desk/reviews", ORGANISER),
     Example("/desk/reviews", ORGANISER, "?submission={wordy_id}"),
     Example("/desk/reported", ORGANISER),
+    Example("/desk/corrections", ORGANISER),
     Example("/desk/quotas", ORGANISER),
     Example("/desk/people", ORGANISER),
     Example("/desk/notice", ORGANISER),

@@ -71,12 +71,7 @@ def _finite(context: click.Context, parameter: click.Parameter, metres: float) -
     multiple=True,
     help="A scan to build, as often as needed.  [default: all that have both files]",
 )
-@click.option(
-    "--jobs",
-    metavar="N",
-    type=click.IntRange(min=1),
-    help="Number of worker processes.  [default: number of cores]",
-)
+@options.jobs
 def boxes(
     *,
     houses: Path,

@@ -1,7 +1,7 @@
 """Checks before a server starts; all problems are reported at once, each with its remedy."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -19,6 +19,7 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, load_boards
 from reverie_eval.server.service.receipts import Signer, load_key, public_pem_of
+from reverie_eval.server.service.rescoring import count_outdated
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -70,7 +71,7 @@ def check_folder(folder: Path) -> Sequence[Finding]:
         _at_ground_truth,
         _at_signing_key,
         _at_database,
-        _at_secrets,
+        _at_results,
         _at_uploads,
     )
     return [finding for look in looks for finding in look(settings)]
@@ -275,8 +276,8 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
     yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
 
 
-def _at_secrets(settings: Settings) -> Iterator[Finding]:
-    """Look for stored exact values of splits that are private now."""
+def _at_results(settings: Settings) -> Iterator[Finding]:
+    """Look for stored exact values of private splits, and for results that are not ranked."""
     if database_fault(settings) is not None:
         return
     try:
@@ -284,26 +285,37 @@ def _at_secrets(settings: Settings) -> Iterator[Finding]:
     except SettingsError:
         return
     with closing(Database(settings.database_url)) as database, database.reading() as session:
-        for board in boards.values():
-            if board.is_private:
+        try:
+            for board in filter(lambda board: board.is_private, boards.values()):
                 yield from _at_exact_values(session, board)
+            yield from _at_outdated(session, boards, settings.folder)
+        except REFUSALS:
+            message = "some results cannot be read; run `reverie-eval server doctor`"
+            yield Finding("results", "note", message)
 
 
 def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
-    kept = select(Submission.report).where(Submission.split == board.name)
-    try:
-        reports = map(ScoreReport.model_validate, session.scalars(kept))
-        exact = sum(not board.may_keep(report) for report in reports)
-    except REFUSALS:
-        message = f"some results of {board.name} cannot be read; run `reverie-eval server doctor`"
-        yield Finding("secrets", "note", message)
-        return
+    kept = select(Submission.report, Submission.earlier).where(Submission.split == board.name)
+    exact = 0
+    for report, earlier in session.execute(kept):
+        reports = [report, *(result["report"] for result in earlier)]
+        exact += not all(board.may_keep(ScoreReport.model_validate(each)) for each in reports)
     if exact:
         message = (
             f"{board.name} is private, but exact values of {count_text(exact, 'result')} were "
             "stored while it was open; make it open again, and give the private split another name"
         )
         yield Finding("secrets", "fault", message)
+
+
+def _at_outdated(session: Session, boards: Mapping[str, Board], folder: Path) -> Iterator[Finding]:
+    for split, number in count_outdated(session, boards).items():
+        message = (
+            f"{count_text(number, 'submission')} to {split} scored with other ground truth or "
+            "rules than the current ones, and so not ranked; score them again with "
+            f"`reverie-eval server rescore {folder} {split}`"
+        )
+        yield Finding("results", "note", message)
 
 
 def _at_uploads(settings: Settings) -> Iterator[Finding]:

@@ -5,6 +5,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
+from itertools import chain
 from pathlib import Path
 
 from sqlalchemy import select, text
@@ -128,8 +129,7 @@ def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
 def _at_reports(
     submissions: Sequence[SubmissionReport], boards: Mapping[str, Board]
 ) -> Iterator[Finding]:
-    older: Counter[tuple[str, str]] = Counter()
-    current = 0
+    current, without_board = 0, Counter[str]()
     for submission in submissions:
         fingerprint, board = submission.report.fingerprint, boards.get(submission.split)
         if f"|data:{fingerprint[:12]}|" not in submission.report.signature:
@@ -138,15 +138,12 @@ def _at_reports(
                 "restore the last backup"
             )
             yield Finding("reports", "fault", message)
-        elif board is None or board.truth.fingerprint != fingerprint:
-            older[submission.split, fingerprint] += 1
+        if board is None:
+            without_board[submission.split] += 1
         else:
-            current += 1
-    for (split, fingerprint), number in older.items():
-        message = (
-            f"{count_text(number, 'submission')} to {split} scored with other ground truth "
-            f"({fingerprint[:12]}) than the current one: not comparable with new scores"
-        )
+            current += board.truth.fingerprint == fingerprint
+    for split, number in without_board.items():
+        message = f"{count_text(number, 'submission')} to {split}, which the settings do not name"
         yield Finding("reports", "note", message)
     scored = f"{count_text(current, 'report')} scored with the current ground truth"
     yield Finding("reports", "ok", scored)
@@ -158,7 +155,7 @@ def _at_receipts(
     names: Mapping[str, Collection[str]],
 ) -> Iterator[Finding]:
     sound = 0
-    for submission in submissions:
+    for submission in chain.from_iterable(map(_with_earlier, submissions)):
         try:
             verify(submission.receipt, public_pem)
         except ReceiptError as error:
@@ -171,6 +168,13 @@ def _at_receipts(
             remedy = "restore the key or the database from the last backup"
             yield Finding("receipts", "fault", f"{submission.id}: {trouble}; {remedy}")
     yield Finding("receipts", "ok", f"{count_text(sound, 'receipt')} verified")
+
+
+def _with_earlier(submission: SubmissionReport) -> Iterator[SubmissionReport]:
+    """Yield a submission as it is, and as it was before each time that it was scored again."""
+    yield submission
+    for result in submission.earlier:
+        yield submission.model_copy(update={"report": result.report, "receipt": result.receipt})
 
 
 def _matches_row(kept: SubmissionReport, names: Collection[str]) -> bool:

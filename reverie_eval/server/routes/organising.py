@@ -8,6 +8,7 @@ from reverie_eval.schemas.organising import (
     AttemptReport,
     AuditReport,
     GrantReport,
+    NewCorrection,
     NewGrant,
     NewNotice,
     NewPerson,
@@ -19,6 +20,7 @@ from reverie_eval.schemas.organising import (
     NoticeReport,
     PersonReport,
     ReportedEntry,
+    RescoringReport,
     ReviewEntry,
     TeamReport,
     TokenReport,
@@ -27,6 +29,7 @@ from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Number, Paging
+from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.service import attempts, audit, people, quotas, reported, reviews, tokens
 
 router = APIRouter(
@@ -139,6 +142,15 @@ def add_reported_result(new: NewReported, organiser: Organiser) -> ReportedEntry
 def remove_reported_result(result_id: Number, organiser: Organiser) -> ReportedEntry:
     """Remove a reported result from the leaderboard."""
     return organiser.perform(reported.remove_reported, result_id)
+
+
+@router.post("/corrections", responses=problems("not-found", "conflict"))
+def rescore(new: NewCorrection, organiser: Organiser, _: ScoringSlot) -> RescoringReport:
+    """Score some submissions again after a correction of the ground truth or the rules.
+
+    Each request scores the next ones; `left` says how many remain. `server rescore` scores all.
+    """
+    return organiser.server.rescoring.rescore(organiser.person().name, new)
 
 
 @router.get("/notice")

@@ -27,6 +27,7 @@ from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.tables import (
     AuditEntry,
     Base,
+    Correction,
     Grant,
     Notice,
     Person,
@@ -39,7 +40,7 @@ from reverie_eval.server.store.tables import (
 
 _BEFORE_THE_FIRST = "0" * 64
 _SUBMITTED = "submitted"
-_REPEATABLE = frozenset({"changed", "token revoked", "team renamed"})
+_REPEATABLE = frozenset({"changed", "token revoked", "team renamed", "scored again"})
 """Actions that may happen to a row several times; the row shows only the last."""
 _SWITCHES = {
     ("withdrawn", True): "withdrawn",
@@ -249,6 +250,7 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (Submission, select(literal(_SUBMITTED), Submission.id, null())),
     (Submission, select(literal("changed"), Submission.id, Submission.published_at)),
     (Submission, select(literal("changed"), Submission.id, Submission.withdrawn_at)),
+    (Submission, select(literal("scored again"), Submission.id, Submission.rescored_at)),
     (Grant, select(literal("granted"), Grant.id, Grant.created_at)),
     (Review, select(Review.verdict, Review.id, Review.created_at)),
     (Review, select(literal("review lifted"), Review.id, Review.lifted_at)),
@@ -261,5 +263,6 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
         select(literal("reported result removed"), ReportedResult.id, ReportedResult.removed_at),
     ),
     (Notice, select(literal("notice posted"), Notice.id, Notice.created_at)),
+    (Correction, select(literal("correction announced"), Correction.id, Correction.created_at)),
 )
 """For each table, the actions that its rows show: name, key of the row, time or None."""

@@ -152,7 +152,7 @@ def load_boards(settings: Settings) -> Mapping[str, Board]:
     for name, split in settings.splits.items():
         path = settings.path(split.bundle)
         try:
-            boards[name] = _load(name, split, path)
+            boards[name] = load_board(name, split, path)
         except (GroundTruthError, OSError) as error:
             missing = "; put it there, or make it with `reverie-eval compile`"
             reason = f"{error.strerror}{missing}" if isinstance(error, OSError) else error
@@ -200,7 +200,16 @@ def board_named(boards: Mapping[str, Board], split: str) -> Board:
     return board
 
 
-def _load(name: str, split: Split, path: Path) -> Board:
+def load_board(name: str, split: Split, path: Path) -> Board:
+    """Load a split's ground truth.
+
+    Raises
+    ------
+    GroundTruthError
+        If the split cannot be scored with it.
+    OSError
+        If it cannot be read.
+    """
     bundle = Bundle.load(path)
     truth = GroundTruth.from_bundle(bundle, origin=str(path))
     truth.require_answers()

@@ -43,6 +43,7 @@ class Embargo:
             update={
                 "report": without_scores(known.report),
                 "receipt": self._signed_without_scores(known.receipt),
+                "earlier": [],
                 "scores_held_until": until,
             }
         )

@@ -16,11 +16,11 @@ from sqlalchemy import ColumnElement, Text, cast, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.schemas.service import Standing, Verdict
+from reverie_eval.schemas.service import CorrectionReport, Standing, Verdict
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import reviews_of
-from reverie_eval.server.store.tables import AuditEntry, Submission, Team
+from reverie_eval.server.store.tables import AuditEntry, Correction, Submission, Team
 
 _NO_CHANGE = "submitted"
 """The most frequent action; it changes no leaderboard, because it publishes nothing."""
@@ -98,6 +98,8 @@ class BoardEntries:
     """The entries that are not ranked."""
     metrics: frozenset[str]
     """All metrics of the ranked entries."""
+    corrections: Sequence[CorrectionReport] = ()
+    """The latest first."""
     held_until: datetime | None = None
     """When scores are released next, if any are held back."""
     ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
@@ -143,7 +145,14 @@ def _read_entries(session: Session, board: Board, number: int, now: datetime) ->
     apart = [Row(None, entry) for entry in entries if entry.standing != "ranked"]
     metrics = frozenset(key for entry in ranked for key in entry.scores)
     held = [entry.scores_held_until for entry in entries if entry.scores_held_until is not None]
-    return BoardEntries(number, ranked, apart, metrics, min(held, default=None))
+    corrections = corrections_of(session, board.name)
+    return BoardEntries(number, ranked, apart, metrics, corrections, min(held, default=None))
+
+
+def corrections_of(session: Session, split: str) -> Sequence[CorrectionReport]:
+    """Return the corrections of a split, the latest first."""
+    chosen = select(Correction).where(Correction.split == split).order_by(Correction.id.desc())
+    return [CorrectionReport.model_validate(row) for row in session.scalars(chosen)]
 
 
 def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:

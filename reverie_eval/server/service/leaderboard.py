@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._results import methods_table
 from reverie_eval.reporting._table import latex_comments, latex_text
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.service import CorrectionReport, Method
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row
@@ -51,6 +51,8 @@ class Ranking:
     now: datetime
     counts: Mapping[int, int]
     """Number of submissions to the split, by team."""
+    corrections: Sequence[CorrectionReport] = ()
+    """The latest first."""
 
     def team(self, entry: Entry) -> str:
         """Return the team of an entry; empty while it is anonymous."""
@@ -117,13 +119,23 @@ def leaderboard(
     cached = cache.entries(session, board, now)
     if metric not in cached.ranked:
         values = [entry.scores.get(metric) for entry in cached.entries]
-        rows = map(Row, _ranks(values, CATALOGUE[metric]), cached.entries)
+        rows = map(Row, ranks(values, CATALOGUE[metric]), cached.entries)
         cached.ranked[metric] = sorted(rows, key=lambda row: inf if row.rank is None else row.rank)
     counts = cache.submissions_of_teams(session, board.name)
-    return Ranking(board, metric, cached.ranked[metric], cached.apart, cached.metrics, now, counts)
+    return Ranking(
+        board=board,
+        metric=metric,
+        rows=cached.ranked[metric],
+        apart=cached.apart,
+        metrics=cached.metrics,
+        now=now,
+        counts=counts,
+        corrections=cached.corrections,
+    )
 
 
-def _ranks(values: Sequence[float | None], metric: Metric) -> list[int | None]:
+def ranks(values: Sequence[float | None], metric: Metric) -> Sequence[int | None]:
+    """Return the rank of each value, as :func:`leaderboard` ranks; None for no value."""
     sign = -1 if metric.better == "higher" else 1
     order = sorted(sign * value for value in values if value is not None)
     first: dict[float, int] = {}
@@ -144,6 +156,7 @@ def as_json(ranking: Ranking) -> bytes:
             "signature": board.signature,
             "rows": [_row_json(ranking, row) for row in ranking.rows],
             "apart": [_row_json(ranking, row) for row in ranking.apart],
+            "corrections": [each.model_dump(mode="json") for each in ranking.corrections],
         }
     )
 

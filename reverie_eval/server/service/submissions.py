@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.errors import ProtocolError
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import (
+    EarlierResult,
     Method,
     MethodChange,
     Receipt,
@@ -102,6 +103,7 @@ def submission_report(row: Submission) -> SubmissionReport:
         method=Method.model_validate(row.method),
         report=ScoreReport.model_validate(row.report),
         receipt=Receipt.model_validate(row.receipt),
+        earlier=list(map(EarlierResult.model_validate, row.earlier)),
         status="withdrawn"
         if row.withdrawn_at
         else "published"
@@ -127,6 +129,8 @@ class Publication:
     """When its scores are released, if they are not."""
     published_at: datetime
     reviews: Sequence[Review]
+    earlier: Sequence[EarlierResult]
+    """Empty while scores are held back."""
 
 
 def publication(session: Session, submission_id: str, view: View) -> Publication:
@@ -140,6 +144,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
     row = find_submission(session, submission_id)
     if row is None or row.published_at is None or row.withdrawn_at is not None:
         raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
+    held_until = view.embargo.until(row, view.now)
     is_anonymous = row.anonymous_until is not None and row.anonymous_until > view.now
     return Publication(
         id=row.id,
@@ -147,9 +152,10 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
         team="" if is_anonymous else row.team.name,
         method=Method.model_validate(row.method),
         report=view.embargo.report(row, view.now),
-        scores_held_until=view.embargo.until(row, view.now),
+        scores_held_until=held_until,
         published_at=row.published_at,
         reviews=standing_reviews(session, row.id),
+        earlier=[] if held_until else list(map(EarlierResult.model_validate, row.earlier)),
     )
 
 

@@ -35,6 +35,7 @@ class Base(DeclarativeBase):
     type_annotation_map = {  # noqa: RUF012  # read by the library's metaclass
         datetime: UtcDateTime(),
         dict[str, Any]: JSON,
+        list[dict[str, Any]]: JSON,
         Role: String(16),
         TokenKind: String(16),
         Verdict: String(16),
@@ -120,11 +121,28 @@ class Submission(Base):
     report: Mapped[dict[str, Any]]
     """The score report; for private splits, with rounded means only."""
     receipt: Mapped[dict[str, Any]]
+    rescored_at: Mapped[datetime | None]
+    """When it was last scored again, after a correction."""
+    earlier: Mapped[list[dict[str, Any]]] = mapped_column(default=list)
+    """Its reports and receipts before that, the earliest first."""
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
     anonymous_until: Mapped[datetime | None]
     team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
     person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)
+
+
+class Correction(Base):
+    """A change of a split's ground truth or rules, for which its submissions are scored again."""
+
+    __tablename__ = "correction"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    split: Mapped[str] = mapped_column(String(64), index=True)
+    signature: Mapped[str] = mapped_column(String(500))
+    """What scores depend on since."""
+    reason: Mapped[str] = mapped_column(String(500))
+    created_at: Mapped[datetime]
 
 
 class Grant(Base):

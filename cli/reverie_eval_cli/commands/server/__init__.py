@@ -17,6 +17,9 @@ server = LazyGroup(
             "invite": "token:invite",
             "grant": "grant:grant",
         },
+        "Results": {
+            "rescore": "rescore:rescore",
+        },
         "Keep": {
             "doctor": "folder:doctor",
             "audit": "audit:audit",

@@ -2,8 +2,16 @@
 
 from fastapi import APIRouter
 
-from reverie_eval.server.pages.desk import notice, overview, people, quotas, reported, reviews
+from reverie_eval.server.pages.desk import (
+    corrections,
+    notice,
+    overview,
+    people,
+    quotas,
+    reported,
+    reviews,
+)
 
 router = APIRouter()
-for part in (overview, people, quotas, reviews, reported, notice):
+for part in (overview, people, quotas, reviews, reported, corrections, notice):
     router.include_router(part.router)

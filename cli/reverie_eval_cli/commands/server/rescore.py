@@ -1,0 +1,109 @@
+"""``reverie-eval server rescore FOLDER SPLIT``: score submissions again after a correction."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from reverie_eval.metrics import Metric, primary_metric
+from reverie_eval.text import count_text
+from reverie_eval_cli import options
+from reverie_eval_cli.organising import actor, checked, print_list
+from reverie_eval_cli.output import note, with_progress
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from reverie_eval.schemas.organising import ResultChange
+    from reverie_eval.server.service.rescoring import Job, Outcome
+
+
+@click.command()
+@options.server_folder
+@click.argument("split")
+@click.option("--reason", metavar="TEXT", help="Why; shown on the leaderboard with the date.")
+@click.option(
+    "--bundle",
+    metavar="FILE",
+    type=options.PATH,
+    help="New ground truth for the split; replaces the bundle that the settings name.",
+)
+@click.option("--dry-run", is_flag=True, help="Show how results would change; change nothing.")
+@options.jobs
+def rescore(
+    *,
+    folder: Path,
+    split: str,
+    reason: str | None,
+    bundle: Path | None,
+    dry_run: bool,
+    jobs: int | None,
+) -> int:
+    """Score submissions again after a correction.
+
+    All submissions to SPLIT that were scored with other ground truth or rules than the current ones
+    are scored from their uploads. Dates, quotas and reviews stay the same; the earlier results and
+    receipts are kept. If it is interrupted, run it again without --bundle.
+
+    Prints how every result changed, the largest changes first.
+
+    Exit status: 0 all were scored, 1 some cannot be scored again, 2 usage or system error.
+    """
+    from reverie_eval.schemas.organising import NewCorrection
+    from reverie_eval.server.operations import rescoring
+    from reverie_eval.server.settings import load_settings
+
+    if reason is None and not dry_run:
+        raise click.UsageError("give a --reason, or --dry-run to change nothing")
+    settings, jobs = load_settings(folder), jobs or os.cpu_count() or 1
+    if reason is None or dry_run:
+        changes = rescoring.preview(settings, split, bundle, jobs=jobs, progress=_progress)
+    else:
+        new = checked(NewCorrection, split=split, reason=reason)
+        if bundle is not None:
+            aside = rescoring.install_bundle(settings, split, bundle)
+            note(f"the earlier ground truth is now {aside}; restart the server to use the new one")
+        changes = rescoring.rescore(
+            settings, split, new.reason, actor=actor(), jobs=jobs, progress=_progress
+        )
+    _print(changes)
+    failed = sum(bool(change.problem) for change in changes)
+    if failed:
+        note(f"{count_text(failed, 'submission')} cannot be scored again, and kept the old result")
+    return 1 if failed else 0
+
+
+def _progress(
+    outcomes: "Iterable[tuple[Job, Outcome]]", number: int
+) -> "Iterable[tuple[Job, Outcome]]":
+    return with_progress(outcomes, "scoring again", number)
+
+
+def _print(changes: "Sequence[ResultChange]") -> None:
+    if not changes:
+        note("there are no submissions")
+        return
+    metric = primary_metric(set().union(*(change.before for change in changes)))
+    rows = [
+        (
+            change.submission_id,
+            change.team,
+            change.method,
+            _shown(metric, change.before),
+            _shown(metric, change.after),
+            f"{_rank(change.rank_before)} -> {_rank(change.rank_after)}",
+            change.problem,
+        )
+        for change in changes
+    ]
+    before, after = f"{metric.label} before", f"{metric.label} after"
+    print_list(("submission", "team", "method", before, after, "rank", "problem"), rows)
+
+
+def _shown(metric: Metric, scores: "Mapping[str, float]") -> str:
+    return metric.display(scores[metric.key]) if metric.key in scores else "-"
+
+
+def _rank(rank: int | None) -> str:
+    return "-" if rank is None else str(rank)

@@ -1,0 +1,53 @@
+"""Work on many things in several processes."""
+
+from collections.abc import Callable, Generator, Sequence
+from multiprocessing import get_context
+from typing import TypeVar
+
+from reverie_eval.errors import ReverieEvalError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def map_in_processes(
+    work: Callable[[Item], Result], items: Sequence[Item], jobs: int
+) -> Generator[Result]:
+    """Yield the results of a function in the order of the items.
+
+    Parameters
+    ----------
+    work : callable
+        With its arguments and results, it must be possible to pickle it.
+    items : sequence
+        Its arguments, one for each call.
+    jobs : int
+        Number of processes. With one job, the work is done in this process. Closing the generator
+        stops them.
+
+    Raises
+    ------
+    ReverieEvalError
+        If a process was killed.
+    """
+    jobs = min(jobs, len(items))
+    if jobs <= 1:
+        yield from map(work, items)
+        return
+    # `multiprocessing.Pool` waits forever for a process that was killed, and `concurrent.futures`
+    # cannot stop running ones.
+    from pebble import ProcessExpired, ProcessPool
+
+    # "spawn" starts fresh processes: a forked copy of a process with threads, which a progress bar
+    # has, may hang.
+    with ProcessPool(jobs, context=get_context("spawn")) as pool:
+        try:
+            yield from pool.map(work, items).result()
+        except ProcessExpired as error:
+            pool.stop()
+            raise ReverieEvalError(
+                "a process was killed while it worked, perhaps for lack of memory; try fewer --jobs"
+            ) from error
+        except BaseException:
+            pool.stop()  # otherwise leaving the block waits for the items still to be worked on
+            raise

@@ -1,0 +1,52 @@
+"""``/desk/corrections``: scoring again after the ground truth or the rules were corrected."""
+
+from fastapi import APIRouter
+from fastapi.responses import Response
+
+from reverie_eval.schemas.organising import NewCorrection
+from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.pages.desk import forms
+from reverie_eval.server.service import rescoring
+
+router = APIRouter()
+
+PAGE = "/desk/corrections"
+
+
+def draw(
+    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
+) -> Response:
+    """Show the splits with submissions to score again, and all corrections."""
+    with desk.snapshot() as snapshot:
+        return forms.desk_page(
+            desk,
+            snapshot,
+            "corrections.html",
+            problem,
+            outdated=rescoring.count_outdated(snapshot.session, desk.server.boards),
+            corrections=rescoring.list_corrections(
+                snapshot.session, forms.page_at(desk, "corrections")
+            ),
+            at_once=rescoring.AT_ONCE,
+            typed=typed,
+            done=what,
+        )
+
+
+@router.get(PAGE)
+def show_corrections(desk: Desk, done: forms.Done = "") -> Response:
+    """Show the corrections."""
+    return draw(desk, {}, what=done)
+
+
+@router.post(PAGE)
+def rescore(desk: Desk, form: Posted, _: ScoringSlot) -> Response:
+    """Score the next submissions to a split again."""
+    typed = forms.typed_by(desk, form, draw)
+    new = read_model(NewCorrection, {name: typed.get(name, "") for name in ("split", "reason")})
+    report = desk.server.rescoring.rescore(desk.person().name, new)
+    outcome = "rejected" if report.rejected else "more" if report.left else "scored"
+    return forms.done(PAGE, outcome)

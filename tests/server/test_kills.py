@@ -1,0 +1,306 @@
+"""Whatever is killed, and whenever: an upload counts once, or it has cost nothing.
+
+Servers are killed at every step of an upload and at random moments, and so is PostgreSQL, while
+several people upload. After each kill the database is read without our code. What was acknowledged
+has to be there once, with its scores, its file, its entry in the audit log and its place in the
+quota. Everything else is there as completely, or has left no trace. Then the server starts again;
+what was not acknowledged is sent once more, together with something that was.
+"""
+
+import gzip
+import hashlib
+import signal
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import count
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from random import Random
+from typing import Any, NamedTuple, get_args
+
+import httpx
+import pytest
+
+from reverie_eval import evaluate
+from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.operations.folder import upgrade_folder
+from reverie_eval.server.settings import SETTINGS_FILE, load_settings
+from tests.support.amounts import amount, tell
+from tests.support.kept import faults
+from tests.support.killing import STEPS, Part, kill_postgresql, restart_postgresql, serving
+from tests.support.plain_sql import Stored, stored
+from tests.support.serving import (
+    GOOD,
+    MATE,
+    NO_TLS,
+    OPEN,
+    OTHER,
+    OWNER,
+    PEOPLE,
+    make_database,
+    populate,
+    running_postgresql,
+)
+from tests.support.waiting import PATIENCE
+
+SENDERS = (OWNER, MATE, OTHER)
+"""The first two are of one team."""
+FILES = 2
+"""Which are not stored yet, that each of them sends between two kills."""
+PADDING = 1 << 18
+"""Bytes, so that an upload arrives in several pieces."""
+QUOTA = 100_000
+BEFORE_THE_FIRST = "0" * 64
+NOT_REACHED = "database-down"
+
+SETTINGS = """
+database = "{database}"
+
+[splits.val_unseen]
+bundle = "bundles/val_unseen.npz"
+visibility = "open"
+quota = {{ day = {quota}, month = {quota}, year = {quota} }}
+
+[limits]
+requests_per_minute = 1000000
+mebibytes_per_day = 1000000
+"""
+
+
+class Kill(NamedTuple):
+    """What is killed, and when."""
+
+    part: Part | None = None
+    """Of PostgreSQL; None for the server."""
+    step: str | None = None
+    """Of an upload to a server; None for a random moment."""
+
+
+AT_STEPS = tuple(Kill(step=step) for step in STEPS)
+AT_ANY_MOMENT = (Kill(),) * 3
+OF_POSTGRESQL = tuple(Kill(part) for part in get_args(Part))
+
+
+@dataclass
+class Upload:
+    """A file that somebody has sent, perhaps several times."""
+
+    who: str
+    content: bytes
+    acknowledged: Any = None
+    """The submission in the first reply, if there was one."""
+
+    @cached_property
+    def sha256(self) -> str:
+        """What it is stored under."""
+        return hashlib.sha256(self.content).hexdigest()
+
+
+@dataclass
+class Lab:
+    """A server's folder, what was sent to the server, and what has to be true of it."""
+
+    folder: Path
+    database: str
+    postgresql: Any
+    """What starts PostgreSQL; None with SQLite."""
+    random: Random = field(default_factory=lambda: Random(0))
+    uploads: list[Upload] = field(default_factory=list)
+    statuses: Counter[str] = field(default_factory=Counter)
+    """Of replies; and how many uploads had none."""
+    unheard: list[Upload] = field(default_factory=list)
+    """Those that were sent since the database was last read, and not acknowledged."""
+    fates: Counter[str] = field(default_factory=Counter)
+    """How many of these were stored."""
+    serial: Iterator[int] = field(default_factory=count)
+    known: dict[str, Any] = field(default_factory=dict)
+    """The receipts that were in the database when it was last read, by SHA-256."""
+    typical_seconds: float = 0.0
+    """That a round of uploads takes if nothing is killed."""
+
+    def __post_init__(self) -> None:
+        """Set up the server."""
+        settings = SETTINGS.format(database=self.database, quota=QUOTA)
+        (self.folder / SETTINGS_FILE).write_text(settings)
+        upgrade_folder(self.folder)
+        with acting(load_settings(self.folder), "test") as transaction:
+            self.tokens = populate(transaction, PEOPLE)
+        self.scores = evaluate(GOOD, split=OPEN).to_report().scores
+
+    def calmly(self) -> None:
+        """Upload something while nothing is killed."""
+        with serving(self.folder) as (_, url):
+            self.ask_quotas(url)
+            began = time.monotonic()
+            self.send_all(url, self.plans())
+            self.typical_seconds = time.monotonic() - began
+        assert not self.unacknowledged()
+        self.check()
+
+    def disturb(self, kill: Kill) -> None:
+        """Upload something, kill meanwhile, and check what is left."""
+        times = 1 if kill.step is None else self.random.randint(1, STEPS[kill.step].most)
+        with serving(self.folder, kill.step, times) as (process, url):
+            self.ask_quotas(url)
+            with ThreadPoolExecutor(1) as other:
+                sending = other.submit(self.send_all, url, self.plans())
+                self.kill(process, kill)
+                sending.result()
+            if kill.part is not None:
+                restart_postgresql(self.postgresql)
+                self.check()
+                self.send_all(url, [self.unacknowledged()])
+                assert not self.unacknowledged(), "the server works again, without a restart"
+        self.check()
+
+    def kill(self, process: BaseProcess, kill: Kill) -> None:
+        """Kill what is to be killed, while uploads are sent."""
+        if kill.step is not None:
+            process.join(PATIENCE)
+            assert process.exitcode == -signal.SIGKILL, kill
+            return
+        time.sleep(self.random.uniform(0, self.typical_seconds))
+        if kill.part is None:
+            process.kill()
+        else:
+            kill_postgresql(self.postgresql, kill.part)
+
+    def plans(self) -> Sequence[Sequence[Upload]]:
+        """Return what each sends: what was not acknowledged, something that was, and new files."""
+        acknowledged = [upload for upload in self.uploads if upload.acknowledged]
+        plans = []
+        for who in SENDERS:
+            pending = [upload for upload in self.unacknowledged() if upload.who == who]
+            again = self.random.sample(acknowledged, min(1, len(acknowledged)))
+            absent = sum(upload.sha256 not in self.known for upload in pending)
+            new = [Upload(who, self.new_file()) for _ in range(FILES - absent)]
+            self.uploads += new
+            plans.append([*pending, *again, *new])
+        return plans
+
+    def new_file(self) -> bytes:
+        """Return a file that nobody has sent."""
+        return GOOD + b" " * (PADDING + next(self.serial))
+
+    def unacknowledged(self) -> Sequence[Upload]:
+        """Return the uploads whose senders do not know what became of them."""
+        return [upload for upload in self.uploads if upload.acknowledged is None]
+
+    def send_all(self, url: str, plans: Sequence[Sequence[Upload]]) -> None:
+        """Send several people's uploads, each one after the other, until the server is gone."""
+
+        def send_each(uploads: Sequence[Upload]) -> None:
+            with httpx.Client(base_url=url, timeout=PATIENCE, verify=NO_TLS) as client:
+                for upload in uploads:
+                    if not self.send(client, upload):
+                        return
+
+        with ThreadPoolExecutor(len(plans)) as senders:
+            list(senders.map(send_each, plans))
+
+    def send(self, client: httpx.Client, upload: Upload) -> bool:
+        """Send an upload, and compare the reply with what is known; whether there was one."""
+        try:
+            reply = client.post(
+                f"/api/v1/splits/{OPEN}/submissions",
+                params={"name": "Walker"},
+                content=upload.content,
+                headers={"Authorization": f"Bearer {self.tokens[upload.who]}"},
+            )
+        except httpx.TransportError:
+            self.statuses["none"] += 1
+            self.unheard.append(upload)
+            return False
+        self.statuses[str(reply.status_code)] += 1
+        if self.postgresql is not None and reply.status_code == 503:
+            assert reply.json()["code"] == NOT_REACHED, reply.text
+            assert reply.headers["retry-after"]
+            self.unheard.append(upload)
+            return True
+        assert reply.status_code in {200, 201}, reply.text
+        submission = reply.json()["submission"]
+        receipt = self.known.get(upload.sha256)
+        if receipt is not None:
+            assert (reply.status_code, submission["receipt"]) == (200, receipt)
+        if upload.acknowledged is not None:
+            assert (reply.status_code, submission) == (200, upload.acknowledged)
+        upload.acknowledged = submission
+        return True
+
+    def ask_quotas(self, url: str) -> None:
+        """Check that the server counts what is stored, each once, and nothing else."""
+        rows = stored(self.database).submissions
+        for who in SENDERS:
+            used = sum(row.team == PEOPLE[who] for row in rows)
+            headers = {"Authorization": f"Bearer {self.tokens[who]}"}
+            reply = httpx.get(f"{url}/api/v1/splits/{OPEN}", headers=headers, verify=NO_TLS)
+            assert reply.json()["quota"]["remaining"] == QUOTA - used
+
+    def check(self) -> None:
+        """Read the database, and check that each upload is there once, or not at all."""
+        found = stored(self.database)
+        sent = {upload.sha256: upload for upload in self.uploads}
+        rows = {row.sha256: row for row in found.submissions}
+        assert len(rows) == len(found.submissions), "a file is stored twice"
+        assert rows.keys() <= sent.keys()
+        for sha256, upload in sent.items():
+            if upload.acknowledged is not None:
+                row = rows[sha256]
+                assert row.id == upload.acknowledged["id"]
+                assert row.receipt == upload.acknowledged["receipt"]
+        for sha256 in rows.keys() - self.known.keys():
+            row, upload = rows[sha256], sent[sha256]
+            assert (row.team, row.split) == (PEOPLE[upload.who], OPEN)
+            assert row.scores == row.receipt["scores"] == self.scores
+            packed = self.folder / "uploads" / sha256[:2] / f"{sha256}.json.gz"
+            assert gzip.decompress(packed.read_bytes()) == upload.content
+        self.check_counts(found)
+        self.fates.update("stored" if each.sha256 in rows else "absent" for each in self.unheard)
+        self.unheard.clear()
+        self.known = {row.sha256: row.receipt for row in found.submissions}
+
+    def check_counts(self, found: Stored) -> None:
+        """Check that each row was counted once by the quota, and once by the audit log."""
+        for team in {PEOPLE[who] for who in SENDERS}:
+            left = [
+                row.receipt["quota"]["remaining"] for row in found.submissions if row.team == team
+            ]
+            assert sorted(left, reverse=True) == [QUOTA - 1 - used for used in range(len(left))]
+        recorded = [entry.subject for entry in found.audit if entry.action == "submitted"]
+        assert sorted(recorded) == sorted(row.id for row in found.submissions)
+        digests = [BEFORE_THE_FIRST, *(entry.digest for entry in found.audit)]
+        assert [entry.previous for entry in found.audit] == digests[:-1]
+
+
+@pytest.fixture
+def lab(kind_of_database: str, folder: Path) -> Iterator[Lab]:
+    """Return a server to be killed, on each kind of database."""
+    if kind_of_database == "sqlite":
+        yield Lab(folder, f"sqlite:///{folder}/server.db", None)
+        return
+    with running_postgresql() as running:
+        yield Lab(folder, make_database(running, "killed"), running)
+
+
+@pytest.mark.slow
+def test_no_kill_loses_an_upload_or_counts_it_twice(lab: Lab) -> None:
+    kinds = [*AT_STEPS, *AT_ANY_MOMENT, *(OF_POSTGRESQL if lab.postgresql else ())]
+    kills = [kinds[number % len(kinds)] for number in range(amount(len(kinds)))]
+    lab.calmly()
+    for kill in kills:
+        lab.disturb(kill)
+    lab.calmly()
+    assert faults(lab.folder) == []
+    assert lab.fates["stored"] > 0 < lab.fates["absent"]
+    tell(
+        database=lab.database.partition(":")[0],
+        kills=len(kills),
+        killed=dict(Counter(kill.part or kill.step or "at any moment" for kill in kills)),
+        uploads=len(lab.uploads),
+        replies=dict(lab.statuses),
+        without_a_reply=dict(lab.fates),
+    )

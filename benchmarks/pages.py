@@ -67,9 +67,8 @@ from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.service.paging import LONGEST
 from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState
-state = ServerState.open(load_settings(Path(sys.argv[1])))
-run_server(state, "127.0.0.1", 0, announce=lambda url: print(url, flush=True))
+settings = load_settings(Path(sys.argv[1]))
+run_server(settings, "127.0.0.1", 0, announce=lambda url: print(url, flush=True))
 """
 
 BOARD = f"/boards/{SPLIT}"

@@ -6,7 +6,9 @@ from all others in one digit of a heading, so that each is scored. Latencies dep
 The figure with a bar is throughput as a ratio to a bare FastAPI route under the same uvicorn
 settings that only reads the same bodies and calls ``orjson.loads``. Both run in turn, several
 times, and the median of the ratios counts. The uploads come from many teams in turn, as they would
-before a deadline. Needs the published files (see ``fixtures/published.py``).
+before a deadline. Then two worker processes are compared with one in the same way, each upload over
+a connection of its own, as proxies send them; the sender takes its part of the same processors.
+Needs the published files (see ``fixtures/published.py``).
 """
 
 import gzip
@@ -40,6 +42,7 @@ from reverie_eval.server.settings import load_settings
 
 SPLIT = "val_unseen"
 SUBMISSION = f"{SPLIT}.mixed1"
+PATH = f"/api/v1/splits/{SPLIT}/submissions?name=mixed1"
 ROUNDS = 5
 UPLOADS = 120
 """In each round, of each kind."""
@@ -47,6 +50,8 @@ TEAMS = 100
 CONCURRENCY = (1, 8, 32)
 COMPARED_AT = 8
 BAR = 0.5
+WORKERS = 2
+BAR_OF_WORKERS = 1.6
 
 SETTINGS = """
 [splits.val_unseen]
@@ -60,12 +65,13 @@ requests_per_minute = 1000000
 
 SERVER = """
 import sys
+from functools import partial
 from pathlib import Path
 from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState
-state = ServerState.open(load_settings(Path(sys.argv[1])))
-run_server(state, "127.0.0.1", 0, announce=lambda url: print(url, flush=True))
+folder, workers = sys.argv[1:]
+announce = partial(print, flush=True)
+run_server(load_settings(Path(folder)), "127.0.0.1", 0, announce, workers=int(workers))
 """
 
 BARE = """
@@ -118,16 +124,19 @@ def main() -> int:
         work = Path(temporary)
         dataset = unpack_dataset(folder, work)
         bundle = compile_split(DatasetFiles.find(dataset, split=SPLIT), SPLIT)
-        ratios = []
+        ratios, gains = [], []
         for visibility in ("private", "open"):
             server = work / visibility
             server.mkdir()
             bundle.save(server / f"{SPLIT}.npz")
             tokens = itertools.cycle(make_server(server, visibility))
-            with running(SERVER, server) as url, running(BARE) as bare_url:
-                scored = Target(url, f"/api/v1/splits/{SPLIT}/submissions?name=mixed1", 201, tokens)
+            with running(SERVER, server, 1) as url, running(BARE) as bare_url:
+                scored = Target(url, PATH, 201, tokens)
                 ratios.append(compare(visibility, scored, Target(bare_url, "/", 200), bodies))
-    return int(min(ratios) < BAR)
+            with running(SERVER, server, 1) as url, running(SERVER, server, WORKERS) as crew_url:
+                one, crew = Target(url, PATH, 201, tokens), Target(crew_url, PATH, 201, tokens)
+                gains.append(compare_workers(visibility, one, crew, bodies))
+    return int(min(ratios) < BAR or min(gains) < BAR_OF_WORKERS)
 
 
 def compare(visibility: str, scored: Target, bare: Target, bodies: Iterator[bytes]) -> float:
@@ -145,21 +154,46 @@ def compare(visibility: str, scored: Target, bare: Target, bodies: Iterator[byte
             f"{visibility} split, {concurrency:2} at once: median {median:6.1f} ms, p99 "
             f"{p99:6.1f} ms, of {len(latencies)} uploads"
         )
-    pairs = [
-        tuple(
-            upload(target, itertools.islice(bodies, UPLOADS), COMPARED_AT).throughput
-            for target in (scored, bare)
-        )
-        for _ in range(ROUNDS)
-    ]
-    ours, theirs = (statistics.median(column) for column in zip(*pairs, strict=True))
-    ratio = statistics.median(scored / bare for scored, bare in pairs)
+    ratio, ours, theirs = in_turns(scored, bare, bodies)
     verdict = "ok" if ratio >= BAR else "MISSED"
     print(
         f"{visibility} split, {COMPARED_AT} at once: {ours:.1f} uploads/s, bare route "
         f"{theirs:.1f}; ratio {ratio:.2f}   at least {BAR}   {verdict}"
     )
     return ratio
+
+
+def compare_workers(visibility: str, one: Target, crew: Target, bodies: Iterator[bytes]) -> float:
+    """Print the throughput of several workers against that of one; return the ratio."""
+    for target in (one, crew):
+        upload(target, itertools.islice(bodies, 32), COMPARED_AT)
+    ratio, several, single = in_turns(crew, one, bodies, keeps_connections=False)
+    verdict = "ok" if ratio >= BAR_OF_WORKERS else "MISSED"
+    print(
+        f"{visibility} split, {COMPARED_AT} at once: {WORKERS} workers {several:.1f} uploads/s, "
+        f"one {single:.1f}; ratio {ratio:.2f}   at least {BAR_OF_WORKERS}   {verdict}"
+    )
+    return ratio
+
+
+def in_turns(
+    first: Target, second: Target, bodies: Iterator[bytes], *, keeps_connections: bool = True
+) -> tuple[float, float, float]:
+    """Return the medians of the ratio of two throughputs, of the first and of the second."""
+    pairs = [
+        tuple(
+            upload(
+                target,
+                itertools.islice(bodies, UPLOADS),
+                COMPARED_AT,
+                keeps_connections=keeps_connections,
+            ).throughput
+            for target in (first, second)
+        )
+        for _ in range(ROUNDS)
+    ]
+    ours, theirs = (statistics.median(column) for column in zip(*pairs, strict=True))
+    return statistics.median(one / other for one, other in pairs), ours, theirs
 
 
 def quantile(ordered: Sequence[float], share: float) -> float:
@@ -193,7 +227,7 @@ def make_server(folder: Path, visibility: str) -> Sequence[str]:
 
 
 @contextmanager
-def running(program: str, *arguments: Path) -> Iterator[str]:
+def running(program: str, *arguments: Path | int) -> Iterator[str]:
     """Run a server in a process of its own; return the URL that it prints."""
     words = [sys.executable, "-c", program, *map(str, arguments)]
     with subprocess.Popen(
@@ -206,13 +240,15 @@ def running(program: str, *arguments: Path) -> Iterator[str]:
             process.terminate()
 
 
-def upload(target: Target, bodies: Iterator[bytes], concurrency: int) -> Load:
-    """Send bodies, so many at once, each sender over a connection of its own."""
+def upload(
+    target: Target, bodies: Iterator[bytes], concurrency: int, *, keeps_connections: bool = True
+) -> Load:
+    """Send bodies, so many at once; each sender keeps a connection, or opens one for each."""
     address = urlsplit(target.url).netloc
     own = local()
 
     def send(body: bytes, token: str) -> float:
-        if not hasattr(own, "connection"):
+        if not (keeps_connections and hasattr(own, "connection")):
             own.connection = http.client.HTTPConnection(address)
         headers = {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}
         start = time.perf_counter()

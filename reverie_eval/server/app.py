@@ -20,6 +20,7 @@ from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
+from reverie_eval.server.http.workers import ALONE, Workers
 from reverie_eval.server.pages import add_pages
 from reverie_eval.server.pages.rendering import fault_page
 from reverie_eval.server.routes import access, operations, organising, splits, submissions
@@ -28,8 +29,10 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
 
 
-def create_app(server: ServerState, address: str = "http://localhost") -> FastAPI:
-    """Make the application around an opened server.
+def create_app(
+    server: ServerState, address: str = "http://localhost", workers: Workers = ALONE
+) -> FastAPI:
+    """Make the application around an opened server, or that of one of its worker processes.
 
     ``address`` is printed where people copy the server's address, unless the settings have another:
     what a request's Host header says is anybody's choice.
@@ -52,18 +55,18 @@ def create_app(server: ServerState, address: str = "http://localhost") -> FastAP
     )
     app.state.server = server
     app.state.address = server.settings.public_address or address
-    app.state.runtime = RuntimeState.of(server)
+    app.state.runtime = RuntimeState.of(server, workers)
     for part in (access, splits, submissions, organising):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
     app.include_router(operations.router)
     add_pages(app)
     add_error_handlers(app, fault_page)
-    add_edge(app, server.settings)
+    add_edge(app, server.settings, workers)
     describe(app)
     return app
 
 
-def add_edge(app: FastAPI, settings: Settings) -> None:
+def add_edge(app: FastAPI, settings: Settings, workers: Workers) -> None:
     """Put around the routes what every request passes, the innermost first."""
     limits = settings.limits
     app.add_middleware(HeadRequests)
@@ -73,7 +76,7 @@ def add_edge(app: FastAPI, settings: Settings) -> None:
         seconds=limits.seconds_for_body,
         kibibytes_per_second=limits.kibibytes_per_second,
     )
-    app.add_middleware(RateLimits, per_minute=limits.requests_per_minute)
+    app.add_middleware(RateLimits, per_minute=limits.requests_per_minute, counts=workers.counts())
     app.add_middleware(RequestTelemetry, metrics=app.state.runtime.metrics)
     app.add_middleware(SecurityHeaders)
     if settings.trusted_proxies:

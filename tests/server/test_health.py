@@ -136,10 +136,10 @@ class Running(NamedTuple):
     token: str
 
 
-@pytest.fixture
-def running(laptop: Laptop) -> Iterator[Running]:
+@pytest.fixture(params=["1", "2"], ids=["one process", "two workers"])
+def running(laptop: Laptop, request: pytest.FixtureRequest) -> Iterator[Running]:
     """Run the demo server."""
-    with laptop.serving() as server:
+    with laptop.serving("--workers", request.param) as server:
         token = re.search(r"rv_[\w-]{43}", server.said)
         assert token is not None
         yield Running(server, int(server.url.rpartition(":")[2]), token[0])

@@ -12,6 +12,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from reverie_eval.server.http.runtime import RuntimeState
+from reverie_eval.server.http.workers import ALONE
 from reverie_eval.server.operations.logs import JsonLines
 from reverie_eval.server.routes import submissions
 from reverie_eval.server.service.boards import Board
@@ -330,7 +331,7 @@ def test_metrics_tell_of_nobody(server: Serving) -> None:
 
 
 def test_applications_in_one_process_count_for_themselves(server: Serving) -> None:
-    other = RuntimeState.of(server.state)
+    other = RuntimeState.of(server.state, ALONE)
     server.ask(OWNER, "GET", "/me")
     assert ("reverie_eval_requests_total", "GET", "/api/v1/me", "200") in metrics_of(server)
     assert b"/api/v1/me" not in other.metrics.text()

@@ -231,15 +231,17 @@ from functools import partial
 from pathlib import Path
 from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState
-state = ServerState.open(load_settings(Path(sys.argv[1])))
-run_server(state, "127.0.0.1", 0, partial(print, flush=True))
+folder, workers = sys.argv[1:]
+announce = partial(print, flush=True)
+run_server(load_settings(Path(folder)), "127.0.0.1", 0, announce, workers=int(workers))
 """
 
 
 @contextmanager
-def running(folder: Path, **environment: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Run a server in a process of its own; give the process and the URL.
+def running(
+    folder: Path, workers: int = 1, /, **environment: str
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run a server in a process of its own, or several; give the process and the URL.
 
     What it logs is in the folder's ``log``. At the end the process is killed, if it still runs.
     """
@@ -247,7 +249,7 @@ def running(folder: Path, **environment: str) -> Iterator[tuple[subprocess.Popen
     with (
         log.open("ab") as errors,
         subprocess.Popen(
-            [sys.executable, "-c", SERVE, str(folder)],
+            [sys.executable, "-c", SERVE, str(folder), str(workers)],
             stdout=subprocess.PIPE,
             stderr=errors,
             env=os.environ | environment,

@@ -26,7 +26,14 @@ _SAMPLE_SPLIT = "val_unseen"
     show_default=True,
     help="Port to listen at; 0 for any free one.",
 )
-def serve(*, folder: Path | None, host: str, port: int) -> None:
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 64),
+    default=1,
+    show_default=True,
+    help="Processes that score uploads and answer requests.",
+)
+def serve(*, folder: Path | None, host: str, port: int, workers: int) -> None:
     """Run an evaluation server.
 
     FOLDER is what `reverie-eval server init` made. Without it, a server with the demo world runs in
@@ -36,15 +43,14 @@ def serve(*, folder: Path | None, host: str, port: int) -> None:
     """
     from reverie_eval.server.operations.checks import check_sound
     from reverie_eval.server.operations.run import run_server
-    from reverie_eval.server.state import ServerState
 
     gc.enable()  # off in this command, which pays off in short lives only
     token = None if folder or _DEMO.exists() else _make_demo()
     place = folder or _DEMO
-    state = ServerState.open(check_sound(place, note))
-    print(f"{state.settings.title}, data in {state.settings.folder}", flush=True)
+    settings = check_sound(place, note)
+    print(f"{settings.title}, data in {settings.folder}", flush=True)
     with suppress(KeyboardInterrupt):
-        run_server(state, host, port, _announcement(place, token))
+        run_server(settings, host, port, _announcement(place, token), workers=workers)
 
 
 def _make_demo() -> str:

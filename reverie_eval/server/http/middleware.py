@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from limits import RateLimitItem, RateLimitItemPerMinute
-from limits.storage import MemoryStorage
+from limits.storage import Storage
 from limits.strategies import FixedWindowRateLimiter
 from python_multipart.multipart import parse_options_header
 from starlette.datastructures import Headers, MutableHeaders
@@ -130,11 +130,11 @@ class RateLimits(Middleware):
     address. Valid tokens of the address and its requests without one are counted as always.
     """
 
-    def __init__(self, app: ASGIApp, per_minute: int) -> None:
+    def __init__(self, app: ASGIApp, per_minute: int, counts: Storage) -> None:
         super().__init__(app)
         self._limit = RateLimitItemPerMinute(per_minute)
         self._failed_limit = RateLimitItemPerMinute(max(1, per_minute // FAILED_COST))
-        self._counts = FixedWindowRateLimiter(MemoryStorage())
+        self._counts = FixedWindowRateLimiter(counts)
 
     async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request that is within the limits.

@@ -1,6 +1,7 @@
 """The state of one running application: admission of uploads, metrics, health.
 
-Admission limits how many uploads are held in memory, and how many are scored, at once.
+Admission limits how many uploads are held in memory, and how many are scored, at once; of several
+worker processes, each has its part of both.
 
 Waiting uploads are not read yet: their bytes are still with the sender. So five hundred uploads at
 once need no more memory than the first few. The people of a team may together hold only a share of
@@ -9,7 +10,7 @@ the slots, and of the queue, so a team that sends many slow uploads delays only 
 
 import asyncio
 import os
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from typing import Annotated, Self
@@ -20,6 +21,7 @@ from fastapi import Depends, Request
 from reverie_eval.server.errors import BusyError
 from reverie_eval.server.http.health import Health
 from reverie_eval.server.http.telemetry import Metrics
+from reverie_eval.server.http.workers import ALONE, Workers
 from reverie_eval.server.state import ServerState
 
 SECONDS_TO_RETRY = 10
@@ -31,16 +33,39 @@ _SCORED_AT_ONCE = os.cpu_count() or 1
 
 
 class Admission:
-    """Admits uploads, first come, first served, up to each team's share."""
+    """Admits uploads, first come, first served, up to each team's share.
 
-    def __init__(self, at_once: int, waiting: int, seconds: float) -> None:
+    Parameters
+    ----------
+    at_once : int
+        Uploads in memory.
+    waiting : int
+        Uploads waiting to be read.
+    seconds : float
+        The longest that an upload waits.
+    workers : Workers
+        The processes among which all of this is divided.
+    show : callable
+        Called with the number of waiting uploads whenever it changes.
+    """
+
+    def __init__(
+        self,
+        at_once: int,
+        waiting: int,
+        seconds: float,
+        workers: Workers = ALONE,
+        show: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        at_once, waiting = workers.share(at_once), workers.share(waiting)
         self._memory = asyncio.Semaphore(at_once)
         self._slots_of_team = max(1, at_once // _SHARE)
         self._teams: WeakValueDictionary[int, _Team] = WeakValueDictionary()
-        self._scoring = asyncio.Semaphore(min(at_once, _SCORED_AT_ONCE))
+        self._scoring = asyncio.Semaphore(min(at_once, workers.share(_SCORED_AT_ONCE)))
         self._longest_queue = waiting
         self._queue_of_team = min(waiting, max(1, waiting // _SHARE))
         self._seconds = seconds
+        self._show = show
         self.waiting = 0
 
     @asynccontextmanager
@@ -62,8 +87,7 @@ class Admission:
             yield
 
     async def _wait(self, places: AsyncExitStack, team: "_Team") -> None:
-        self.waiting += 1
-        team.waiting += 1
+        self._queue(team, 1)
         try:
             async with asyncio.timeout(self._seconds):
                 # The team's own limit comes first, or its uploads would fill the queue.
@@ -72,8 +96,12 @@ class Admission:
         except TimeoutError:
             raise BusyError(SECONDS_TO_RETRY) from None
         finally:
-            self.waiting -= 1
-            team.waiting -= 1
+            self._queue(team, -1)
+
+    def _queue(self, team: "_Team", change: int) -> None:
+        team.waiting += change
+        self.waiting += change
+        self._show(self.waiting)
 
     def score(self) -> asyncio.Semaphore:
         """Return the semaphore to hold while scoring."""
@@ -97,13 +125,16 @@ class RuntimeState:
     health: Health
 
     @classmethod
-    def of(cls, server: ServerState) -> Self:
-        """Create them for a server."""
-        limits = server.settings.limits
+    def of(cls, server: ServerState, workers: Workers) -> Self:
+        """Create them for one of the worker processes of a server."""
+        limits, metrics = server.settings.limits, Metrics(server.boards)
         admission = Admission(
-            limits.uploads_at_once, limits.uploads_waiting, limits.seconds_for_body
+            limits.uploads_at_once,
+            limits.uploads_waiting,
+            limits.seconds_for_body,
+            workers,
+            metrics.uploads_waiting.set,
         )
-        metrics = Metrics(server.boards, lambda: admission.waiting)
         return cls(admission, metrics, Health(server))
 
 

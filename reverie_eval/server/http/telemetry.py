@@ -1,18 +1,22 @@
 """The outermost layer of every request: its id, its line in the log, the metrics.
 
-No metric reveals a team, a person or a score: labels are routes, statuses, splits and codes.
+No metric reveals a team, a person or a score: labels are routes, statuses, splits and codes. The
+worker processes of a server count in files, by prometheus_client's multiprocess mode, and each
+returns the sums of all.
 Exceptions end here as problem documents; none reaches uvicorn. The reply to an error is rendered in
 a thread of its own, so refusing one request never delays another.
 """
 
 import logging
-from collections.abc import Callable, Collection
+import os
+from collections.abc import Collection
 
 from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 from fastapi import Request
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
+from prometheus_client.multiprocess import MultiProcessCollector
 from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -32,6 +36,9 @@ from reverie_eval.server.http.problems import log_fault, reply_to
 MEDIA_TYPE = CONTENT_TYPE_LATEST
 """Of the metrics."""
 REQUEST_ID = "X-Request-ID"
+COUNTING_TOGETHER = "PROMETHEUS_MULTIPROC_DIR"
+"""The environment variable that prometheus_client reads when it is imported: the folder in which
+several processes count."""
 HUNG_UP = "hung-up"
 """The outcome of a request whose client disconnected before the reply."""
 
@@ -44,11 +51,14 @@ _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
 class Metrics:
     """The counts of one application."""
 
-    def __init__(self, splits: Collection[str], waiting: Callable[[], float]) -> None:
+    def __init__(self, splits: Collection[str]) -> None:
         self._splits = frozenset(splits)
         self._registry = registry = CollectorRegistry()
         self.in_flight = Gauge(
-            "reverie_eval_requests_in_flight", "Requests being answered.", registry=registry
+            "reverie_eval_requests_in_flight",
+            "Requests being answered.",
+            registry=registry,
+            multiprocess_mode="livesum",
         )
         self._requests = Counter(
             "reverie_eval_requests",
@@ -69,12 +79,12 @@ class Metrics:
             ("split", "outcome"),
             registry=registry,
         )
-        queue = Gauge(
+        self.uploads_waiting = Gauge(
             "reverie_eval_uploads_waiting",
             "Uploads waiting to be read.",
             registry=registry,
+            multiprocess_mode="livesum",
         )
-        queue.set_function(waiting)
 
     def count(self, exchange: Exchange, scope: Scope) -> None:
         """Count a request that has been answered."""
@@ -89,7 +99,11 @@ class Metrics:
 
     def text(self) -> bytes:
         """Return the metrics in Prometheus's text format."""
-        return generate_latest(self._registry)
+        if COUNTING_TOGETHER not in os.environ:
+            return generate_latest(self._registry)
+        registry = CollectorRegistry()
+        MultiProcessCollector(registry)
+        return generate_latest(registry)
 
 
 class RequestTelemetry(Middleware):

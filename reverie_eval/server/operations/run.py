@@ -1,19 +1,27 @@
 """Running the server until it is stopped."""
 
 import gc
+import os
 import signal
 import socket
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import uvicorn
 from starlette.types import ASGIApp
 
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http.patience import PatientProtocol
+from reverie_eval.server.http.telemetry import COUNTING_TOGETHER
+from reverie_eval.server.http.workers import Workers
 from reverie_eval.server.operations.listening import listen, url_of
 from reverie_eval.server.operations.logs import LOGGING
+from reverie_eval.server.operations.supervisor import SECONDS_TO_ANSWER, Supervisor, worker_app
+from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
 SECONDS_TO_FINISH = 90
@@ -21,38 +29,69 @@ SECONDS_TO_FINISH = 90
 
 
 def run_server(
-    state: ServerState, host: str, port: int, announce: Callable[[str], None] = lambda _: None
+    settings: Settings,
+    host: str,
+    port: int,
+    announce: Callable[[str], None] = lambda _: None,
+    *,
+    workers: int = 1,
 ) -> None:
     """Serve until SIGTERM or SIGINT; requests that have begun are finished first.
 
     Parameters
     ----------
-    state : ServerState
-        An opened server; its database is closed at the end.
+    settings : Settings
+        Of the server.
     host : str
         The address to listen at; ``0.0.0.0`` for all.
     port : int
         0 for any free port.
     announce : callable
         Called with the URL as soon as the server accepts requests.
+    workers : int
+        Processes that answer requests; with more than one, this process supervises them.
 
     Raises
     ------
+    SettingsError, ReceiptError
+        If the server cannot be opened.
     ReverieEvalError
-        If the address is in use or not this machine's.
+        If the address is in use or not this machine's, or a worker does not start.
     """
     listening = listen(host, port)
     url = url_of(listening)
-    server = _Server(configuration(create_app(state, url)), lambda: announce(url))
+    if workers > 1:
+        _run_workers(settings, listening, workers, announce)
+        return
+    app = create_app(ServerState.open(settings), url)
+    server = _Server(configuration(app), lambda: announce(url))
     gc.freeze()  # the ground truth stays in memory; collecting it would only cost time
     with _stopped_is_done():
         server.run(sockets=[listening])
 
 
-def configuration(app: ASGIApp) -> uvicorn.Config:
-    """Return the configuration of uvicorn: our logs, no server header, limited shutdown time."""
+def _run_workers(
+    settings: Settings, listening: socket.socket, number: int, announce: Callable[[str], None]
+) -> None:
+    url = url_of(listening)
+    with TemporaryDirectory(prefix="reverie-eval-") as name:
+        os.environ[COUNTING_TOGETHER] = name  # read when the workers import prometheus_client
+        folder = Path(name)
+        make_app = partial(worker_app, settings, url, Workers(number, folder))
+        config = configuration(make_app, workers=number)
+        Supervisor(config, listening, folder, lambda: announce(url)).run()
+
+
+def configuration(app: ASGIApp | Callable[[], ASGIApp], *, workers: int = 1) -> uvicorn.Config:
+    """Return the configuration of uvicorn: our logs, no server header, limited shutdown time.
+
+    With several workers, each makes an application by calling ``app``.
+    """
     return uvicorn.Config(
         app,
+        factory=workers > 1,
+        workers=workers,
+        timeout_worker_healthcheck=SECONDS_TO_ANSWER,
         http=PatientProtocol,
         ws="none",
         log_config=LOGGING,

@@ -1,0 +1,291 @@
+"""Several worker processes of one server: together they keep to what one would keep to."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import pytest
+from limits import RateLimitItemPerMinute
+from limits.strategies import FixedWindowRateLimiter
+from prometheus_client.parser import text_string_to_metric_families
+from sqlalchemy import select
+
+from fixtures.servers import make_folder
+from reverie_eval.server.http.workers import FileCounts, Workers
+from reverie_eval.server.settings import load_settings
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Submission
+from tests.support.participants import RealServer, private_submission
+from tests.support.serving import GOOD, NO_TLS, OPEN, PRIVATE, SERVE, Template, running
+from tests.support.waiting import PATIENCE, wait_until
+
+MANY = 24
+ALLOWED = 2
+"""By default, in a day, on the private split."""
+WINDOW = 60
+"""Seconds in which requests are counted together."""
+
+
+@dataclass(frozen=True)
+class Crew:
+    """A server of two worker processes."""
+
+    real: RealServer
+    process: "subprocess.Popen[str]"
+
+    def logged(self) -> Sequence[Mapping[str, object]]:
+        """Return the lines of its log, of which the last may be on its way."""
+        whole, _, _ = self.real.log.read_text().rpartition("\n")
+        return [json.loads(line) for line in whole.splitlines()]
+
+    def replaced(self) -> Sequence[Mapping[str, object]]:
+        """Return what the log says of workers that died."""
+        return [line for line in self.logged() if line["event"] == "worker process replaced"]
+
+    def workers(self) -> set[int]:
+        """Return the processes that answer requests."""
+        events = " ".join(str(line["event"]) for line in self.logged())
+        started = {
+            int(number) for number in re.findall(r"Started server process \[(\d+)\]", events)
+        }
+        return started - {int(str(line["dead"])) for line in self.replaced()}
+
+    def get(self, path: str, token: str = "") -> httpx.Response:
+        """Ask over a connection of its own."""
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        return httpx.get(f"{self.real.url}{path}", headers=headers, timeout=PATIENCE, verify=NO_TLS)
+
+    def upload(self, token: str, split: str, content: bytes) -> httpx.Response:
+        """Upload over a connection of its own."""
+        return httpx.post(
+            f"{self.real.url}/api/v1/splits/{split}/submissions?name=Walker",
+            headers={"Authorization": f"Bearer {token}"},
+            content=content,
+            timeout=PATIENCE,
+            verify=NO_TLS,
+        )
+
+    @contextmanager
+    def only(self, worker: int) -> Iterator[None]:
+        """Let one worker answer, and stop the other one meanwhile."""
+        (other,) = self.workers() - {worker}
+        os.kill(other, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            os.kill(other, signal.SIGCONT)
+
+    def requests_counted(self, organiser: str) -> float:
+        """Return how often the metrics say that the list of splits was asked for."""
+        text = self.get("/metrics", organiser).text
+        return sum(
+            sample.value
+            for family in text_string_to_metric_families(text)
+            for sample in family.samples
+            if sample.name == "reverie_eval_requests_total"
+            and sample.labels["route"] == "/api/v1/splits"
+        )
+
+
+@contextmanager
+def serving(folder: Path, database: str, **limits: str) -> Iterator[Crew]:
+    """Run two workers on a folder and a database."""
+    variables = {f"REVERIE_EVAL_LIMITS__{name}": value for name, value in limits.items()}
+    settings = load_settings(folder).model_copy(update={"database": database})
+    with (
+        running(folder, 2, REVERIE_EVAL_DATABASE=database, **variables) as (process, url),
+        closing(Database(settings.database_url)) as opened,
+    ):
+        yield Crew(RealServer(url, settings, opened, folder / "log"), process)
+
+
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def crew(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Crew]:
+    """Run two workers on each kind of database."""
+    folder = tmp_path_factory.mktemp("crew") / "server"
+    make_folder(folder)
+    database = "sqlite:///server.db"
+    if request.param == "postgresql":
+        template: Template = request.getfixturevalue("postgresql_template")
+        database = request.getfixturevalue("postgresql")(template.ready)
+    with serving(folder, database, REQUESTS_PER_MINUTE="1000000") as crew:
+        yield crew
+
+
+def at_once(crew: Crew, token: str, split: str, files: Sequence[bytes]) -> Sequence[httpx.Response]:
+    with ThreadPoolExecutor(len(files)) as pool:
+        return list(pool.map(lambda content: crew.upload(token, split, content), files))
+
+
+def test_of_many_files_as_many_are_scored_as_the_quota_allows(crew: Crew) -> None:
+    name = crew.real.newcomer()
+    content = private_submission()
+    files = [content + b" " * number for number in range(MANY)]
+    replies = at_once(crew, crew.real.mint(name), PRIVATE, files)
+    statuses = Counter(reply.status_code for reply in replies)
+    assert statuses == {201: ALLOWED, 429: MANY - ALLOWED}
+    with crew.real.database.reading() as session:
+        rows = session.scalars(select(Submission)).all()
+        assert sum(row.person.name == name for row in rows) == ALLOWED
+        assert not list(crew.real.audit_log.broken_links(session))
+
+
+def test_metrics_are_those_of_all_workers(crew: Crew) -> None:
+    organiser = crew.real.mint(crew.real.newcomer("organiser"))
+    before = crew.requests_counted(organiser)
+    first, second = crew.workers()
+    for worker, requests in ((first, 3), (second, 4)):
+        with crew.only(worker):
+            for _ in range(requests):
+                assert crew.get("/api/v1/splits").status_code == 200
+    for worker in (first, second):
+        with crew.only(worker):
+            assert crew.requests_counted(organiser) == before + 7
+
+
+def test_a_worker_that_is_killed_loses_nothing_and_is_replaced(crew: Crew) -> None:
+    organiser = crew.real.mint(crew.real.newcomer("organiser"))
+    token = crew.real.mint(crew.real.newcomer())
+    files = [GOOD + b" " * number for number in range(MANY)]
+    victim, killed = min(crew.workers()), len(crew.replaced())
+
+    def send(number: int) -> httpx.Response | None:
+        if number == MANY // 3:
+            os.kill(victim, signal.SIGKILL)
+        try:
+            return crew.upload(token, OPEN, files[number])
+        except httpx.TransportError:
+            return None
+
+    counted = crew.requests_counted(organiser)
+    with ThreadPoolExecutor(4) as pool:
+        replies = list(pool.map(send, range(MANY)))
+    acknowledged = {
+        number: reply.json()["submission"]["receipt"]
+        for number, reply in enumerate(replies)
+        if reply is not None and reply.status_code == 201
+    }
+    assert acknowledged
+    wait_until(lambda: len(crew.replaced()) == killed + 1 and len(crew.workers()) == 2)
+    again = at_once(crew, token, OPEN, files)
+    assert {reply.status_code for reply in again} <= {200, 201}
+    assert (
+        acknowledged.items()
+        <= {
+            number: reply.json()["submission"]["receipt"] for number, reply in enumerate(again)
+        }.items()
+    )
+    assert crew.replaced()[-1]["dead"] == victim
+    assert crew.requests_counted(organiser) == counted
+    with crew.only(max(crew.workers() - {victim})):
+        assert crew.get("/healthz").json() == {"status": "ok", "failed": []}
+
+
+def test_workers_end_with_a_supervisor_that_is_killed(folder: Path) -> None:
+    with serving(folder, "sqlite:///server.db") as crew:
+        workers = crew.workers()
+        crew.process.kill()
+        wait_until(lambda: not any(is_running(worker) for worker in workers))
+
+
+def is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_a_server_whose_workers_cannot_start_ends_and_says_why(folder: Path) -> None:
+    (folder / "server.db").unlink()
+    ended = subprocess.run(
+        [sys.executable, "-c", SERVE, str(folder), "2"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE,
+    )
+    assert ended.stdout == ""
+    assert "a worker process did not start; the log has the reason" in ended.stderr
+    log = [json.loads(line) for line in ended.stderr.splitlines() if line.startswith("{")]
+    reasons = [line["event"] for line in log if line["level"] == "error"]
+    assert len(reasons) == 2
+    assert all("run `reverie-eval server upgrade" in reason for reason in reasons)
+
+
+def test_the_rate_limit_is_that_of_all_workers(folder: Path) -> None:
+    with serving(folder, "sqlite:///server.db", REQUESTS_PER_MINUTE="6") as crew:
+        first, second = crew.workers()
+        while True:
+            began, statuses = time.monotonic(), []
+            for worker in (first, second):
+                with crew.only(worker):
+                    statuses += [crew.get("/api/v1/splits").status_code for _ in range(4)]
+            if time.monotonic() - began < WINDOW:  # or they were counted apart: once more
+                break
+            time.sleep(WINDOW)
+    assert statuses == [200] * 6 + [429] * 2
+
+
+@pytest.fixture
+def counts(tmp_path: Path) -> tuple[FixedWindowRateLimiter, FixedWindowRateLimiter]:
+    """Return how two workers count."""
+    both = [Workers(2, tmp_path).counts() for _ in range(2)]
+    return FixedWindowRateLimiter(both[0]), FixedWindowRateLimiter(both[1])
+
+
+def test_a_window_begins_with_the_first_request_and_ends_after_a_minute(
+    counts: tuple[FixedWindowRateLimiter, FixedWindowRateLimiter],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 1000.0
+    monkeypatch.setattr(time, "time", lambda: now)
+    (one, other), limit = counts, RateLimitItemPerMinute(3)
+    assert one.test(limit, "token", "a")
+    assert [one.hit(limit, "token", "a"), other.hit(limit, "token", "a")] == [True, True]
+    assert other.get_window_stats(limit, "token", "a") == (1060.0, 1)
+    now = 1059.9
+    assert other.hit(limit, "token", "a")
+    assert not one.test(limit, "token", "a")
+    assert not one.hit(limit, "token", "a")
+    assert one.hit(limit, "token", "b")
+    now = 1060.0
+    assert one.test(limit, "token", "a")
+    assert other.hit(limit, "token", "a")
+    assert one.get_window_stats(limit, "token", "a") == (1120.0, 2)
+
+
+def test_what_was_counted_is_forgotten_after_its_window(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 1000.0
+    monkeypatch.setattr(time, "time", lambda: now)
+    counts = FileCounts(tmp_path / "requests")
+    for number in range(50):
+        counts.incr(f"address {number}", WINDOW)
+    now = 1060.0
+    counts.incr("address 50", WINDOW)
+    assert counts.reset() == 1
+
+
+@pytest.mark.parametrize(
+    ("workers", "total", "share"),
+    [(1, 32, 32), (2, 32, 16), (3, 32, 10), (8, 4, 1), (2, 1, 1), (2, 0, 0)],
+)
+def test_what_is_divided_is_at_least_one_if_there_is_any(
+    workers: int, total: int, share: int
+) -> None:
+    assert Workers(workers).share(total) == share

@@ -26,7 +26,6 @@ from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import load_settings
-from reverie_eval.server.state import ServerState
 from reverie_eval.server.store import uploads as store
 from reverie_eval.server.store.uploads import FolderUploads
 from tests.support.waiting import PATIENCE, wait_until
@@ -88,14 +87,13 @@ def serving(
 def _serve(folder: Path, step: str | None, times: int, announced: Connection) -> None:
     log = os.open(folder / "log", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     os.dup2(log, 2)
-    state = ServerState.open(load_settings(folder))
 
     def announce(url: str) -> None:
         if step is not None:
             _die_at(STEPS[step], times)
         announced.send(url)
 
-    run_server(state, "127.0.0.1", 0, announce)
+    run_server(load_settings(folder), "127.0.0.1", 0, announce)
 
 
 def _die_at(step: Step, times: int) -> None:

@@ -28,7 +28,7 @@ from reverie_eval.server.settings import (
     load_settings,
     variables_ignored,
 )
-from reverie_eval.server.state import utc_now
+from reverie_eval.server.state import ServerState, utc_now
 from reverie_eval.server.store.database import Database, is_full, known_revisions
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
@@ -167,6 +167,21 @@ def opened(settings: Settings) -> Iterator[Database]:
         raise FolderError([Problem("unsound", "database", fault)])
     with database_errors(), closing(Database(settings.database_url)) as database:
         yield database
+
+
+@contextmanager
+def opened_server(settings: Settings) -> Iterator[ServerState]:
+    """Open all of a server; it may be running.
+
+    Raises
+    ------
+    SettingsError, ReceiptError
+        As :meth:`ServerState.open`.
+    """
+    with database_errors():
+        state = ServerState.open(settings)
+        with closing(state.database):
+            yield state
 
 
 @contextmanager

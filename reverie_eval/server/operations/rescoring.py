@@ -1,8 +1,8 @@
 """Score a split's submissions again from the server's own machine, in several processes."""
 
 import shutil
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import closing
 from functools import cache, partial
 from pathlib import Path
 from typing import TypeAlias
@@ -12,11 +12,10 @@ from reverie_eval.ground_truth import Bundle
 from reverie_eval.processes import map_in_processes
 from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.operations.checks import database_errors
+from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service.boards import load_board, load_boards
 from reverie_eval.server.service.rescoring import Job, Outcome, Scorer, changes, outdated
 from reverie_eval.server.settings import Settings, Split
-from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.uploads import open_uploads
 
 Progress: TypeAlias = Callable[[Iterable[tuple[Job, Outcome]], int], Iterable[tuple[Job, Outcome]]]
@@ -39,7 +38,7 @@ def preview(
     """
     if bundle is not None:
         settings = _with_bundle(settings, split, bundle)
-    with _opened(settings) as state:
+    with opened_server(settings) as state:
         board = state.board(split)
         with state.database.reading() as session:
             found = outdated(session, board)
@@ -61,7 +60,7 @@ def rescore(
     SettingsError, NotFoundError
         As :func:`preview`.
     """
-    with _opened(settings) as state:
+    with opened_server(settings) as state:
         board = state.board(split)
         with state.database.reading() as session:
             found = outdated(session, board)
@@ -70,14 +69,6 @@ def rescore(
             scored = _collect(progress(replaced, len(found)))
         with state.database.reading() as session:
             return changes(session, board, scored)
-
-
-@contextmanager
-def _opened(settings: Settings) -> Iterator[ServerState]:
-    with database_errors():
-        state = ServerState.open(settings)
-        with closing(state.database):
-            yield state
 
 
 def _score(

@@ -92,8 +92,12 @@ class Intake:
         key: str | None,
         *,
         arrived: datetime,
+        organiser: str = "",
     ) -> Accepted:
         """Unpack a submission, score and store it, and record the attempt.
+
+        An ``organiser`` may do this for a person, also while submissions are paused. The phase and
+        the quota are those of the time at which it arrived, which may be long ago.
 
         If the team has submitted the same file to the split before, or the person has used the same
         key, the earlier result is returned. This holds even if the quota is spent, the split is
@@ -118,7 +122,9 @@ class Intake:
         with self.attempts.recording(person, split, len(packed)) as attempt:
             content = unpack(packed, self.most_bytes)
             attempt.size = len(content)
-            accepted = self._submit(person, board, content, method, key, arrived=arrived)
+            accepted = self._submit(
+                person, board, content, method, key, arrived=arrived, organiser=organiser
+            )
             attempt.outcome = "repeat" if accepted.is_repeat else "scored"
         return accepted
 
@@ -131,6 +137,7 @@ class Intake:
         key: str | None,
         *,
         arrived: datetime,
+        organiser: str,
     ) -> Accepted:
         split, sha256 = board.name, hashlib.sha256(content).hexdigest()
         with self.database.reading() as session:
@@ -138,8 +145,10 @@ class Intake:
             if earlier is not None:
                 return self._repeated(session, earlier, board, person)
             check_metadata(method, self.required_metadata)
-            self._check_open(session, board, arrived)
-            self._check_quota(session, person, board, arrived)
+            if not organiser:
+                self._check_paused(session, arrived)
+            self._check_open(board, arrived)
+            self._check_quota(session, person, board, arrived, in_the_past=bool(organiser))
         reading = board.read(content)
         is_navigation_only = reading.submission.is_navigation_only
         check_navigation_only(found=is_navigation_only, declared=method.navigation_only)
@@ -156,13 +165,13 @@ class Intake:
         )
         with (
             self.uploads.staged(sha256, content) as keep,
-            self.transactions.begin(person.name) as transaction,
+            self.transactions.begin(organiser or person.name) as transaction,
         ):
             session = transaction.session
             earlier = self._earlier(session, person, split, sha256, key)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person)
-            usage = self._check_quota(session, person, board, arrived)
+            usage = self._check_quota(session, person, board, arrived, in_the_past=bool(organiser))
             check_bytes(session, person.team_id, row.size, self.mebibytes_per_day, arrived)
             quota = usage.with_one_more(arrived).state(arrived)
             row.person = session.merge(person, load=False)
@@ -216,22 +225,24 @@ class Intake:
     def _worded(self, row: Submission) -> SubmissionReport:
         return View(self.embargo, self.clock()).report(row)
 
-    def _check_open(self, session: Session, board: Board, now: datetime) -> None:
+    def _check_paused(self, session: Session, now: datetime) -> None:
         notice = self.notices.at(session, now)
         if notice.paused:
             why = f": {notice.banner}" if notice.banner else ""
             raise NotOpenError(f"the organiser has paused submissions{why}")
+
+    def _check_open(self, board: Board, now: datetime) -> None:
         if not board.is_open(now):
             opening = [p.opens for p in board.split.phases if p.opens and p.opens > now]
             after = f"; the next phase opens {min(opening).isoformat()}" if opening else ""
             raise NotOpenError(f"{board.name} accepts no submissions now{after}")
 
     def _check_quota(
-        self, session: Session, person: Person, board: Board, now: datetime
+        self, session: Session, person: Person, board: Board, now: datetime, *, in_the_past: bool
     ) -> QuotaUsage:
         usage = self._usages(session, person, [board.name], now)[board.name]
         left = usage.state(now)
-        if not left.remaining:
+        if not (usage.had_room(now) if in_the_past else left.remaining):
             raise QuotaSpentError(left)
         return usage
 

@@ -72,7 +72,11 @@ def check_bytes(session: Session, team_id: int, size: int, mebibytes: int, now: 
     """
     sent = session.execute(
         select(Submission.received_at, Submission.size)
-        .where(Submission.team_id == team_id, Submission.received_at > now - WINDOWS["day"])
+        .where(
+            Submission.team_id == team_id,
+            Submission.received_at > now - WINDOWS["day"],
+            Submission.received_at < now + WINDOWS["day"],
+        )
         .order_by(Submission.received_at)
     ).all()
     used = sum(row.size for row in sent)
@@ -120,6 +124,22 @@ class QuotaUsage:
             seconds_to_next=ceil((next_at - now).total_seconds()) if next_at else 0,
             windows=windows,
         )
+
+    def had_room(self, then: datetime) -> bool:
+        """Whether one more submission at a time in the past keeps every window within its limit.
+
+        :meth:`state` counts all that came later, because clocks may run back. Here only the windows
+        count that hold the time.
+        """
+        return all(
+            self._count(times, name, end) < self._limit(name, end)
+            for name, length in WINDOWS.items()
+            for times in self.received
+            for end in (then, *(at for at in times if then < at < then + length))
+        )
+
+    def _count(self, times: Sequence[datetime], window: WindowName, end: datetime) -> int:
+        return bisect_right(times, end) - bisect_right(times, end - WINDOWS[window])
 
     def _first_rise(self, windows: Collection[WindowName], now: datetime) -> datetime | None:
         """Return when the windows together will allow more submissions than now.

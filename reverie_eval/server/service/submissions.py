@@ -227,9 +227,11 @@ class SubmissionService:
         return replace(scores, episodes=MappingProxyType(dict(scores.episodes)))
 
     def change(
-        self, person: Person, submission_id: str, change: SubmissionChange
+        self, person: Person, submission_id: str, change: SubmissionChange, organiser: str = ""
     ) -> SubmissionReport:
         """Publish, withdraw or edit a submission, or hide its team until a date.
+
+        An ``organiser`` may do this for a person.
 
         Raises
         ------
@@ -247,7 +249,7 @@ class SubmissionService:
                     session, person, submission_id, self.view(self.transactions.clock())
                 )
         intervals = self._intervals(known) if change.published else None
-        with self.transactions.begin(person.name) as transaction:
+        with self.transactions.begin(organiser or person.name) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
             if change.withdrawn or change.published is False:
                 standing = standing_reviews(transaction.session, row.id)

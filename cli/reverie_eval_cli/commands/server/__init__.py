@@ -18,6 +18,7 @@ server = LazyGroup(
             "grant": "grant:grant",
         },
         "Results": {
+            "submit": "submit:submit",
             "rescore": "rescore:rescore",
         },
         "Keep": {

@@ -1,0 +1,123 @@
+"""``reverie-eval server submit FOLDER FILE``: score files that people sent to the organiser."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from reverie_eval import ReverieEvalError, SubmissionError
+from reverie_eval.text import printable, time_text
+from reverie_eval_cli import options
+from reverie_eval_cli.commands.submit import MethodOptions, method_options
+from reverie_eval_cli.organising import actor
+from reverie_eval_cli.receipts import keep_receipt
+
+if TYPE_CHECKING:
+    from reverie_eval.schemas.service import Accepted
+
+_ENDINGS = (".json", ".json.gz", ".gz", ".zip")
+_RECEIPT = ".receipt.json"
+
+
+class _Time(click.ParamType[datetime]):
+    """A time with its time zone, as ISO 8601 writes it."""
+
+    name = "TIME"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> datetime:
+        """Read a time."""
+        try:
+            time = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
+        except ValueError:
+            time = None
+        if time is None or time.tzinfo is None:
+            self.fail(f"{value!r} is not a time with a time zone: 2027-06-01T12:00:00Z", param, ctx)
+        return time.astimezone(UTC)
+
+
+@click.command()
+@options.server_folder
+@click.argument("files", metavar="FILE|FOLDER", type=click.Path(exists=True, path_type=Path))
+@options.split
+@click.option("--team", required=True, metavar="NAME", help="The team that sent it.")
+@click.option("--person", required=True, metavar="NAME", help="The person who sent it.")
+@click.option(
+    "--received",
+    required=True,
+    type=_Time(),
+    help="When it came, with the time zone: 2027-06-01T12:00:00Z.",
+)
+@method_options
+@click.option("--publish", is_flag=True, help="Put the result on the leaderboard at once.")
+def submit(
+    *,
+    folder: Path,
+    files: Path,
+    split: str,
+    team: str,
+    person: str,
+    received: datetime,
+    method: MethodOptions,
+    publish: bool,
+) -> int:
+    """Submit files that people sent to you, by e-mail for example.
+
+    They are checked, scored and counted as if they had been uploaded when they were received, also
+    while submissions are paused. The audit log names you. Prints a reply to each file, and writes
+    its receipt beside it. Submitting a file again prints the same result, and uses no submission.
+
+    Exit status: 0 all were scored, 1 some were refused, 2 usage or system error.
+    """
+    from reverie_eval.server.operations.behalf import delivery
+    from reverie_eval.server.operations.checks import opened_server
+    from reverie_eval.server.settings import load_settings
+
+    chosen = [files] if files.is_file() else sorted(filter(_is_submission, files.iterdir()))
+    if not chosen:
+        raise ReverieEvalError(f"{files} has no files that end in {', '.join(_ENDINGS)}")
+    described = [method.method(str(path)) for path in chosen]
+    failed = False
+    with opened_server(load_settings(folder)) as state:
+        sent = delivery(
+            state, team=team, person=person, split=split, received=received, organiser=actor()
+        )
+        for number, (path, each) in enumerate(zip(chosen, described, strict=True)):
+            opening = f"Your file {path.name}, received {time_text(received)}, was"
+            try:
+                accepted = sent.submit(path, each, publish=publish)
+            except ReverieEvalError as error:
+                failed = True
+                lines = [f"{opening} not scored, and no submission was used.", "", _reason(error)]
+            else:
+                receipt = keep_receipt(accepted.submission.receipt, None, str(path))
+                lines = [f"{opening} scored on {split}.", "", *_result(accepted, receipt)]
+            print(*(["", "-" * 72, ""] if number else []), f"Dear {printable(team)},", "", sep="\n")
+            print(*lines, sep="\n")
+    return 1 if failed else 0
+
+
+def _is_submission(path: Path) -> bool:
+    return path.is_file() and path.name.endswith(_ENDINGS) and not path.name.endswith(_RECEIPT)
+
+
+def _reason(error: ReverieEvalError) -> str:
+    if isinstance(error, SubmissionError):
+        return f"{error}\n\n`reverie-eval validate` finds the same problems before you send a file."
+    return f"{error}"
+
+
+def _result(accepted: "Accepted", receipt: Path) -> Iterator[str]:
+    from reverie_eval.reporting._submission import quota_lines, submission_lines, submission_table
+
+    submission = accepted.submission
+    if submission.scores_held_until is None:
+        yield submission_table(submission.report, submission.receipt.server).to_text()
+        yield ""
+    yield from submission_lines(submission, is_repeat=accepted.is_repeat)
+    yield from quota_lines(accepted.quota, submission.split)
+    yield ""
+    yield f"The signed receipt is attached: {receipt.name}"

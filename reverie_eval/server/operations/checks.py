@@ -1,7 +1,7 @@
 """Checks before a server starts; all problems are reported at once, each with its remedy."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -19,6 +19,7 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, load_boards
 from reverie_eval.server.service.receipts import Signer, load_key, public_pem_of
+from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -70,6 +71,7 @@ def check_folder(folder: Path) -> Sequence[Finding]:
         _at_ground_truth,
         _at_signing_key,
         _at_database,
+        _at_rules,
         _at_secrets,
         _at_uploads,
     )
@@ -275,8 +277,30 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
     yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
 
 
+def _at_rules(settings: Settings) -> Iterator[Finding]:
+    """Look whether the last server on the database had other rules, such as another bundle."""
+    for boards, session in _boards_and_data(settings):
+        rules, last = rules_of(boards), LastRules().read(session)
+        for split in different(rules, last):
+            ours, theirs = (each.get(split, "no such split") for each in (rules, last))
+            message = (
+                f"{split}: here it is {ours}, at the server that last started on this database "
+                f"{theirs}; two such servers would score a file differently: restart all of them "
+                "with the same bundles and settings"
+            )
+            yield Finding("rules", "note", message)
+
+
 def _at_secrets(settings: Settings) -> Iterator[Finding]:
     """Look for stored exact values of splits that are private now."""
+    for boards, session in _boards_and_data(settings):
+        for board in boards.values():
+            if board.is_private:
+                yield from _at_exact_values(session, board)
+
+
+def _boards_and_data(settings: Settings) -> Iterator[tuple[Mapping[str, Board], Session]]:
+    """Yield the splits and a view of the database, or nothing if one of them has a fault."""
     if database_fault(settings) is not None:
         return
     try:
@@ -284,9 +308,7 @@ def _at_secrets(settings: Settings) -> Iterator[Finding]:
     except SettingsError:
         return
     with closing(Database(settings.database_url)) as database, database.reading() as session:
-        for board in boards.values():
-            if board.is_private:
-                yield from _at_exact_values(session, board)
+        yield boards, session
 
 
 def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:

@@ -84,6 +84,11 @@ class Supervisor(Multiprocess):
                     extra={"fields": {"dead": dead.pid, "status": dead.exitcode, "new": new.pid}},
                 )
 
+    def handle_ttin(self) -> None:
+        """Ignore the signals to add or remove a worker: limits are divided by their number."""
+
+    handle_ttou = handle_ttin
+
     def terminate_all(self) -> None:
         """Accept no more connections, and let the workers finish what they have begun."""
         for listening in self.sockets:

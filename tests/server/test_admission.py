@@ -13,7 +13,8 @@ from anyio.from_thread import BlockingPortal
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from reverie_eval.server.errors import BusyError
-from reverie_eval.server.http.runtime import Admission
+from reverie_eval.server.http.runtime import Admission, RuntimeState
+from reverie_eval.server.http.workers import Workers
 from reverie_eval.server.settings import Limits
 from tests.support.serving import (
     GOOD,
@@ -105,6 +106,11 @@ async def held(admission: Admission, team: int, places: AsyncExitStack) -> int:
     pytest.fail("there is no end of places")
 
 
+async def held_by_five(admission: Admission) -> list[int]:
+    async with AsyncExitStack() as places:
+        return [await held(admission, team, places) for team in range(5)]
+
+
 @pytest.mark.parametrize(
     ("at_once", "expected"),
     [
@@ -121,14 +127,17 @@ def test_one_team_holds_no_more_than_a_quarter_of_the_places(
 ) -> None:
     admission = Admission(at_once, waiting=0, seconds=PATIENCE)
 
-    async def held_by_five() -> list[int]:
-        async with AsyncExitStack() as places:
-            return [await held(admission, team, places) for team in range(5)]
-
     async def twice() -> list[list[int]]:
-        return [await held_by_five(), await held_by_five()]
+        return [await held_by_five(admission), await held_by_five(admission)]
 
     assert asyncio.run(twice()) == [expected, expected], "all places were given back"
+
+
+def test_each_of_two_workers_has_half_of_the_places(folder: Path, open_server: OpenServer) -> None:
+    limits = Limits(uploads_at_once=32, uploads_waiting=0)
+    server = open_server(settings_of(folder).model_copy(update={"limits": limits}))
+    admission = RuntimeState.of(server.state, Workers(2)).admission
+    assert asyncio.run(held_by_five(admission)) == [4, 4, 4, 4, 0]
 
 
 @pytest.mark.parametrize("at_once", [1, 1000])

@@ -19,7 +19,7 @@ from reverie_eval.schemas.organising import NewGrant, NewNotice, NewReported, Ne
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.operations import doctor
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import AuditLog, entries
+from reverie_eval.server.service.audit import AuditLog, entries, row_name
 from reverie_eval.server.service.people import rename_team, team_named
 from reverie_eval.server.service.quotas import grant
 from reverie_eval.server.service.receipts import make_key
@@ -328,7 +328,9 @@ def test_a_chain_that_was_linked_again_without_the_key_is_broken(
         session.execute(delete(AuditEntry).where(AuditEntry.id > 1))
         for each in left:
             team = team_named(session, "Blue")
-            stranger.append(session, each.at, each.actor, each.action, row=team, subject="Blue")
+            stranger.append(
+                session, each.at, each.actor, each.action, row=row_name(team), subject="Blue"
+            )
     assert any(fault.startswith("entry 2 was changed") for fault in faults_of(kept))
 
 

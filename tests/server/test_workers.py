@@ -27,7 +27,16 @@ from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
 from tests.support.participants import RealServer, private_submission
-from tests.support.serving import GOOD, NO_TLS, OPEN, PRIVATE, SERVE, Template, running
+from tests.support.serving import (
+    GOOD,
+    NO_TLS,
+    OPEN,
+    PRIVATE,
+    SERVE,
+    Template,
+    replace_answers,
+    running,
+)
 from tests.support.waiting import PATIENCE, wait_until
 
 MANY = 24
@@ -192,6 +201,16 @@ def test_a_worker_that_is_killed_loses_nothing_and_is_replaced(crew: Crew) -> No
     assert crew.requests_counted(organiser) == counted
     with crew.only(max(crew.workers() - {victim})):
         assert crew.get("/healthz").json() == {"status": "ok", "failed": []}
+
+
+def test_a_worker_that_finds_another_bundle_does_not_start(folder: Path) -> None:
+    with serving(folder, "sqlite:///server.db") as crew:
+        replace_answers(folder, OPEN)
+        victim, other = crew.workers()
+        os.kill(victim, signal.SIGKILL)
+        wait_until(lambda: any("a bundle has changed" in str(e["event"]) for e in crew.logged()))
+        assert crew.get("/healthz").json() == {"status": "ok", "failed": []}
+        assert crew.workers() == {other}
 
 
 def test_workers_end_with_a_supervisor_that_is_killed(folder: Path) -> None:

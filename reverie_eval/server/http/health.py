@@ -1,9 +1,9 @@
 """Whether the server works, checked by doing its work.
 
-For every split, a known submission is read, scored, rounded and signed; the database writes the
-rows that an upload writes, and undoes them; the folder or store of uploads is accessed. The result
-is cached for some seconds, so frequent checks cost nothing. The reply names what failed; the log
-says why.
+For every split, a known submission is read, scored, rounded and signed; the rules of all splits are
+those of the server that started last on the database; the database writes the rows that an upload
+writes, and undoes them; the folder or store of uploads is accessed. The result is cached for some
+seconds, so frequent checks cost nothing. The reply names what failed; the log says why.
 """
 
 import asyncio
@@ -25,6 +25,7 @@ from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import HealthReport, QuotaReport
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
 
@@ -46,7 +47,7 @@ _EMPTY: Mapping[str, Any] = {
 
 
 class UnhealthyError(Exception):
-    """The known submission got wrong scores."""
+    """The known submission got wrong scores, or another server has other rules."""
 
 
 class Health:
@@ -56,6 +57,7 @@ class Health:
         canaries = {name: Canary(server, board) for name, board in server.boards.items()}
         self._checks: Mapping[str, Callable[[], None]] = {
             **{f"scoring of {name}": canary.score for name, canary in canaries.items()},
+            "same rules as other servers": partial(_compare_rules, server, LastRules()),
             "database": partial(_write, server),
             "uploads": server.uploads.try_out,
         }
@@ -133,6 +135,25 @@ class Canary:
             quota=QuotaReport(remaining=0, next_at=None, seconds_to_next=0, windows=[]),
         )
         verify(receipt, signer.public_pem)
+
+
+def _compare_rules(server: ServerState, last: LastRules) -> None:
+    """Look whether another server of the database has started with other rules.
+
+    Raises
+    ------
+    UnhealthyError
+        If one has.
+    """
+    rules = rules_of(server.boards)
+    with server.database.reading() as session:
+        splits = different(rules, last.read(session))
+    if splits:
+        _LOGGER.error(
+            "another server on this database started later and scores by other rules",
+            extra={"fields": {"splits": splits, "rules": rules, "other": last.rules}},
+        )
+        raise UnhealthyError
 
 
 def _write(server: ServerState) -> None:

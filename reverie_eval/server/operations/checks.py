@@ -20,6 +20,7 @@ from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, load_boards
 from reverie_eval.server.service.receipts import Signer, load_key, public_pem_of
 from reverie_eval.server.service.rescoring import count_outdated
+from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -71,6 +72,7 @@ def check_folder(folder: Path) -> Sequence[Finding]:
         _at_ground_truth,
         _at_signing_key,
         _at_database,
+        _at_rules,
         _at_results,
         _at_uploads,
     )
@@ -291,15 +293,23 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
     yield Finding("database", "ok", settings.database_url.set(query={}).render_as_string())
 
 
+def _at_rules(settings: Settings) -> Iterator[Finding]:
+    """Look whether the last server on the database had other rules, such as another bundle."""
+    for boards, session in _boards_and_data(settings):
+        rules, last = rules_of(boards), LastRules().read(session)
+        for split in different(rules, last):
+            ours, theirs = (each.get(split, "no such split") for each in (rules, last))
+            message = (
+                f"{split}: here it is {ours}, at the server that last started on this database "
+                f"{theirs}; two such servers would score a file differently: restart all of them "
+                "with the same bundles and settings"
+            )
+            yield Finding("rules", "note", message)
+
+
 def _at_results(settings: Settings) -> Iterator[Finding]:
     """Look for stored exact values of private splits, and for results that are not ranked."""
-    if database_fault(settings) is not None:
-        return
-    try:
-        boards = load_boards(settings)
-    except SettingsError:
-        return
-    with closing(Database(settings.database_url)) as database, database.reading() as session:
+    for boards, session in _boards_and_data(settings):
         try:
             for board in filter(lambda board: board.is_private, boards.values()):
                 yield from _at_exact_values(session, board)
@@ -307,6 +317,18 @@ def _at_results(settings: Settings) -> Iterator[Finding]:
         except REFUSALS:
             message = "some results cannot be read; run `reverie-eval server doctor`"
             yield Finding("results", "note", message)
+
+
+def _boards_and_data(settings: Settings) -> Iterator[tuple[Mapping[str, Board], Session]]:
+    """Yield the splits and a view of the database, or nothing if one of them has a fault."""
+    if database_fault(settings) is not None:
+        return
+    try:
+        boards = load_boards(settings)
+    except SettingsError:
+        return
+    with closing(Database(settings.database_url)) as database, database.reading() as session:
+        yield boards, session
 
 
 def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:

@@ -18,9 +18,11 @@ from reverie_eval.server.app import create_app
 from reverie_eval.server.http.patience import PatientProtocol
 from reverie_eval.server.http.telemetry import COUNTING_TOGETHER
 from reverie_eval.server.http.workers import Workers
+from reverie_eval.server.operations.checks import database_errors
 from reverie_eval.server.operations.listening import listen, url_of
 from reverie_eval.server.operations.logs import LOGGING
 from reverie_eval.server.operations.supervisor import SECONDS_TO_ANSWER, Supervisor, worker_app
+from reverie_eval.server.service.rules import record_rules, rules_of
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
@@ -58,26 +60,30 @@ def run_server(
     ReverieEvalError
         If the address is in use or not this machine's, or a worker does not start.
     """
+    state = ServerState.open(settings)
     listening = listen(host, port)
-    url = url_of(listening)
+    with database_errors():
+        record_rules(state.transactions, rules_of(state.boards))
     if workers > 1:
-        _run_workers(settings, listening, workers, announce)
+        _run_workers(state, listening, workers, announce)
         return
-    app = create_app(ServerState.open(settings), url)
-    server = _Server(configuration(app), lambda: announce(url))
+    url = url_of(listening)
+    server = _Server(configuration(create_app(state, url)), lambda: announce(url))
     gc.freeze()  # the ground truth stays in memory; collecting it would only cost time
     with _stopped_is_done():
         server.run(sockets=[listening])
 
 
 def _run_workers(
-    settings: Settings, listening: socket.socket, number: int, announce: Callable[[str], None]
+    state: ServerState, listening: socket.socket, number: int, announce: Callable[[str], None]
 ) -> None:
     url = url_of(listening)
+    state.database.close()
     with TemporaryDirectory(prefix="reverie-eval-") as name:
         os.environ[COUNTING_TOGETHER] = name  # read when the workers import prometheus_client
         folder = Path(name)
-        make_app = partial(worker_app, settings, url, Workers(number, folder))
+        workers = Workers(number, folder)
+        make_app = partial(worker_app, state.settings, rules_of(state.boards), url, workers)
         config = configuration(make_app, workers=number)
         Supervisor(config, listening, folder, lambda: announce(url)).run()
 

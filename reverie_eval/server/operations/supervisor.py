@@ -5,11 +5,12 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from multiprocessing import parent_process
 from pathlib import Path
 from socket import socket
 from threading import Thread
+from typing import NoReturn
 
 import uvicorn
 from fastapi import FastAPI
@@ -20,6 +21,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http.workers import Workers
 from reverie_eval.server.operations.checks import database_errors
+from reverie_eval.server.service.rules import rules_of
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
@@ -82,6 +84,11 @@ class Supervisor(Multiprocess):
                     extra={"fields": {"dead": dead.pid, "status": dead.exitcode, "new": new.pid}},
                 )
 
+    def handle_ttin(self) -> None:
+        """Ignore the signals to add or remove a worker: limits are divided by their number."""
+
+    handle_ttou = handle_ttin
+
     def terminate_all(self) -> None:
         """Accept no more connections, and let the workers finish what they have begun."""
         for listening in self.sockets:
@@ -89,22 +96,30 @@ class Supervisor(Multiprocess):
         super().terminate_all()
 
 
-def worker_app(settings: Settings, address: str, workers: Workers) -> FastAPI:
+def worker_app(
+    settings: Settings, rules: Mapping[str, str], address: str, workers: Workers
+) -> FastAPI:
     """Make the application of a worker process; exits if that is impossible.
 
-    The settings are the supervisor's, so that a worker that is started later than the others does
-    the same as they do.
+    Settings and rules are the supervisor's: a worker that is started later does what the others do,
+    or nothing, if a bundle was replaced meanwhile.
     """
     Thread(target=_end_with_parent, daemon=True).start()
     try:
         with database_errors():
             state = ServerState.open(settings)
     except ReverieEvalError as error:
-        _LOGGER.error("a worker process cannot start: %s", error)  # noqa: TRY400  # it has no cause
-        sys.exit(1)
+        _end(str(error))
+    if rules_of(state.boards) != rules:
+        _end("a bundle has changed since the server started; restart the server")
     app = create_app(state, address, workers)
     gc.freeze()  # the ground truth stays in memory; collecting it would only cost time
     return app
+
+
+def _end(reason: str) -> NoReturn:
+    _LOGGER.error("a worker process cannot start: %s", reason)
+    sys.exit(1)
 
 
 def _end_with_parent() -> None:

@@ -44,21 +44,24 @@ def quota_usages(
         select(Submission.split, Submission.received_at, Submission.team_id, Submission.person_id)
         .where(theirs, Submission.split.in_(quotas), Submission.received_at > since)
         .order_by(Submission.received_at)
-    ).all()
+    )
+    of_team: dict[str, list[datetime]] = {split: [] for split in quotas}
+    of_person: dict[str, list[datetime]] = {split: [] for split in quotas}
+    for split, at, team_id, person_id in received:
+        if team_id == person.team_id:
+            of_team[split].append(at)
+        if person_id == person.id:
+            of_person[split].append(at)
     granted = session.execute(
         select(Grant.split, Grant.extra, Grant.expires_at).where(Grant.team_id == person.team_id)
     ).all()
     return {
         split: QuotaUsage(
             quota,
-            [
-                [row.received_at for row in of_split if row.team_id == person.team_id],
-                [row.received_at for row in of_split if row.person_id == person.id],
-            ],
+            [of_team[split], of_person[split]],
             [(row.extra, row.expires_at) for row in granted if row.split == split],
         )
         for split, quota in quotas.items()
-        for of_split in [[row for row in received if row.split == split]]
     }
 
 

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from sqlalchemy.orm import Session
 
-from reverie_eval.server.service.audit import AuditLog
+from reverie_eval.server.service.audit import AuditLog, row_name
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Base
 
@@ -39,8 +39,9 @@ class Transaction:
     def record(self, action: str, row: Base, subject: str, **details: Any) -> None:
         """Append an action on a row to the audit log; ``subject`` is the row's name for people."""
         self.session.flush()
+        name = row_name(row)
         self.audit_log.append(
-            self.session, self.now, self.actor, action, row=row, subject=subject, **details
+            self.session, self.now, self.actor, action, row=name, subject=subject, **details
         )
 
 

@@ -28,7 +28,7 @@ from reverie_eval.server.settings import (
     variables_ignored,
 )
 from reverie_eval.server.state import utc_now
-from reverie_eval.server.store.database import Database, is_full, known_revisions
+from reverie_eval.server.store.database import AT_ONCE, Database, is_full, known_revisions
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
 from reverie_eval.text import count_text
@@ -291,6 +291,7 @@ def _at_secrets(settings: Settings) -> Iterator[Finding]:
 
 def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
     kept = select(Submission.report).where(Submission.split == board.name)
+    kept = kept.execution_options(yield_per=AT_ONCE)
     try:
         reports = map(ScoreReport.model_validate, session.scalars(kept))
         exact = sum(not board.may_keep(report) for report in reports)

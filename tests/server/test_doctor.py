@@ -3,7 +3,7 @@
 import gzip
 import shutil
 import sqlite3
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
@@ -19,7 +19,7 @@ from reverie_eval.schemas.organising import NewGrant, NewNotice, NewReported, Ne
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.operations import doctor
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import AuditLog, entries, row_name
+from reverie_eval.server.service.audit import AuditLog, entries, mismatches, row_name
 from reverie_eval.server.service.people import rename_team, team_named
 from reverie_eval.server.service.quotas import grant
 from reverie_eval.server.service.receipts import make_key
@@ -380,11 +380,10 @@ def test_nothing_written_meanwhile_looks_amiss(
     monkeypatch.setenv("REVERIE_EVAL_DATABASE", url)
     assert server_on.upload(OWNER).status_code == 201
 
-    def entries_before_another(session: Session) -> Sequence[AuditEntry]:
-        found = entries(session)
+    def mismatches_after_another(session: Session) -> Iterator[str]:
         assert server_on.upload(OWNER, server_on.distinct()).status_code == 201
-        return found
+        return mismatches(session)
 
-    monkeypatch.setattr(doctor, "entries", entries_before_another)
+    monkeypatch.setattr(doctor, "mismatches", mismatches_after_another)
     assert [finding for finding in examine(folder) if finding.kind == "fault"] == []
     assert settings_of(folder, url).database == url

@@ -40,15 +40,12 @@ class Step(NamedTuple):
     owner: Any
     name: str
     when: Literal["before", "after"] = "before"
-    most: int = 6
-    """The server is killed at one of this many times that it comes here; a round of uploads comes
-    here more often."""
 
 
 STEPS: Mapping[str, Step] = MappingProxyType(
     {
         "the head of an upload is there": Step(reception, "receive"),
-        "some of an upload is there": Step(middleware, "_in_time", most=20),
+        "some of an upload is there": Step(middleware, "_in_time"),
         "all of an upload is there": Step(Board, "read"),
         "it is about to be scored": Step(Board, "score"),
         "it is scored": Step(FolderUploads, "staged"),

@@ -17,13 +17,13 @@ import json
 import os
 import tarfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from gzip import BadGzipFile
 from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import Any
+from tempfile import NamedTemporaryFile, TemporaryFile
+from typing import IO, Any
 
 from pydantic import BaseModel, ConfigDict
 
@@ -33,7 +33,7 @@ from reverie_eval.server.operations.checks import check_known, database_errors
 from reverie_eval.server.operations.folder import SIGNING_KEY
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.dump import Row, dump
+from reverie_eval.server.store.dump import dump
 from reverie_eval.server.store.uploads import Uploads, open_uploads
 from reverie_eval.version import __version__
 
@@ -41,6 +41,8 @@ DATABASE = "database.jsonl"
 MANIFEST = "manifest.json"
 UPLOADS = "uploads/"
 FORMAT = 1
+_PIECE = 1 << 20
+"""Bytes of a file in memory."""
 
 
 class Manifest(BaseModel):
@@ -92,7 +94,7 @@ def write_backup(folder: Path, output: Path) -> BackupReport:
     with NamedTemporaryFile(dir=output.parent, prefix=f".{output.name}-", delete=False) as file:
         try:
             with tarfile.open(fileobj=file, mode="w:gz") as archive:
-                manifest = _write(settings, archive)
+                manifest = _write(settings, archive, output.parent)
             file.flush()
             os.fsync(file.fileno())
             Path(file.name).replace(output)
@@ -102,21 +104,23 @@ def write_backup(folder: Path, output: Path) -> BackupReport:
     return BackupReport(manifest, output.stat().st_size, _moved(settings))
 
 
-def _write(settings: Settings, archive: tarfile.TarFile) -> Manifest:
+def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifest:
     contents = _Contents(archive)
     contents.add(SETTINGS_FILE, (settings.folder / SETTINGS_FILE).read_bytes())
     for name, path in _files(settings).values():
         contents.add(name, path.read_bytes())
-    revision, rows = _rows(settings)
-    contents.add(DATABASE, "".join(f"{json.dumps(row)}\n" for row in rows).encode())
+    expected: set[str] = set()
+    counts: Counter[str] = Counter()
+    with TemporaryFile(dir=place) as lines:
+        revision = _dump(settings, lines, expected, counts)
+        contents.add_file(DATABASE, lines)
     uploads = open_uploads(settings.uploads, settings.folder)
-    expected = sorted({columns["sha256"] for table, columns in rows if table == "submission"})
-    lacking = tuple(name for name in expected if not contents.add_upload(uploads, name))
+    lacking = tuple(name for name in sorted(expected) if not contents.add_upload(uploads, name))
     manifest = Manifest(
         format=FORMAT,
         version=__version__,
         revision=revision,
-        rows=Counter(table for table, _ in rows),
+        rows=counts,
         lacking=lacking,
         sha256=contents.digests,
     )
@@ -124,8 +128,8 @@ def _write(settings: Settings, archive: tarfile.TarFile) -> Manifest:
     return manifest
 
 
-def _rows(settings: Settings) -> tuple[str, Sequence[Row]]:
-    """Return the migration of the database, and all rows."""
+def _dump(settings: Settings, lines: IO[bytes], uploads: set[str], counts: Counter[str]) -> str:
+    """Write all rows as lines of JSON, note uploads and counts, and return the migration."""
     with database_errors(), closing(Database(settings.database_url)) as database:
         revision = check_known(database)
         if revision is None:
@@ -133,7 +137,12 @@ def _rows(settings: Settings) -> tuple[str, Sequence[Row]]:
                 "there is no database to back up; run `reverie-eval server check "
                 f"{settings.folder}`"
             )
-        return revision, list(dump(database))
+        for table, columns in dump(database):
+            counts[table] += 1
+            if table == "submission":
+                uploads.add(columns["sha256"])
+            lines.write(f"{json.dumps([table, columns])}\n".encode())
+        return revision
 
 
 class _Contents:
@@ -144,10 +153,22 @@ class _Contents:
         self.digests: dict[str, str] = {}
 
     def add(self, name: str, content: bytes) -> None:
+        self._add(name, io.BytesIO(content), len(content))
+
+    def add_file(self, name: str, file: IO[bytes]) -> None:
+        """Add what was written to a file."""
+        self._add(name, file, file.tell())
+
+    def _add(self, name: str, file: IO[bytes], size: int) -> None:
         member = tarfile.TarInfo(name)
-        member.size, member.mode = len(content), 0o600
-        self._archive.addfile(member, io.BytesIO(content))
-        self.digests[name] = hashlib.sha256(content).hexdigest()
+        member.size, member.mode = size, 0o600
+        digest = hashlib.sha256()
+        file.seek(0)
+        while piece := file.read(_PIECE):
+            digest.update(piece)
+        file.seek(0)
+        self._archive.addfile(member, file)
+        self.digests[name] = digest.hexdigest()
 
     def add_upload(self, uploads: Uploads, sha256: str) -> bool:
         """Add an upload and return True; return False if it is missing or damaged."""

@@ -30,7 +30,7 @@ from reverie_eval.server.settings import (
     variables_ignored,
 )
 from reverie_eval.server.state import ServerState, utc_now
-from reverie_eval.server.store.database import Database, is_full, known_revisions
+from reverie_eval.server.store.database import AT_ONCE, Database, is_full, known_revisions
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
 from reverie_eval.text import count_text
@@ -334,7 +334,7 @@ def _boards_and_data(settings: Settings) -> Iterator[tuple[Mapping[str, Board], 
 def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
     kept = select(Submission.report, Submission.earlier).where(Submission.split == board.name)
     exact = 0
-    for report, earlier in session.execute(kept):
+    for report, earlier in session.execute(kept.execution_options(yield_per=AT_ONCE)):
         reports = [report, *(result["report"] for result in earlier)]
         exact += not all(board.may_keep(ScoreReport.model_validate(each)) for each in reports)
     if exact:

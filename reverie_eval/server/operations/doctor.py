@@ -5,7 +5,6 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from itertools import chain
 from pathlib import Path
 
 from sqlalchemy import select, text
@@ -18,14 +17,14 @@ from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folde
 from reverie_eval.server.service.audit import (
     AuditLog,
     all_names_of_teams,
-    entries,
+    count_entries,
     mismatches,
 )
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.submissions import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
-from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.database import AT_ONCE, Database
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
@@ -75,33 +74,52 @@ def _at_the_file(database: Database, session: Session) -> Iterator[Finding]:
 
 def _at_submissions(session: Session, state: ServerState, track: Track) -> Iterator[Finding]:
     uploads = open_uploads(state.settings.uploads, state.settings.folder)
-    reports: list[SubmissionReport] = []
-    for name in session.scalars(select(Submission.id).order_by(Submission.received_at)).all():
-        try:
-            reports.append(submission_report(session.get_one(Submission, name)))
-        except REFUSALS:
-            message = f"the row of submission {name} cannot be read; restore the last backup"
-            yield Finding("submissions", "fault", message)
-    yield from _at_uploads(reports, uploads, track)
-    yield from _at_strays(session, uploads)
-    yield from _at_reports(reports, state.boards)
-    yield from _at_receipts(reports, state.signer.public_pem, all_names_of_teams(session))
+    files = session.scalars(select(Submission.sha256).distinct().order_by(Submission.sha256)).all()
+    yield from _at_uploads(session, files, uploads, track)
+    yield from _at_strays(files, uploads)
+    reports = _Reports(state.boards)
+    receipts = _Receipts(state.signer.public_pem, all_names_of_teams(session))
+    names = session.scalars(select(Submission.id).order_by(Submission.received_at)).all()
+    for start in range(0, len(names), AT_ONCE):
+        for name, submission in _read(session, names[start : start + AT_ONCE]):
+            if submission is None:
+                message = f"the row of submission {name} cannot be read; restore the last backup"
+                yield Finding("submissions", "fault", message)
+            else:
+                yield from reports.check(submission)
+                yield from receipts.check(submission)
+    yield from reports.sum_up()
+    yield from receipts.sum_up()
+
+
+def _read(session: Session, names: Sequence[str]) -> Iterator[tuple[str, SubmissionReport | None]]:
+    """Read submissions, together if they can be read; None for each that cannot."""
+    chosen = select(Submission).where(Submission.id.in_(names))
+    try:
+        rows = {row.id: row for row in session.scalars(chosen)}
+        yield from [(name, submission_report(rows[name])) for name in names]
+    except (KeyError, *REFUSALS):  # those without a team or a person are not found
+        for name in names:
+            try:
+                yield name, submission_report(session.get_one(Submission, name))
+            except REFUSALS:
+                yield name, None
 
 
 def _at_uploads(
-    reports: Sequence[SubmissionReport], uploads: Uploads, track: Track
+    session: Session, files: Sequence[str], uploads: Uploads, track: Track
 ) -> Iterator[Finding]:
     sound = 0
-    expected = sorted({report.sha256 for report in reports})
-    for sha256 in track(expected, "uploads"):
+    for sha256 in track(files, "uploads"):
         trouble = _trouble(uploads, sha256)
         sound += not trouble
         if trouble:
-            whose = first_few([report.id for report in reports if report.sha256 == sha256])
+            chosen = select(Submission.id).where(Submission.sha256 == sha256)
+            whose = first_few(session.scalars(chosen.order_by(Submission.received_at)).all())
             remedy = f"replace it with uploads/{sha256}.json from a backup, compressed with gzip"
             message = f"{sha256[:2]}/{name_of(sha256)} of submission {whose} {trouble}; {remedy}"
             yield Finding("uploads", "fault", message)
-    yield Finding("uploads", "ok", f"{sound:,} of {count_text(len(expected), 'upload')} intact")
+    yield Finding("uploads", "ok", f"{sound:,} of {count_text(len(files), 'upload')} intact")
 
 
 def _trouble(uploads: Uploads, sha256: str) -> str:
@@ -115,8 +133,8 @@ def _trouble(uploads: Uploads, sha256: str) -> str:
     return "" if found == sha256 else "differs from the file that was uploaded"
 
 
-def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
-    expected = {name_of(sha256) for sha256 in session.scalars(select(Submission.sha256))}
+def _at_strays(files: Iterable[str], uploads: Uploads) -> Iterator[Finding]:
+    expected = set(map(name_of, files))
     strays = sorted(name for name in uploads.names() if name not in expected)
     if strays:
         message = (
@@ -126,12 +144,16 @@ def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
         yield Finding("uploads", "note", message)
 
 
-def _at_reports(
-    submissions: Sequence[SubmissionReport], boards: Mapping[str, Board]
-) -> Iterator[Finding]:
-    current, without_board = 0, Counter[str]()
-    for submission in submissions:
-        fingerprint, board = submission.report.fingerprint, boards.get(submission.split)
+class _Reports:
+    """Checks the reports of submissions, one after the other."""
+
+    def __init__(self, boards: Mapping[str, Board]) -> None:
+        self._boards = boards
+        self._without_board: Counter[str] = Counter()
+        self._current = 0
+
+    def check(self, submission: SubmissionReport) -> Iterator[Finding]:
+        fingerprint, board = submission.report.fingerprint, self._boards.get(submission.split)
         if f"|data:{fingerprint[:12]}|" not in submission.report.signature:
             message = (
                 f"{submission.id}: its signature names another ground truth than its report; "
@@ -139,42 +161,49 @@ def _at_reports(
             )
             yield Finding("reports", "fault", message)
         if board is None:
-            without_board[submission.split] += 1
+            self._without_board[submission.split] += 1
         else:
-            current += board.truth.fingerprint == fingerprint
-    for split, number in without_board.items():
-        message = f"{count_text(number, 'submission')} to {split}, which the settings do not name"
-        yield Finding("reports", "note", message)
-    scored = f"{count_text(current, 'report')} scored with the current ground truth"
-    yield Finding("reports", "ok", scored)
+            self._current += board.truth.fingerprint == fingerprint
+
+    def sum_up(self) -> Iterator[Finding]:
+        for split, number in self._without_board.items():
+            sent = count_text(number, "submission")
+            yield Finding("reports", "note", f"{sent} to {split}, which the settings do not name")
+        scored = f"{count_text(self._current, 'report')} scored with the current ground truth"
+        yield Finding("reports", "ok", scored)
 
 
-def _at_receipts(
-    submissions: Sequence[SubmissionReport],
-    public_pem: str,
-    names: Mapping[str, Collection[str]],
-) -> Iterator[Finding]:
-    sound = 0
-    for submission in chain.from_iterable(map(_with_earlier, submissions)):
+class _Receipts:
+    """Checks the receipts of submissions, one after the other."""
+
+    def __init__(self, public_pem: str, names: Mapping[str, Collection[str]]) -> None:
+        self._public_pem = public_pem
+        self._names = names
+        """That each team has had, by its current one."""
+        self._sound = 0
+
+    def check(self, submission: SubmissionReport) -> Iterator[Finding]:
+        """Check the receipts of all results that a submission has had."""
+        yield from self._check_one(submission)
+        for result in submission.earlier:
+            before = {"report": result.report, "receipt": result.receipt}
+            yield from self._check_one(submission.model_copy(update=before))
+
+    def _check_one(self, submission: SubmissionReport) -> Iterator[Finding]:
         try:
-            verify(submission.receipt, public_pem)
+            verify(submission.receipt, self._public_pem)
         except ReceiptError as error:
             trouble = str(error)
         else:
-            is_said = _matches_row(submission, names[submission.team])
+            is_said = _matches_row(submission, self._names[submission.team])
             trouble = "" if is_said else "the receipt differs from the submission's row"
-        sound += not trouble
+        self._sound += not trouble
         if trouble:
             remedy = "restore the key or the database from the last backup"
             yield Finding("receipts", "fault", f"{submission.id}: {trouble}; {remedy}")
-    yield Finding("receipts", "ok", f"{count_text(sound, 'receipt')} verified")
 
-
-def _with_earlier(submission: SubmissionReport) -> Iterator[SubmissionReport]:
-    """Yield a submission as it is, and as it was before each time that it was scored again."""
-    yield submission
-    for result in submission.earlier:
-        yield submission.model_copy(update={"report": result.report, "receipt": result.receipt})
+    def sum_up(self) -> Iterator[Finding]:
+        yield Finding("receipts", "ok", f"{count_text(self._sound, 'receipt')} verified")
 
 
 def _matches_row(kept: SubmissionReport, names: Collection[str]) -> bool:
@@ -188,7 +217,7 @@ def _matches_row(kept: SubmissionReport, names: Collection[str]) -> bool:
 
 
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
-    broken, count = list(audit_log.broken_links(session)), len(entries(session))
+    broken, count = list(audit_log.broken_links(session)), count_entries(session)
     if len(broken) == count > 1:
         message = "no entry was written with this signing key; restore the key from the last backup"
         yield Finding("audit log", "fault", message)

@@ -19,11 +19,12 @@ from datetime import UTC, datetime
 from typing import Any, NamedTuple, Self
 
 import msgspec
-from sqlalchemy import Executable, inspect, literal, null, select
+from sqlalchemy import Executable, func, inspect, literal, null, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.tables import (
     AuditEntry,
     Base,
@@ -102,7 +103,8 @@ class AuditLog:
     def broken_links(self, session: Session) -> Iterator[int]:
         """Return the ids of entries that were changed, or that follow a missing entry."""
         previous = _BEFORE_THE_FIRST
-        for entry in session.scalars(select(AuditEntry).order_by(AuditEntry.id)):
+        chosen = select(AuditEntry).order_by(AuditEntry.id).execution_options(yield_per=AT_ONCE)
+        for entry in session.scalars(chosen):
             if entry.previous != previous or not self._is_unchanged(entry):
                 yield entry.id
             previous = entry.digest
@@ -123,6 +125,11 @@ class AuditLog:
 def row_name(row: Base) -> str:
     """Return the name by which entries refer to a row, which never changes: ``team:3``."""
     return f"{row.__tablename__}:{inspect(row).mapper.primary_key_from_instance(row)[0]}"
+
+
+def count_entries(session: Session) -> int:
+    """Return the number of all entries."""
+    return session.scalar(select(func.count()).select_from(AuditEntry)) or 0
 
 
 def entries(session: Session) -> Sequence[AuditEntry]:
@@ -202,13 +209,14 @@ def mismatches(session: Session) -> Iterator[str]:
     logged = {
         Action(name, row, None if name == _SUBMITTED else at)
         for name, row, at in session.execute(
-            select(AuditEntry.action, AuditEntry.row, AuditEntry.at)
+            select(AuditEntry.action, AuditEntry.row, AuditEntry.at),
+            execution_options={"yield_per": AT_ONCE},
         )
     }
     visible = {
         Action(name, f"{table.__tablename__}:{key}", at)
         for table, rows in _VISIBLE_ACTIONS
-        for name, key, at in session.execute(rows)
+        for name, key, at in session.execute(rows, execution_options={"yield_per": AT_ONCE})
         if at is not None or name == _SUBMITTED
     }
     for action in sorted(logged - visible, key=str):

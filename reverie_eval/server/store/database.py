@@ -27,6 +27,9 @@ from reverie_eval.text import first_few
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 
+AT_ONCE = 1000
+"""Rows in memory while all of a table, which may be a million, are read or written."""
+
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _FULL_SQLSTATE = "53100"
 """PostgreSQL's ``disk_full``: https://www.postgresql.org/docs/current/errcodes-appendix.html"""

@@ -6,13 +6,13 @@ which may be older than this version. Times are ISO 8601, in UTC.
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
-from itertools import groupby
+from itertools import groupby, islice
 from operator import itemgetter
 from typing import Any
 
 from sqlalchemy import Connection, DateTime, MetaData, Table, func, insert, select, text
 
-from reverie_eval.server.store.database import Database, migrate
+from reverie_eval.server.store.database import AT_ONCE, Database, migrate
 
 _ALEMBIC_TABLE = "alembic_version"
 
@@ -26,8 +26,9 @@ def dump(database: Database) -> Iterator[Row]:
     with database.reading() as session:
         connection = session.connection()
         for table in _tables(connection):
-            rows = connection.execute(select(table).order_by(*table.primary_key)).mappings()
-            for row in rows:
+            chosen = select(table).order_by(*table.primary_key)
+            rows = connection.execute(chosen, execution_options={"yield_per": AT_ONCE})
+            for row in rows.mappings():
                 yield table.name, {name: _portable(value) for name, value in row.items()}
 
 
@@ -37,7 +38,9 @@ def load(database: Database, revision: str, rows: Iterable[Row]) -> None:
         migrate(connection, revision)
         tables = {table.name: table for table in _tables(connection)}
         for name, group in groupby(rows, key=itemgetter(0)):
-            connection.execute(insert(tables[name]), list(_typed(tables[name], group)))
+            typed = _typed(tables[name], group)
+            while some := list(islice(typed, AT_ONCE)):
+                connection.execute(insert(tables[name]), some)
         if not database.is_sqlite:
             for table in tables.values():
                 _continue_numbers(connection, table)

@@ -39,7 +39,7 @@ from reverie_eval.server.store.tables import (
 
 _BEFORE_THE_FIRST = "0" * 64
 _SUBMITTED = "submitted"
-_REPEATABLE = frozenset({"changed", "token revoked", "team renamed"})
+_REPEATABLE = frozenset({"changed", "token revoked", "team renamed", "reported result changed"})
 """Actions that may happen to a row several times; the row shows only the last."""
 _SWITCHES = {
     ("withdrawn", True): "withdrawn",

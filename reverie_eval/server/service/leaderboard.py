@@ -5,6 +5,7 @@ It can be exported as JSON, CSV, a LaTeX table, or BibTeX entries.
 
 import csv
 import io
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "n
 
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
 _OF_METHOD = tuple(name for name in Method.model_fields if name != "description")
-_STANDING = ("standing", "reviews", "source", "signature")
+_STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
@@ -44,10 +45,11 @@ class Ranking:
     board: Board
     metric: str
     rows: Sequence[Row]
+    """The best first: ranked results, and reported ones without a rank among them."""
     apart: Sequence[Row]
-    """Results that are not ranked."""
+    """Results that are not comparable with the others, or disqualified."""
     metrics: frozenset[str]
-    """All metrics of the ranked results."""
+    """All metrics of the results that are not apart."""
     now: datetime
     counts: Mapping[int, int]
     """Number of submissions to the split, by team."""
@@ -76,7 +78,7 @@ class Filter:
     """Required values of a method's flags; flags that are left out may have any value."""
     since: date | None = None
     until: date | None = None
-    """Days in UTC; both are included."""
+    """Days in UTC; both are included, and all months and years with such a day."""
     text: str = ""
     """Part of the name of the method or the team; case is ignored."""
 
@@ -85,26 +87,32 @@ class Filter:
         return rows if self == Filter({}) else [row for row in rows if self._admits(row, ranking)]
 
     def _admits(self, row: Row, ranking: Ranking) -> bool:
-        method, day = row.entry.method, row.entry.published_at.date()
-        wanted = self.text.casefold()
+        method, wanted = row.entry.method, self.text.casefold()
         return (
-            all(bool(method.get(flag)) == asked for flag, asked in self.flags.items())
-            and (self.since is None or self.since <= day)
-            and (self.until is None or day <= self.until)
+            # A flag that nobody has declared, None, is neither.
+            all(method.get(flag, False) is asked for flag, asked in self.flags.items())
+            and self._admits_date(row.entry.date)
             and (
                 wanted in method["name"].casefold() or wanted in ranking.team(row.entry).casefold()
             )
         )
 
+    def _admits_date(self, day: str) -> bool:
+        """Whether a day, or any day of a month or a year, is in the filter's period."""
+        if not day:
+            return self.since is None and self.until is None
+        since, until = (str(each or day)[: len(day)] for each in (self.since, self.until))
+        return since <= day <= until
+
 
 def leaderboard(
     session: Session, cache: EntriesCache, board: Board, metric: str, now: datetime
 ) -> Ranking:
-    """Rank the published submissions of a split.
+    """Rank the published submissions of a split, and sort reported results in among them.
 
-    Equal values share a rank, and the next rank counts all rows before it: 1, 2, 2, 4. Results
-    without a value for the metric have no rank and come last. Equal results are in the order of
-    publication.
+    Equal values share a rank, and the next rank counts all submissions before it: 1, 2, 2, 4.
+    Results without a value for the metric have no rank and come last. Equal results are in the
+    order of publication, reported ones after submissions; these never have a rank.
 
     Raises
     ------
@@ -116,20 +124,25 @@ def leaderboard(
         raise MalformedError(f"cannot sort by {metric!r}; choose one of: {known}")
     cached = cache.entries(session, board, now)
     if metric not in cached.ranked:
-        values = [entry.scores.get(metric) for entry in cached.entries]
-        rows = map(Row, _ranks(values, CATALOGUE[metric]), cached.entries)
-        cached.ranked[metric] = sorted(rows, key=lambda row: inf if row.rank is None else row.rank)
+        cached.ranked[metric] = _ranked(cached.entries, CATALOGUE[metric])
     counts = cache.submissions_of_teams(session, board.name)
     return Ranking(board, metric, cached.ranked[metric], cached.apart, cached.metrics, now, counts)
 
 
-def _ranks(values: Sequence[float | None], metric: Metric) -> list[int | None]:
+def _ranked(entries: Sequence[Entry], metric: Metric) -> Sequence[Row]:
     sign = -1 if metric.better == "higher" else 1
-    order = sorted(sign * value for value in values if value is not None)
-    first: dict[float, int] = {}
-    for place, value in enumerate(order, start=1):
-        first.setdefault(value, place)
-    return [None if value is None else first[sign * value] for value in values]
+
+    def cost(entry: Entry) -> float:
+        return sign * entry.scores[metric.key] if metric.key in entry.scores else inf
+
+    ordered = sorted(entries, key=cost)
+    ranked = [cost(entry) for entry in ordered if entry.standing == "ranked"]
+
+    def rank(entry: Entry) -> int | None:
+        has_rank = entry.standing == "ranked" and metric.key in entry.scores
+        return 1 + bisect_left(ranked, cost(entry)) if has_rank else None
+
+    return [Row(rank(entry), entry) for entry in ordered]
 
 
 def as_json(ranking: Ranking) -> bytes:
@@ -162,6 +175,8 @@ def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
         "signature": entry.signature,
         "standing": entry.standing,
         "source": entry.source,
+        "reported_date": entry.reported_date,
+        "dataset": entry.dataset,
         "reviews": entry.reviews,
     }
 
@@ -191,7 +206,8 @@ def as_csv(ranking: Ranking) -> str:
             *(row.rank, entry.submission_id, ranking.team(entry), published),
             ranking.submissions(entry),
             *(entry.method.get(name) for name in _OF_METHOD),
-            *(entry.standing, reviews, entry.source, entry.signature),
+            *(entry.standing, reviews, entry.source, entry.reported_date, entry.dataset),
+            entry.signature,
         ]
         writer.writerow([*map(_cell, words), *(entry.scores.get(key) for key in shown)])
     return text.getvalue()

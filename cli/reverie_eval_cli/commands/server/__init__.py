@@ -17,6 +17,10 @@ server = LazyGroup(
             "invite": "token:invite",
             "grant": "grant:grant",
         },
+        "Results that others report": {
+            "import": "reported:import_results",
+            "reported": "reported:reported",
+        },
         "Keep": {
             "doctor": "folder:doctor",
             "audit": "audit:audit",

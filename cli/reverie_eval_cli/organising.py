@@ -61,7 +61,7 @@ def checked(model: type[Request], **fields: object) -> Request:
     """
     from pydantic import ValidationError
 
-    from reverie_eval.server.http.wrong_values import wrong_value
+    from reverie_eval.server.wrong_values import wrong_value
 
     try:
         return model.model_validate(fields)

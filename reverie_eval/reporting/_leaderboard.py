@@ -22,6 +22,7 @@ METHOD_FLAGS = {
 """What a reader must know to compare a method with others."""
 _STANDINGS = {
     "reported": "reported, not scored",
+    "other-dataset": "reported on {dataset}, not scored",
     "other-rules": "scored by other rules",
     "disqualified": "disqualified",
 }
@@ -33,7 +34,8 @@ _FINGERPRINT_SHOWN = 12
 def leaderboard_table(board: Leaderboard) -> Table:
     """Return a leaderboard with its headline metrics and the one that it is sorted by.
 
-    Results that are not ranked come last.
+    Reported results stand among the others, without a rank; results that are not comparable come
+    last.
     """
     metrics = _metrics(board)
     columns = [metric.heading for metric in metrics]
@@ -44,7 +46,7 @@ def leaderboard_table(board: Leaderboard) -> Table:
             *_names(row),
             *_values(row, metrics),
             MISSING if row.submissions is None else str(row.submissions),
-            f"{row.published_at:%Y-%m-%d}",
+            _date(row) or MISSING,
             ", ".join(_row_notes(row)),
         ]
         for row in _all_rows(board)
@@ -109,6 +111,13 @@ def _rank(row: LeaderboardRow) -> str:
     return MISSING if row.rank is None else str(row.rank)
 
 
+def _date(row: LeaderboardRow) -> str:
+    """Return when a result was published, or reported; empty if that is not known."""
+    if row.submission_id is None:
+        return row.reported_date or ""
+    return f"{row.published_at:%Y-%m-%d}"
+
+
 def _names(row: LeaderboardRow) -> tuple[str, str]:
     return printable(row.team) or "(anonymous)", printable(row.method.name)
 
@@ -120,6 +129,7 @@ def _values(row: LeaderboardRow, metrics: Sequence[Metric]) -> Sequence[str]:
 def _row_notes(row: LeaderboardRow) -> Sequence[str]:
     """Return why a result is not ranked, the organiser's verdicts, and the method's flags."""
     standing = [] if row.standing == "ranked" else [_STANDINGS[row.standing]]
+    standing = [text.format(dataset=printable(row.dataset)) for text in standing]
     verdicts = [review.verdict for review in row.reviews if review.verdict not in standing]
     flags = [text for name, text in METHOD_FLAGS.items() if getattr(row.method, name)]
     return [*standing, *verdicts, *flags]
@@ -128,5 +138,5 @@ def _row_notes(row: LeaderboardRow) -> Sequence[str]:
 def _description(row: LeaderboardRow) -> str:
     team, method = _names(row)
     entries = [] if row.submissions is None else [count_text(row.submissions, "entry", "entries")]
-    about = [*entries, f"{row.published_at:%Y-%m-%d}", *_row_notes(row)]
+    about = [*entries, *filter(None, [_date(row)]), *_row_notes(row)]
     return f"{team}: {method} ({', '.join(about)})"

@@ -6,17 +6,20 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from reverie_eval.schemas.report import SplitName
-from reverie_eval.schemas.service import Method, PublicReview, Role, Verdict
+from reverie_eval.schemas.service import MethodDescription, PublicReview, Role, Verdict
 from reverie_eval.schemas.wire import (
     EXAMPLE_INVITATION,
-    Https,
+    OMITTED,
     Instant,
     Line,
     Name,
+    OmittedName,
     OrganiserName,
+    PartialDate,
     PersonName,
     Reason,
     Sha256,
+    Source,
     SubmissionId,
     TeamName,
     WireModel,
@@ -151,15 +154,26 @@ class ReviewEntry(PublicReview):
 
 _PAPER = "https://arxiv.org/abs/1904.10151"
 ReportedMethod = Annotated[
-    Method, Field(examples=[{"name": "Interactive Navigator-Pointer", "paper": _PAPER}])
+    MethodDescription,
+    Field(examples=[{"name": "Interactive Navigator-Pointer", "paper": _PAPER}]),
 ]
 ReportedScores = Annotated[
     dict[str, float], Field(examples=[{"success": 0.1153, "spl": 0.0947, "rgs": 0.0562}])
 ]
+ReportedDate = Annotated[PartialDate | None, Field(examples=["2020-06"])]
+Dataset = Annotated[Line, Field(examples=["REVERIE v2"])]
+Rates = Literal["percent", "fraction"]
+"""How a table prints rates: 59.6 or 0.596."""
+
+LONGEST_FILE = 100_000
+"""Characters of a file of reported results: about 1,000 rows."""
 
 
 class NewReported(WireModel):
-    """A result that a paper reports, for the leaderboard of a split."""
+    """A result that a paper or another leaderboard reports, for the leaderboard of a split.
+
+    No other may have the same team, method and date.
+    """
 
     split: SplitName
     method: ReportedMethod
@@ -167,20 +181,76 @@ class NewReported(WireModel):
     """Who reports it, as shown on the leaderboard."""
     scores: ReportedScores = Field(min_length=1)
     """By metric key: fractions from 0 to 1, or metres."""
-    source: Https = Field(examples=[_PAPER])
+    source: Source = Field(examples=[_PAPER])
+    """Where it is from: a text, or a link that begins with https://."""
+    date: ReportedDate = None
+    """When it was reported: a day, a month or a year; null if that is not known."""
+    dataset: Dataset = ""
+    """The version of the dataset that it was scored on; empty if that is not known. On another
+    version than the split's, it is shown apart."""
 
 
-class ReportedEntry(WireModel):
-    """A result that a paper reports and no server has scored."""
+class ReportedMethodChange(MethodDescription):
+    """Changes to the description of a reported method; fields that are left out stay."""
+
+    name: OmittedName = Field("", examples=["FAST-MATTN"])
+    """Shown on the leaderboard."""
+
+
+class ReportedChange(WireModel):
+    """Changes to a reported result; fields that are left out stay as they are."""
+
+    method: ReportedMethodChange | None = Field(None, examples=[{"extra_data": False}])
+    team: OmittedName = Field("", examples=["Qi et al., CVPR 2020"])
+    scores: dict[str, float | None] = Field(default_factory=dict, examples=[{"rgspl": 0.0309}])
+    """Metrics that are left out stay as they are; null removes one."""
+    source: Annotated[Source, OMITTED] = Field("", examples=[_PAPER])
+    date: ReportedDate = None
+    dataset: Dataset = ""
+
+
+class ReportedEntry(NewReported):
+    """A reported result on a leaderboard."""
 
     id: int = Field(examples=[1])
-    split: SplitName
-    method: ReportedMethod
-    team: str = Field(examples=["Qi et al., 2020"])
-    scores: ReportedScores
-    source: str = Field(examples=[_PAPER])
     added_by: OrganiserName
     created_at: datetime
+    """When it was entered."""
+
+
+class NewImport(WireModel):
+    """A file of reported results, for the leaderboard of a split."""
+
+    split: SplitName
+    source: Source = Field(examples=[_PAPER])
+    """Where rows are from that do not say it themselves: a text or a link."""
+    dataset: Dataset = ""
+    """The version of the dataset that rows are on that do not say it themselves."""
+    rates: Rates = "percent"
+    """How rates are written in the file; lengths are in metres."""
+    text: str = Field(
+        min_length=1,
+        max_length=LONGEST_FILE,
+        examples=["team,method,SR,SPL,date\nBlue,Walker,59.64,38.98,01/2026\n"],
+    )
+    """The file: CSV with a heading for each column, or JSON."""
+    dry_run: bool = False
+    """Change nothing, only say what would be added."""
+
+
+class ImportReport(WireModel):
+    """What an import has added, or would add."""
+
+    rows: int = Field(examples=[83])
+    """Results in the file."""
+    added: list[NewReported]
+    """In the order of the file."""
+    known: int = Field(examples=[1])
+    """Results that were on the leaderboard before."""
+    repeated: list[str] = Field(examples=[["line 32 repeats line 29"]])
+    """Rows that say again what an earlier row of the file says."""
+    unread: list[str] = Field(examples=[["dataset"]])
+    """Parts of a JSON file that hold no results."""
 
 
 class NewCorrection(WireModel):

@@ -1,7 +1,7 @@
 """Messages between the evaluation server and its clients."""
 
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import AwareDatetime, Field
 
@@ -20,6 +20,7 @@ from reverie_eval.schemas.wire import (
     Instant,
     KeyId,
     Name,
+    OmittedName,
     OrganiserName,
     PersonName,
     Secret,
@@ -32,7 +33,7 @@ from reverie_eval.schemas.wire import (
 
 Role = Literal["participant", "organiser"]
 Verdict = Literal["verified", "baseline", "flagged", "disqualified"]
-Standing = Literal["ranked", "disqualified", "reported", "other-rules"]
+Standing = Literal["ranked", "reported", "other-dataset", "other-rules", "disqualified"]
 """Of a leaderboard's row: whether it takes part in the ranking, and if not, why."""
 WindowName = Literal["day", "month", "year"]
 
@@ -90,8 +91,8 @@ class SessionReport(Me):
     """When to sign in again, UTC; earlier if the token is revoked."""
 
 
-class Method(WireModel):
-    """How a team describes its method."""
+class MethodDescription(WireModel):
+    """How a method is described; what nobody has declared is null."""
 
     name: Name = Field(examples=["Walker"])
     """Shown on the leaderboard."""
@@ -100,6 +101,21 @@ class Method(WireModel):
     )
     paper: Https | None = Field(None, examples=["https://example.org/walker.pdf"])
     code: Https | None = Field(None, examples=["https://example.org/walker"])
+    extra_data: bool | None = Field(None, examples=[True])
+    """Trained on more than the benchmark's training split."""
+    pre_exploration: bool | None = None
+    """Saw the test buildings before the instructions."""
+    ground_truth_objects: bool | None = None
+    """Used the annotated objects of a viewpoint, as listed in the dataset's box files."""
+    ensemble: bool | None = None
+    """Several models decide together."""
+    navigation_only: bool | None = None
+    """Only navigates, and answers nothing."""
+
+
+class Method(MethodDescription):
+    """How a team describes its method."""
+
     extra_data: bool = Field(default=False, examples=[True])
     """Trained on more than the benchmark's training split."""
     pre_exploration: bool = False
@@ -115,9 +131,7 @@ class Method(WireModel):
 class MethodChange(Method):
     """Changes to the description of a method; fields that are left out stay as they are."""
 
-    name: Annotated[
-        Name, Field(examples=["Walker 2"], json_schema_extra=lambda schema: schema.pop("default"))
-    ] = ""
+    name: OmittedName = Field("", examples=["Walker 2"])
     """Shown on the leaderboard."""
 
 
@@ -275,13 +289,15 @@ class LeaderboardRow(WireModel):
     """A published result."""
 
     rank: int | None = Field(examples=[1])
-    """Equal for equal values of the metric that the rows are sorted by; null without a value."""
+    """Equal for equal values of the metric that the rows are sorted by; null without a value, and
+    for a result that is reported, not scored."""
     submission_id: SubmissionId | None
     """Null for a result that is reported, not scored."""
     team: TeamName
     """Empty while the team chose to be anonymous."""
-    method: Method
+    method: MethodDescription
     published_at: datetime
+    """On this leaderboard."""
     submissions: int | None = Field(examples=[3])
     """Number of the team's submissions to the split, also while it is anonymous: a result may be
     the best of many. Null for a result that is reported, not scored."""
@@ -291,10 +307,15 @@ class LeaderboardRow(WireModel):
     signature: str = ""
     """Everything that the scores depend on; empty for a reported result."""
     standing: Standing = "ranked"
-    """Whether it takes part in the ranking, or why it does not: the organiser has disqualified it,
-    a paper reports it, or it was scored by another protocol or ground truth than the split's."""
+    """Whether it takes part in the ranking, or why it does not: it is reported and not scored here,
+    maybe on another version of the dataset; it was scored by another protocol or ground truth than
+    the split's; or the organiser has disqualified it."""
     source: str = ""
-    """Where a reported result is from."""
+    """Where a reported result is from: a link or a text."""
+    reported_date: str | None = None
+    """The day, month or year of a reported result; null if it is not known."""
+    dataset: str = ""
+    """The version of the dataset that a reported result is on; empty if it is not known."""
     reviews: list[PublicReview] = Field(default_factory=list)
 
 
@@ -314,13 +335,14 @@ class Leaderboard(WireModel):
     split: SplitName
     protocol: str
     metric: str
-    """What the rows are sorted by; rows without it are not ranked and come last."""
+    """What the rows are sorted by; rows without it come last."""
     fingerprint: Fingerprint
     signature: str = ""
     """The signature of every ranked row, except for the version that scored it."""
     rows: list[LeaderboardRow]
+    """The best first. Reported results stand among the others, without a rank."""
     apart: list[LeaderboardRow] = Field(default_factory=list)
-    """Rows that are not ranked."""
+    """Rows that are not comparable with the others, or disqualified."""
     corrections: list[CorrectionReport] = Field(default_factory=list)
     """The latest first."""
 

@@ -1,8 +1,9 @@
 """The base class and the field types of all messages between servers and clients."""
 
 import re
-from datetime import UTC, datetime
-from typing import Annotated
+from contextlib import suppress
+from datetime import UTC, date, datetime
+from typing import Annotated, Any
 from unicodedata import normalize
 
 from pydantic import (
@@ -13,7 +14,9 @@ from pydantic import (
     Field,
     HttpUrl,
     StringConstraints,
+    TypeAdapter,
     UrlConstraints,
+    ValidationError,
 )
 
 from reverie_eval.schemas.report import Report
@@ -28,6 +31,10 @@ _BLANK = re.compile(
 )
 """Characters that are printable to Python but invisible: fillers and variation selectors (Unicode's
 property ``Default_Ignorable_Code_Point``), and the braille pattern without dots."""
+_LINK = re.compile(r"[a-z][a-z0-9+.-]*:(?=\S)", re.IGNORECASE)
+"""The beginning of a link: a scheme (RFC 3986, section 3.1) without a space after the colon."""
+_MONTH_AND_YEAR = re.compile(r"([0-9]{1,2})/([0-9]{4})")
+_DAY_MONTH_OR_YEAR = re.compile(r"2[0-9]{3}(-[0-9]{2}){0,2}")
 
 
 class WireModel(Report):
@@ -78,6 +85,29 @@ def _plain(url: HttpUrl) -> HttpUrl:
     return url
 
 
+def _source(text: str) -> str:
+    if not _LINK.match(text):
+        return text
+    try:
+        return str(_HTTPS.validate_python(text))
+    except ValidationError:
+        raise ValueError("must be a text, or a link that begins with https://") from None
+
+
+def _partial_date(text: str) -> str:
+    month_and_year = _MONTH_AND_YEAR.fullmatch(text)
+    iso = f"{month_and_year[2]}-{month_and_year[1]:0>2}" if month_and_year else text
+    if _DAY_MONTH_OR_YEAR.fullmatch(iso):
+        with suppress(ValueError):
+            date.fromisoformat(f"{iso}-01-01"[:10])  # any month and day, where they are missing
+            return iso
+    raise ValueError("must be a day, a month or a year: 2026-01-15, 2026-01, 01/2026 or 2026")
+
+
+def _without_default(schema: dict[str, Any]) -> None:
+    schema.pop("default")
+
+
 def _instant(value: datetime) -> datetime:
     if not 2000 <= value.year < 3000:
         raise ValueError("must be in the years 2000 to 2999")
@@ -99,6 +129,14 @@ Https = Annotated[
     UrlConstraints(allowed_schemes=["https"], max_length=LONGEST_LINK),
     AfterValidator(_plain),
 ]
+_HTTPS: TypeAdapter[HttpUrl] = TypeAdapter(Https)
+Source = Annotated[Reason, AfterValidator(_source)]
+"""Where a result is from: a text, or a link in its normalised form."""
+PartialDate = Annotated[str, BeforeValidator(_line), AfterValidator(_partial_date)]
+"""A day, a month or a year in ISO 8601: what is not known is left out, not made up."""
+OMITTED = Field(json_schema_extra=_without_default)
+"""Of a field in a request for changes: its default stands for nothing, and may not be sent."""
+OmittedName = Annotated[Name, OMITTED]
 Instant = Annotated[AwareDatetime, AfterValidator(_instant)]
 Secret = Annotated[str, Field(min_length=1, max_length=200)]
 

@@ -22,6 +22,8 @@ RequestError
     DatabaseDownError     the database does not answer
     StorageFullError      the disk or the database is full
     FaultError            the server failed
+
+ResultsError              a file of reported results has problems; a MalformedError in replies
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,9 +32,10 @@ from http import HTTPStatus
 from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
-from reverie_eval.errors import Problem, ReverieEvalError, SubmissionError
+from reverie_eval.errors import Problem, RejectedError, ReverieEvalError, SubmissionError
 from reverie_eval.schemas.report import ProblemReport
 from reverie_eval.schemas.service import ProblemDocument, QuotaReport, QuotaWindow
+from reverie_eval.text import count_text
 
 EXAMPLE_NOW = datetime(2027, 6, 1, 12, tzinfo=UTC)
 """The time in all examples."""
@@ -354,8 +357,17 @@ ERRORS: Mapping[str, type[RequestError]] = MappingProxyType(
 """All classes by code."""
 
 
+class ResultsError(RejectedError):
+    """A file of reported results is invalid; nothing of it was added."""
+
+    subject = "results"
+
+
 def request_error(error: Exception) -> RequestError | None:
     """Return an exception as an error for the caller; None if it is a fault of the server."""
     if isinstance(error, SubmissionError):
         return RejectedFileError(error.problems)
+    if isinstance(error, ResultsError):
+        told = [ProblemReport.model_validate(problem) for problem in error.problems]
+        return MalformedError(f"{count_text(len(told), 'problem')}; nothing was added", told)
     return error if isinstance(error, RequestError) else None

@@ -65,6 +65,10 @@ POST /desk/reviews                  sign-in    403       403       403       303
 POST /desk/reviews/{review_id}/lift sign-in    403       403       403       303
 GET  /desk/reported                 sign-in    403       403       403       200
 POST /desk/reported                 sign-in    403       403       403       303
+GET  /desk/reported/import          sign-in    403       403       403       200
+POST /desk/reported/import          sign-in    403       403       403       200
+GET  /desk/reported/{result_id}     sign-in    403       403       403       200
+POST /desk/reported/{result_id}     sign-in    403       403       403       303
 POST /desk/reported/{result_id}/remove sign-in 403       403       403       303
 GET  /desk/corrections              sign-in    403       403       403       200
 POST /desk/corrections              sign-in    403       403       403       409
@@ -97,6 +101,13 @@ FORMS: Mapping[str, dict[str, str]] = {
         "spl": "7",
     },
     "POST /desk/corrections": {"split": OPEN, "reason": "corrected targets"},
+    "POST /desk/reported/import": {"split": OPEN, "source": "Them", "text": "team,SPL\nThem,8"},
+    "POST /desk/reported/{result_id}": {
+        "team": "Them",
+        "name": "Theirs, corrected",
+        "source": "https://example.org/",
+        "spl": "7",
+    },
     "POST /desk/quotas": {
         "team": "Blue",
         "split": OPEN,
@@ -131,6 +142,7 @@ def parts(server: Serving) -> Mapping[str, str]:
             team="Them",
             scores={"spl": 0.07},
             source="https://example.org/",
+            dataset="",
             added_by="test",
             created_at=NOON,
         )

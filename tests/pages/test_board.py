@@ -8,11 +8,10 @@ from urllib.parse import parse_qsl, urlsplit
 import html5lib
 import httpx
 import pytest
-from pydantic import HttpUrl
 
 from reverie_eval import CATALOGUE
 from reverie_eval.schemas.organising import NewReported
-from reverie_eval.schemas.service import Method, Verdict
+from reverie_eval.schemas.service import MethodDescription, Verdict
 from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import submission_of
@@ -40,13 +39,22 @@ def judge(server: Serving, submission: str, verdict: Verdict, reason: str = "che
         return review(transaction, submission, verdict, reason).id
 
 
-def report_result(server: Serving, name: str, **scores: float) -> None:
+def report_result(
+    server: Serving,
+    name: str,
+    source: str = "https://example.org/paper.pdf",
+    date: str | None = None,
+    dataset: str = "",
+    **scores: float,
+) -> None:
     new = NewReported(
         split=OPEN,
-        method=Method(name=name),
+        method=MethodDescription(name=name),
         team="Qi et al.",
         scores=scores,
-        source=HttpUrl("https://example.org/paper.pdf"),
+        source=source,
+        date=date,
+        dataset=dataset,
     )
     with server.acting(ORGANISER) as transaction:
         add_reported(transaction, new, [OPEN])
@@ -105,7 +113,7 @@ def test_every_metric_has_a_link_that_sorts_by_it(five: Serving) -> None:
 
 
 def test_the_primary_metric_comes_first_and_the_rest_on_demand(five: Serving) -> None:
-    usual = ["#", "Method,", "RGSPL", "TL", "SR", "OSR", "SPL", "RGS", "Entries", "Published"]
+    usual = ["#", "Method,", "RGSPL", "TL", "SR", "OSR", "SPL", "RGS", "Entries", "Date"]
     assert headings(get(five)) == usual
     assert headings(get(five, "?columns=all"))[8] == "NE"
 
@@ -252,16 +260,69 @@ def test_what_is_disqualified_is_not_ranked(five: Serving) -> None:
     assert ranking(five)[0] == ("1", "Bee")
 
 
-def test_what_a_paper_reports_is_not_ranked(five: Serving) -> None:
-    report_result(five, "FAST", rgspl=0.99)
-    assert ranking(five)[0] == ("1", "Bee")
-    (row,) = tables(get(five))[1]
-    assert row[:3] == [
-        "reported, not scored source, added by Olga",
-        "FAST Qi et al.",
-        "99.00",
+def test_reported_results_stand_among_the_others_without_a_rank(five: Serving) -> None:
+    report_result(five, "FAST", date="2020-06", rgspl=0.99, spl=0.5)
+    report_result(five, "Tie", source="An old leaderboard", date=None, rgspl=0.25)
+    assert ranking(five) == [
+        ("-", "FAST"),
+        ("1", "Bee"),
+        ("2", "Ant"),
+        ("2", "Cat"),
+        ("-", "Tie"),
+        ("4", "Dog"),
+        ("-", "Elk"),
     ]
+    first, *_, tie, _, _ = tables(get(five))[0]
+    assert first == [
+        *("-", "FAST reported source Qi et al.", "99.00", "-", "-", "-", "50.00", "-"),
+        *("-", "2020-06"),
+    ]
+    assert tie[1] == "Tie reported from: An old leaderboard Qi et al."
+    assert tie[-1] == "-"
     assert 'href="https://example.org/paper.pdf"' in get(five).text
+    by_spl = [("1", "Dog"), ("2", "Ant"), ("2", "Elk"), ("-", "FAST"), ("4", "Bee")]
+    assert ranking(five, "?metric=spl")[:5] == by_spl
+    assert [name for _, name in ranking(five, "?metric=path_length")] == [
+        *("Bee", "Ant", "Cat", "FAST", "Tie", "Dog", "Elk")
+    ]
+
+
+def test_charts_and_citations_are_of_scored_results(five: Serving) -> None:
+    report_result(five, "FAST", rgspl=0.99, spl=0.5)
+    for copy in ("chart?x=spl&y=rgspl", "latex", "bibtex"):
+        text = five.client.get(f"{BOARD}/{copy}").text
+        assert "Bee" in text
+        assert "FAST" not in text
+
+
+ON_A_DATE = [
+    pytest.param("?since=2020-06-30&until=2020-06-30", True, id="a day of the month"),
+    pytest.param("?since=2020-07-01", False, id="after it"),
+    pytest.param("?until=2020-05-31", False, id="before it"),
+    pytest.param("?extra_data=with", False, id="not declared to be with"),
+    pytest.param("?extra_data=without", False, id="not declared to be without"),
+]
+
+
+@pytest.mark.parametrize(("query", "is_shown"), ON_A_DATE)
+def test_filters_of_reported_results(query: str, server: Serving, *, is_shown: bool) -> None:
+    report_result(server, "FAST", date="2020-06", rgspl=0.99)
+    report_result(server, "Slow", date=None, rgspl=0.5)
+    shown = [("-", "FAST")] if is_shown else []
+    assert ranking(server, query) == shown
+
+
+def test_results_on_another_version_of_the_dataset_are_apart(five: Serving) -> None:
+    report_result(five, "Old", dataset="v2", rgspl=0.99)
+    report_result(five, "Same", dataset="Demo", rgspl=0.75)
+    assert ranking(five)[0] == ("-", "Same")
+    (row,) = tables(get(five))[1]
+    assert row[0] == "other dataset on v2; this leaderboard is on demo"
+    assert row[1].startswith("Old reported source")
+    board = five.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()
+    assert [(each["standing"], each["dataset"]) for each in board["apart"]] == [
+        ("other-dataset", "v2")
+    ]
 
 
 OTHER_RULES = [

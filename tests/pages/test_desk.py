@@ -97,6 +97,8 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/reviews",
         "/desk/reviews/1/lift",
         "/desk/reported",
+        "/desk/reported/import",
+        "/desk/reported/1",
         "/desk/reported/1/remove",
         "/desk/people",
         "/desk/people/teams",
@@ -200,13 +202,15 @@ def test_what_is_wrong_is_shown_beside_what_was_typed(desk: Visitor) -> None:
 
 def test_a_reported_result_is_entered_as_papers_print_it(desk: Visitor) -> None:
     scores = {"success": "11.53", "spl": "9.47 %", "path_length": "12.3", "rgs": ""}
-    words = told(desk, "/desk/reported", **RESULT, **scores, extra_data="true")
+    about = {"date": "2020-06", "dataset": "v1", "paper": PAPER}
+    words = told(desk, "/desk/reported", **RESULT, **scores, **about, extra_data="true")
     assert "Pointer Qi et al." in words
-    assert "TL 12.30 SR 11.53 SPL 9.47 example.org/paper Olga" in words
+    assert "TL 12.30 SR 11.53 SPL 9.47 2020-06 v1 example.org/paper Olga" in words
     with desk.server.state.database.reading() as session:
         (result,) = list_reported(session, Page()).rows
     assert result.scores == {"path_length": 12.3, "success": 0.1153, "spl": 0.0947}
     assert (result.method.extra_data, str(result.method.paper)) == (True, PAPER)
+    assert result.method.ensemble is None
 
 
 @pytest.mark.parametrize(
@@ -229,6 +233,56 @@ def test_only_results_are_reported(changes: Mapping[str, str], message: str, des
     assert page.status_code == 400
     assert message in said(page)
     assert 'value="Qi et al."' in page.text
+
+
+def test_a_reported_result_is_changed_in_place(desk: Visitor) -> None:
+    scores = {"success": "11.531", "spl": "7", "path_length": "12.3"}
+    told(desk, "/desk/reported", **RESULT, **scores, date="2020-06", ensemble="false")
+    form = desk.get("/desk/reported/1").text
+    fields = dict(re.findall(r'<input id="\w+" name="(\w+)"[^>]* value="([^"]*)"', form))
+    assert {name: fields[name] for name in scores} == scores
+    assert (fields["name"], fields["date"]) == ("Pointer", "2020-06")
+    assert re.search(r'name="ensemble".*?<option value="false" selected>', form)
+    changed = {**fields, "success": "11.6", "spl": "", "date": "", "ensemble": "false"}
+    assert "Changed." in told(desk, "/desk/reported/1", **changed)
+    with desk.server.state.database.reading() as session:
+        (result,) = list_reported(session, Page()).rows
+        details = entries(session)[-1].details
+    assert (result.method.ensemble, result.date) == (False, None)
+    assert details == {
+        "before": {"scores": {"success": 0.11531, "spl": 0.07}, "date": "2020-06"},
+        "after": {"scores": {"success": 0.116}, "date": None},
+    }
+    page = sending(desk, "/desk/reported/1", **changed | {"success": "116"})
+    assert (page.status_code, "116 is not from 0 to 100" in said(page)) == (400, True)
+    assert 'value="116"' in page.text
+    assert sending(desk, "/desk/reported/2", **changed).status_code == 404
+
+
+def test_a_pasted_table_is_looked_at_before_it_is_imported(desk: Visitor) -> None:
+    text = f"team,SR,date\n{MARKUP},59.64,01/2026\nBlue,6,2025\nBlue,6,2025\n"
+    form = {"split": OPEN, "source": "An old leaderboard", "rates": "percent", "text": text}
+    asked = sending(desk, "/desk/reported/import", **form)
+    assert f"{MARKUP} {MARKUP} 2026-01 SR 59.64" in said(asked)
+    assert "Line 4 repeats line 3." in said(asked)
+    assert MARKUP not in asked.text
+    with desk.server.state.database.reading() as session:
+        assert list_reported(session, Page()).rows == []
+    assert hidden(asked).keys() == {*form, "confirmed"}
+    words = told(desk, "/desk/reported/import", **form, **YES)
+    assert "Imported. Method" in words
+    assert f"{MARKUP} {MARKUP} {OPEN} SR 59.64 2026-01" in words
+    again = said(sending(desk, "/desk/reported/import", **form))
+    assert f"Add 0 results to {OPEN}? The file has 3 results, of which 3 are on" in again
+
+
+def test_problems_of_a_pasted_table_are_shown_beside_it(desk: Visitor) -> None:
+    form = {"split": OPEN, "source": "Old", "rates": "percent", "text": "team,SR\nBlue,200\n,1"}
+    page = sending(desk, "/desk/reported/import", **form)
+    assert page.status_code == 400
+    assert "2 problems; nothing was added." in said(page)
+    assert "line 2: SR %: 200 is not from 0 to 100" in said(page)
+    assert "Blue,200" in page.text
 
 
 def test_a_reported_result_is_removed(desk: Visitor) -> None:

@@ -131,6 +131,27 @@ def test_a_reported_result_has_no_number_of_submissions() -> None:
     assert "None" not in narrow_leaderboard_table(reported).rows[0][-1]
 
 
+@pytest.mark.parametrize(
+    ("changes", "date", "notes"),
+    [
+        pytest.param({"reported_date": "2020-06"}, "2020-06", "reported, not scored", id="a month"),
+        pytest.param({}, "-", "reported, not scored", id="no date"),
+        pytest.param(
+            {"standing": "other-dataset", "dataset": "v2"},
+            "-",
+            "reported on v2, not scored",
+            id="another version of the dataset",
+        ),
+    ],
+)
+def test_what_is_known_of_a_reported_result(changes: dict[str, Any], date: str, notes: str) -> None:
+    about = {"submission_id": None, "submissions": None, "standing": "reported", **changes}
+    reported = board(row(None, "They", {"name": "Paper", "ensemble": None}, **about))
+    assert leaderboard_table(reported).rows[0][-2:] == [date, notes]
+    told = notes if date == "-" else f"{date}, {notes}"
+    assert narrow_leaderboard_table(reported).rows[0][-1] == f"They: Paper ({told})"
+
+
 def test_an_unscored_row_has_no_rank_and_dashes() -> None:
     (*_, last) = leaderboard_table(LONG).rows
     assert last == ["-", "Red", "Partial", "-", "50.00", "-", "7", "2027-06-01", ""]

@@ -11,19 +11,24 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from pydantic import HttpUrl
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.schemas.organising import NewGrant, NewNotice, NewReported, NewTeam
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.organising import (
+    NewGrant,
+    NewNotice,
+    NewReported,
+    NewTeam,
+    ReportedChange,
+)
+from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.operations import doctor
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import AuditLog, entries, mismatches, row_name
 from reverie_eval.server.service.people import rename_team, team_named
 from reverie_eval.server.service.quotas import grant
 from reverie_eval.server.service.receipts import make_key
-from reverie_eval.server.service.reported import add_reported, remove_reported
+from reverie_eval.server.service.reported import add_reported, change_reported, remove_reported
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.store.tables import AuditEntry, Submission
@@ -276,12 +281,13 @@ def do_everything(server: Serving) -> None:
     assert published.status_code == 200
     reported = NewReported(
         split=PRIVATE,
-        method=Method(name="Theirs"),
+        method=MethodDescription(name="Theirs"),
         team="They",
         scores={"success": 0.5},
-        source=HttpUrl("https://example.org/paper"),
+        source="https://example.org/paper",
     )
     result = later(add_reported, reported, [PRIVATE])
+    later(change_reported, result.id, ReportedChange(team="They all"))
     later(remove_reported, result.id)
     later(server.state.notices.post, NewNotice(banner="Hello"))
 

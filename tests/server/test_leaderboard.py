@@ -161,8 +161,8 @@ def test_the_board_as_csv(server: Serving) -> None:
         "ensemble",
         "navigation_only",
     ]
-    more = ["standing", "reviews", "source", "signature"]
-    known = ("ranked", "", "", server.state.boards[OPEN].signature)
+    more = ["standing", "reviews", "source", "reported_date", "dataset", "signature"]
+    known = ("ranked", *4 * [""], server.state.boards[OPEN].signature)
     assert table_of(server) == [
         [*about, *said, *more, "success", "rgspl"],
         [

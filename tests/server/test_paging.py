@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from reverie_eval.schemas.organising import NewReported
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.service.paging import LONGEST, Page, all_pages
 from reverie_eval.server.service.people import list_teams
 from reverie_eval.server.service.reported import add_reported
@@ -29,7 +29,7 @@ def full(server: Serving) -> Serving:
             add_person(transaction, f"Team {number}", f"Person {number}")
             create_token(transaction, f"Person {number}")
             review(transaction, ids[number], "baseline")
-            new = {"method": Method(name=f"Method {number}"), "scores": {"spl": 0.5}}
+            new = {"method": MethodDescription(name=f"Method {number}"), "scores": {"spl": 0.5}}
             about: dict[str, Any] = {"split": OPEN, "team": "They", "source": "https://example.org"}
             add_reported(transaction, NewReported.model_validate(new | about), [OPEN])
     for number in range(ROWS):

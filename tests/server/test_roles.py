@@ -5,10 +5,9 @@ from typing import Any
 
 import pytest
 from fastapi.routing import iter_route_contexts
-from pydantic import HttpUrl
 
 from reverie_eval.schemas.organising import NewReported
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.app import create_app
 from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.service.tokens import revoke_token
@@ -60,6 +59,8 @@ POST   /organiser/reviews                         401    403   403    403       
 DELETE /organiser/reviews/{review_id}             401    403   403    403        200      401         401
 GET    /organiser/reported                        401    403   403    403        200      401         401
 POST   /organiser/reported                        401    403   403    403        201      401         401
+POST   /organiser/reported/import                 401    403   403    403        200      401         401
+PATCH  /organiser/reported/{result_id}            401    403   403    403        200      401         401
 DELETE /organiser/reported/{result_id}            401    403   403    403        200      401         401
 POST   /organiser/corrections                     401    403   403    403        409      401         401
 GET    /organiser/notice                          401    403   403    403        200      401         401
@@ -97,6 +98,10 @@ BODIES: Mapping[str, dict[str, Any]] = {
         }
     },
     "POST /organiser/corrections": {"json": {"split": OPEN, "reason": "corrected targets"}},
+    "POST /organiser/reported/import": {
+        "json": {"split": PRIVATE, "source": "Qi et al.", "text": "team,SR\nQi et al.,10\n"}
+    },
+    "PATCH /organiser/reported/{result_id}": {"json": {"team": "Qi et al., 2020"}},
     "PUT /organiser/notice": {"json": {"banner": "Back at noon."}},
 }
 
@@ -122,10 +127,10 @@ def path_parts(server: Serving) -> Mapping[str, str]:
     server.upload(OWNER)
     reported = NewReported(
         split=OPEN,
-        method=Method(name="Navigator"),
+        method=MethodDescription(name="Navigator"),
         team="Qi et al.",
         scores={"success": 0.1},
-        source=HttpUrl("https://example.org/paper"),
+        source="https://example.org/paper",
     )
     with server.acting() as transaction:
         spare = create_token(transaction, OWNER)

@@ -42,6 +42,7 @@ class Example(NamedTuple):
             "submission_id": site.ids[OPEN, "Walker"],
             "other_id": site.ids[OPEN, BOLD],
             "wordy_id": site.ids[OPEN, ENDLESS],
+            "result_id": "1",
             "instr_id": "1196_0_0",
             "private_id": site.ids[PRIVATE, "Shortest paths"],
         }
@@ -83,6 +84,8 @@ EXAMPLES = (
     Example("/desk/reviews", ORGANISER, "?submission={wordy_id}"),
     Example("/desk/reported", ORGANISER),
     Example("/desk/corrections", ORGANISER),
+    Example("/desk/reported/import", ORGANISER),
+    Example("/desk/reported/{result_id}", ORGANISER),
     Example("/desk/quotas", ORGANISER),
     Example("/desk/people", ORGANISER),
     Example("/desk/notice", ORGANISER),

@@ -32,8 +32,8 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.http.exchange import exchange_of
 from reverie_eval.server.http.openapi import MEDIA_TYPE
-from reverie_eval.server.http.wrong_values import unreadable_json, wrong_value
 from reverie_eval.server.store.database import is_full, is_unreachable
+from reverie_eval.server.wrong_values import unreadable_json, wrong_value
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -163,7 +163,8 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             apart=apart[:PER_PAGE],
             reviewed=[row for row in part.rows if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
-            counts={"ranked": len(ranking.rows), "apart": len(apart)},
+            has_charts=bool(_scored(ranking, query)),
+            counts={"all": len(ranking.rows), "apart": len(apart)},
             numbers=_numbers(part.number, part.pages),
         )
 
@@ -171,15 +172,15 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
 @router.get("/boards/{split}/chart")  # noqa: FAST003  # of Ranked
 def show_chart(ranking: Ranked, query: Shown) -> Response:
     """Return the data of the charts."""
-    drawn = chart_of(ranking, query.shown.of(ranking.rows, ranking), query.x, query.y)
+    drawn = chart_of(ranking, _scored(ranking, query), query.x, query.y)
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
 @router.get("/boards/{split}/latex")  # noqa: FAST003  # of Ranked
 def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
-    """Return the rows of a page as a LaTeX table."""
+    """Return the rows of a page as a LaTeX table; its signature is that of scored results only."""
     query = query.on(ranking.board)
-    rows = _part(ranking, query).rows
+    rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
     scored = {key for row in rows for key in row.entry.scores}
     metrics = [metric for metric in _columns(ranking.board, query, rows) if metric.key in scored]
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
@@ -187,11 +188,17 @@ def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
 
 @router.get("/boards/{split}/bibtex")  # noqa: FAST003  # of Ranked
 def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
-    """Return BibTeX entries for the leaderboard and for each row of a page."""
+    """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
     query = query.on(ranking.board)
-    rows = _part(ranking, query).rows
+    rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
     address = _address(request, query)
     return PlainTextResponse(as_bibtex(ranking, rows, server.settings.title, address))
+
+
+def _scored(ranking: Ranking, query: BoardQuery) -> Sequence[Row]:
+    """Return the results of the charts: those of this server."""
+    rows = query.shown.of(ranking.rows, ranking)
+    return [row for row in rows if row.entry.standing == "ranked"]
 
 
 def _part(ranking: Ranking, query: BoardQuery) -> Part:

@@ -43,7 +43,9 @@ _BEFORE_THE_FIRST = "0" * 64
 _SUBMITTED = "submitted"
 RULES = "rules recorded"
 """The action of a server that starts with other rules than the last one; no row shows it."""
-_REPEATABLE = frozenset({"changed", "token revoked", "team renamed", "scored again"})
+_REPEATABLE = frozenset(
+    {"changed", "token revoked", "team renamed", "scored again", "reported result changed"}
+)
 """Actions that may happen to a row several times; the row shows only the last."""
 _SWITCHES = {
     ("withdrawn", True): "withdrawn",

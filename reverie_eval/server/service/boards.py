@@ -1,5 +1,6 @@
 """The splits that a server scores, with their ground truth in memory."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -31,6 +32,7 @@ MAX_VALUES = 5_000_000
 and a sixth of the limit outside the server."""
 
 _OTHERS_MAY_READ = 0o077
+_BENCHMARK = re.compile(r"^reverie[ -]*")
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,16 @@ class Board:
     def primary(self) -> Metric:
         """The metric that submissions are ranked by unless another is asked for."""
         return primary_metric(self.metrics)
+
+    def is_on(self, dataset: str) -> bool:
+        """Whether a dataset's version may be that of the split: the same, or empty for unknown.
+
+        ``v2`` and ``reverie-v2`` are ``REVERIE v2``.
+        """
+        own, other = (
+            _BENCHMARK.sub("", name.lower()) for name in (self.truth.header.dataset, dataset)
+        )
+        return other in {own, ""}
 
     def is_open(self, now: datetime) -> bool:
         """Whether the split accepts submissions at a time."""

@@ -26,6 +26,8 @@ from reverie_eval.server.store.tables import AuditEntry, Correction, Submission,
 _SUBMITTED = literal("submitted", literal_execute=True)
 """The most frequent action; it changes no leaderboard, because it publishes nothing. It is written
 into the statements, so that databases see which index has all others."""
+_LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
+"""Standings of the entries that are sorted by a metric together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class Entry:
     """A result on a leaderboard."""
 
     submission_id: str | None
-    """None for a result that a paper reports."""
+    """None for a result that is reported."""
     team_id: int | None
     team: str
     method: Mapping[str, Any]
@@ -58,9 +60,23 @@ class Entry:
     signature: str = ""
     standing: Standing = "ranked"
     source: str = ""
-    """The paper that reports it."""
+    """Where a reported result is from: a link or a text."""
+    reported_date: str | None = None
+    """The day, month or year of a reported result; None if it is not known."""
+    dataset: str = ""
+    """The version of the dataset that a reported result is on; empty if it is not known."""
     entered_by: str = ""
     reviews: Sequence[PublishedReview] = ()
+
+    @property
+    def date(self) -> str:
+        """When it was published here, or reported elsewhere; empty if that is not known.
+
+        A day in UTC, or a month or a year if no more is known.
+        """
+        if self.submission_id is None:
+            return self.reported_date or ""
+        return f"{self.published_at:%Y-%m-%d}"
 
 
 class _Intervals(msgspec.Struct):
@@ -95,11 +111,11 @@ class BoardEntries:
     number: int
     """Of the last entry in the audit log."""
     entries: Sequence[Entry]
-    """The ranked entries, in the order of publication."""
+    """The ranked entries in the order of publication, then the reported ones."""
     apart: Sequence[Row]
-    """The entries that are not ranked."""
+    """The entries that are not comparable with the others, or disqualified."""
     metrics: frozenset[str]
-    """All metrics of the ranked entries."""
+    """All metrics of the entries that are not apart."""
     corrections: Sequence[CorrectionReport] = ()
     """The latest first."""
     held_until: datetime | None = None
@@ -151,12 +167,12 @@ class EntriesCache:
 
 def _read_entries(session: Session, board: Board, number: int, now: datetime) -> BoardEntries:
     entries = [*_scored(session, board, now), *_reported(session, board)]
-    ranked = [entry for entry in entries if entry.standing == "ranked"]
-    apart = [Row(None, entry) for entry in entries if entry.standing != "ranked"]
-    metrics = frozenset(key for entry in ranked for key in entry.scores)
+    listed = [entry for entry in entries if entry.standing in _LISTED]
+    apart = [Row(None, entry) for entry in entries if entry.standing not in _LISTED]
+    metrics = frozenset(key for entry in listed for key in entry.scores)
     held = [entry.scores_held_until for entry in entries if entry.scores_held_until is not None]
     corrections = corrections_of(session, board.name)
-    return BoardEntries(number, ranked, apart, metrics, corrections, min(held, default=None))
+    return BoardEntries(number, listed, apart, metrics, corrections, min(held, default=None))
 
 
 def corrections_of(session: Session, split: str) -> Sequence[CorrectionReport]:
@@ -243,8 +259,10 @@ def _reported(session: Session, board: Board) -> Sequence[Entry]:
             published_at=row.created_at,
             anonymous_until=None,
             scores=row.scores,
-            standing="reported",
+            standing="reported" if board.is_on(row.dataset) else "other-dataset",
             source=row.source,
+            reported_date=row.date,
+            dataset=row.dataset,
             entered_by=row.added_by,
         )
         for row in reported_of(session, board.name)

@@ -5,6 +5,7 @@ It can be exported as JSON, CSV, a LaTeX table, or BibTeX entries.
 
 import csv
 import io
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "n
 
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
 _OF_METHOD = tuple(name for name in Method.model_fields if name != "description")
-_STANDING = ("standing", "reviews", "source", "signature")
+_STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
@@ -44,10 +45,11 @@ class Ranking:
     board: Board
     metric: str
     rows: Sequence[Row]
+    """The best first: ranked results, and reported ones without a rank among them."""
     apart: Sequence[Row]
-    """Results that are not ranked."""
+    """Results that are not comparable with the others, or disqualified."""
     metrics: frozenset[str]
-    """All metrics of the ranked results."""
+    """All metrics of the results that are not apart."""
     now: datetime
     counts: Mapping[int, int]
     """Number of submissions to the split, by team."""
@@ -78,7 +80,7 @@ class Filter:
     """Required values of a method's flags; flags that are left out may have any value."""
     since: date | None = None
     until: date | None = None
-    """Days in UTC; both are included."""
+    """Days in UTC; both are included, and all months and years with such a day."""
     text: str = ""
     """Part of the name of the method or the team; case is ignored."""
 
@@ -87,26 +89,32 @@ class Filter:
         return rows if self == Filter({}) else [row for row in rows if self._admits(row, ranking)]
 
     def _admits(self, row: Row, ranking: Ranking) -> bool:
-        method, day = row.entry.method, row.entry.published_at.date()
-        wanted = self.text.casefold()
+        method, wanted = row.entry.method, self.text.casefold()
         return (
-            all(bool(method.get(flag)) == asked for flag, asked in self.flags.items())
-            and (self.since is None or self.since <= day)
-            and (self.until is None or day <= self.until)
+            # A flag that nobody has declared, None, is neither.
+            all(method.get(flag, False) is asked for flag, asked in self.flags.items())
+            and self._admits_date(row.entry.date)
             and (
                 wanted in method["name"].casefold() or wanted in ranking.team(row.entry).casefold()
             )
         )
 
+    def _admits_date(self, day: str) -> bool:
+        """Whether a day, or any day of a month or a year, is in the filter's period."""
+        if not day:
+            return self.since is None and self.until is None
+        since, until = (str(each or day)[: len(day)] for each in (self.since, self.until))
+        return since <= day <= until
+
 
 def leaderboard(
     session: Session, cache: EntriesCache, board: Board, metric: str, now: datetime
 ) -> Ranking:
-    """Rank the published submissions of a split.
+    """Rank the published submissions of a split, and sort reported results in among them.
 
-    Equal values share a rank, and the next rank counts all rows before it: 1, 2, 2, 4. Results
-    without a value for the metric have no rank and come last. Equal results are in the order of
-    publication.
+    Equal values share a rank, and the next rank counts all submissions before it: 1, 2, 2, 4.
+    Results without a value for the metric have no rank and come last. Equal results are in the
+    order of publication, reported ones after submissions; these never have a rank.
 
     Raises
     ------
@@ -118,9 +126,7 @@ def leaderboard(
         raise MalformedError(f"cannot sort by {metric!r}; choose one of: {known}")
     cached = cache.entries(session, board, now)
     if metric not in cached.ranked:
-        values = [entry.scores.get(metric) for entry in cached.entries]
-        rows = map(Row, ranks(values, CATALOGUE[metric]), cached.entries)
-        cached.ranked[metric] = sorted(rows, key=lambda row: inf if row.rank is None else row.rank)
+        cached.ranked[metric] = _ranked(cached.entries, CATALOGUE[metric])
     counts = cache.submissions_of_teams(session, board.name)
     return Ranking(
         board=board,
@@ -134,14 +140,29 @@ def leaderboard(
     )
 
 
+def _ranked(entries: Sequence[Entry], metric: Metric) -> Sequence[Row]:
+    """Sort entries, and rank those that this server has scored."""
+    scored = [
+        entry.scores.get(metric.key) if entry.standing == "ranked" else None for entry in entries
+    ]
+    rows = map(Row, ranks(scored, metric), entries)
+    return sorted(rows, key=lambda row: _cost(row.entry.scores.get(metric.key), metric))
+
+
 def ranks(values: Sequence[float | None], metric: Metric) -> Sequence[int | None]:
     """Return the rank of each value, as :func:`leaderboard` ranks; None for no value."""
-    sign = -1 if metric.better == "higher" else 1
-    order = sorted(sign * value for value in values if value is not None)
-    first: dict[float, int] = {}
-    for place, value in enumerate(order, start=1):
-        first.setdefault(value, place)
-    return [None if value is None else first[sign * value] for value in values]
+    ordered = sorted(_cost(value, metric) for value in values)
+    return [
+        None if value is None else 1 + bisect_left(ordered, _cost(value, metric))
+        for value in values
+    ]
+
+
+def _cost(value: float | None, metric: Metric) -> float:
+    """Return what is lowest for the best value, and highest for no value."""
+    if value is None:
+        return inf
+    return -value if metric.better == "higher" else value
 
 
 def as_json(ranking: Ranking) -> bytes:
@@ -175,6 +196,8 @@ def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
         "signature": entry.signature,
         "standing": entry.standing,
         "source": entry.source,
+        "reported_date": entry.reported_date,
+        "dataset": entry.dataset,
         "reviews": entry.reviews,
     }
 
@@ -204,7 +227,8 @@ def as_csv(ranking: Ranking) -> str:
             *(row.rank, entry.submission_id, ranking.team(entry), published),
             ranking.submissions(entry),
             *(entry.method.get(name) for name in _OF_METHOD),
-            *(entry.standing, reviews, entry.source, entry.signature),
+            *(entry.standing, reviews, entry.source, entry.reported_date, entry.dataset),
+            entry.signature,
         ]
         writer.writerow([*map(_cell, words), *(entry.scores.get(key) for key in shown)])
     return text.getvalue()

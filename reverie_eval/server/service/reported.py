@@ -1,27 +1,54 @@
-"""Results that papers report and this server has not scored, entered by the organiser.
+"""Results that papers and other leaderboards report and this server has not scored.
 
-Leaderboards show them without a rank, marked as reported. Removed results stay in the database but
-are not shown.
+The organiser enters them one by one or imports a file. Leaderboards show them among the others,
+marked as reported, without a rank; those on another version of the dataset are shown apart. Removed
+results stay in the database but are not shown.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from math import isfinite
+from typing import Any, NamedTuple
 
+from pydantic import ValidationError
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from reverie_eval.errors import Problem
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.schemas.organising import NewReported, ReportedEntry
-from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError
+from reverie_eval.schemas.organising import (
+    ImportReport,
+    NewImport,
+    NewReported,
+    ReportedChange,
+    ReportedEntry,
+)
+from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError, ResultsError
 from reverie_eval.server.service.paging import Listed, Page, list_page
+from reverie_eval.server.service.reported_files import FileRow, read_results
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import ReportedResult
+from reverie_eval.server.wrong_values import wrong_value
+from reverie_eval.text import did_you_mean
+
+_SHOWN = 60
+"""The most characters of a wrong value that an error shows."""
+
+
+class _Identity(NamedTuple):
+    """What tells a reported result of a split from the others."""
+
+    team: str
+    method: str
+    date: str | None
+
+    def __str__(self) -> str:
+        return ", ".join(filter(None, (repr(self.method), f"by {self.team!r}", self.date)))
 
 
 def add_reported(
     transaction: Transaction, new: NewReported, splits: Collection[str]
 ) -> ReportedEntry:
-    """Add a result that a paper reports to the leaderboard of a split.
+    """Add a reported result to the leaderboard of a split.
 
     Raises
     ------
@@ -30,41 +57,101 @@ def add_reported(
     NotFoundError
         If there is no such split.
     ConflictError
-        If a reported result of that method is already on the leaderboard.
+        If a result of that team, method and date is already on the leaderboard.
     """
-    name, split = new.method.name, new.split
-    if split not in splits:
-        raise NotFoundError(f"there is no split {split!r}; there are: {', '.join(splits)}")
-    unknown = [key for key in new.scores if key not in CATALOGUE]
-    if unknown:
-        known = ", ".join(CATALOGUE)
-        raise MalformedError(f"there is no metric {unknown[0]!r}; choose one of: {known}")
-    for key, value in new.scores.items():
-        bound = CATALOGUE[key].upper_bound
-        if not isfinite(value) or not 0 <= value <= bound:
-            expected = "a fraction from 0 to 1" if bound == 1 else "0 or more"
-            raise MalformedError(f"{key} is {value}; expected {expected}")
-    if any(each.method["name"] == name for each in reported_of(transaction.session, split)):
-        raise ConflictError(
-            f"{name!r} is already on the leaderboard of {split}; remove it before adding it again"
-        )
-    result = ReportedResult(
-        **new.model_dump(mode="json"), added_by=transaction.actor, created_at=transaction.now
-    )
-    transaction.add(result)
-    transaction.record("reported result added", result, name, split=split, source=result.source)
+    _check_split(new.split, splits)
+    _check_scores(new.scores)
+    _check_is_only(transaction.session, new)
+    return ReportedEntry.model_validate(_insert(transaction, new))
+
+
+def change_reported(
+    transaction: Transaction, result_id: int, change: ReportedChange
+) -> ReportedEntry:
+    """Change a reported result in place; the audit log keeps what was there before.
+
+    Raises
+    ------
+    NotFoundError
+        If it is not on a leaderboard.
+    MalformedError
+        As for :func:`add_reported`, or if no score would be left.
+    ConflictError
+        If another result has that team, method and date.
+    """
+    result = _result_of(transaction.session, result_id)
+    old = NewReported.model_validate(result)
+    before = old.model_dump(mode="json")
+    after = _merged(before, change.model_dump(mode="json", exclude_unset=True))
+    _check_scores(after["scores"])
+    new = NewReported.model_validate(after)
+    _check_is_only(transaction.session, new, result_id)
+    details = {"before": _only_different(before, after), "after": _only_different(after, before)}
+    if any(details.values()):
+        for name, value in after.items():
+            setattr(result, name, value)
+        transaction.record("reported result changed", result, old.method.name, **details)
     return ReportedEntry.model_validate(result)
 
 
 def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
     """Remove a reported result from its leaderboard; NotFoundError if it is not on one."""
-    result = transaction.session.get(ReportedResult, result_id)
-    if result is None or result.removed_at is not None:
-        raise NotFoundError(f"there is no reported result {result_id} on any leaderboard")
+    result = _result_of(transaction.session, result_id)
     result.removed_at = transaction.now
     name = result.method["name"]
     transaction.record("reported result removed", result, name, split=result.split)
     return ReportedEntry.model_validate(result)
+
+
+def import_reported(
+    transaction: Transaction, new: NewImport, splits: Collection[str]
+) -> ImportReport:
+    """Add the results of a file to the leaderboard of a split; all or, with a problem, none.
+
+    Results that are on the leaderboard with the same scores are left as they are, so importing a
+    file again changes nothing.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such split.
+    ResultsError
+        Listing everything that is wrong with the file, and results that the file or the leaderboard
+        also has with other scores.
+    """
+    _check_split(new.split, splits)
+    read = read_results(new.text, new.split, new.rates)
+    problems = list(read.problems)
+    known = _known(transaction.session, new.split)
+    first: dict[_Identity, tuple[FileRow, NewReported]] = {}
+    count, repeated = 0, []
+    for row in read.rows:
+        found, wrong = _checked(row, new)
+        problems += [Problem("wrong-value", row.where, told, (row.place,)) for told in wrong]
+        if found is None:
+            continue
+        key = _identity(found)
+        if key in known:
+            count += 1
+            if known[key].scores != found.scores:
+                told = f"{key} is on the leaderboard with other scores; change it there"
+                problems.append(Problem("other-scores", row.where, told, (row.place,)))
+        elif key not in first:
+            first[key] = row, found
+        elif first[key][1].scores == found.scores:
+            repeated.append(f"{row.where} repeats {first[key][0].where}")
+        else:
+            told = f"{key} has other scores in {first[key][0].where}; rename one or remove it"
+            problems.append(Problem("other-scores", row.where, told, (row.place,)))
+    if problems:
+        raise ResultsError(problems)
+    added = [found for _, found in first.values()]
+    if not new.dry_run:
+        for found in added:
+            _insert(transaction, found)
+    return ImportReport(
+        rows=len(read.rows), added=added, known=count, repeated=repeated, unread=list(read.unread)
+    )
 
 
 def list_reported(session: Session, page: Page) -> Listed[ReportedEntry]:
@@ -74,8 +161,118 @@ def list_reported(session: Session, page: Page) -> Listed[ReportedEntry]:
     return list_page(session, rows, ReportedResult.id, page, report, newest_first=True)
 
 
+def find_reported(session: Session, result_id: int) -> ReportedEntry:
+    """Return a reported result; NotFoundError if it is not on a leaderboard."""
+    return ReportedEntry.model_validate(_result_of(session, result_id))
+
+
 def reported_of(session: Session, split: str) -> Sequence[ReportedResult]:
     """Return the reported results of a split, in the order in which they were added."""
     chosen = select(ReportedResult).where(ReportedResult.split == split)
     current = chosen.where(ReportedResult.removed_at.is_(None))
     return session.scalars(current.order_by(ReportedResult.id)).all()
+
+
+def _insert(transaction: Transaction, new: NewReported) -> ReportedResult:
+    result = ReportedResult(
+        **new.model_dump(mode="json"), added_by=transaction.actor, created_at=transaction.now
+    )
+    transaction.add(result)
+    name = new.method.name
+    transaction.record("reported result added", result, name, split=new.split, source=new.source)
+    return result
+
+
+def _result_of(session: Session, result_id: int) -> ReportedResult:
+    result = session.get(ReportedResult, result_id)
+    if result is None or result.removed_at is not None:
+        raise NotFoundError(f"there is no reported result {result_id} on any leaderboard")
+    return result
+
+
+def _identity(result: NewReported) -> _Identity:
+    return _Identity(result.team, result.method.name, result.date)
+
+
+def _known(session: Session, split: str) -> Mapping[_Identity, ReportedEntry]:
+    entries = map(ReportedEntry.model_validate, reported_of(session, split))
+    return {_identity(entry): entry for entry in entries}
+
+
+def _merged(before: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all fields of a result after a change of some."""
+    scores = {**before["scores"], **changed.get("scores", {})}
+    return {
+        **before,
+        **changed,
+        "method": {**before["method"], **(changed.get("method") or {})},
+        "scores": {key: value for key, value in scores.items() if value is not None},
+    }
+
+
+def _only_different(values: Mapping[str, Any], others: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values that others do not have, also inside mappings."""
+    return {
+        name: _only_different(value, others[name]) if isinstance(value, dict) else value
+        for name, value in values.items()
+        if name not in others or value != others[name]
+    }
+
+
+def _check_split(split: str, splits: Collection[str]) -> None:
+    if split not in splits:
+        raise NotFoundError(f"there is no split {split!r}; there are: {', '.join(splits)}")
+
+
+def _check_scores(scores: Mapping[str, float]) -> None:
+    if not scores:
+        raise MalformedError("no score would be left; remove the result instead")
+    for key, value in scores.items():
+        if key not in CATALOGUE:
+            raise MalformedError(f"there is no metric {key!r}{did_you_mean(key, CATALOGUE)}")
+        bound = CATALOGUE[key].upper_bound
+        if not isfinite(value) or not 0 <= value <= bound:
+            expected = "a fraction from 0 to 1" if bound == 1 else "0 or more"
+            raise MalformedError(f"{key} is {value}; expected {expected}")
+
+
+def _check_is_only(session: Session, new: NewReported, but: int | None = None) -> None:
+    key = _identity(new)
+    other = _known(session, new.split).get(key)
+    if other is not None and other.id != but:
+        raise ConflictError(
+            f"{key} is already on the leaderboard of {new.split}; change that result, or give this "
+            "one another date or name"
+        )
+
+
+def _checked(row: FileRow, new: NewImport) -> tuple[NewReported | None, Sequence[str]]:
+    """Return a row of a file as a request to add it, or all that is wrong with it.
+
+    A row without a method or without a team has one name for both, as on leaderboards that have a
+    single column for it.
+    """
+    about: dict[str, Any] = dict(row.about)
+    team, name = about.pop("team", None), about.pop("method", None)
+    if team is None and name is None:
+        return None, ["has neither a team nor a method"]
+    fields = {
+        "split": new.split,
+        "source": about.pop("source", new.source),
+        "dataset": about.pop("dataset", new.dataset),
+        "date": about.pop("date", None),
+        "team": name if team is None else team,
+        "scores": row.scores,
+        "method": {"name": team if name is None else name, **about},
+    }
+    try:
+        return NewReported.model_validate(fields), ()
+    except ValidationError as error:
+        # Scores were checked as they are printed in the file.
+        return None, [_wrong(each) for each in error.errors() if each["loc"] != ("scores",)]
+
+
+def _wrong(detail: Mapping[str, Any]) -> str:
+    problem = wrong_value(detail)
+    column = problem.where.replace("method.name", "method").removeprefix("method.")
+    return f"{column}: {problem.message}; found {repr(detail['input'])[:_SHOWN]}"

@@ -208,7 +208,7 @@ class Review(Base):
 
 
 class ReportedResult(Base):
-    """A result that a paper reports and this server has not scored, entered by the organiser."""
+    """A result that others report and this server has not scored, entered by the organiser."""
 
     __tablename__ = "reported_result"
 
@@ -220,6 +220,10 @@ class ReportedResult(Base):
     scores: Mapped[dict[str, Any]]
     """By metric key: fractions in [0, 1] or metres, with the digits that were reported."""
     source: Mapped[str] = mapped_column(String(500))
+    date: Mapped[str | None] = mapped_column(String(10))
+    """The day, month or year of the result, in ISO 8601; None if it is not known."""
+    dataset: Mapped[str] = mapped_column(String(500))
+    """The version of the dataset that it is on; empty if it is not known."""
     added_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime]
     removed_at: Mapped[datetime | None]

@@ -20,6 +20,8 @@ server = LazyGroup(
         "Results": {
             "submit": "submit:submit",
             "rescore": "rescore:rescore",
+            "import": "reported:import_results",
+            "reported": "reported:reported",
         },
         "Keep": {
             "doctor": "folder:doctor",

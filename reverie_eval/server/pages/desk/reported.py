@@ -1,27 +1,27 @@
-"""``/desk/reported``: results that papers report, on the leaderboards."""
+"""``/desk/reported``: results that papers and other leaderboards report."""
 
 from collections.abc import Mapping
-from decimal import Decimal, InvalidOperation
-from math import isfinite
+from functools import partial
+from typing import Any
 
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
-from reverie_eval.schemas.organising import NewReported
-from reverie_eval.schemas.service import Method, ProblemDocument
+from reverie_eval.schemas.organising import NewImport, NewReported, ReportedChange, ReportedEntry
+from reverie_eval.schemas.service import MethodDescription, ProblemDocument
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Desk, Posted
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service import reported
+from reverie_eval.server.service.reported_files import as_printed, printed_value
 
 router = APIRouter()
 
 PAGE = "/desk/reported"
-_PER_CENT = 100
 
 
 def draw(
@@ -37,9 +37,39 @@ def draw(
             results=reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
             splits=list(desk.server.boards),
             catalogue=CATALOGUE.values(),
-            method_fields=Method.model_fields,
+            method_fields=MethodDescription.model_fields,
             typed=typed,
             done=what,
+        )
+
+
+def draw_import(desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None) -> Response:
+    """Show the form to import a file."""
+    with desk.snapshot() as snapshot:
+        splits = list(desk.server.boards)
+        return forms.desk_page(
+            desk, snapshot, "reported-import.html", problem, splits=splits, typed=typed
+        )
+
+
+def draw_result(
+    result_id: int,
+    desk: Call,
+    typed: forms.Typed | None = None,
+    problem: ProblemDocument | None = None,
+) -> Response:
+    """Show the form to change a reported result, with its fields unless others are given."""
+    with desk.snapshot() as snapshot:
+        result = reported.find_reported(snapshot.session, result_id)
+        return forms.desk_page(
+            desk,
+            snapshot,
+            "reported-result.html",
+            problem,
+            result=result,
+            catalogue=CATALOGUE.values(),
+            method_fields=MethodDescription.model_fields,
+            typed=_typed_of(result) if typed is None else typed,
         )
 
 
@@ -53,53 +83,42 @@ def show_reported(desk: Desk, done: forms.Done = "") -> Response:
 def add(desk: Desk, form: Posted) -> Response:
     """Add a reported result to a leaderboard."""
     typed = forms.typed_by(desk, form, draw)
-    method = {
-        "name": typed.get("name", ""),
-        "paper": typed.get("source", ""),
-        "code": typed.get("code") or None,
-        **{name: True for name in METHOD_FLAGS if name in typed},
-    }
-    new = read_model(
-        NewReported,
-        {
-            "split": typed.get("split", ""),
-            "team": typed.get("team", ""),
-            "source": typed.get("source", ""),
-            "method": method,
-            "scores": scores_of(typed),
-        },
-    )
-    desk.perform(reported.add_reported, new, desk.server.boards)
+    fields = {"split": typed.get("split", ""), "scores": scores_of(typed), **_about(typed)}
+    desk.perform(reported.add_reported, read_model(NewReported, fields), desk.server.boards)
     return forms.done(PAGE, "added")
 
 
-def scores_of(typed: forms.Typed) -> Mapping[str, float]:
-    """Return the scores of the form, which has them as papers print them: percent, metres.
+@router.get(f"{PAGE}/import")
+def show_import(desk: Desk) -> Response:
+    """Show the form to import a file."""
+    return draw_import(desk, {})
 
-    Raises
-    ------
-    MalformedError
-        Naming what is no number, or none that the metric can have.
 
-    Examples
-    --------
-    >>> scores_of({"success": "52.51", "path_length": "12.3", "spl": "", "name": "Walker"})
-    {'path_length': 12.3, 'success': 0.5251}
-    """
-    scores = {}
-    for metric in CATALOGUE.values():
-        text = typed.get(metric.key, "").removesuffix("%").strip()
-        if not text:
-            continue
-        try:
-            value = float(Decimal(text) / (_PER_CENT if metric.unit == "fraction" else 1))
-        except InvalidOperation:
-            raise MalformedError(f"{metric.label}: {text!r} is not a number") from None
-        if not isfinite(value) or not 0 <= value <= metric.upper_bound:
-            expected = "from 0 to 100" if metric.unit == "fraction" else "0 or more"
-            raise MalformedError(f"{metric.heading}: {text} is not {expected}")
-        scores[metric.key] = value
-    return scores
+@router.post(f"{PAGE}/import")
+def import_file(desk: Desk, form: Posted) -> Response:
+    """Show what a file would add; add it if that was confirmed."""
+    typed = forms.typed_by(desk, form, draw_import)
+    new = read_model(NewImport, {**typed, "dry_run": not forms.is_confirmed(form)})
+    report = desk.perform(reported.import_reported, new, desk.server.boards)
+    if new.dry_run:
+        return forms.ask(desk, typed, "confirm-import.html", report=report, split=new.split)
+    return forms.done(PAGE, "imported")
+
+
+@router.get(f"{PAGE}/{{result_id}}")
+def show_result(result_id: Number, desk: Desk) -> Response:
+    """Show the form to change a reported result."""
+    return draw_result(result_id, desk)
+
+
+@router.post(f"{PAGE}/{{result_id}}")
+def change(result_id: Number, desk: Desk, form: Posted) -> Response:
+    """Change a reported result."""
+    typed = forms.typed_by(desk, form, partial(draw_result, result_id))
+    scores = {**dict.fromkeys(CATALOGUE), **scores_of(typed)}
+    changed = read_model(ReportedChange, {"scores": scores, **_about(typed)})
+    desk.perform(reported.change_reported, result_id, changed)
+    return forms.done(PAGE, "changed")
 
 
 @router.post(f"{PAGE}/{{result_id}}/remove")
@@ -112,3 +131,51 @@ def remove(result_id: Number, desk: Desk, form: Posted) -> Response:
         return forms.ask(desk, {}, question=question, remark=remark, yes="Remove it", back=PAGE)
     desk.perform(reported.remove_reported, result_id)
     return forms.done(PAGE, "removed")
+
+
+def scores_of(typed: forms.Typed) -> Mapping[str, float]:
+    """Return the scores of the form, which has them as papers print them: percent, metres.
+
+    Raises
+    ------
+    MalformedError
+        Naming a value that is not a number, or not one that the metric can have.
+
+    Examples
+    --------
+    >>> scores_of({"success": "52.51", "path_length": "12.3", "spl": "", "name": "Walker"})
+    {'path_length': 12.3, 'success': 0.5251}
+    """
+    scores = {}
+    for metric in CATALOGUE.values():
+        if text := typed.get(metric.key):
+            try:
+                scores[metric.key] = printed_value(metric, text)
+            except ValueError as error:
+                raise MalformedError(str(error)) from None
+    return scores
+
+
+def _about(typed: forms.Typed) -> Mapping[str, Any]:
+    """Return what the form says of a result besides its scores; empty fields are not known."""
+    may_be_unknown = ("paper", "code", *METHOD_FLAGS)
+    return {
+        "team": typed.get("team", ""),
+        "source": typed.get("source", ""),
+        "date": typed.get("date") or None,
+        "dataset": typed.get("dataset", ""),
+        "method": {
+            "name": typed.get("name", ""),
+            **{name: typed.get(name) or None for name in may_be_unknown},
+        },
+    }
+
+
+def _typed_of(result: ReportedEntry) -> forms.Typed:
+    """Return the fields of a result as the form has them."""
+    method = result.method.model_dump(mode="json")
+    fields = {**method, **result.model_dump(include={"team", "source", "date", "dataset"})}
+    texts = {name: "" if value is None else str(value) for name, value in fields.items()}
+    flags = {name: texts[name].lower() for name in METHOD_FLAGS}
+    scores = {key: as_printed(CATALOGUE[key], value) for key, value in result.scores.items()}
+    return texts | flags | scores

@@ -61,6 +61,8 @@ def upgrade() -> None:
         sa.Column("team", sa.String(length=100), nullable=False),
         sa.Column("scores", sa.JSON(), nullable=False),
         sa.Column("source", sa.String(length=500), nullable=False),
+        sa.Column("date", sa.String(length=10), nullable=True),
+        sa.Column("dataset", sa.String(length=500), nullable=False),
         sa.Column("added_by", sa.String(length=100), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("removed_at", sa.DateTime(timezone=True), nullable=True),

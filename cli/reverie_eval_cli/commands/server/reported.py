@@ -1,0 +1,187 @@
+"""``reverie-eval server import FOLDER FILE``, and ``server reported list|edit|remove FOLDER``."""
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from reverie_eval import CATALOGUE, ReverieEvalError
+from reverie_eval.text import count_text
+from reverie_eval_cli import options
+from reverie_eval_cli.groups import Group
+from reverie_eval_cli.organising import acting, checked, print_list, reading
+from reverie_eval_cli.output import note
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from reverie_eval.schemas.organising import NewReported, Rates
+
+
+@click.command("import")
+@options.server_folder
+@click.argument("file", type=options.PATH)
+@options.split
+@click.option(
+    "--source",
+    required=True,
+    metavar="TEXT",
+    help="Where the results are from: a link or a text; a row of the file may name another.",
+)
+@click.option(
+    "--dataset-version",
+    default="",
+    metavar="NAME",
+    help="The version of the dataset that they are on, such as v2. If the split is on another, "
+    "they are shown apart.  [default: not known]",
+)
+@click.option(
+    "--rates",
+    type=options.Choice(["percent", "fraction"]),
+    default="percent",
+    show_default=True,
+    help="How FILE has rates, such as SR: as 59.6 or as 0.596.",
+)
+@click.option("--dry-run", is_flag=True, help="Only show what would be added.")
+def import_results(
+    *,
+    folder: Path,
+    file: Path,
+    split: str,
+    source: str,
+    dataset_version: str,
+    rates: "Rates",
+    dry_run: bool,
+) -> None:
+    """Import results that a paper or another leaderboard reports.
+
+    FILE is CSV with a heading for each column (team, method, date, SR, SPL, ...), or JSON. Results
+    that are on the leaderboard already stay as they are.
+
+    Exit status: 0 done, 1 file rejected and nothing added, 2 usage or system error.
+    """
+    from reverie_eval.schemas.organising import NewImport
+    from reverie_eval.server.service.reported import import_reported
+    from reverie_eval.server.settings import load_settings
+
+    try:
+        text = file.read_text("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ReverieEvalError(f"{file}: invalid UTF-8 from byte {error.start} on") from None
+    new = checked(
+        NewImport,
+        split=split,
+        source=source,
+        dataset=dataset_version,
+        rates=rates,
+        text=text,
+        dry_run=dry_run,
+    )
+    splits = load_settings(folder).splits
+    with acting(folder) as transaction:
+        report = import_reported(transaction, new, splits)
+    if dry_run:
+        _print_results(report.added)
+    for text in report.repeated:
+        note(text)
+    if report.unread:
+        note(f"not read: {', '.join(report.unread)}")
+    done = "would be added" if dry_run else "added"
+    counts = [f"{len(report.added):,} {done}", f"{report.known:,} already there"]
+    if report.repeated:
+        counts.append(f"{len(report.repeated):,} repeated")
+    print(f"{split}: {count_text(report.rows, 'row')}: {', '.join(counts)}")
+
+
+def _print_results(results: "Sequence[NewReported]") -> None:
+    scored = {key for each in results for key in each.scores}
+    metrics = [metric for key, metric in CATALOGUE.items() if key in scored]
+    rows = [
+        (
+            each.method.name,
+            each.team,
+            each.date or "-",
+            *(m.display(each.scores[m.key]) if m.key in each.scores else "-" for m in metrics),
+        )
+        for each in results
+    ]
+    print_list(("method", "team", "date", *(metric.heading for metric in metrics)), rows)
+
+
+@click.group(cls=Group)
+def reported() -> None:
+    """List, edit and remove reported results."""
+
+
+@reported.command("list")
+@options.server_folder
+def list_results(*, folder: Path) -> None:
+    """List the reported results with their numbers, the latest first."""
+    from reverie_eval.server.service.paging import all_pages
+    from reverie_eval.server.service.reported import list_reported
+
+    with reading(folder) as session:
+        known = list(all_pages(partial(list_reported, session)))
+    rows = [
+        (
+            str(each.id),
+            each.split,
+            each.method.name,
+            each.team,
+            each.date or "-",
+            each.dataset or "-",
+            ", ".join(
+                f"{CATALOGUE[key].label} {CATALOGUE[key].display(value)}"
+                for key, value in each.scores.items()
+            ),
+        )
+        for each in known
+    ]
+    print_list(("number", "split", "method", "team", "date", "dataset", "scores"), rows)
+
+
+def _read_changes(
+    context: click.Context,  # noqa: ARG001
+    parameter: click.Parameter,  # noqa: ARG001
+    words: "Sequence[str]",
+) -> "Mapping[str, str]":
+    without = [word for word in words if "=" not in word]
+    if without:
+        raise click.BadParameter(f"expected FIELD=VALUE, found {without[0]!r}")
+    return {name: value for name, _, value in (word.partition("=") for word in words)}
+
+
+@reported.command()
+@options.server_folder
+@click.argument("number", type=click.IntRange(1))
+@click.argument(
+    "changes", metavar="FIELD=VALUE...", nargs=-1, required=True, callback=_read_changes
+)
+def edit(*, folder: Path, number: int, changes: "Mapping[str, str]") -> None:
+    """Change fields of a reported result.
+
+    A FIELD is a column of `server import`: team, method, date, source, dataset, paper, code,
+    extra_data, SR, SPL, ... An empty VALUE removes what was there.
+    """
+    from reverie_eval.schemas.organising import ReportedChange
+    from reverie_eval.server.service.reported import change_reported
+    from reverie_eval.server.service.reported_files import read_change
+
+    change = checked(ReportedChange, **read_change(changes))
+    with acting(folder) as transaction:
+        changed = change_reported(transaction, number, change)
+    print(f"reported result {changed.id} ({changed.method.name}) changed")
+
+
+@reported.command()
+@options.server_folder
+@click.argument("numbers", metavar="NUMBER...", type=click.IntRange(1), nargs=-1, required=True)
+def remove(*, folder: Path, numbers: "Sequence[int]") -> None:
+    """Remove reported results from their leaderboards."""
+    from reverie_eval.server.service.reported import remove_reported
+
+    with acting(folder) as transaction:
+        for number in dict.fromkeys(numbers):
+            remove_reported(transaction, number)
+    print(f"{count_text(len(set(numbers)), 'reported result')} removed")

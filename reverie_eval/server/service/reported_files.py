@@ -1,0 +1,329 @@
+"""Files of reported results: tables as papers and other leaderboards print them.
+
+A file is CSV with a heading for each column, or JSON: a list of objects, or columns and methods as
+in ``{"columns": ["SR", "SPL"], "methods": {"Walker": {"test": [59.6, 39.0]}}}``. A column holds a
+metric or says something about the result, and has one of the names in ``_COLUMNS``.
+"""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from decimal import Decimal
+from math import isfinite
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from reverie_eval.errors import Problem
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.schemas.organising import Rates
+from reverie_eval.schemas.service import MethodDescription
+from reverie_eval.server.errors import ResultsError
+from reverie_eval.text import did_you_mean
+
+_PER_CENT = 100
+_ABOUT = ("team", "method", "date", "source", "dataset")
+_OF_METHOD = tuple(name for name in MethodDescription.model_fields if name != "name")
+_TEXTS = frozenset({"team", "method", "source", "dataset", "description"})
+"""Fields that are an empty text, not null, where they say nothing."""
+_COLUMNS: Mapping[str, str] = MappingProxyType(
+    {
+        **{name: name for name in (*_ABOUT, *_OF_METHOD)},
+        "dataset_version": "dataset",
+        "link": "paper",
+        **{metric.label.lower(): metric.key for metric in CATALOGUE.values()},
+        **{key: key for key in CATALOGUE},
+        # The columns of the public REVERIE leaderboard of 2020 to 2026.
+        "nav_success": "success",
+        "nav_oracle_success": "oracle_success",
+        "nav_spl": "spl",
+        "nav_length": "path_length",
+        # The words of the REVERIE paper.
+        "length": "path_length",
+        "reverie_success": "rgs",
+    }
+)
+"""The metric or field that a column holds, by the column's name in lower case without a unit."""
+_UNIT = re.compile(r"(\s*%|\s*\(%\)|\s+m|\s*\(m\))$")
+_DELIMITERS = ",;\t"
+_NO_VALUE = (None, "", "-")
+
+
+class FileRow(NamedTuple):
+    """A result in a file; only its scores are checked."""
+
+    place: int
+    """Its index among the rows of the file."""
+    where: str
+    """The same for people: ``line 5``, ``[3]`` or ``methods.Walker.test``."""
+    about: Mapping[str, Any]
+    """What else the row says, by field."""
+    scores: Mapping[str, float]
+    """Fractions or metres, by metric."""
+
+
+class ResultsFile(NamedTuple):
+    """A file that was read."""
+
+    rows: Sequence[FileRow]
+    problems: Sequence[Problem]
+    unread: Sequence[str]
+    """Parts of a JSON file that hold no results."""
+
+
+class _Cells(NamedTuple):
+    """The cells of a row, in the order of the columns; numbers are texts, with their digits."""
+
+    where: str
+    cells: Sequence[Any]
+
+
+class _Table(NamedTuple):
+    columns: Sequence[str]
+    rows: Sequence[_Cells]
+    unread: Sequence[str] = ()
+
+
+def printed_value(metric: Metric, text: str, rates: Rates = "percent") -> float:
+    """Return a value that is printed in a table, as a fraction or in metres.
+
+    Raises
+    ------
+    ValueError
+        If it is not a number, or not one that the metric can have.
+
+    Examples
+    --------
+    >>> printed_value(CATALOGUE["success"], "52.51 %")
+    0.5251
+    """
+    is_percent = metric.unit == "fraction" and rates == "percent"
+    try:
+        # Decimal divides exactly; in binary, 0.07 is not 7 / 100.
+        number = Decimal(text.removesuffix("%").strip())
+        value = float(number / _PER_CENT if is_percent else number)
+    except ArithmeticError:
+        raise ValueError(f"{metric.label}: {text!r} is not a number") from None
+    if not isfinite(value) or not 0 <= value <= metric.upper_bound:
+        most = _PER_CENT if is_percent else 1
+        expected = f"from 0 to {most}" if metric.unit == "fraction" else "0 or more"
+        raise ValueError(f"{metric.heading}: {text} is not {expected}")
+    return value
+
+
+def as_printed(metric: Metric, value: float) -> str:
+    """Return a value as tables print it, in percent or metres, with all its digits.
+
+    >>> as_printed(CATALOGUE["success"], 0.525), as_printed(CATALOGUE["path_length"], 12.0)
+    ('52.5', '12')
+    """
+    number = Decimal(repr(value)) * (_PER_CENT if metric.unit == "fraction" else 1)
+    return f"{number.normalize():f}"
+
+
+def read_results(text: str, split: str, rates: Rates) -> ResultsFile:
+    """Read a file of results; if it has those of several splits, of one of them.
+
+    Raises
+    ------
+    ResultsError
+        If the rows or the columns cannot be told, with all reasons.
+    """
+    text = text.removeprefix("\ufeff")
+    is_json = text.lstrip().startswith(("{", "["))
+    table = _read_json(text, split) if is_json else _read_csv(text)
+    fields = _fields_of(table.columns)
+    if not {"team", "method"} & set(fields):
+        raise ResultsError([Problem("no-column", "columns", "there is none for team or method")])
+    rows, problems = [], []
+    for place, (where, cells) in enumerate(table.rows):
+        row, wrong = _read_row(place, where, dict(zip(fields, cells, strict=False)), rates)
+        if len(cells) == len(fields):
+            rows.append(row)
+        else:
+            columns = ", ".join(table.columns)
+            wrong = [f"has {len(cells)} values for {len(fields)} columns: {columns}"]
+        problems += [Problem("wrong-value", where, told, (place,)) for told in wrong]
+    if rates == "percent" and not problems:
+        problems += _below_one_percent(rows)
+    return ResultsFile(rows, problems, table.unread)
+
+
+def read_change(cells: Mapping[str, str]) -> Mapping[str, Any]:
+    """Return changes of a result, given as in a file, as fields of a request.
+
+    Parameters
+    ----------
+    cells : mapping of str to str
+        New values by column; an empty one removes what was there.
+
+    Raises
+    ------
+    ResultsError
+        Listing unknown columns, or values that a metric cannot have.
+
+    Examples
+    --------
+    >>> read_change({"SR": "59.64", "RGS": "", "date": "01/2026", "ensemble": "no"})
+    {'date': '01/2026', 'method': {'ensemble': 'no'}, 'scores': {'success': 0.5964, 'rgs': None}}
+    """
+    given = dict(zip(_fields_of(list(cells)), cells.values(), strict=True))
+    scores, wrong = _read_scores(given, "percent")
+    if wrong:
+        raise ResultsError([Problem("wrong-value", "values", told) for told in wrong])
+    about = {
+        name: cell if cell or name in _TEXTS else None
+        for name, cell in given.items()
+        if name not in CATALOGUE
+    }
+    renamed = {"name": about.pop("method")} if "method" in about else {}
+    method = {name: about.pop(name) for name in _OF_METHOD if name in about} | renamed
+    cleared = {key: None for key, cell in given.items() if key in CATALOGUE and key not in scores}
+    return {**about, "method": method, "scores": {**scores, **cleared}}
+
+
+def _read_row(
+    place: int, where: str, cells: Mapping[str, Any], rates: Rates
+) -> tuple[FileRow, Sequence[str]]:
+    """Return a row, given its cells by field, and what is wrong with its scores."""
+    scores, wrong = _read_scores(cells, rates)
+    if not scores and not wrong:
+        wrong = ["has no score"]
+    about = {
+        name: cell
+        for name, cell in cells.items()
+        if name not in CATALOGUE and cell not in _NO_VALUE
+    }
+    return FileRow(place, where, about, scores), wrong
+
+
+def _read_scores(
+    cells: Mapping[str, Any], rates: Rates
+) -> tuple[Mapping[str, float], Sequence[str]]:
+    """Return the scores among the cells of a row, and what is wrong with others."""
+    scores, wrong = {}, []
+    for metric in CATALOGUE.values():
+        cell = cells.get(metric.key)
+        if cell not in _NO_VALUE:
+            try:
+                scores[metric.key] = printed_value(metric, str(cell), rates)
+            except ValueError as error:
+                wrong.append(str(error))
+    return scores, wrong
+
+
+def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
+    """Report rates that are fractions, by all appearances."""
+    values = [
+        value
+        for row in rows
+        for key, value in row.scores.items()
+        if CATALOGUE[key].unit == "fraction"
+    ]
+    if 0 < max(values, default=0) <= 1 / _PER_CENT:
+        message = "none is above 1 %; if these are fractions, say so (rates: fraction)"
+        yield Problem("fractions", "all rates", message)
+
+
+def _fields_of(columns: Sequence[str]) -> Sequence[str]:
+    """Return the metric or field of each column.
+
+    Raises
+    ------
+    ResultsError
+        Naming each column that is unknown or says the same as another.
+    """
+    fields: dict[str, str] = {}
+    problems = []
+    for column in columns:
+        name = _UNIT.sub("", column.strip().lower()).replace(" ", "_").replace("-", "_")
+        known = _COLUMNS.get(name)
+        if known is None:
+            problem = Problem(
+                "unknown-column", f"column {column!r}", f"unknown{did_you_mean(name, _COLUMNS)}"
+            )
+            problems.append(problem)
+        elif known in fields:
+            message = f"says the same as column {fields[known]!r}; remove one"
+            problems.append(Problem("repeated-column", f"column {column!r}", message))
+        else:
+            fields[known] = column
+    if problems:
+        raise ResultsError(problems)
+    return list(fields)
+
+
+def _read_csv(text: str) -> _Table:
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=_delimiter(text), strict=True)
+    rows = []
+    start = 1
+    try:
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                rows.append(_Cells(f"line {start}", [cell.strip() for cell in cells]))
+            start = reader.line_num + 1
+    except csv.Error as error:
+        raise _unreadable(f"line {start}", f"cannot be read as CSV: {error}") from None
+    if len(rows) < 2:
+        raise _unreadable("the file", "has no results below a line with the names of the columns")
+    return _Table(rows[0].cells, rows[1:])
+
+
+def _delimiter(text: str) -> str:
+    """Return what separates the columns in the first line: spreadsheets also use ; and tabs."""
+    first_line = text.lstrip().partition("\n")[0]
+    return max(_DELIMITERS, key=first_line.count)
+
+
+def _read_json(text: str, split: str) -> _Table:
+    try:
+        # Numbers stay texts, so that they are read by the same rule as those of CSV.
+        content = json.loads(text, parse_float=str, parse_int=str, parse_constant=str)
+    except json.JSONDecodeError as error:
+        reason = f"invalid JSON at column {error.colno}: {error.msg}"
+        raise _unreadable(f"line {error.lineno}", reason) from None
+    except RecursionError:
+        raise _unreadable("the file", "is nested too deeply") from None
+    match content:
+        case [dict(), *_] if all(isinstance(each, dict) for each in content):
+            return _read_objects(content)
+        case {"columns": [*columns], "methods": dict()}:
+            unread = [name for name in content if name not in {"columns", "methods"}]
+            return _read_methods(list(map(str, columns)), content["methods"], split, unread)
+        case _:
+            expected = '{"columns": [...], "methods": {NAME: {SPLIT: [...]}}}'
+            raise _unreadable("the file", f"expected a list of objects, or {expected}")
+
+
+def _read_objects(objects: Sequence[Mapping[str, Any]]) -> _Table:
+    columns = list(dict.fromkeys(name for each in objects for name in each))
+    rows = [
+        _Cells(f"[{place}]", [each.get(name) for name in columns])
+        for place, each in enumerate(objects)
+    ]
+    return _Table(columns, rows)
+
+
+def _read_methods(
+    columns: Sequence[str], methods: Mapping[str, Any], split: str, unread: Sequence[str]
+) -> _Table:
+    by_split = {name: each for name, each in methods.items() if isinstance(each, dict)}
+    rows = [
+        _Cells(f"methods.{name}.{split}", [name, *_as_list(each[split])])
+        for name, each in by_split.items()
+        if split in each
+    ]
+    if not rows:
+        found = ", ".join(dict.fromkeys(name for each in by_split.values() for name in each))
+        message = f"there are no results of {split}; there are results of: {found or 'no split'}"
+        raise _unreadable("methods", message)
+    return _Table(["method", *columns], rows, unread)
+
+
+def _as_list(values: Any) -> Sequence[Any]:
+    return values if isinstance(values, list) else [values]
+
+
+def _unreadable(where: str, message: str) -> ResultsError:
+    return ResultsError([Problem("unreadable", where, message)])

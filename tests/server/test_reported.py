@@ -1,0 +1,324 @@
+"""Reported results by the file and one by one: what is the same, what changes, what is refused."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from fixtures.published import published_folder
+from reverie_eval.server.service.audit import entries
+from tests.conftest import REPOSITORY, unavailable
+from tests.server.test_reported_files import LEGACY
+from tests.support.entries import entered, named
+from tests.support.processes import Laptop
+from tests.support.serving import OPEN, ORGANISER, PRIVATE, Serving
+
+SOURCE = "An old leaderboard"
+PAGE = "/organiser/reported"
+
+
+def send(server: Serving, text: str, **more: object) -> httpx.Response:
+    """Import a file."""
+    new = {"split": OPEN, "source": SOURCE, "text": text, **more}
+    return server.ask(ORGANISER, "POST", f"{PAGE}/import", json=new)
+
+
+def counts(reply: httpx.Response) -> tuple[int, int, int]:
+    """Return the number of rows in the file, and of those that were added or known."""
+    assert reply.status_code == 200, reply.text
+    report = reply.json()
+    return report["rows"], len(report["added"]), report["known"]
+
+
+def problems(reply: httpx.Response) -> list[str]:
+    """Return what is wrong with a file, each with its place."""
+    assert (reply.status_code, reply.json()["code"]) == (400, "malformed-request")
+    return [f"{each['where']}: {each['message']}" for each in reply.json()["problems"]]
+
+
+def listed(server: Serving) -> list[dict[str, Any]]:
+    """Return all reported results, the earliest first."""
+    found: list[dict[str, Any]] = server.ask(ORGANISER, "GET", PAGE).json()
+    return found[::-1]
+
+
+def test_a_file_goes_in_once(server_on: Serving) -> None:
+    assert counts(send(server_on, LEGACY, dry_run=True)) == (2, 2, 0)
+    assert listed(server_on) == []
+    assert counts(send(server_on, LEGACY)) == (2, 2, 0)
+    before = listed(server_on)
+    assert [(each["team"], each["date"]) for each in before] == [
+        ("Blue (Walker)", "2026-01"),
+        ("Red", "2022-11"),
+    ]
+    assert before[0]["method"]["name"] == "Blue (Walker)"
+    with server_on.state.database.reading() as session:
+        logged = len(entries(session))
+    assert counts(send(server_on, LEGACY)) == (2, 0, 2)
+    assert listed(server_on) == before
+    with server_on.state.database.reading() as session:
+        assert len(entries(session)) == logged
+
+
+def test_the_board_of_a_file_is_sorted_like_any_other(server: Serving) -> None:
+    entered(server, {"rgspl": 0.1, "spl": 0.5}, **named("Ours"))
+    send(server, LEGACY, dataset="v1")
+    send(server, LEGACY.replace("Red", "Green"))
+    board = server.ask(None, "GET", f"/splits/{OPEN}/leaderboard", params={"metric": "spl"}).json()
+    assert [(row["rank"], row["method"]["name"], row["standing"]) for row in board["rows"]] == [
+        (1, "Ours", "ranked"),
+        (None, "Green", "reported"),
+    ]
+    assert [(row["team"], row["standing"], row["dataset"]) for row in board["apart"]] == [
+        ("Blue (Walker)", "other-dataset", "v1"),
+        ("Red", "other-dataset", "v1"),
+    ]
+    green = board["rows"][1]
+    assert (green["source"], green["reported_date"]) == (SOURCE, "2022-11")
+    assert {green["method"][flag] for flag in ("extra_data", "ensemble", "navigation_only")} == {
+        None
+    }
+    lines = server.ask(None, "GET", f"/splits/{OPEN}/leaderboard.csv").text.splitlines()
+    assert [line.split(",")[5] for line in lines[1:]] == ["Ours", "Green", "Blue (Walker)", "Red"]
+    assert f"Green,,,,,,,,reported,,{SOURCE},2022-11,,," in lines[2]
+
+
+ROWS = [
+    pytest.param("team,method,SR\nBlue,Walker,5", {"team": "Blue"}, id="a team and a method"),
+    pytest.param("method,SR\nWalker,5", {"team": "Walker"}, id="a method only"),
+    pytest.param("team,SR,source\nWalker,5,Them", {"source": "Them"}, id="a source"),
+    pytest.param("team,SR,dataset\nWalker,5,v2", {"dataset": "v2"}, id="a dataset"),
+    pytest.param("team,SR,source\nWalker,5,", {"source": SOURCE}, id="no source of its own"),
+    pytest.param("team,SR,date\nWalker,5,2026-01-31", {"date": "2026-01-31"}, id="a day"),
+    pytest.param("team,SR,date\nWalker,5,1/2026", {"date": "2026-01"}, id="a month"),
+    pytest.param("team,SR,date\nWalker,5,2026", {"date": "2026"}, id="a year"),
+    pytest.param("team,SR,date\nWalker,5,", {"date": None}, id="no date"),
+]
+
+
+@pytest.mark.parametrize(("text", "expected"), ROWS)
+def test_what_a_row_says(text: str, expected: Mapping[str, object], server: Serving) -> None:
+    assert counts(send(server, text)) == (1, 1, 0)
+    (result,) = listed(server)
+    assert {name: result[name] for name in expected} == expected
+    assert result["method"]["name"] == "Walker"
+
+
+def test_flags_are_declared_or_not(server: Serving) -> None:
+    send(server, "team,SR,extra_data,ensemble,pre_exploration\nWalker,5,yes,no,\n")
+    (result,) = listed(server)
+    flags = {"extra_data": True, "ensemble": False, "pre_exploration": None}
+    assert {name: result["method"][name] for name in flags} == flags
+
+
+def test_everything_that_is_wrong_is_told_at_once_and_nothing_is_added(server: Serving) -> None:
+    send(server, "team,SR,date\nKnown,5,2026\n")
+    text = (
+        "team,SR,date,extra_data,link\n"
+        "Good,5,2026,,\n"
+        "Bad,500,13/2026,perhaps,http://example.org\n"
+        f"{'x' * 101},5,,,\n"
+        ",5,,,\n"
+        "Good,5,2026,,\n"
+        "Good,6,2026,,\n"
+        "Known,6,2026,,\n"
+    )
+    told = problems(send(server, text))
+    assert [problem.split(":")[0] for problem in told] == [
+        *(4 * ["line 3"]),
+        *("line 4", "line 4", "line 5", "line 7", "line 8"),
+    ]
+    assert told[0] == "line 3: SR %: 500 is not from 0 to 100"
+    assert {"found '13/2026'", "found 'perhaps'", "found 'http://example.org'"} == {
+        problem.partition("; ")[2] for problem in told[1:4]
+    }
+    assert "neither a team nor a method" in told[6]
+    assert "has other scores in line 2" in told[7]
+    assert "is on the leaderboard with other scores" in told[8]
+    assert [each["team"] for each in listed(server)] == ["Known"]
+
+
+def test_rows_that_repeat_another_are_named(server: Serving) -> None:
+    reply = send(server, "team,SR\nWalker,5\nRunner,6\nWalker,5\n")
+    assert counts(reply) == (3, 2, 0)
+    assert reply.json()["repeated"] == ["line 4 repeats line 2"]
+
+
+def test_other_files_are_refused(server: Serving) -> None:
+    assert send(server, LEGACY, split="train").status_code == 404
+    assert send(server, "x" * 100_001).status_code == 400
+    assert send(server, LEGACY, source="http://example.org").status_code == 400
+    assert problems(send(server, "team,SRR\na,1"))[0].startswith("column 'SRR': unknown; did you")
+
+
+# One by one.
+
+
+def add(server: Serving, **changes: object) -> httpx.Response:
+    """Add a result."""
+    new = {
+        "split": OPEN,
+        "method": {"name": "Walker"},
+        "team": "Blue",
+        "scores": {"success": 0.5, "spl": 0.25},
+        "source": SOURCE,
+        **changes,
+    }
+    return server.ask(ORGANISER, "POST", PAGE, json=new)
+
+
+def test_results_are_told_apart_by_split_team_method_and_date(server: Serving) -> None:
+    for changes in ({}, {"team": "Red"}, {"date": "2026"}, {"split": PRIVATE}):
+        assert add(server, **changes).status_code == 201
+        assert add(server, **changes).json()["code"] == "conflict"
+
+
+CHANGES = [
+    pytest.param(
+        {"team": "Red", "date": "01/2026"},
+        {"team": "Blue", "date": None},
+        {"team": "Red", "date": "2026-01"},
+        id="team and date",
+    ),
+    pytest.param(
+        {"method": {"ensemble": True}},
+        {"method": {"ensemble": None}},
+        {"method": {"ensemble": True}},
+        id="a flag",
+    ),
+    pytest.param(
+        {"scores": {"spl": None, "rgs": 0.125}},
+        {"scores": {"spl": 0.25}},
+        {"scores": {"rgs": 0.125}},
+        id="scores",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "before", "after"), CHANGES)
+def test_a_change_is_logged_with_what_was_there_before(
+    change: Mapping[str, Any],
+    before: Mapping[str, object],
+    after: Mapping[str, object],
+    server_on: Serving,
+) -> None:
+    added = add(server_on).json()
+    changed = server_on.ask(ORGANISER, "PATCH", f"{PAGE}/{added['id']}", json=change)
+    assert changed.status_code == 200
+    assert listed(server_on) == [changed.json()]
+    with server_on.state.database.reading() as session:
+        last = entries(session)[-1]
+    assert (last.action, last.subject) == ("reported result changed", "Walker")
+    assert last.details == {"before": before, "after": after}
+    logged = last.id
+    server_on.ask(ORGANISER, "PATCH", f"{PAGE}/{added['id']}", json=change)
+    with server_on.state.database.reading() as session:
+        assert entries(session)[-1].id == logged  # nothing was left to change
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        pytest.param({"team": "Red"}, 409, id="to what another is"),
+        pytest.param({"scores": {"success": None, "spl": None}}, 400, id="no score left"),
+        pytest.param({"scores": {"success": 50}}, 400, id="out of bounds"),
+        pytest.param({"scores": {"srr": 0.5}}, 400, id="no metric"),
+        pytest.param({"date": "2026-13"}, 400, id="no month"),
+        pytest.param({"date": "2026-02-30"}, 400, id="no day"),
+        pytest.param({"team": ""}, 400, id="no team"),
+        pytest.param({"split": PRIVATE}, 400, id="another split"),
+    ],
+)
+def test_changes_that_are_refused(
+    change: Mapping[str, object], status: int, server: Serving
+) -> None:
+    add(server, team="Red")
+    number = add(server).json()["id"]
+    before = listed(server)
+    assert server.ask(ORGANISER, "PATCH", f"{PAGE}/{number}", json=change).status_code == status
+    assert server.ask(ORGANISER, "PATCH", f"{PAGE}/99", json={}).status_code == 404
+    assert listed(server) == before
+
+
+# The command line.
+
+
+def test_the_commands_of_the_guide_print_what_it_says(laptop: Laptop) -> None:
+    guide = (REPOSITORY / "docs" / "server.md").read_text()
+    section = guide.partition("## The history of a leaderboard")[2]
+    commands, printed = re.findall(r"```\w*\n(.*?)```", section, re.DOTALL)[:2]
+    laptop.run("server", "init", "lab")
+    write, *lines = commands.splitlines()
+    laptop.shell(write)
+    outcomes = [laptop.run(*line.split()[1:]) for line in lines]
+    told = [outcome.out.splitlines()[-1] for outcome in outcomes[:3]]
+    assert told == printed.splitlines()
+    assert outcomes[0].out.splitlines()[1].split() == [
+        *("Walker", "Walker", "2026-01", "24.66", "59.64", "38.98", "21.48")
+    ]
+    assert "SR 41.20" in outcomes[3].out
+    assert outcomes[4].out == "reported result 1 (Walker) changed\n"
+    assert outcomes[5].out == "1 reported result removed\n"
+    shown = laptop.run("server", "reported", "list", "lab").out.splitlines()[1]
+    assert shown.split()[:6] == ["1", "test", "Walker", "Blue", "2026-01-15", "v2"]
+    assert "SR 59.70" in shown
+
+
+def test_commands_say_what_is_wrong(laptop: Laptop) -> None:
+    laptop.run("server", "init", "lab")
+    history = laptop.folder / "history.csv"
+    words = ("server", "import", "lab", "history.csv", "--split", "test", "--source", SOURCE)
+    history.write_text("team,SR,date\na,200,2026\nb,5,soon\n")
+    assert laptop.run(*words, status=1).err.splitlines() == [
+        "reverie-eval: results rejected, 2 problems",
+        "line 2: SR %: 200 is not from 0 to 100",
+        (
+            "line 3: date: must be a day, a month or a year: 2026-01-15, 2026-01, 01/2026 or 2026; "
+            "found 'soon'"
+        ),
+    ]
+    history.write_bytes(b"team,SR\n\xff,5\n")
+    assert "invalid UTF-8 from byte 8 on" in laptop.run(*words, status=2).err
+    history.write_text("team,SR\na,5\n")
+    laptop.run(*words)
+    edit = ("server", "reported", "edit", "lab", "1")
+    assert "did you mean team?" in laptop.run(*edit, "tem=b", status=1).err
+    assert "200 is not from 0 to 100" in laptop.run(*edit, "SR=200", status=1).err
+    assert "expected FIELD=VALUE, found 'team'" in laptop.run(*edit, "team", status=2).err
+    assert "there is no reported result 2" in laptop.run(*edit[:-1], "2", "team=b", status=2).err
+
+
+# The files that this was made for.
+
+
+@pytest.fixture
+def history() -> Path:
+    """Return the folder with the rows of the public leaderboard and the paper's tables."""
+    folder = published_folder()
+    if folder is None:
+        unavailable("the published REVERIE files are not here (REVERIE_DATA names their folder)")
+    return folder
+
+
+@pytest.mark.dataset
+def test_the_public_leaderboard_and_the_paper_go_in(history: Path, laptop: Laptop) -> None:
+    laptop.run("server", "init", "lab")
+    legacy, paper = (
+        (
+            *("server", "import", "lab", history / name, "--split", "test"),
+            *("--source", SOURCE, "--dataset-version", version),
+        )
+        for name, version in (("legacy_leaderboard.csv", "v2"), ("paper_results.json", "v1"))
+    )
+    first = laptop.run(*legacy)
+    assert first.out == "test: 83 rows: 81 added, 0 already there, 2 repeated\n"
+    assert first.err == "note: line 32 repeats line 29\nnote: line 45 repeats line 43\n"
+    assert laptop.run(*legacy).out == "test: 83 rows: 0 added, 83 already there\n"
+    assert laptop.run(*paper).out == "test: 10 rows: 10 added, 0 already there\n"
+    assert laptop.run(*paper).out == "test: 10 rows: 0 added, 10 already there\n"
+    rows = laptop.run("server", "reported", "list", "lab").out.splitlines()[1:]
+    assert len(rows) == 91
+    assert " fault " not in laptop.run("server", "doctor", "lab").out

@@ -1,0 +1,159 @@
+"""Tables of results as papers and leaderboards print them: what is read, and every refusal."""
+
+import json
+from collections.abc import Mapping, Sequence
+
+import pytest
+
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.server.errors import ResultsError
+from reverie_eval.server.service.reported_files import as_printed, printed_value, read_results
+
+LEGACY = """\
+team,nav_success,nav_oracle_success,nav_spl,nav_length,rgs,rgspl,date
+Blue (Walker),59.64,66.57,38.98,24.66,32.49,21.48,01/2026
+Red,7,8.5,6.25,10,5,0.0,11/2022
+"""
+PAPER = {
+    "source": "a table",
+    "columns": ["success", "oracle_success", "spl", "length", "reverie_success"],
+    "methods": {
+        "Walker": {"val_seen": [1, 2, 3, 4, 5], "test": [59.64, 66.57, 38.98, 24.66, 32.49]},
+        "Human": {"test": [81.5, None, 53, 21.18, "77.8"]},
+        "Seen": {"val_seen": [1, 2, 3, 4, 5]},
+    },
+}
+WALKER = {"success": 0.5964, "oracle_success": 0.6657, "spl": 0.3898, "path_length": 24.66}
+
+
+def scores_of(text: str, rates: str = "percent") -> Sequence[Mapping[str, float]]:
+    """Return the scores of each row, in a file without problems."""
+    read = read_results(text, "test", "fraction" if rates == "fraction" else "percent")
+    assert list(read.problems) == []
+    return [row.scores for row in read.rows]
+
+
+def test_the_columns_of_the_old_leaderboard() -> None:
+    read = read_results(LEGACY, "test", "percent")
+    assert [row.where for row in read.rows] == ["line 2", "line 3"]
+    assert read.rows[0].about == {"team": "Blue (Walker)", "date": "01/2026"}
+    assert read.rows[0].scores == {**WALKER, "rgs": 0.3249, "rgspl": 0.2148}
+    assert read.rows[1].scores["rgspl"] == 0  # is a score
+    assert (list(read.problems), list(read.unread)) == ([], [])
+
+
+def test_the_shape_of_the_paper() -> None:
+    read = read_results(json.dumps(PAPER), "test", "percent")
+    assert [(row.where, row.about) for row in read.rows] == [
+        ("methods.Walker.test", {"method": "Walker"}),
+        ("methods.Human.test", {"method": "Human"}),
+    ]
+    assert read.rows[0].scores == {**WALKER, "rgs": 0.3249}
+    human = {"success": 0.815, "spl": 0.53, "path_length": 21.18, "rgs": 0.778}
+    assert read.rows[1].scores == human
+    assert list(read.unread) == ["source"]
+
+
+TABLES = [
+    pytest.param("team,SR,SPL\nBlue,5,2.5", "percent", id="labels"),
+    pytest.param("Team,Success,spl\nBlue,5,2.5\n", "percent", id="keys in any case"),
+    pytest.param("team,SR %,SPL (%)\nBlue,5 %,2.5%\n", "percent", id="units"),
+    pytest.param("team;SR;SPL\nBlue;5;2.5\n", "percent", id="semicolons"),
+    pytest.param("team\tSR\tSPL\nBlue\t5\t2.5\n", "percent", id="tabs"),
+    pytest.param("\ufeffteam,SR,SPL\r\nBlue,5,2.5\r\n", "percent", id="from a spreadsheet"),
+    pytest.param("\nteam,SR,SPL\n\n,,\nBlue,5,2.5\n\n", "percent", id="blank lines"),
+    pytest.param('team,SR,SPL\n"Blue, B","5",2.5\n', "percent", id="quotes"),
+    pytest.param("team,SR,SPL,RGS,OSR\nBlue,5,2.5,-,\n", "percent", id="no value"),
+    pytest.param("team,SR,SPL\nBlue,0.05,0.025\n", "fraction", id="fractions"),
+    pytest.param('[{"team": "Blue", "SR": 5, "SPL": "2.5"}]', "percent", id="objects"),
+    pytest.param(' [{"team": "B", "SR": 5, "SPL": 2.5, "RGS": null}]', "percent", id="null"),
+]
+
+
+@pytest.mark.parametrize(("text", "rates"), TABLES)
+def test_tables_that_say_the_same(text: str, rates: str) -> None:
+    assert scores_of(text, rates) == [{"success": 0.05, "spl": 0.025}]
+
+
+def test_lines_are_those_of_an_editor() -> None:
+    read = read_results('\nteam,SR\n"a\nb",5\n\nc,6\n', "test", "percent")
+    assert [row.where for row in read.rows] == ["line 3", "line 6"]
+
+
+def test_objects_may_leave_columns_out() -> None:
+    assert scores_of('[{"team": "a", "SR": 5}, {"method": "b", "TL": 9.5}]') == [
+        {"success": 0.05},
+        {"path_length": 9.5},
+    ]
+
+
+UNREADABLE = [
+    pytest.param("", ["the file: has no results below"], id="empty"),
+    pytest.param("team,SR\n", ["the file: has no results below"], id="no row"),
+    pytest.param(
+        "tem,SR,SPLL\na,1,2",
+        ["column 'tem': unknown; did you mean team?", "column 'SPLL': unknown; did you mean spl?"],
+        id="all unknown columns",
+    ),
+    pytest.param(
+        "team,SR,nav_success\na,1,2",
+        ["column 'nav_success': says the same as column 'SR'"],
+        id="a column twice",
+    ),
+    pytest.param("SR,SPL\n1,2", ["columns: there is none for team or method"], id="nobody"),
+    pytest.param('team,SR\na,1\n"b,2', ["line 3: cannot be read as CSV"], id="an open quote"),
+    pytest.param('{"columns":\n [', ["line 2: invalid JSON at column 3"], id="broken JSON"),
+    pytest.param("[" * 100_000, ["the file: is nested too deeply"], id="deep JSON"),
+    pytest.param("[1, 2]", ["the file: expected a list of objects, or"], id="other JSON"),
+    pytest.param('{"methods": {}}', ["the file: expected a list"], id="no columns"),
+    pytest.param(
+        '{"columns": ["SR"], "methods": {"a": {"val_seen": [1]}, "b": 3}}',
+        ["methods: there are no results of test; there are results of: val_seen"],
+        id="other splits",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "told"), UNREADABLE)
+def test_files_that_are_no_table(text: str, told: Sequence[str]) -> None:
+    with pytest.raises(ResultsError) as raised:
+        read_results(text, "test", "percent")
+    problems = list(map(str, raised.value.problems))
+    assert len(problems) == len(told)
+    for problem, beginning in zip(problems, told, strict=True):
+        assert problem.startswith(beginning)
+
+
+def test_all_wrong_rows_are_reported() -> None:
+    text = "team,SR,TL m\na,100.1,5\nb,x,-1\nc,1\nd,,\ne,nan,1e999\nf,1,0\n"
+    assert list(map(str, read_results(text, "test", "percent").problems)) == [
+        "line 2: SR %: 100.1 is not from 0 to 100",
+        "line 3: TL m: -1 is not 0 or more",
+        "line 3: SR: 'x' is not a number",
+        "line 4: has 2 values for 3 columns: team, SR, TL m",
+        "line 5: has no score",
+        "line 6: TL m: 1e999 is not 0 or more",
+        "line 6: SR %: nan is not from 0 to 100",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("rates", "value", "is_refused"),
+    [
+        pytest.param("percent", "0.5964", True, id="fractions that are said to be percent"),
+        pytest.param("percent", "1.01", False, id="one per cent"),
+        pytest.param("percent", "0", False, id="nothing was reached"),
+        pytest.param("fraction", "0.5964", False, id="fractions"),
+        pytest.param("fraction", "59.64", True, id="percent that are said to be fractions"),
+    ],
+)
+def test_percent_and_fractions_are_told_apart(rates: str, value: str, *, is_refused: bool) -> None:
+    text = f"team,SR\na,{value}\n"
+    read = read_results(text, "test", "fraction" if rates == "fraction" else "percent")
+    assert bool(read.problems) == is_refused
+
+
+@pytest.mark.parametrize("text", ["0", "7", "59.64", "0.07", "33.333333333", "100"])
+def test_a_value_is_printed_as_it_was(text: str) -> None:
+    for key in ("success", "path_length"):
+        assert as_printed(CATALOGUE[key], printed_value(CATALOGUE[key], text)) == text

@@ -9,7 +9,7 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval import PROTOCOLS, GroundTruth, Scores, evaluate, evaluate_protocols
-from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, find_protocol
+from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, find_protocol, scored_metrics
 from tests.conftest import SAMPLES
 from tests.support.metrics import BOX_METRICS
 from tests.support.oracle import Position, Prediction, Scan, Task, Viewpoint, World
@@ -399,6 +399,15 @@ def test_the_grounding_track_does_not_depend_on_the_order_of_records(demo: Groun
     ]
     scores = evaluate(submission[::-1], split=SPLIT, ground_truth=demo, track="grounding")
     assert scores.episodes["rgs"].tolist() == [0.0] + [1.0] * (len(answers) - 1)
+
+
+def test_a_submission_is_expected_to_have_answers_and_no_boxes() -> None:
+    """What a leaderboard shows before anything was submitted."""
+    rules = find_protocol("official-v1")
+    full = scored_metrics(rules, "full")
+    assert set(full) == set(scored_metrics(rules, "full", has_boxes=True)) - set(BOX_METRICS)
+    assert {"success", "rgs", "rgspl"} <= set(full)
+    assert scored_metrics(rules, "grounding") == ("rgs",)
 
 
 def test_the_signature_includes_the_grounding_track() -> None:

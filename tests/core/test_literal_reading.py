@@ -120,6 +120,8 @@ def test_only_evaluators_that_read_the_first_of_a_hop_are_diagnosed(
         whole, cut = diagnose(content, split=SPLIT, ground_truth=demo, protocol=name)
         assert cut["success"] < whole["success"]
         assert POINTER not in whole.notes
+        assert "|reading:first-of-hop|" in cut.signature
+        assert "|reading:" not in whole.signature
     else:
         with pytest.raises(ProtocolError, match=f"those of {', '.join(READ_FIRST)}$"):
             diagnose(content, split=SPLIT, ground_truth=demo, protocol=name)

@@ -338,6 +338,9 @@ def test_all_protocols_side_by_side() -> None:
 def test_protocols_that_cannot_be_scored_are_left_out(unmeasured: GroundTruth) -> None:
     scored = evaluate_protocols(GOOD, split=SPLIT, ground_truth=unmeasured)
     assert list(scored) == [name for name in RELEASED if name != "challenge-2022"]
+    for scores in scored.values():
+        (note,) = (note for note in scores.notes if note.startswith("left out: "))
+        assert note.startswith("left out: challenge-2022 needs object positions, which val_unseen")
 
 
 def test_a_public_bundle_cannot_be_scored(demo: GroundTruth) -> None:

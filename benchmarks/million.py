@@ -2,10 +2,10 @@
 
 ``python benchmarks/million.py [SUBMISSIONS]`` makes a server on SQLite and one on PostgreSQL, both
 of the demo world, and writes that many submissions straight into their databases, which takes half
-an hour or more for a million. Ten thousand of them are published. Then it starts each server and asks,
-as one reader does, for the leaderboard and for lists of submissions, and uploads files. At the end,
-``server doctor``, ``check`` and ``backup`` run as commands, whose peak memory is printed. Only the
-leaderboard's first page has a bar.
+an hour or more for a million. Ten thousand of them are published. Then it starts each server and
+asks, as one reader does, for the leaderboard and for lists of submissions, and uploads files. At
+the end, ``server doctor``, ``check`` and ``backup`` run as commands, whose peak memory is printed.
+Only the leaderboard's first page has a bar.
 """
 
 import http.client

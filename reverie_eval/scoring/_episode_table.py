@@ -17,7 +17,7 @@ Track = Literal["full", "grounding"]
 
 def scored_metrics(
     protocol: Protocol,
-    track: Track = "full",
+    track: Track,
     *,
     has_boxes: bool = False,
     has_answers: bool = True,
@@ -47,7 +47,7 @@ class EpisodeTable(Mapping[str, Array]):
     metrics.
     """
 
-    def __init__(self, lookups: Lookups, protocol: Protocol, track: Track = "full") -> None:
+    def __init__(self, lookups: Lookups, protocol: Protocol, track: Track) -> None:
         self._lookups = lookups
         self._protocol = protocol
         self._keys = scored_metrics(

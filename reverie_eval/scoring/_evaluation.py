@@ -307,7 +307,7 @@ def check_track(track: Track) -> Track:
     return track
 
 
-def why_not(rules: Protocol, truth: GroundTruth, track: Track = "full") -> str | None:
+def why_not(rules: Protocol, truth: GroundTruth, track: Track) -> str | None:
     """Return why a protocol cannot score submissions of a split; None if it can."""
     measures_objects = rules.goal == "visible and near the object"
     if measures_objects and truth.require_answers().candidate_distance is None:

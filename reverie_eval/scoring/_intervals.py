@@ -45,7 +45,7 @@ class Intervals(Mapping[str, Interval]):
         cls,
         episodes: Mapping[str, Array],
         cluster: IntArray,
-        by: Clustering = "target",
+        by: Clustering,
         *,
         confidence: float | None = None,
         resamples: int | None = None,

@@ -227,7 +227,7 @@ class Validation:
         return [*notes, *self.hints, *_jump_notes(self.jumps)]
 
 
-def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str = "") -> str:
+def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
     """Return the signature of scores by a protocol and a ground truth, from this version."""
     parts = [
         f"split:{truth.split}",

@@ -267,6 +267,11 @@ def test_the_report_has_statistics_of_boxes() -> None:
     )
 
 
+def test_the_note_on_a_single_box() -> None:
+    (note,) = scored(drawn([100, 100, 60, 40], 12)).notes
+    assert note.startswith("1 box predicted, 1 correct (misses: 0 low IoU, ")
+
+
 def test_no_view_shows_the_target() -> None:
     boxes = judged(*EVERYTHING[4:])
     assert (boxes.ambiguous_share, boxes.whole_image_share, boxes.mean_iou) == (0, 0, 0)

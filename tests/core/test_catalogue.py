@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reverie_eval import CATALOGUE, GroundTruth, evaluate, evaluate_protocols
+from reverie_eval.metrics import table_metrics
 from reverie_eval.scoring import BOX_OUTCOMES, Protocol
 from reverie_eval.submissions import Submission
 from tests.support.oracle import PROTOCOLS, Scan, World, score
@@ -83,6 +84,9 @@ NEVER_ABOVE = [
     pytest.param("navigation_error", "dtw", id="error never above DTW, which ends with it"),
 ]
 
+HEADLINE = ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
+BOX_COLUMNS = ["iou", "iou_25", "iou_50", "iou_75"]
+
 every_metric = pytest.mark.parametrize("key", CATALOGUE)
 few_examples = settings(max_examples=10)
 
@@ -94,6 +98,34 @@ def test_every_metric_is_classified() -> None:
 @every_metric
 def test_the_unit_matches_the_kind(key: str) -> None:
     assert CATALOGUE[key].unit == UNITS[KINDS[key]]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "shown", "rounded"),
+    [
+        pytest.param("success", 0.54532677, "54.53", 0.5453, id="a fraction"),
+        pytest.param("path_length", 9.4734, "9.47", 9.47, id="metres"),
+        pytest.param("steps", 6.125, "6.12", 6.12, id="a count"),
+    ],
+)
+def test_rounding_keeps_the_digits_that_are_shown(
+    key: str, value: float, shown: str, rounded: float
+) -> None:
+    assert CATALOGUE[key].display(value) == shown
+    assert CATALOGUE[key].rounded(value) == rounded
+
+
+@pytest.mark.parametrize(
+    ("scored", "columns"),
+    [
+        pytest.param(CATALOGUE, [*HEADLINE, *BOX_COLUMNS], id="everything"),
+        pytest.param(["success", "spl", "steps"], HEADLINE, id="navigation only: empty columns"),
+        pytest.param(["rgs"], ["rgs"], id="grounding alone"),
+        pytest.param(["rgs", "iou", "iou_25"], ["rgs", "iou", "iou_25"], id="grounding by boxes"),
+    ],
+)
+def test_the_columns_of_a_score_table(scored: Sequence[str], columns: Sequence[str]) -> None:
+    assert [metric.key for metric in table_metrics(scored)] == columns
 
 
 @pytest.mark.parametrize(

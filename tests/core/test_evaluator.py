@@ -169,8 +169,9 @@ def test_the_ground_truth_is_read_once(tmp_path: Path) -> None:
     bundle.write_bytes((DEMO_BUNDLES / bundle.name).read_bytes())
     evaluator = rv.Evaluator(split=SPLIT, ground_truth=bundle)
     bundle.unlink()
-    assert evaluator(SAMPLES / "good.json")["success"] > 0
-    assert evaluator.ground_truth.origin == str(bundle)
+    scores = evaluator(SAMPLES / "good.json")
+    assert scores.ground_truth is evaluator.ground_truth
+    assert scores.ground_truth.origin == str(bundle)
 
 
 # What is wrong is said, as by `evaluate`.

@@ -3,13 +3,14 @@
 import csv
 import io
 import json
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from reverie_eval import GroundTruth, ProtocolError, compare, evaluate
 from reverie_eval.metrics.uncertainty import bootstrap_means, interval
-from reverie_eval.scoring import Intervals, clusters_of
+from reverie_eval.scoring import Clustering, Intervals, clusters_of
 from tests.conftest import SAMPLES
 from tests.support.flat import SCORE, Run
 
@@ -28,17 +29,23 @@ def test_clusters_are_target_objects_or_scans(demo: GroundTruth) -> None:
         assert len(set(zip(cluster, shared, strict=True))) == len(set(cluster)) == len(set(shared))
 
 
-def test_intervals_of_scores_equal_those_of_their_values(demo: GroundTruth) -> None:
-    scores = evaluate(SAMPLE[0], split="val_unseen").with_intervals("scan", resamples=500, seed=7)
+@pytest.mark.parametrize(
+    ("by", "clusters"),
+    [("scan", f"2 scans, seed 7; {FEW}"), ("target", "29 targets, seed 7")],
+)
+def test_intervals_of_scores_equal_those_of_their_values(
+    by: Clustering, clusters: str, demo: GroundTruth
+) -> None:
+    scores = evaluate(SAMPLE[0], split="val_unseen").with_intervals(by, resamples=500, seed=7)
     drawn = scores.intervals
     assert drawn is not None
-    cluster = clusters_of(demo, "scan")
+    cluster = clusters_of(demo, by)
     for key in ("path_length", "rgspl"):
         means = bootstrap_means(scores.episodes[key][:, None], cluster, resamples=500, seed=7)
         low, high = interval(means, len(np.unique(cluster)))[:, 0]
         assert (drawn[key].low, drawn[key].high) == pytest.approx((low, high))
     assert list(drawn) == list(scores)
-    assert drawn.caption == f"95 % intervals: 500 bootstrap resamples of 2 scans, seed 7; {FEW}"
+    assert drawn.caption == f"95 % intervals: 500 bootstrap resamples of {clusters}"
 
 
 @pytest.mark.parametrize(("clusters", "is_cautious"), [(2, True), (4, True), (5, False)])
@@ -97,8 +104,23 @@ def test_higher_confidence_gives_wider_intervals() -> None:
 )
 def test_settings_out_of_range_are_refused(options: dict[str, float]) -> None:
     scores = evaluate(SAMPLE[0], split="val_unseen")
-    with pytest.raises(ProtocolError, match="expected"):
+    expected = (
+        "expected a confidence between 0 and 1, at least one resample, and a seed of 0 or more"
+    )
+    with pytest.raises(ProtocolError, match=f"; {expected}$"):
         scores.with_intervals(**options)  # type: ignore[arg-type]
+
+
+def test_a_single_resample_is_allowed() -> None:
+    drawn = evaluate(SAMPLE[0], split="val_unseen").with_intervals(resamples=1).intervals
+    assert drawn is not None
+    assert drawn["rgs"].low == drawn["rgs"].high
+
+
+def test_a_misspelt_clustering_is_refused_with_a_guess() -> None:
+    scores = evaluate(SAMPLE[0], split="val_unseen")
+    with pytest.raises(ProtocolError, match="by 'targets'; did you mean target"):
+        scores.with_intervals("targets")  # type: ignore[arg-type]
 
 
 @pytest.mark.usefixtures("here")
@@ -107,6 +129,10 @@ def test_episodes_of_a_single_target_have_no_intervals(run: Run) -> None:
     assert (status, out) == (2, "")
     assert "all episodes share one target" in err
     assert "all episodes share one scan" in run(*SCORE, "--ci", "--cluster", "scan").err
+    truth = GroundTruth.load("full.npz")
+    for by in get_args(Clustering):
+        reason = f"all episodes share one {by}, so there is nothing to resample"
+        assert Intervals.why_not(truth, by) == reason
 
 
 def test_the_table_has_a_row_for_each_end(run: Run) -> None:

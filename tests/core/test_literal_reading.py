@@ -101,6 +101,13 @@ def test_nothing_of_other_scores_is_stated_where_answers_are_private(demo: Groun
     assert not any("own evaluator" in note for note in scores.notes)
 
 
+def test_a_diagnosis_states_no_third_reading(demo: GroundTruth) -> None:
+    """Of a file at which the evaluator stops, it shows both scores without that note."""
+    content = FORMS["E DUET"].bytes()
+    for scores in diagnose(content, split=SPLIT, ground_truth=demo, protocol=STRICT):
+        assert not any("own evaluator" in note for note in scores.notes)
+
+
 READ_FIRST = ("official-v1", "challenge-2022", "airbert", "hamt")
 
 
@@ -113,6 +120,8 @@ def test_only_evaluators_that_read_the_first_of_a_hop_are_diagnosed(
         whole, cut = diagnose(content, split=SPLIT, ground_truth=demo, protocol=name)
         assert cut["success"] < whole["success"]
         assert POINTER not in whole.notes
+        assert "|reading:first-of-hop|" in cut.signature
+        assert "|reading:" not in whole.signature
     else:
         with pytest.raises(ProtocolError, match=f"those of {', '.join(READ_FIRST)}$"):
             diagnose(content, split=SPLIT, ground_truth=demo, protocol=name)

@@ -9,7 +9,7 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval import PROTOCOLS, GroundTruth, Scores, evaluate, evaluate_protocols
-from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, find_protocol
+from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, find_protocol, scored_metrics
 from tests.conftest import SAMPLES
 from tests.support.metrics import BOX_METRICS
 from tests.support.oracle import Position, Prediction, Scan, Task, Viewpoint, World
@@ -338,6 +338,9 @@ def test_all_protocols_side_by_side() -> None:
 def test_protocols_that_cannot_be_scored_are_left_out(unmeasured: GroundTruth) -> None:
     scored = evaluate_protocols(GOOD, split=SPLIT, ground_truth=unmeasured)
     assert list(scored) == [name for name in RELEASED if name != "challenge-2022"]
+    for scores in scored.values():
+        (note,) = (note for note in scores.notes if note.startswith("left out: "))
+        assert note.startswith("left out: challenge-2022 needs object positions, which val_unseen")
 
 
 def test_a_public_bundle_cannot_be_scored(demo: GroundTruth) -> None:
@@ -399,6 +402,15 @@ def test_the_grounding_track_does_not_depend_on_the_order_of_records(demo: Groun
     ]
     scores = evaluate(submission[::-1], split=SPLIT, ground_truth=demo, track="grounding")
     assert scores.episodes["rgs"].tolist() == [0.0] + [1.0] * (len(answers) - 1)
+
+
+def test_a_submission_is_expected_to_have_answers_and_no_boxes() -> None:
+    """What a leaderboard shows before anything was submitted."""
+    rules = find_protocol("official-v1")
+    full = scored_metrics(rules, "full")
+    assert set(full) == set(scored_metrics(rules, "full", has_boxes=True)) - set(BOX_METRICS)
+    assert {"success", "rgs", "rgspl"} <= set(full)
+    assert scored_metrics(rules, "grounding") == ("rgs",)
 
 
 def test_the_signature_includes_the_grounding_track() -> None:

@@ -91,6 +91,13 @@ def test_sums_that_differ_only_by_rounding_are_ties() -> None:
     assert randomisation_p(difference, np.array([0, 0, 1])).tolist() == [1.0]
 
 
+def test_what_counts_as_rounding_is_decided_for_each_metric_alone() -> None:
+    """A certain difference in fractions stays certain beside one of a thousand billion metres."""
+    difference = np.column_stack([np.ones(50), np.full(50, 1e12)])
+    p_values = randomisation_p(difference, np.arange(50), resamples=999)
+    assert p_values.tolist() == [1 / 1000, 1 / 1000]
+
+
 def test_a_certain_difference_has_the_smallest_possible_p_value() -> None:
     p_value = randomisation_p(np.ones((50, 1)), np.arange(50), resamples=999)
     assert p_value.tolist() == [1 / 1000]

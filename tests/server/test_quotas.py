@@ -12,9 +12,23 @@ from hypothesis import strategies as st
 from sqlalchemy import func, select
 
 from reverie_eval.schemas.organising import NewGrant
+from reverie_eval.server.errors import (
+    BytesSpentError,
+    MalformedError,
+    NotFoundError,
+    RequestError,
+)
 from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named
-from reverie_eval.server.service.quotas import WINDOWS, QuotaUsage, grant, quota_usages
+from reverie_eval.server.service.quotas import (
+    WINDOWS,
+    QuotaUsage,
+    check_bytes,
+    grant,
+    list_grants,
+    quota_usages,
+)
 from reverie_eval.server.settings import Quota
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Base, Grant, Submission, Team
@@ -37,6 +51,8 @@ from tests.support.serving import (
 
 QUOTA = Quota(day=2, month=4, year=6)
 HOUR, DAY = 1, 24
+BYTE = 2**-20
+"""In MiB."""
 
 
 def before(hours: Sequence[float]) -> Sequence[datetime]:
@@ -395,6 +411,98 @@ def test_a_grant_lets_a_team_submit_more_and_is_on_record(narrow: Serving) -> No
     narrow.clock.turn(hours=2)
     assert quota_of(narrow, OWNER)["windows"][0]["limit"] == 2
     assert quota_of(narrow, OWNER)["remaining"] == 0
+
+
+def some_grant(**changes: Any) -> NewGrant:
+    """Return a grant that can be made, with changes."""
+    usual = {"team": "Blue", "split": OPEN, "extra": 1, "reason": "a full disk"}
+    return NewGrant(**{**usual, "expires_at": NOON + timedelta(hours=2), **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "says"),
+    [
+        pytest.param(
+            {"expires_at": NOON},
+            MalformedError,
+            "the expiry time is in the past; choose a later time",
+            id="it ends at once",
+        ),
+        pytest.param(
+            {"split": "elsewhere"},
+            NotFoundError,
+            f"there is no split 'elsewhere'; there are: {PRIVATE}, {OPEN}",
+            id="no such split",
+        ),
+        pytest.param({"team": "Green"}, NotFoundError, "there is no team 'Green'", id="no team"),
+    ],
+)
+def test_a_grant_that_cannot_be(
+    changes: Mapping[str, Any], error: type[RequestError], says: str, counted: Database
+) -> None:
+    with acting(counted) as transaction, pytest.raises(error) as refused:
+        grant(transaction, some_grant(**changes), [PRIVATE, OPEN])
+    assert str(refused.value) == says
+
+
+def test_grants_are_listed_with_the_latest_first(narrow: Serving) -> None:
+    ends = NOON + timedelta(microseconds=1)
+    with narrow.acting("Olga") as transaction:
+        grant(transaction, some_grant(), narrow.state.boards)
+        grant(transaction, some_grant(team="Red", extra=3, expires_at=ends), narrow.state.boards)
+        page = list_grants(transaction.session, Page(limit=1))
+        (latest,) = page.rows
+        rest = list_grants(transaction.session, Page(limit=1, cursor=page.next_cursor)).rows
+        recorded = entries(transaction.session)[-1]
+    assert latest.model_dump() == {
+        "team": "Red",
+        "split": OPEN,
+        "extra": 3,
+        "reason": "a full disk",
+        "created_at": NOON,
+        "expires_at": ends,
+    }
+    assert [each.team for each in rest] == ["Blue"]
+    assert (recorded.action, recorded.subject) == ("granted", "Red")
+    assert recorded.details == latest.model_dump(mode="json", exclude={"team", "created_at"})
+
+
+@pytest.mark.parametrize(
+    ("sent", "size", "seconds"),
+    [
+        pytest.param([], 10, 0, id="all of it at once"),
+        pytest.param([], 10 + BYTE, None, id="more than ever fits"),
+        pytest.param([(1, 6)], 4, 0, id="the rest"),
+        pytest.param([(1, 6)], 5, 23 * 3600, id="one too many, until the first is a day old"),
+        pytest.param([(5, 3), (1, 3)], 6, 19 * 3600, id="more than enough leaves first"),
+        pytest.param([(5, 3), (1, 3)], 7, 19 * 3600, id="just enough leaves first"),
+        pytest.param([(5, 3), (1, 3)], 7 + BYTE, 23 * 3600, id="a byte too many for that"),
+        pytest.param([(1, 3), (5, 3)], 8, 23 * 3600, id="both have to leave, and the later does"),
+        pytest.param([(23.9999, 10)], 1, 1, id="a part of a second is a second"),
+        pytest.param([(24, 10)], 10, 0, id="a day old to the tick"),
+    ],
+)
+def test_bytes_of_a_day(
+    sent: Sequence[tuple[float, int]], size: float, seconds: int | None, counted: Database
+) -> None:
+    """With a limit of 10 MiB; sizes are in MiB, ages in hours."""
+    with counted.reading() as session:  # and nothing is kept
+        ada, carl = (person_named(session, name) for name in (OWNER, OTHER))
+        for person, uploads in ((ada, sent), (carl, [(2, 10)])):
+            for hours, mebibytes in uploads:
+                (row,) = submitted(person.team_id, person.id, [0])
+                row.received_at = NOON - timedelta(hours=hours)
+                row.size = mebibytes << 20
+                session.add(row)
+        if seconds == 0:
+            check_bytes(session, ada.team_id, round(size * 2**20), 10, NOON)
+            return
+        with pytest.raises(BytesSpentError) as refused:
+            check_bytes(session, ada.team_id, round(size * 2**20), 10, NOON)
+    used = sum(mebibytes for _, mebibytes in sent)
+    assert refused.value.seconds == seconds
+    assert f"has sent {used}.0 MiB; this one has {size:.1f} MiB" in str(refused.value)
+    assert "may send 10 MiB" in str(refused.value)
 
 
 def test_a_clock_that_runs_back_gives_nothing(narrow: Serving) -> None:

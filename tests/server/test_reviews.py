@@ -11,8 +11,16 @@ from reverie_eval.schemas.service import Verdict
 from reverie_eval.schemas.wire import LONGEST_LINE
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.reported import reported_of
-from reverie_eval.server.service.reviews import lift_review, reviews_of, standing_reviews
+from reverie_eval.server.service.reviews import (
+    latest_submissions,
+    lift_review,
+    list_reviews,
+    review_rows,
+    reviews_of,
+    standing_reviews,
+)
 from tests.support.acting import review
 from tests.support.serving import OPEN, ORGANISER, OWNER, PRIVATE, Serving
 
@@ -76,10 +84,38 @@ def test_a_lifted_review_does_not_stand_and_is_not_lifted_twice(server: Serving)
     with server.acting(ORGANISER) as transaction:
         assert lift_review(transaction, number).lifted_at == server.clock()
     assert standing(server, submission_id) == []
-    with pytest.raises(ConflictError, match="already lifted"), server.acting() as transaction:
+    twice = f"^review {number} was already lifted$"
+    with pytest.raises(ConflictError, match=twice), server.acting() as transaction:
         lift_review(transaction, number)
-    with pytest.raises(NotFoundError), server.acting() as transaction:
+    missing = f"^there is no review {number + 1}$"
+    with pytest.raises(NotFoundError, match=missing), server.acting() as transaction:
         lift_review(transaction, number + 1)
+
+
+def test_lists_of_reviews_and_submissions_begin_with_the_latest(server: Serving) -> None:
+    early = sent(server)
+    server.clock.turn(hours=1)
+    late = sent(server)
+    doubt = say(server, early, "flagged")
+    proof = say(server, early, "disqualified")
+    praise = say(server, late, "verified")
+    baseline = say(server, late, "baseline")
+    with server.state.database.reading() as session:
+        everything = [baseline, praise, proof, doubt]
+        assert [each.id for each in list_reviews(session, Page()).rows] == everything
+        assert [each.id for each in list_reviews(session, Page(limit=1)).rows] == [baseline]
+        current = review_rows(session, Page(), standing=True).rows
+        lifted = review_rows(session, Page(), standing=False).rows
+        assert [each.id for each in current] == [baseline, praise, proof]
+        assert [each.id for each in lifted] == [doubt]
+        assert [each.submission.id for each in current] == [late, late, early]
+        assert [each.id for each in latest_submissions(session, 9)] == [late, early]
+        assert [each.id for each in latest_submissions(session, 1)] == [late]
+        of_split = reviews_of(session, OPEN)
+        assert {key: [each.id for each in rows] for key, rows in of_split.items()} == {
+            early: [proof],
+            late: [praise, baseline],
+        }
 
 
 DISAPPEARING = [
@@ -144,8 +180,9 @@ def test_the_longest_reason_is_kept(server: Serving) -> None:
 
 @pytest.mark.parametrize("submission_id", ["nobodys", "", "a\0b", "../x"])
 def test_nothing_is_said_of_what_is_not_there(submission_id: str, server_on: Serving) -> None:
-    with pytest.raises(NotFoundError):
+    with pytest.raises(NotFoundError) as refused:
         say(server_on, submission_id, "verified")
+    assert str(refused.value) == f"there is no submission {submission_id!r}"
 
 
 def test_reviews_are_listed_the_latest_first_and_shown_the_earliest_first(server: Serving) -> None:

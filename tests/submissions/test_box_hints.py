@@ -12,6 +12,8 @@ import pytest
 
 from reverie_eval import GroundTruth, validate
 from reverie_eval.geometry import view_angles
+from reverie_eval.scoring import PreparedSubmission, find_protocol
+from reverie_eval.submissions import read_predictions
 from tests.support.worlds import SPLIT
 
 Box = list[float]
@@ -199,3 +201,13 @@ def test_a_hint_depends_on_no_answer(demo: GroundTruth) -> None:
     others = replace(demo, answers=replace(answers, target_object=answers.target_object + 1))
     assert hints_about(records, others) == hints_about(records, demo)
     assert hints_about(records, replace(demo, answers=None)) == []
+
+
+def test_a_hint_from_answers_is_left_out_where_they_are_private(demo: GroundTruth) -> None:
+    records = submission(demo, lambda box, view: {"predBox": box, "predView": min(view + 1, 35)})
+    prepared = PreparedSubmission.of(read_predictions(records), demo)
+    (hint,) = prepared.answer_hints
+    rules = find_protocol("official-v1")
+    assert hint in prepared.score(rules).notes
+    notes = prepared.without_answer_hints().score(rules).notes
+    assert notes == [note for note in prepared.score(rules).notes if note != hint]

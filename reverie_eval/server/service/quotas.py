@@ -91,7 +91,7 @@ def check_bytes(session: Session, team_id: int, size: int, mebibytes: int, now: 
         left -= row.size
         if left <= 0:
             seconds = ceil((row.received_at + WINDOWS["day"] - now).total_seconds())
-            raise BytesSpentError(mebibytes, used, size, max(1, seconds))
+            raise BytesSpentError(mebibytes, used, size, seconds)
     raise BytesSpentError(mebibytes, used, size, None)
 
 

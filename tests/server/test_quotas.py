@@ -511,3 +511,30 @@ def test_a_clock_that_runs_back_gives_nothing(narrow: Serving) -> None:
     narrow.clock.turn(days=-3)
     refused = narrow.upload(OWNER, narrow.distinct())
     assert (refused.status_code, refused.headers["Retry-After"]) == (429, str(4 * 24 * 3600))
+
+
+# Files that were received in the past.
+
+
+@given(
+    st.lists(st.integers(-9000, 9000).map(float), max_size=6),
+    st.integers(-9000, 9000).map(float),
+)
+@example([], 0.0)
+@example([5.0, 20.0], 0.0)
+@example([-23.0, 23.0], 0.0)
+@example([24.0, 48.0], 0.0)
+def test_a_file_of_the_past_keeps_every_window_within_its_limit(
+    hours: Sequence[float], then: float
+) -> None:
+    """Against all windows that end with a submission, one by one."""
+    usage = QuotaUsage(QUOTA, [before(hours), []], [])
+    received = before([*hours, then])
+    at = NOON - timedelta(hours=then)
+    overfull = any(
+        end - length < at <= end
+        and sum(end - length < each <= end for each in received) > getattr(QUOTA, name)
+        for end in received
+        for name, length in WINDOWS.items()
+    )
+    assert usage.had_room(at) is not overfull

@@ -66,7 +66,7 @@ POST /desk/reviews/{review_id}/lift sign-in    403       403       403       303
 GET  /desk/reported                 sign-in    403       403       403       200
 POST /desk/reported                 sign-in    403       403       403       303
 GET  /desk/reported/import          sign-in    403       403       403       200
-POST /desk/reported/import          sign-in    403       403       403       200
+POST /desk/reported/import          sign-in    403       403       403       303
 GET  /desk/reported/{result_id}     sign-in    403       403       403       200
 POST /desk/reported/{result_id}     sign-in    403       403       403       303
 POST /desk/reported/{result_id}/remove sign-in 403       403       403       303

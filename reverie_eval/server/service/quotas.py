@@ -6,6 +6,7 @@ or adding people gains nothing. Withdrawn submissions count; rejected files do n
 """
 
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -46,8 +47,8 @@ def quota_usages(
         .where(theirs, Submission.received_at > since)
         .order_by(Submission.received_at)
     )
-    of_team: dict[str, list[datetime]] = {split: [] for split in quotas}
-    of_person: dict[str, list[datetime]] = {split: [] for split in quotas}
+    of_team: defaultdict[str, list[datetime]] = defaultdict(list)
+    of_person: defaultdict[str, list[datetime]] = defaultdict(list)
     for split, at, team_id, person_id in received:
         if team_id == person.team_id:
             of_team[split].append(at)

@@ -57,7 +57,7 @@ def test_an_organiser_begins(tmp_path: Path, demo_world: Path) -> None:
 
     recorded = desk.run("server", "audit", "lab").out.splitlines()
     actions = ["team added", "person added", "access token created"]
-    expected = [*actions, *actions, "submitted", "granted", "submitted"]
+    expected = [*actions, *actions, "rules recorded", "submitted", "granted", "submitted"]
     done = [next((a for a in {*expected} if a in line), line) for line in recorded[1:]]
     assert done == expected
     assert "a broken night" in recorded[-2]

@@ -5,7 +5,7 @@ they were committed. So the number of the last entry shows whether the cache is 
 another process made the change.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -133,7 +133,8 @@ class EntriesCache:
 
     def __init__(self) -> None:
         self._cached: dict[str, BoardEntries] = {}
-        self._counts: dict[str, tuple[int, Mapping[int, int]]] = {}
+        self._counts: tuple[int, Mapping[str, Counter[int]]] = (0, {})
+        """As of an entry of the audit log: the submissions of each team, by split."""
         self._lock = Lock()
         """So that concurrent requests read the entries only once."""
 
@@ -152,17 +153,21 @@ class EntriesCache:
         None is ever deleted, so only new ones have to be counted after the first time.
         """
         number = _last_recorded(session)
-        known, counts = self._counts.get(split, (0, {}))
+        known, counts = self._counts
         if known < number:
-            chosen = select(Submission.team_id, func.count()).where(Submission.split == split)
+            # Of all splits: asked for one, SQLite would look through all of its submissions.
+            chosen = select(Submission.split, Submission.team_id, func.count())
             if known:
-                chosen = chosen.join(AuditEntry, AuditEntry.subject == Submission.id).where(
+                new = select(AuditEntry.subject).where(
                     AuditEntry.id > known, AuditEntry.action == _SUBMITTED
                 )
-            counted = dict(session.execute(chosen.group_by(Submission.team_id)).all())
-            counts = Counter(counts) + Counter(counted)
-            self._counts[split] = number, counts
-        return counts
+                chosen = chosen.where(Submission.id.in_(new))
+            counts = defaultdict(Counter, {each: Counter(of) for each, of in counts.items()})
+            grouped = chosen.group_by(Submission.split, Submission.team_id)
+            for of_split, team_id, submissions in session.execute(grouped):
+                counts[of_split][team_id] += submissions
+            self._counts = number, counts
+        return counts.get(split, {})
 
 
 def _read_entries(session: Session, board: Board, number: int, now: datetime) -> BoardEntries:

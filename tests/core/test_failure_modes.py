@@ -37,6 +37,11 @@ def test_the_outcome_of_every_possible_combination() -> None:
     assert [list(OUTCOMES)[number] for number in outcomes] == list(COMBINATIONS.values())
 
 
+def test_outcomes_that_do_not_occur_are_counted_too() -> None:
+    modes = failure_modes(table([(0, 0, 0), (1, 0, 0)]))
+    assert list(modes.counts.values()) == [1, 1, 0, 0, 0]
+
+
 @given(st.lists(episode, min_size=1))
 def test_every_episode_has_one_outcome_and_counts_match_the_scores(
     episodes: list[tuple[int, int, int]],

@@ -101,9 +101,12 @@ def test_a_score_is_the_mean_over_the_episodes(key: str, scores: rv.Scores) -> N
     assert column.shape == (len(scores.instr_ids),)
 
 
-def test_an_unknown_metric(scores: rv.Scores) -> None:
-    with pytest.raises(KeyError, match="spice"):
-        scores["spice"]
+@pytest.mark.parametrize("key", ["spice", "iou"])
+def test_a_metric_that_is_not_scored(key: str, scores: rv.Scores) -> None:
+    with pytest.raises(KeyError) as error:
+        scores[key]
+    says = f"{key} is not scored; the scored metrics are {', '.join(scores)}"
+    assert error.value.args == (says,)
 
 
 def test_episode_values_are_read_only(scores: rv.Scores) -> None:

@@ -258,6 +258,18 @@ def test_quotas_agree_with_counting_every_half_day(
     assert units(state.next_at) == expected
 
 
+def test_submissions_count_by_their_arrival_in_whatever_order_they_were_scored(
+    counted: Database,
+) -> None:
+    with counted.reading() as session:  # and nothing is kept
+        ada = person_named(session, OWNER)
+        for ago in (1, 5, 3):
+            session.add_all(submitted(ada.team_id, ada.id, [ago]))
+            session.flush()
+        usage = quota_usages(session, {OPEN: QUOTA}, ada, NOON)[OPEN]
+    assert usage.received == [before([12, 36, 60])] * 2
+
+
 @pytest.fixture
 def narrow(folder: Path, open_server: OpenServer) -> Serving:
     """Return a server whose open split has the quota of the tables above."""

@@ -5,6 +5,7 @@ the barn has a stall and a loft. Two episodes go to the pantry, one to the loft.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
@@ -14,7 +15,13 @@ from fixtures.demo_world.broken import FOREIGN, SPOILED
 from fixtures.demo_world.episodes import Answer, Record, episodes_of, submitted
 from reverie_eval import GroundTruth, Problem, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
-from reverie_eval.submissions import Submission, align, read_predictions
+from reverie_eval.submissions import (
+    Submission,
+    align,
+    align_answers_only,
+    check_navigation_only,
+    read_predictions,
+)
 from tests.conftest import SAMPLES
 from tests.support.oracle import Scan, Task, Viewpoint, World
 from tests.support.worlds import SPLIT, ground_truth_of
@@ -324,3 +331,53 @@ def test_validating_reports_jumps_and_abstentions(farm: GroundTruth) -> None:
     assert silent == "2 of 3 answers predict no object"
     assert elsewhere.startswith("no predicted object is visible where its agent stops")
     assert "counted at shortest-path distance" in jumps
+
+
+@pytest.mark.parametrize(
+    ("found", "declared", "says"),
+    [
+        pytest.param(False, False, None, id="answers, as usual"),
+        pytest.param(True, True, None, id="no answers, as declared"),
+        pytest.param(True, False, "no record has an answer", id="answers are lost"),
+        pytest.param(False, True, "has answers, but", id="answers are there after all"),
+    ],
+)
+def test_a_file_without_answers_must_be_declared_and_one_with_answers_must_not(
+    found: bool,  # noqa: FBT001
+    declared: bool,  # noqa: FBT001
+    says: str | None,
+) -> None:
+    if says is None:
+        check_navigation_only(found=found, declared=declared)
+        return
+    with pytest.raises(SubmissionError) as refused:
+        check_navigation_only(found=found, declared=declared)
+    (problem,) = refused.value.problems
+    assert problem.message.startswith(says)
+
+
+def test_answers_alone_are_aligned_at_the_goals(farm: GroundTruth) -> None:
+    """In any order, and at the starts where there are no answers, in a public bundle."""
+    box = {"instr_id": "8_2_0", "predBox": [10, 10, 20, 20], "predView": 12}
+    answers = [box, {"instr_id": "7_1_1", "predObjId": 5}, {"instr_id": "7_1_0", "predObjId": 4}]
+    predictions = read_predictions(answers, answers_only=True)
+    for truth, stops in (
+        (farm, ["pantry", "pantry", "loft"]),
+        (replace(farm, answers=None), ["hall", "hall", "stall"]),
+    ):
+        aligned = align_answers_only(predictions, truth)
+        assert [truth.graph.viewpoint_ids[stop] for stop in aligned.viewpoint] == stops
+        assert aligned.offsets.tolist() == [0, 1, 2, 3]
+        assert aligned.predicted_object.tolist()[:2] == [4, 5]
+        assert aligned.boxes.row.tolist() == [2]
+
+
+def test_problems_of_answers_alone_are_all_listed(farm: GroundTruth) -> None:
+    answers: list[Record] = [
+        {"instr_id": "7_1_1", "predObjId": "sofa"},
+        {"instr_id": "7_1_0", "predObjId": 4},
+    ]
+    with pytest.raises(SubmissionError) as refused:
+        align_answers_only(read_predictions(answers, answers_only=True), farm)
+    codes = [problem.code for problem in refused.value.problems]
+    assert sorted(codes) == ["missing-episode", "wrong-type"]

@@ -36,6 +36,28 @@ def has_answers(form: Form) -> bool:
     return bool(form.answer(1))
 
 
+BOX = [1.0, 2.0, 3.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("answer", "is_valid"),
+    [
+        pytest.param({"predObjId": 0}, True, id="an object"),
+        pytest.param({"predObjId": -1}, True, id="no object"),
+        pytest.param({"predBox": BOX}, True, id="a box"),
+        pytest.param({"predObjId": -1, "predBox": BOX}, True, id="a box and no object"),
+        pytest.param({"predObjId": 0, "predBox": None}, True, id="an object and no box"),
+        pytest.param({"predObjId": 0, "predBox": BOX}, False, id="both"),
+        pytest.param({"predBox": None}, False, id="no box alone"),
+        pytest.param({}, False, id="no answer"),
+        pytest.param({"predObjId": "7"}, False, id="text"),
+    ],
+)
+def test_the_schema_allows_an_object_or_a_box(answer: dict[str, Any], *, is_valid: bool) -> None:
+    record = {"instr_id": "1_7_0", "trajectory": [["hall", 0.0, 0.0]], **answer}
+    assert Draft202012Validator(submission_schema()).is_valid([record]) is is_valid
+
+
 @pytest.fixture
 def result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the path of a result file in the working folder."""

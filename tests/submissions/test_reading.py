@@ -737,3 +737,9 @@ def test_reading_stops_after_too_many_problems(monkeypatch: pytest.MonkeyPatch) 
         assert found[-1].code == "too-many-problems"
         assert "has more than 3 problems; fix these" in found[-1].message
     assert len(problems_of(b"[1, 2, 3]")) == 3
+
+
+def test_the_angles_of_a_pose_written_as_an_object_are_its_own() -> None:
+    pose = {"viewpoint": "hall", "elevation": 0.5, "heading": 1.0}
+    record = {"instr_id": "1_7_0", "trajectory": [pose], "predBox": [1, 2, 3, 4]}
+    assert read_predictions([record]).boxes.camera.tolist() == [[1.0, 0.5]]

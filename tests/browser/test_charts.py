@@ -45,9 +45,13 @@ def query_of(address: str | None) -> dict[str, str]:
 
 
 def values(site: Site, *keys: str) -> list[list[float]]:
-    """Return what the board's table shows of these metrics, the first rank first."""
+    """Return what the board's table shows of ranked results, the first rank first."""
     rows = site.ask(OWNER, "GET", f"/splits/{OPEN}/leaderboard").json()["rows"]
-    return [[float(CATALOGUE[key].display(row["scores"][key])) for key in keys] for row in rows]
+    return [
+        [float(CATALOGUE[key].display(row["scores"][key])) for key in keys]
+        for row in rows
+        if row["standing"] == "ranked"
+    ]
 
 
 def test_a_board_draws_what_is_in_its_table(site: Site, open_page: OpenPage) -> None:

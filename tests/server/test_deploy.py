@@ -46,7 +46,7 @@ def test_the_service_unit_is_sound(tmp_path: Path) -> None:
     words = shlex.split(re.findall(r"^ExecStart=(.*)$", unit, re.MULTILINE)[0])
     accepts(*words[1:])
     file = tmp_path / "reverie-eval.service"
-    file.write_text(unit.replace(words[0], str(COMMAND)))
+    file.write_text(unit.replace(words[0], f'"{COMMAND}"'))
     verified = subprocess.run(
         [program("systemd-analyze"), "verify", file], capture_output=True, text=True, check=False
     )

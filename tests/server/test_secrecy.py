@@ -298,7 +298,7 @@ def test_results_that_cannot_be_read_are_the_doctor_s(server: Serving, folder: P
     with closing(sqlite3.connect(folder / "server.db")) as database, database:
         database.execute("UPDATE submission SET report = '[]'")
     (note,) = [finding for finding in check_folder(folder) if finding.kind != "ok"]
-    assert (note.check, note.kind) == ("secrets", "note")
+    assert (note.check, note.kind) == ("results", "note")
 
 
 def everything_kept(folder: Path, tmp_path: Path) -> Iterator[tuple[str, str]]:

@@ -138,6 +138,7 @@ def places(twins: Twins, submission_id: str) -> Iterator[str]:
                 split=split,
                 submission_id=submission_id,
                 instr_id=instr_id,
+                result_id=1,
             )
 
 

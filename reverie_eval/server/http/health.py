@@ -18,6 +18,7 @@ from typing import Any
 from anyio import move_on_after
 from anyio.to_thread import run_sync
 from sqlalchemy import insert
+from sqlalchemy.exc import DBAPIError
 
 from reverie_eval.agents import run_agent
 from reverie_eval.metrics import CATALOGUE
@@ -140,14 +141,19 @@ class Canary:
 def _compare_rules(server: ServerState, last: LastRules) -> None:
     """Look whether another server of the database has started with other rules.
 
+    A database that cannot be read is not reported here; the next check does that.
+
     Raises
     ------
     UnhealthyError
         If one has.
     """
     rules = rules_of(server.boards)
-    with server.database.reading() as session:
-        splits = different(rules, last.read(session))
+    try:
+        with server.database.reading() as session:
+            splits = different(rules, last.read(session))
+    except DBAPIError:
+        return
     if splits:
         _LOGGER.error(
             "another server on this database started later and scores by other rules",

@@ -12,6 +12,7 @@ from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Receipt
+from reverie_eval.server.operations import rescoring
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries, mismatches
@@ -321,7 +322,10 @@ def test_held_scores_hide_earlier_ones(
 # The command.
 
 
-def test_the_command_previews_and_then_corrects(server: Serving, folder: Path, run: Run) -> None:
+def test_the_command_previews_and_then_corrects(
+    server: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rescoring, "FOR_ONE", 1)  # so that two are enough for two processes
     first, second = agents(2)
     best = sent(server, OWNER, first)
     sent(server, OTHER, second)

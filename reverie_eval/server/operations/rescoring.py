@@ -22,6 +22,10 @@ Progress: TypeAlias = Callable[[Iterable[tuple[Job, Outcome]], int], Iterable[tu
 """Shows progress while iterating over the outcomes; takes their number, too."""
 
 
+FOR_ONE = 100
+"""Submissions for each process: starting one takes as long as scoring about 80 of val_unseen."""
+
+
 def preview(
     settings: Settings, split: str, bundle: Path | None, *, jobs: int, progress: Progress
 ) -> Sequence[ResultChange]:
@@ -74,9 +78,9 @@ def rescore(
 def _score(
     found: Sequence[Job], *, settings: Settings, split: str, jobs: int
 ) -> Generator[Outcome]:
-    """Score in several processes, each of which loads the ground truth by itself."""
+    """Score many submissions in several processes, each of which loads the ground truth."""
     work = partial(_score_one, settings.folder, settings.uploads, split, settings.splits[split])
-    return map_in_processes(work, found, jobs)
+    return map_in_processes(work, found, min(jobs, 1 + len(found) // FOR_ONE))
 
 
 def _score_one(folder: Path, uploads: str, split: str, rules: Split, job: Job) -> Outcome:

@@ -100,7 +100,7 @@ UNREADABLE = [
         ["column 'nav_success': says the same as column 'SR'"],
         id="a column twice",
     ),
-    pytest.param("SR,SPL\n1,2", ["columns: there is none for team or method"], id="nobody"),
+    pytest.param("SR,SPL\n1,2", ["columns: expected one for the team or the method"], id="nobody"),
     pytest.param('team,SR\na,1\n"b,2', ["line 3: cannot be read as CSV"], id="an open quote"),
     pytest.param('{"columns":\n [', ["line 2: invalid JSON at column 3"], id="broken JSON"),
     pytest.param("[" * 100_000, ["the file: is nested too deeply"], id="deep JSON"),

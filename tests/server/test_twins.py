@@ -143,7 +143,7 @@ def places(twins: Twins, submission_id: str) -> Iterator[str]:
 
 
 def compare_as_everybody(twins: Twins, path: str, cookies: Mapping[str, Mapping[str, str]]) -> None:
-    """Look at a path as a visitor and as participants, and at metrics as whoever may read them."""
+    """Look at a path as a visitor and as participants, and at metrics as the organiser."""
     is_page = not path.startswith(("/api", "/healthz", "/metrics"))
     people = [ANYBODY, OWNER, OTHER, *([ORGANISER] if path == "/metrics" else [])]
     for who in people:

@@ -1,8 +1,8 @@
 """What the worker processes of one server share, and what is divided among them.
 
 Requests are counted in one file, so rate limits hold for the whole server, whichever worker
-answers. Slots for uploads and places in the queue are divided, because waiting for another process
-would need a queue outside of all of them. Quotas are in the database, and metrics in the files of
+answers. Slots for uploads and places in the queue are divided, because sharing them would need a
+queue in a process of its own. Quotas are in the database, and metrics in the files of
 prometheus_client's multiprocess mode.
 """
 
@@ -92,7 +92,7 @@ class FileCounts(Storage):
         return int(self._current(key)[0])
 
     def get_expiry(self, key: str) -> float:
-        """Return when the current window ends, in seconds since the epoch; now if there is none."""
+        """Return when the current window ends, in seconds since the epoch; now if none is open."""
         return float(self._current(key)[1])
 
     def check(self) -> bool:

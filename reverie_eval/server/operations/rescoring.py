@@ -20,8 +20,6 @@ from reverie_eval.server.store.uploads import open_uploads
 
 Progress: TypeAlias = Callable[[Iterable[tuple[Job, Outcome]], int], Iterable[tuple[Job, Outcome]]]
 """Shows progress while iterating over the outcomes; takes their number, too."""
-
-
 FOR_ONE = 100
 """Submissions for each process: starting one takes as long as scoring about 80 of val_unseen."""
 
@@ -55,7 +53,7 @@ def preview(
 def rescore(
     settings: Settings, split: str, reason: str, *, actor: str, jobs: int, progress: Progress
 ) -> Sequence[ResultChange]:
-    """Score all submissions again that other ground truth or rules scored, and replace the results.
+    """Score all submissions again that were scored with other ground truth or rules.
 
     Returns how results changed, also those that an interrupted run replaced.
 

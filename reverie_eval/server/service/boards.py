@@ -106,9 +106,13 @@ class Board:
 
     def measures_as(self, report: ScoreReport) -> bool:
         """Whether a report was scored with the current ground truth, protocol and track."""
+        return self.is_current(report.signature, report.fingerprint)
+
+    def is_current(self, signature: str, fingerprint: str) -> bool:
+        """Whether these are of the current ground truth, protocol and track."""
         # The signature has the track, and only the beginning of the fingerprint.
-        return report.fingerprint == self.truth.fingerprint and (
-            without_version(report.signature) == without_version(self.signature)
+        return fingerprint == self.truth.fingerprint and (
+            without_version(signature) == without_version(self.signature)
         )
 
     def report(self, scores: Scores, reading: PreparedSubmission) -> ScoreReport:

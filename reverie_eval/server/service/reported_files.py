@@ -128,14 +128,16 @@ def read_results(text: str, split: str, rates: Rates) -> ResultsFile:
     Raises
     ------
     ResultsError
-        If the rows or the columns cannot be told, with all reasons.
+        If the rows or the columns cannot be recognised, with all reasons.
     """
     text = text.removeprefix("\ufeff")
     is_json = text.lstrip().startswith(("{", "["))
     table = _read_json(text, split) if is_json else _read_csv(text)
     fields = _fields_of(table.columns)
     if not {"team", "method"} & set(fields):
-        raise ResultsError([Problem("no-column", "columns", "there is none for team or method")])
+        raise ResultsError(
+            [Problem("no-column", "columns", "expected one for the team or the method")]
+        )
     rows, problems = [], []
     for place, (where, cells) in enumerate(table.rows):
         row, wrong = _read_row(place, where, dict(zip(fields, cells, strict=False)), rates)

@@ -55,7 +55,7 @@ class Scorer:
     uploads: Uploads
 
     def __call__(self, job: Job) -> Outcome:
-        """Return the new report of a submission, or why there is none."""
+        """Return the new report of a submission, or why it cannot be scored again."""
         try:
             return self._score(job)
         except SubmissionError as error:
@@ -85,14 +85,14 @@ class Rescoring:
     transactions: Transactions
 
     def rescore(self, actor: str, new: NewCorrection) -> RescoringReport:
-        """Score some of the submissions that other ground truth or rules scored.
+        """Score the next submissions that were scored with other ground truth or rules.
 
         Raises
         ------
         NotFoundError
             If the server has no such split.
         ConflictError
-            If none was.
+            If all were scored with the current ones.
         """
         board = board_named(self.boards, new.split)
         with self.database.reading() as session:
@@ -124,7 +124,7 @@ class Rescoring:
         jobs: Sequence[Job],
         outcomes: Iterable[Outcome],
     ) -> Iterator[tuple[Job, Outcome]]:
-        """Announce the correction, if any result has to be replaced, and replace one after another.
+        """Announce the correction and replace results one by one; without jobs, do nothing.
 
         ``outcomes`` are those of the jobs, in their order.
         """
@@ -185,12 +185,12 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
     return [
         Job(name, sha256, has_intervals=published is not None and not board.is_private)
         for name, sha256, signature, fingerprint, published in session.execute(chosen)
-        if not _is_current(board, signature, fingerprint)
+        if not board.is_current(signature, fingerprint)
     ]
 
 
 def count_outdated(session: Session, boards: Mapping[str, Board]) -> Mapping[str, int]:
-    """Count the submissions that :func:`outdated` returns, by split; splits without any are out."""
+    """Count the submissions that :func:`outdated` returns, for each split that has any."""
     scored_by = (
         select(
             Submission.split,
@@ -204,14 +204,9 @@ def count_outdated(session: Session, boards: Mapping[str, Board]) -> Mapping[str
     counts: Counter[str] = Counter()
     counted = select(*scored_by, func.count().label("number")).group_by(*scored_by)
     for row in session.execute(counted):
-        if not _is_current(boards[row.split], row.signature, row.fingerprint):
+        if not boards[row.split].is_current(row.signature, row.fingerprint):
             counts[row.split] += row.number
     return counts
-
-
-def _is_current(board: Board, signature: str, fingerprint: str) -> bool:
-    rules = without_version(board.signature)
-    return (without_version(signature), fingerprint) == (rules, board.truth.fingerprint)
 
 
 def list_corrections(session: Session, page: Page) -> Listed[CorrectionReport]:

@@ -42,7 +42,10 @@ from reverie_eval.server.store.tables import (
 _BEFORE_THE_FIRST = "0" * 64
 _SUBMITTED = "submitted"
 RULES = "rules recorded"
-"""The action of a server that starts with other rules than the last one; no row shows it."""
+"""The action of a server that starts with other rules than the last one."""
+INSPECTED = "inspected"
+"""The action of an organiser who reads the values of a submission's episodes."""
+_SHOWN_BY_NO_ROW = frozenset({RULES, INSPECTED})
 _REPEATABLE = frozenset(
     {"changed", "token revoked", "team renamed", "scored again", "reported result changed"}
 )
@@ -168,9 +171,14 @@ class Event:
 
 
 def history(session: Session, submission_id: str) -> Sequence[Event]:
-    """Return what happened to a submission, the earliest first."""
-    chosen = select(AuditEntry).where(AuditEntry.subject == submission_id).order_by(AuditEntry.id)
-    return [_event(entry) for entry in session.scalars(chosen)]
+    """Return what happened to a submission, the earliest first.
+
+    Its team sees this, so it does not say that an organiser inspected it.
+    """
+    chosen = select(AuditEntry).where(
+        AuditEntry.subject == submission_id, AuditEntry.action != INSPECTED
+    )
+    return [_event(entry) for entry in session.scalars(chosen.order_by(AuditEntry.id))]
 
 
 def _event(entry: AuditEntry) -> Event:
@@ -222,7 +230,7 @@ def mismatches(session: Session) -> Iterator[str]:
         if at is not None or name == _SUBMITTED
     }
     for action in sorted(logged - visible, key=str):
-        if action.name not in {*_REPEATABLE, RULES}:
+        if action.name not in _REPEATABLE | _SHOWN_BY_NO_ROW:
             yield f"{action}: logged, but no longer in the database"
     for action in sorted(visible - logged, key=str):
         yield f"{action}: in the database, but not logged"

@@ -23,6 +23,9 @@ server = LazyGroup(
             "import": "reported:import_results",
             "reported": "reported:reported",
         },
+        "Look into submissions": {
+            "inspect": "inspect:inspect",
+        },
         "Keep": {
             "doctor": "folder:doctor",
             "audit": "audit:audit",

@@ -15,6 +15,7 @@ from reverie_eval.server.service.boards import Board, board_named, load_boards
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
+from reverie_eval.server.service.evidence import EvidenceService
 from reverie_eval.server.service.intake import Clock, Intake
 from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices
@@ -47,6 +48,7 @@ class ServerState:
     intake: Intake
     submissions: SubmissionService
     rescoring: Rescoring
+    evidence: EvidenceService
     notices: Notices
     sessions: Sessions
     entries: EntriesCache
@@ -104,6 +106,7 @@ class ServerState:
             intake,
             submissions,
             Rescoring(boards, database, uploads, signer, transactions),
+            EvidenceService(boards, database, uploads, signer),
             notices,
             sessions,
             EntriesCache(),

@@ -44,6 +44,7 @@ PAGES = (
     "/desk/reviews",
     "/desk/reported",
     "/desk/corrections",
+    "/desk/evidence",
     "/desk/people",
     "/desk/quotas",
     "/desk/notice",

@@ -25,6 +25,7 @@ server = LazyGroup(
         },
         "Look into submissions": {
             "inspect": "inspect:inspect",
+            "evidence": "evidence:evidence",
         },
         "Keep": {
             "doctor": "folder:doctor",

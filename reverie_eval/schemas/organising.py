@@ -120,6 +120,9 @@ class AuditReport(WireModel):
     id: int = Field(examples=[17])
     at: datetime
     actor: OrganiserName
+    actor_row: str = Field(examples=["person:1"])
+    """The person who acted, for programs: names are those of today. Empty for the server itself and
+    for the command line."""
     action: str = Field(examples=["granted"])
     row: str = Field(examples=["quota_grant:2"])
     """What it was done to, for programs: `team:3`."""

@@ -116,7 +116,7 @@ class Call:
         **named: Given.kwargs,
     ) -> Report:
         """Run an action as the caller; also raises the errors of :meth:`snapshot`."""
-        with self.server.transactions.begin(self.person().name) as transaction:
+        with self.server.transactions.begin(self.person()) as transaction:
             return action(transaction, *given, **named)
 
     def _sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:

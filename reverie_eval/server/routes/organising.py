@@ -167,7 +167,7 @@ def rescore(new: NewCorrection, organiser: Organiser, _: ScoringSlot) -> Rescori
 
     Each request scores the next ones; `left` says how many remain. `server rescore` scores all.
     """
-    return organiser.server.rescoring.rescore(organiser.person().name, new)
+    return organiser.server.rescoring.rescore(organiser.person(), new)
 
 
 @router.get("/notice")
@@ -194,5 +194,4 @@ def list_attempts(organiser: Organiser, paging: Paging) -> list[AttemptReport]:
 def list_audit(organiser: Organiser, paging: Paging) -> list[AuditReport]:
     """List the audit log, the oldest entry first; `server doctor` checks its chain."""
     with organiser.snapshot() as snapshot:
-        found = paging.reply(audit.list_entries(snapshot.session, paging.page))
-        return [AuditReport.model_validate(entry) for entry in found]
+        return paging.reply(audit.list_reports(snapshot.session, paging.page))

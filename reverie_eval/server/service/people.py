@@ -60,7 +60,10 @@ def add_person(transaction: Transaction, new: NewPerson) -> PersonReport:
     team = team_named(transaction.session, new.team)
     person = Person(team_id=team.id, name=new.name, role=new.role, created_at=transaction.now)
     _write(transaction, person)
-    transaction.record("person added", person, person.name, team=team.name, role=person.role)
+    name = transaction.audit_log.name_digest(person)
+    transaction.record(
+        "person added", person, person, team=team.name, role=person.role, name_digest=name
+    )
     return person_report(person)
 
 

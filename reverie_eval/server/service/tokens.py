@@ -63,7 +63,7 @@ def accept_invitation(transaction: Transaction, invitation: str) -> Welcome:
     used = valid_token(transaction.session, invitation, "invite", transaction.now)
     used.revoked_at = transaction.now
     person = used.person
-    created = _create(transaction.as_actor(person.name), person, "access", None)
+    created = _create(transaction.as_actor(person), person, "access", None)
     return Welcome(person=person.name, team=person.team.name, token=created.token)
 
 
@@ -255,7 +255,7 @@ def _create(
         expires_at=expires_at,
     )
     transaction.add(token)
-    transaction.record(f"{kind} token created", token, person.name, hint=token.hint)
+    transaction.record(f"{kind} token created", token, person, hint=token.hint)
     return NewTokenReport(**token_report(token).model_dump(), token=text)
 
 
@@ -269,7 +269,7 @@ def _revoke_valid(transaction: Transaction, whose: ColumnElement[bool]) -> list[
 def _revoke(transaction: Transaction, tokens: Iterable[Token]) -> None:
     for token in tokens:
         token.revoked_at = token.revoked_at or transaction.now
-        transaction.record("token revoked", token, token.person.name, hint=token.hint)
+        transaction.record("token revoked", token, token.person, hint=token.hint)
 
 
 def _digest(text: str) -> str:

@@ -76,6 +76,8 @@ GET  /desk/quotas                   sign-in    403       403       403       200
 POST /desk/quotas                   sign-in    403       403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
+GET  /desk/people/{person_id}       sign-in    403       403       403       200
+POST /desk/people/{person_id}       sign-in    403       403       403       303
 POST /desk/people/teams             sign-in    403       403       403       303
 POST /desk/people/teams/rename      sign-in    403       403       403       303
 POST /desk/people/tokens            sign-in    403       403       403       200
@@ -116,9 +118,10 @@ FORMS: Mapping[str, dict[str, str]] = {
         "until": "2026-04-01",
     },
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
+    "POST /desk/people/{person_id}": {"name": "Adele", "team": "Blue", "email": ""},
     "POST /desk/people/teams": {"name": "Green"},
     "POST /desk/people/teams/rename": {"team": "Red", "name": "Azure"},
-    "POST /desk/people/tokens": {"person": OWNER, "kind": "invite"},
+    "POST /desk/people/tokens": {"person": "1", "kind": "invite"},
     "POST /desk/notice": {"banner": "Soon"},
 }
 """What a form's own fields hold."""
@@ -149,6 +152,7 @@ def parts(server: Serving) -> Mapping[str, str]:
         transaction.add(result)
     return {
         "hint": spare,
+        "person_id": "1",
         "review_id": str(said),
         "result_id": str(result.id),
         "split": OPEN,

@@ -48,6 +48,7 @@ POST   /organiser/teams                           401    403   403    403       
 PATCH  /organiser/teams/{name:path}              401    403   403    403        200      401         401
 GET    /organiser/people                          401    403   403    403        200      401         401
 POST   /organiser/people                          401    403   403    403        201      401         401
+PATCH  /organiser/people/{person_id}              401    403   403    403        200      401         401
 GET    /organiser/tokens                          401    403   403    403        200      401         401
 POST   /organiser/tokens                          401    403   403    403        201      401         401
 DELETE /organiser/tokens/{hint}                   401    403   403    403        200      401         401
@@ -78,6 +79,7 @@ BODIES: Mapping[str, dict[str, Any]] = {
     "POST /organiser/teams": {"json": {"name": "Green"}},
     "PATCH /organiser/teams/{name:path}": {"json": {"name": "Azure"}},
     "POST /organiser/people": {"json": {"name": "Dora", "team": "Red"}},
+    "PATCH /organiser/people/{person_id}": {"json": {"email": "ada@example.org"}},
     "POST /organiser/tokens": {"json": {"person": OWNER}},
     "POST /organiser/grants": {
         "json": {
@@ -142,6 +144,7 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],
         "hint": spare.hint,
+        "person_id": "1",
         "review_id": str(said.id),
         "result_id": str(result.id),
     }

@@ -43,6 +43,7 @@ class Example(NamedTuple):
             "other_id": site.ids[OPEN, BOLD],
             "wordy_id": site.ids[OPEN, ENDLESS],
             "result_id": "1",
+            "person_id": "1",
             "instr_id": "1196_0_0",
             "private_id": site.ids[PRIVATE, "Shortest paths"],
         }
@@ -88,6 +89,7 @@ EXAMPLES = (
     Example("/desk/reported/{result_id}", ORGANISER),
     Example("/desk/quotas", ORGANISER),
     Example("/desk/people", ORGANISER),
+    Example("/desk/people/{person_id}", ORGANISER),
     Example("/desk/notice", ORGANISER),
     Example("/desk/audit", ORGANISER),
     Example("/no-such-page"),

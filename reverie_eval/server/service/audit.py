@@ -51,10 +51,17 @@ _SUBMITTED = "submitted"
 RULES = "rules recorded"
 """The action of a server that starts with other rules than the last one; no row shows it."""
 _REPEATABLE = frozenset(
-    {"changed", "token revoked", "team renamed", "scored again", "reported result changed"}
+    {
+        "changed",
+        "token revoked",
+        "team renamed",
+        "person changed",
+        "scored again",
+        "reported result changed",
+    }
 )
 """Actions that may happen to a row several times; the row shows only the last."""
-_NAMING = ("person added",)
+_NAMING = ("person added", "person changed")
 """Actions that give a person a name."""
 _PERSON = re.compile(r"person:([0-9]{1,9})")
 _SWITCHES = {

@@ -45,10 +45,12 @@ def create_token(transaction: Transaction, new: NewToken) -> NewTokenReport:
     ------
     NotFoundError
         If there is no such person.
+    ConflictError
+        If several teams have a person of that name, and none is given.
     MalformedError
         If it would already be expired.
     """
-    person = person_named(transaction.session, new.person)
+    person = person_named(transaction.session, new.person, new.team)
     return _create(transaction, person, new.kind, new.expires_at)
 
 
@@ -88,9 +90,11 @@ def revoke_tokens_of_team(transaction: Transaction, name: str) -> list[TokenRepo
     return _revoke_valid(transaction, Token.person_id.in_([person.id for person in team.people]))
 
 
-def revoke_tokens_of_person(transaction: Transaction, name: str) -> list[TokenReport]:
-    """Revoke all tokens of a person; NotFoundError if there is no such person."""
-    person = person_named(transaction.session, name)
+def revoke_tokens_of_person(
+    transaction: Transaction, name: str, team: str | None = None
+) -> list[TokenReport]:
+    """Revoke all tokens of a person; raises the errors of :func:`person_named`."""
+    person = person_named(transaction.session, name, team)
     return _revoke_valid(transaction, Token.person_id == person.id)
 
 
@@ -105,6 +109,7 @@ def token_report(token: Token) -> TokenReport:
         hint=token.hint,
         kind=token.kind,
         person=token.person.name,
+        team=token.person.team.name,
         created_at=token.created_at,
         expires_at=token.expires_at,
         revoked_at=token.revoked_at,

@@ -57,10 +57,13 @@ class Person(Base):
     """A person in a team, with a quota of their own."""
 
     __tablename__ = "person"
+    __table_args__ = (Index("one_per_name", "team_id", "name", unique=True),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"), index=True)
-    name: Mapped[str] = mapped_column(String(100), unique=True)
+    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"))
+    name: Mapped[str] = mapped_column(String(100), index=True)
+    email: Mapped[str | None] = mapped_column(String(254))
+    """Never shown to others than organisers and the person."""
     role: Mapped[Role]
     created_at: Mapped[datetime]
     team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)

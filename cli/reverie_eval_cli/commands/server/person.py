@@ -1,4 +1,4 @@
-"""``reverie-eval server person add|list|revoke FOLDER``."""
+"""``reverie-eval server person add|edit|list|revoke FOLDER``."""
 
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @click.group(cls=Group)
 def person() -> None:
-    """Add and list people, and revoke their tokens."""
+    """Add, edit and list people, and revoke their tokens."""
 
 
 @person.command()
@@ -31,7 +31,8 @@ def person() -> None:
     show_default=True,
     help="Organisers see the submissions of all teams.",
 )
-def add(*, folder: Path, name: str, team: str, role: "Role") -> None:
+@click.option("--email", metavar="ADDRESS", help="Only organisers and the person see it.")
+def add(*, folder: Path, name: str, team: str, role: "Role", email: str | None) -> None:
     """Add a person to a team.
 
     The team and the organisers see the NAME.
@@ -39,10 +40,44 @@ def add(*, folder: Path, name: str, team: str, role: "Role") -> None:
     from reverie_eval.schemas.organising import NewPerson
     from reverie_eval.server.service.people import add_person
 
-    new = checked(NewPerson, team=team, name=name, role=role)
+    new = checked(NewPerson, team=team, name=name, role=role, email=email)
     with acting(folder) as transaction:
         added = add_person(transaction, new)
     print(f"{added.role} {added.name} added to {team}")
+
+
+@person.command()
+@options.server_folder
+@click.argument("name")
+@options.of_team
+@click.option("--name", "new_name", metavar="NAME", help="Rename the person.")
+@click.option("--email", metavar="ADDRESS", help="Set their address; '' removes it.")
+@click.option("--move-to", metavar="TEAM", help="Move them; their submissions stay with the team.")
+def edit(
+    *,
+    folder: Path,
+    name: str,
+    team: str | None,
+    new_name: str | None,
+    email: str | None,
+    move_to: str | None,
+) -> None:
+    """Rename a person, change their address, or move them.
+
+    What is not given stays as it is.
+    """
+    from reverie_eval.schemas.organising import PersonChange
+    from reverie_eval.server.service import people
+
+    given = {"name": new_name, "email": email, "team": move_to}
+    wanted = {field: value for field, value in given.items() if value is not None}
+    if not wanted:
+        raise click.UsageError("nothing to change; give --name, --email or --move-to")
+    change = checked(PersonChange, **(wanted | ({"email": None} if email == "" else {})))
+    with acting(folder) as transaction:
+        known = people.person_named(transaction.session, name, team)
+        changed = people.change_person(transaction, known.id, change)
+    print(f"{changed.name}, {changed.team}, {changed.email or 'no e-mail address'}")
 
 
 @person.command("list")
@@ -54,14 +89,18 @@ def list_people(*, folder: Path) -> None:
 
     with reading(folder) as session:
         everybody = list(all_pages(partial(people.list_people, session)))
-    rows = [(each.name, each.team, each.role, minute(each.created_at)) for each in everybody]
-    print_list(("person", "team", "role", "since (UTC)"), rows)
+    rows = [
+        (each.name, each.team, each.role, each.email or "-", minute(each.created_at))
+        for each in everybody
+    ]
+    print_list(("person", "team", "role", "e-mail", "since (UTC)"), rows)
 
 
 @person.command()
 @options.server_folder
 @click.argument("name")
-def revoke(*, folder: Path, name: str) -> None:
+@options.of_team
+def revoke(*, folder: Path, name: str, team: str | None) -> None:
     """Revoke all tokens and invitations of a person.
 
     Their results stay.
@@ -69,5 +108,5 @@ def revoke(*, folder: Path, name: str) -> None:
     from reverie_eval.server.service.tokens import revoke_tokens_of_person
 
     with acting(folder) as transaction:
-        revoked = revoke_tokens_of_person(transaction, name)
+        revoked = revoke_tokens_of_person(transaction, name, team)
     print(f"{name}: {count_text(len(revoked), 'token')} revoked")

@@ -18,6 +18,8 @@ from reverie_eval.server.service.paging import Page
 
 ON_A_PAGE = 100
 """The number of rows on a page of a list."""
+_LONGEST_NUMBER = 10
+"""Digits that may be more than a database can count."""
 _OURS = frozenset({"csrf_token", "confirmed"})
 
 Typed: TypeAlias = Mapping[str, str]
@@ -73,6 +75,15 @@ def typed_by(desk: Call, form: FormData, draw: Draw) -> Typed:
     typed = typed_into(form)
     show_faults(desk, typed, draw)
     return typed
+
+
+def number(text: str) -> int:
+    """Return the number of a row that was chosen in a form; 0, which no row has, if it is none.
+
+    >>> number("12"), number("Ada")
+    (12, 0)
+    """
+    return int(text) if text.isascii() and text.isdigit() and len(text) < _LONGEST_NUMBER else 0
 
 
 def is_confirmed(form: FormData) -> bool:

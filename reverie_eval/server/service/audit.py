@@ -37,6 +37,7 @@ from reverie_eval.server.store.tables import (
     Base,
     Correction,
     Grant,
+    JoinRequest,
     Notice,
     Person,
     ReportedResult,
@@ -328,6 +329,7 @@ def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str]]:
 _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (Team, select(literal("team added"), Team.id, Team.created_at)),
     (Person, select(literal("person added"), Person.id, Person.created_at)),
+    (JoinRequest, select(JoinRequest.decision, JoinRequest.id, JoinRequest.decided_at)),
     (Token, select(Token.kind.concat(" token created"), Token.id, Token.created_at)),
     # Using an invitation is not logged; creating the token that it was exchanged for is.
     (

@@ -230,11 +230,12 @@ def as_csv(ranking: Ranking) -> str:
             *(entry.standing, reviews, entry.source, entry.reported_date, entry.dataset),
             entry.signature,
         ]
-        writer.writerow([*map(_cell, words), *(entry.scores.get(key) for key in shown)])
+        writer.writerow([*map(spreadsheet_cell, words), *(entry.scores.get(key) for key in shown)])
     return text.getvalue()
 
 
-def _cell(value: str | int | None) -> str | int | None:
+def spreadsheet_cell(value: str | int | None) -> str | int | None:
+    """Return a cell of CSV that no spreadsheet reads as a formula."""
     if isinstance(value, bool):
         return str(value).lower()
     # Spreadsheets read full-width signs as the ASCII ones, to which NFKC maps them.

@@ -34,6 +34,8 @@ HINT_LENGTH = len(PREFIX) + 8
 TOKEN_NAMES: Mapping[TokenKind, str] = {"access": "token", "invite": "invitation"}
 """Names for people, by kind."""
 
+INVITATION_LIFETIME = timedelta(days=14)
+"""Of an invitation, unless the organiser chooses another."""
 LIFETIME = timedelta(hours=12)
 """Of a session; using it does not extend it."""
 

@@ -69,6 +69,25 @@ class Person(Base):
     team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)
 
 
+class JoinRequest(Base):
+    """A request for accounts; what it says of people is removed once it was answered."""
+
+    __tablename__ = "join_request"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    team: Mapped[str] = mapped_column(String(100))
+    people: Mapped[list[dict[str, Any]]]
+    """Names and addresses, as in the request."""
+    institution: Mapped[str] = mapped_column(String(100))
+    purpose: Mapped[str] = mapped_column(String(500))
+    digest: Mapped[str] = mapped_column(String(64), index=True)
+    """SHA-256 of all of it, to recognise the same request."""
+    created_at: Mapped[datetime]
+    decision: Mapped[str | None] = mapped_column(String(20))
+    """``request accepted`` or ``request rejected``; None while it is open."""
+    decided_at: Mapped[datetime | None]
+
+
 class Token(Base):
     """A token or invitation of a person; only its digest is stored."""
 

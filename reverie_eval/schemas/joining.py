@@ -1,0 +1,73 @@
+"""Requests to join, which anyone may send to a server, and what organisers do with them."""
+
+from datetime import datetime
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from reverie_eval.schemas.organising import NewTokenReport
+from reverie_eval.schemas.wire import Email, Line, Name, TeamName, WireModel
+
+MOST_PEOPLE = 10
+"""In one request; more can be added later."""
+
+
+class NewPersonToJoin(WireModel):
+    """A person who asks for an account."""
+
+    name: Name = Field(examples=["Ada"])
+    email: Email
+    """Where the organiser sends the invitation."""
+
+
+class NewJoinRequest(WireModel):
+    """A request for accounts in a new team or an existing one."""
+
+    team: Name = Field(examples=["Blue"])
+    people: list[NewPersonToJoin] = Field(min_length=1, max_length=MOST_PEOPLE)
+    institution: Name = Field(examples=["University of Adelaide"])
+    purpose: Line = Field("", examples=["We work on agents with a map."])
+    """What the accounts are for."""
+
+    @model_validator(mode="after")
+    def _has_distinct_names(self) -> Self:
+        names = [person.name for person in self.people]
+        if len(set(names)) < len(names):
+            raise ValueError("each person needs a name of their own")
+        return self
+
+
+class JoinReply(WireModel):
+    """The reply to every request to join: it does not reveal who is known here."""
+
+    message: str = Field(examples=["The organiser will answer by e-mail."])
+
+
+class JoinRequestReport(NewJoinRequest):
+    """An open request to join, as organisers see it."""
+
+    id: int = Field(examples=[4])
+    team: TeamName
+    team_exists: bool
+    """Whether accepting it adds the people to a team that is there already."""
+    created_at: datetime
+
+
+class Rejection(WireModel):
+    """Why a request to join is rejected."""
+
+    reason: Line = Field("", examples=["Not a research group."])
+    """For the audit log."""
+
+
+class AcceptedRequest(WireModel):
+    """A request that was accepted, with an invitation for each person, shown only once."""
+
+    team: TeamName
+    invitations: list["PersonInvitation"]
+
+
+class PersonInvitation(NewTokenReport):
+    """An invitation for a person, and the address that it can be sent to."""
+
+    email: Email | None

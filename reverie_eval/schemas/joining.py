@@ -1,11 +1,11 @@
-"""Requests to join, which anyone may send to a server, and what organisers do with them."""
+"""Joining a server: requests, which anyone may send, and files of people to be added."""
 
 from datetime import datetime
 from typing import Self
 
 from pydantic import Field, model_validator
 
-from reverie_eval.schemas.organising import NewTokenReport
+from reverie_eval.schemas.organising import LONGEST_FILE, NewPerson, NewTokenReport
 from reverie_eval.schemas.wire import Email, Line, Name, TeamName, WireModel
 
 MOST_PEOPLE = 10
@@ -60,14 +60,44 @@ class Rejection(WireModel):
     """For the audit log."""
 
 
-class AcceptedRequest(WireModel):
-    """A request that was accepted, with an invitation for each person, shown only once."""
-
-    team: TeamName
-    invitations: list["PersonInvitation"]
-
-
 class PersonInvitation(NewTokenReport):
     """An invitation for a person, and the address that it can be sent to."""
 
     email: Email | None
+
+
+class AcceptedRequest(WireModel):
+    """A request that was accepted, with an invitation for each person, shown only once."""
+
+    team: TeamName
+    invitations: list[PersonInvitation]
+
+
+class NewPeopleImport(WireModel):
+    """A file of people to be added."""
+
+    text: str = Field(
+        min_length=1,
+        max_length=LONGEST_FILE,
+        examples=["team,person,email,role\nBlue,Dora,dora@example.org,participant\n"],
+    )
+    """CSV with the columns team, person, email and role; the last two may be left out."""
+    invite: bool = False
+    """Return an invitation for each person who is added."""
+    dry_run: bool = False
+    """Change nothing, only say what would be added."""
+
+
+class PeopleImportReport(WireModel):
+    """What an import of people has added, or would add."""
+
+    rows: int = Field(examples=[12])
+    """People in the file."""
+    teams: list[str] = Field(examples=[["Blue"]])
+    """Teams that were added."""
+    added: list[NewPerson]
+    """In the order of the file."""
+    known: int = Field(examples=[1])
+    """People who were there before; they stay as they are."""
+    invitations: list[PersonInvitation]
+    """Shown only once."""

@@ -91,6 +91,7 @@ EXAMPLES = (
     Example("/desk/quotas", ORGANISER),
     Example("/desk/requests", ORGANISER),
     Example("/desk/people", ORGANISER),
+    Example("/desk/people/import", ORGANISER),
     Example("/desk/people/{person_id}", ORGANISER),
     Example("/desk/notice", ORGANISER),
     Example("/desk/audit", ORGANISER),

@@ -1,4 +1,4 @@
-"""Asking to join, and the organiser's answers."""
+"""Asking to join, the organiser's answers, and files of people."""
 
 from fastapi import APIRouter
 
@@ -7,12 +7,14 @@ from reverie_eval.schemas.joining import (
     JoinReply,
     JoinRequestReport,
     NewJoinRequest,
+    NewPeopleImport,
+    PeopleImportReport,
     Rejection,
 )
 from reverie_eval.server.http.callers import Organiser, Server
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Number, Paging
-from reverie_eval.server.service import joining
+from reverie_eval.server.service import joining, people_files
 
 router = APIRouter()
 _REFUSALS = problems("not-signed-in", "not-allowed", "not-found", "conflict")
@@ -53,3 +55,13 @@ def accept_request(request_id: Number, organiser: Organiser) -> AcceptedRequest:
 def reject_request(request_id: Number, rejection: Rejection, organiser: Organiser) -> None:
     """Reject a request to join, and remove what it says of people."""
     organiser.perform(joining.reject_request, request_id, rejection)
+
+
+@router.post(
+    "/organiser/people/import",
+    tags=["organiser"],
+    responses=problems("not-signed-in", "not-allowed", "malformed-request"),
+)
+def import_people(new: NewPeopleImport, organiser: Organiser) -> PeopleImportReport:
+    """Add the people of a file, or with a problem none; the same file again changes nothing."""
+    return organiser.perform(people_files.import_people, new)

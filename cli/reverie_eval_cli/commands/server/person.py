@@ -1,4 +1,4 @@
-"""``reverie-eval server person add|edit|list|revoke FOLDER``."""
+"""``reverie-eval server person add|edit|import|list|revoke FOLDER``."""
 
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,8 @@ import click
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
+from reverie_eval_cli.organising import acting, checked, minute, print_list, read_text, reading
+from reverie_eval_cli.output import note
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Role
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.group(cls=Group)
 def person() -> None:
-    """Add, edit and list people, and revoke their tokens."""
+    """Add, edit, import and list people, and revoke their tokens."""
 
 
 @person.command()
@@ -78,6 +79,35 @@ def edit(
         known = people.person_named(transaction.session, name, team)
         changed = people.change_person(transaction, known.id, change)
     print(f"{changed.name}, {changed.team}, {changed.email or 'no e-mail address'}")
+
+
+@person.command("import")
+@options.server_folder
+@click.argument("file", type=options.PATH)
+@click.option("--invite", is_flag=True, help="Print an invitation for each added person, as CSV.")
+@click.option("--dry-run", is_flag=True, help="Only show who would be added.")
+def import_people(*, folder: Path, file: Path, invite: bool, dry_run: bool) -> None:
+    """Add the people of a file, and their teams.
+
+    FILE is CSV with the columns team, person, email and role; the last two may be left out. People
+    who are there already stay as they are.
+
+    Exit status: 0 done, 1 file rejected and nobody added, 2 usage or system error.
+    """
+    from reverie_eval.schemas.joining import NewPeopleImport
+    from reverie_eval.server.service import people_files
+
+    new = checked(NewPeopleImport, text=read_text(file), invite=invite, dry_run=dry_run)
+    with acting(folder) as transaction:
+        report = people_files.import_people(transaction, new)
+    if dry_run:
+        rows = [(each.team, each.name, each.email or "-", each.role) for each in report.added]
+        print_list(("team", "person", "e-mail", "role"), rows)
+    if report.invitations:
+        print(people_files.invitations_csv(report.invitations), end="")
+    done = "would be added" if dry_run else "added"
+    counts = f"{len(report.added):,} {done}, {report.known:,} already there"
+    note(f"{count_text(report.rows, 'row')}: {counts}; {count_text(len(report.teams), 'new team')}")
 
 
 @person.command("list")

@@ -6,6 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from fastapi.responses import Response
 
+from reverie_eval.schemas.joining import NewPeopleImport
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken, PersonChange
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.http.callers import Call, Desk, Posted
@@ -13,7 +14,7 @@ from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.rendering import address_of_site
-from reverie_eval.server.service import people, tokens
+from reverie_eval.server.service import people, people_files, tokens
 
 router = APIRouter()
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
@@ -107,6 +108,42 @@ def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
         return forms.ask(desk, {}, question=question, remark=remark, yes="Revoke it", back=PAGE)
     desk.perform(tokens.revoke_token, hint)
     return forms.done(PAGE, "revoked")
+
+
+def draw_import(desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None) -> Response:
+    """Show the form to import a file of people."""
+    with desk.snapshot() as snapshot:
+        return forms.desk_page(desk, snapshot, "people-import.html", problem, typed=typed)
+
+
+@router.get(f"{PAGE}/import")
+def show_import(desk: Desk) -> Response:
+    """Show the form to import a file of people."""
+    return draw_import(desk, {})
+
+
+@router.post(f"{PAGE}/import")
+def import_file(desk: Desk, form: Posted) -> Response:
+    """Show what a file would add; add it if that was confirmed, and show the invitations."""
+    typed = forms.typed_by(desk, form, draw_import)
+    typed = {**typed, "text": forms.file_or_text(form, "file", typed.get("text", ""))}
+    new = read_model(NewPeopleImport, {**typed, "dry_run": not forms.is_confirmed(form)})
+    report = desk.perform(people_files.import_people, new)
+    if new.dry_run:
+        return forms.ask(desk, typed, "confirm-people.html", report=report)
+    if not report.invitations:
+        return forms.done(PAGE, "imported")
+    sign_in = address_of_site(desk.request, "/sign-in")
+    with desk.snapshot() as snapshot:
+        return forms.desk_page(
+            desk,
+            snapshot,
+            "invitations.html",
+            team="",
+            invitations=report.invitations,
+            sign_in=sign_in,
+            back=PAGE,
+        )
 
 
 def draw_person(

@@ -68,6 +68,22 @@ class NewToken(WireModel):
     expires_at: Instant | None = Field(None, examples=["2027-07-01T12:00:00Z"])
 
 
+class KeyRotation(WireModel):
+    """The signing key to be replaced by a new one."""
+
+    reason: Reason = Field("changed by the organiser", examples=["the yearly change"])
+    """Published with the key that ends."""
+
+
+class KeyRevocation(WireModel):
+    """A signing key that others may have."""
+
+    since: Instant = Field(examples=["2027-06-01T12:00:00Z"])
+    """Its signatures of submissions received later do not count."""
+    reason: Reason = Field(examples=["a laptop with a backup was stolen"])
+    """Published with the key."""
+
+
 class TokenReport(WireModel):
     """What the server knows about a token, without the token itself."""
 

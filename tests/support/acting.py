@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
 from reverie_eval.schemas.organising import (
     NewPerson,
     NewReview,
@@ -16,12 +18,13 @@ from reverie_eval.schemas.organising import (
 from reverie_eval.schemas.service import Role, Verdict
 from reverie_eval.server.service import people, reviews, tokens
 from reverie_eval.server.service.audit import AuditLog
+from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.database import Database
 
 NOON = datetime(2026, 3, 2, 12, tzinfo=UTC)
 """When every test begins."""
-AUDIT_LOG = AuditLog(b"the key of tests")
+AUDIT_LOG = AuditLog(Signer(Ed25519PrivateKey.from_private_bytes(bytes(32)), "tests"))
 
 
 @contextmanager

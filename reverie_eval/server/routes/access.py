@@ -1,16 +1,18 @@
-"""The server itself, the caller, signing in and out, and the public key."""
+"""The server itself, the caller, signing in and out, and the public keys."""
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import PlainTextResponse
 
 from reverie_eval.schemas.service import (
     Invitation,
+    KeyReport,
     Me,
     ServerReport,
     SessionReport,
     SignIn,
     Welcome,
 )
+from reverie_eval.schemas.wire import EXAMPLE_KEY
 from reverie_eval.server.errors import NotSignedInError
 from reverie_eval.server.http.callers import (
     Anybody,
@@ -22,13 +24,12 @@ from reverie_eval.server.http.callers import (
     set_cookie,
 )
 from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.service.keys import list_keys
 from reverie_eval.server.service.tokens import accept_invitation
 from reverie_eval.server.store.tables import BrowserSession
 from reverie_eval.version import __version__
 
 router = APIRouter(tags=["access"])
-
-_PEM = "-----BEGIN PUBLIC KEY-----\nMCow...\n-----END PUBLIC KEY-----\n"
 
 
 @router.get("/server")
@@ -60,13 +61,20 @@ def exchange_invitation(invitation: Invitation, server: Server) -> Welcome:
         return accept_invitation(transaction, invitation.invitation)
 
 
+@router.get("/keys")
+def show_keys(server: Server) -> list[KeyReport]:
+    """List all keys that receipts are checked with, the earliest first; the last is in use."""
+    with server.database.reading() as session:
+        return list_keys(session)
+
+
 @router.get(
     "/key",
     response_class=PlainTextResponse,
-    responses={200: {"content": {"text/plain": {"example": _PEM}}}},
+    responses={200: {"content": {"text/plain": {"example": EXAMPLE_KEY}}}},
 )
 def show_key(server: Server) -> str:
-    """Return the public key that receipts are checked with, in PEM form."""
+    """Return the public key that receipts are signed with now, in PEM form."""
     return server.signer.public_pem
 
 

@@ -26,6 +26,7 @@ server = LazyGroup(
         "Keep": {
             "doctor": "folder:doctor",
             "audit": "audit:audit",
+            "key": "key:key",
             "backup": "backup:backup",
             "restore": "backup:restore",
         },

@@ -321,6 +321,12 @@ class NewNotice(WireModel):
     paused: bool = Field(default=False, examples=[True])
 
 
+class NewNews(WireModel):
+    """A news entry to be posted."""
+
+    text: Reason = Field(examples=["The workshop is on 12 June 2027; see you there."])
+
+
 class NoticeReport(WireModel):
     """The current message to everyone: the settings' own if nothing was posted."""
 

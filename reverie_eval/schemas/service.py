@@ -53,6 +53,19 @@ class ServerReport(WireModel):
     """The first letters of the SHA-256 of the public key that receipts are checked with."""
     required_metadata: list[str] = Field(examples=[["description"]])
     """What a submission must state about its method, besides the name."""
+    contact: str = Field(examples=["reverie@lab.example.org"])
+    """How to reach the organiser: an e-mail address or a link; may be empty."""
+    links: dict[str, str] = Field(examples=[{"Paper": "https://arxiv.org/abs/1904.10151"}])
+    """Where to read on, by what it is."""
+
+
+class NewsReport(WireModel):
+    """A short dated entry by the organiser."""
+
+    id: int = Field(examples=[3])
+    text: str = Field(examples=["The workshop is on 12 June 2027; see you there."])
+    posted_by: OrganiserName
+    created_at: datetime
 
 
 class Me(WireModel):

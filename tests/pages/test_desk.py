@@ -46,6 +46,7 @@ PAGES = (
     "/desk/corrections",
     "/desk/people",
     "/desk/quotas",
+    "/desk/news",
     "/desk/notice",
     "/desk/audit",
 )
@@ -106,6 +107,8 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/people/tokens",
         "/desk/people/tokens/rv_12345678/revoke",
         "/desk/quotas",
+        "/desk/news",
+        "/desk/news/1/remove",
         "/desk/notice",
     ],
 )

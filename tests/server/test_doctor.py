@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import (
     NewGrant,
+    NewNews,
     NewNotice,
     NewReported,
     NewTeam,
@@ -25,6 +26,7 @@ from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.operations import doctor
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries, mismatches, row_name
+from reverie_eval.server.service.news import add_news, remove_news
 from reverie_eval.server.service.people import rename_team, team_named
 from reverie_eval.server.service.quotas import grant
 from reverie_eval.server.service.receipts import make_key
@@ -250,6 +252,8 @@ ACTIONS = [
     "reported result added",
     "reported result removed",
     "notice posted",
+    "news added",
+    "news removed",
 ]
 """In their order; those that only change a row's name are looked at by name."""
 
@@ -290,6 +294,7 @@ def do_everything(server: Serving) -> None:
     later(change_reported, result.id, ReportedChange(team="They all"))
     later(remove_reported, result.id)
     later(server.state.notices.post, NewNotice(banner="Hello"))
+    later(remove_news, later(add_news, NewNews(text="Hello")).id)
 
 
 @pytest.mark.parametrize("action", ACTIONS)

@@ -88,6 +88,7 @@ EXAMPLES = (
     Example("/desk/reported/{result_id}", ORGANISER),
     Example("/desk/quotas", ORGANISER),
     Example("/desk/people", ORGANISER),
+    Example("/desk/news", ORGANISER),
     Example("/desk/notice", ORGANISER),
     Example("/desk/audit", ORGANISER),
     Example("/no-such-page"),

@@ -63,7 +63,11 @@ def describe(app: FastAPI) -> None:
     @cache
     def description() -> Document:
         document = get_openapi(
-            title=app.title, version=app.version, description=app.description, routes=app.routes
+            title=app.title,
+            version=app.version,
+            description=app.description,
+            contact=app.contact,
+            routes=app.routes,
         )
         models = document["components"]["schemas"]
         for name in _OF_FASTAPI:

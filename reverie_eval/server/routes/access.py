@@ -7,6 +7,7 @@ from reverie_eval.schemas.service import (
     Invitation,
     KeyReport,
     Me,
+    NewsReport,
     ServerReport,
     SessionReport,
     SignIn,
@@ -24,7 +25,9 @@ from reverie_eval.server.http.callers import (
     set_cookie,
 )
 from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.service.keys import list_keys
+from reverie_eval.server.service.news import list_news
 from reverie_eval.server.service.tokens import accept_invitation
 from reverie_eval.server.store.tables import BrowserSession
 from reverie_eval.version import __version__
@@ -44,7 +47,16 @@ def show_server(server: Server) -> ServerReport:
         paused=notice.paused,
         key_id=server.signer.key_id,
         required_metadata=list(server.settings.required_metadata),
+        contact=server.settings.contact,
+        links={text: str(url) for text, url in server.settings.links.items()},
     )
+
+
+@router.get("/news")
+def show_news(server: Server, paging: Paging) -> list[NewsReport]:
+    """List the organiser's news, the latest first."""
+    with server.database.reading() as session:
+        return paging.reply(list_news(session, paging.page))
 
 
 @router.get("/me", responses=problems("not-signed-in"))

@@ -33,6 +33,7 @@ from reverie_eval.server.store.tables import (
     Base,
     Correction,
     Grant,
+    News,
     Notice,
     Person,
     ReportedResult,
@@ -329,6 +330,8 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
         select(literal("signing key replaced"), SigningKey.id, SigningKey.replaced_at),
     ),
     (SigningKey, select(literal("signing key revoked"), SigningKey.id, SigningKey.revoked_at)),
+    (News, select(literal("news added"), News.id, News.created_at)),
+    (News, select(literal("news removed"), News.id, News.removed_at)),
     (Notice, select(literal("notice posted"), Notice.id, Notice.created_at)),
     (Correction, select(literal("correction announced"), Correction.id, Correction.created_at)),
 )

@@ -266,6 +266,18 @@ class Notice(Base):
     created_at: Mapped[datetime]
 
 
+class News(Base):
+    """A short dated entry by the organiser, for everyone."""
+
+    __tablename__ = "news"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    text: Mapped[str] = mapped_column(String(500))
+    posted_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+    removed_at: Mapped[datetime | None]
+
+
 class Attempt(Base):
     """An upload and its outcome, for the organiser."""
 

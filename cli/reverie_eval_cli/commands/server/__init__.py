@@ -27,6 +27,7 @@ server = LazyGroup(
             "doctor": "folder:doctor",
             "audit": "audit:audit",
             "key": "key:key",
+            "news": "news:news",
             "backup": "backup:backup",
             "restore": "backup:restore",
         },

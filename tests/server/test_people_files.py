@@ -124,6 +124,3 @@ def test_a_file_at_the_desk(server: Serving) -> None:
     assert "Line 2" not in said(shown)
     refused = desk.send(path, {"text": FILE})
     assert (refused.status_code, "has 2 values for 4 columns" in said(refused)) == (400, True)
-        400,
-        True,
-    )

@@ -11,6 +11,7 @@ from reverie_eval.server.http.middleware import (
     BodyLimits,
     FormCharsets,
     HeadRequests,
+    PathPrefix,
     RateLimits,
     SecurityHeaders,
     UntrustedProxies,
@@ -62,7 +63,7 @@ def create_app(
     add_pages(app)
     add_error_handlers(app, fault_page)
     add_edge(app, server.settings, workers)
-    describe(app)
+    describe(app, server.settings.path_prefix)
     return app
 
 
@@ -83,3 +84,5 @@ def add_edge(app: FastAPI, settings: Settings, workers: Workers) -> None:
         trusted = [str(network) for network in settings.trusted_proxies]
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=trusted)
     app.add_middleware(UntrustedProxies, trusted=settings.trusted_proxies)
+    if settings.path_prefix:
+        app.add_middleware(PathPrefix, prefix=settings.path_prefix)

@@ -191,8 +191,8 @@ def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown)
     """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
     query = query.on(ranking.board)
     rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
-    address = _address(request, query)
-    return PlainTextResponse(as_bibtex(ranking, rows, server.settings.title, address))
+    title, site = server.settings.title, address_of_site(request)
+    return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
 
 
 def _scored(ranking: Ranking, query: BoardQuery) -> Sequence[Row]:

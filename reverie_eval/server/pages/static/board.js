@@ -77,7 +77,9 @@ function keep({ name, value }) {
     return changed;
   };
   history.replaceState(null, "", withAxis(location.href));
-  for (const link of document.querySelectorAll("main a:is([href^='?'], [href^='/boards/'])")) link.href = withAxis(link.href);
+  for (const link of document.querySelectorAll("main a[href]:not([href^='#'])")) {
+    if (link.href.startsWith(location.origin + location.pathname)) link.href = withAxis(link.href);
+  }
   for (const field of document.querySelectorAll(`.filters [name=${name}]`)) field.value = value;
 }
 

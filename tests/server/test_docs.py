@@ -1,9 +1,8 @@
-"""The organiser's guide is true: every command in it runs, every setting is in it."""
+"""The organiser's guide is true: every command in it runs, every setting is in its reference."""
 
 import re
 import shlex
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,38 +15,78 @@ from reverie_eval.server.settings import Settings
 from tests.conftest import REPOSITORY
 from tests.support.processes import COMMAND, Laptop
 
-PAGE = (REPOSITORY / "docs" / "server.md").read_text()
-COMMANDS = "".join(re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)).splitlines()
+DOCS = REPOSITORY / "docs"
+TUTORIAL = DOCS / "server.md"
+REFERENCE = (DOCS / "server-reference.md").read_text()
+TASKS = sorted((DOCS / "organising").glob("*.md"))
+GUIDE = "".join(page.read_text() for page in [TUTORIAL, *TASKS]) + REFERENCE
 PACKAGE_MANAGERS = ("pip",)
 SHELL = re.compile(r"[|&;<>$`*?~]")
 """What only a shell understands."""
 
 
-def test_every_command_of_the_guide_runs_in_its_order(
-    tmp_path: Path, demo_world: Path, postgresql: Callable[[], str], bucket: str
-) -> None:
+class Reader:
+    """Someone who types what a page says."""
+
+    def __init__(self, folder: Path, elsewhere: Callable[[str], str]) -> None:
+        self._laptop = Laptop(folder)
+        self._elsewhere = elsewhere
+        """What to set a variable to that a page exports."""
+        self._variables = {"PATH": f"{COMMAND.parent}:/usr/bin:/bin"}
+
+    def types(self, command: str) -> None:
+        """Run a command, which must succeed; a server must answer."""
+        program, *words = shlex.split(command)
+        if program in PACKAGE_MANAGERS:
+            return
+        if program == "export":
+            name = words[0].partition("=")[0]
+            self._variables[name] = self._elsewhere(name)
+        elif words[0] == "serve":
+            with self._laptop.serving(*words[1:], variables=self._variables) as server:
+                assert server.get("/splits").status_code == 200
+        elif program == COMMAND.name and not SHELL.search(command):
+            self._laptop.run(*words, variables=self._variables)
+        else:
+            self._laptop.shell(command, variables=self._variables)
+
+
+@pytest.fixture
+def reader(tmp_path: Path, demo_world: Path, request: pytest.FixtureRequest) -> Reader:
     (tmp_path / "REVERIE").symlink_to(demo_world)
     (tmp_path / "private").symlink_to(demo_world / "private")
-    laptop, variables = Laptop(tmp_path), {"PATH": f"{COMMAND.parent}:/usr/bin:/bin"}
-    elsewhere = {"REVERIE_EVAL_DATABASE": postgresql(), "REVERIE_EVAL_UPLOADS": f"s3://{bucket}/u"}
-    ran = []
-    with ExitStack() as running:
-        for command in COMMANDS:
-            program, *words = shlex.split(command)
-            if program in PACKAGE_MANAGERS:
-                continue
-            ran.append(command)
-            if program == "export":
-                name = words[0].partition("=")[0]
-                variables[name] = elsewhere[name]
-            elif words[0] == "serve":
-                server = running.enter_context(laptop.serving(*words[1:], variables=variables))
-                assert server.get("/splits").status_code == 200
-            elif program == COMMAND.name and not SHELL.search(command):
-                laptop.run(*words, variables=variables)
-            else:
-                laptop.shell(command, variables=variables)
-    assert len(ran) > 20
+
+    def elsewhere(name: str) -> str:
+        if name == "REVERIE_EVAL_DATABASE":
+            database: Callable[[], str] = request.getfixturevalue("postgresql")
+            return database()
+        return f"s3://{request.getfixturevalue('bucket')}/u"
+
+    return Reader(tmp_path, elsewhere)
+
+
+def commands(page: Path) -> list[str]:
+    """List the commands of a page."""
+    return "".join(re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)).splitlines()
+
+
+def test_the_tutorial_leads_to_a_checked_server(reader: Reader) -> None:
+    for command in commands(TUTORIAL):
+        reader.types(command)
+
+
+@pytest.mark.parametrize("page", [p for p in TASKS if commands(p)], ids=lambda page: page.stem)
+def test_a_task_can_be_done_after_the_tutorial(reader: Reader, page: Path) -> None:
+    for command in commands(TUTORIAL):
+        if shlex.split(command)[1] != "serve":
+            reader.types(command)
+    for command in commands(page):
+        reader.types(command)
+
+
+def test_the_tutorial_leads_to_every_task() -> None:
+    linked = re.findall(r"\(organising/([\w-]+)\.md\)", TUTORIAL.read_text())
+    assert sorted(linked) == [page.stem for page in TASKS]
 
 
 def test_every_command_of_an_organiser_is_in_the_guide() -> None:
@@ -57,7 +96,7 @@ def test_every_command_of_an_organiser_is_in_the_guide() -> None:
     for name in server.list_commands(context):
         group = server.get_command(context, name)
         for command in group.list_commands(context) if isinstance(group, click.Group) else [""]:
-            assert f"{name} {command}".strip() in PAGE
+            assert f"{name} {command}".strip() in GUIDE
 
 
 def settings_of(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, object]]:
@@ -98,12 +137,12 @@ SETTINGS = dict(settings_of(Settings))
 @pytest.mark.parametrize("name", SETTINGS)
 def test_every_setting_is_in_the_guide_with_its_default(name: str) -> None:
     assert re.search(
-        rf"^\| `{name}` \| {re.escape(as_written(SETTINGS[name]))} \| \S", PAGE, re.MULTILINE
+        rf"^\| `{name}` \| {re.escape(as_written(SETTINGS[name]))} \| \S", REFERENCE, re.MULTILINE
     )
 
 
 def test_there_is_no_other_setting_in_the_guide() -> None:
-    table = PAGE.partition("| setting |")[2].partition("\n\n")[0]
+    table = REFERENCE.partition("| setting |")[2].partition("\n\n")[0]
     assert set(re.findall(r"^\| `([\w.]+)`", table, re.MULTILINE)) == set(SETTINGS)
 
 
@@ -113,5 +152,5 @@ def test_everything_the_doctor_checks_is_in_the_guide() -> None:
         for name in ("checks", "doctor")
     ]
     checks = set(re.findall(r'(?:Finding|_guarded)\(\s*"([a-z ]+)"', "".join(source)))
-    table = PAGE.partition("| check |")[2].partition("\n\n")[0]
+    table = REFERENCE.partition("| check |")[2].partition("\n\n")[0]
     assert checks - {"stored data"} == set(re.findall(r"^\| ([a-z ]+?) \|", table, re.MULTILINE))

@@ -56,6 +56,7 @@ def create_app(
     )
     app.state.server = server
     app.state.address = server.settings.public_address or address
+    app.state.is_copy = False
     app.state.runtime = RuntimeState.of(server, workers)
     for part in (access, splits, submissions, organising):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])

@@ -3,7 +3,7 @@
 import re
 from dataclasses import replace
 
-from playwright.sync_api import expect
+from playwright.sync_api import FilePayload, expect
 
 from tests.support.browser import UNLIMITED, OpenPage
 from tests.support.demo_site import OPEN, OWNER, Site, sound
@@ -28,7 +28,7 @@ def test_a_participant_stays_below_the_path(own_site: Site, open_page: OpenPage)
         page.wait_for_url(f"{site.url}/team")
         page.get_by_role("navigation", name="Main").get_by_role("link", name="Submit").click()
         page.get_by_role("radio", name=OPEN).check()
-        content = {"name": "a.json", "mimeType": "", "buffer": sound(OPEN, "random 99")}
+        content = FilePayload(name="a.json", mimeType="", buffer=sound(OPEN, "random 99"))
         page.get_by_label("Result file").set_input_files(content)
         expect(page.get_by_role("main")).to_contain_text("can be scored")
         page.get_by_label("Name", exact=False).first.fill("Newcomer")

@@ -144,6 +144,8 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
     with visitor.snapshot() as snapshot:
         ranking = visitor.server.ranking(snapshot.session, split, query.ranked_by)
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
+        scored = _scored(ranking, query)
+        is_copy = visitor.request.app.state.is_copy
         return page(
             visitor.request,
             "board.html",
@@ -163,7 +165,9 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             apart=apart[:PER_PAGE],
             reviewed=[row for row in part.rows if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
-            has_charts=bool(_scored(ranking, query)),
+            has_charts=bool(scored),
+            # A page that is opened as a file cannot load its data.
+            chart=chart_of(ranking, scored, query.x, query.y) if is_copy else None,
             counts={"all": len(ranking.rows), "apart": len(apart)},
             numbers=_numbers(part.number, part.pages),
         )

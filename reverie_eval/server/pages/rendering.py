@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -69,6 +69,10 @@ class Site:
     path: str
     person: Person | None
     csrf_token: str
+    address: str
+    """Of the server."""
+    copied_at: datetime | None
+    """The time of a copy that is read without the server; None on the server itself."""
     version: str = __version__
 
     @property
@@ -110,6 +114,11 @@ def with_links(html: str, change: Callable[[str], str | None]) -> str:
     return _LINK.sub(changed, html)
 
 
+def links_of(html: str) -> Iterator[str]:
+    """Return every address in a rendered page."""
+    return (unescape(link) for _, link in _LINK.findall(html))
+
+
 def address_of_site(request: Request, path: str = "") -> str:
     """Return the server's public address, or that of one of its pages."""
     return f"{request.app.state.address}{path}"
@@ -126,16 +135,20 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
     notice = notices.current(snapshot.session) if snapshot else notices.of_settings
     if snapshot is not None and snapshot.browser is not None:
         person, csrf_token = snapshot.caller, server.sessions.csrf_token(snapshot.browser.id)
+    is_copy = request.app.state.is_copy
     boards = [Place(name, f"/boards/{name}") for name in server.boards]
+    episodes = [] if is_copy else [Place("Episodes", "/episodes")]
     own = [] if person is None else [Place("Submit", "/submit")]
     desk = [Place("Desk", "/desk")] if person is not None and person.role == "organiser" else []
     return Site(
         title=server.settings.title,
         banner=notice.banner,
-        places=[*boards, Place("Episodes", "/episodes"), *own, Place("Guide", "/guide"), *desk],
+        places=[*boards, *episodes, *own, Place("Guide", "/guide"), *desk],
         path=request.url.path,
         person=person,
         csrf_token=csrf_token,
+        address=server.settings.public_address,
+        copied_at=server.clock() if is_copy else None,
     )
 
 

@@ -28,6 +28,7 @@ server = LazyGroup(
             "audit": "audit:audit",
             "backup": "backup:backup",
             "restore": "backup:restore",
+            "export-site": "site:export_site",
         },
     },
     help="Set up, look after and hand over an evaluation server.",

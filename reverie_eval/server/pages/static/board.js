@@ -1,4 +1,5 @@
-// The charts of a board: one metric against another, and the best over time.
+// The charts of a board: one metric against another, and the best over time. A copy of the board
+// that is read without a server has their data in the page.
 // The table has all the numbers; points have tooltips and link to their submissions.
 
 const section = document.getElementById("charts");
@@ -90,5 +91,10 @@ if (section && prepare(section, draw)) {
       load();
     });
   }
-  load();
+  if (section.dataset.chart) {
+    shown = JSON.parse(section.dataset.chart);
+    draw();
+  } else {
+    load();
+  }
 }

@@ -349,7 +349,7 @@ def test_nothing_else_is_replaced(kind: str, lab: Lab, tmp_path: Path) -> None:
     kept = target / "kept.txt" if kind != "a file" else target
     kept.parent.mkdir(exist_ok=True)
     kept.write_text("kept")
-    with pytest.raises(ReverieEvalError, match=r"mine is not a folder with an earlier copy"):
+    with pytest.raises(ReverieEvalError, match=r"mine is not an earlier copy"):
         export_site(lab.folder, target, DATE)
     assert kept.read_text() == "kept"
 

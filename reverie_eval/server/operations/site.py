@@ -92,7 +92,7 @@ def _check_replaceable(output: Path) -> None:
         return
     if output.exists():
         raise ReverieEvalError(
-            f"{output} is not a folder with an earlier copy; choose a new folder, or empty this one"
+            f"{output} is not an earlier copy, and is not empty; choose a new folder"
         )
 
 
@@ -162,7 +162,12 @@ async def _visit(state: ServerState) -> Mapping[str, httpx.Response]:
             address = waiting.pop()
             if address in found or address.startswith(left_out):
                 continue
-            reply = (await visitor.get(address)).raise_for_status()
+            reply = await visitor.get(address)
+            if reply.is_error:
+                raise ReverieEvalError(
+                    f"the page {address} has an error (status {reply.status_code}); examine the "
+                    "data with `reverie-eval server doctor`"
+                )
             is_page = _type_of(reply) == "text/html"
             needs_server = is_page and _SENDING_FORM.search(reply.text)
             found[address] = None if needs_server else reply

@@ -139,7 +139,7 @@ def _moment(database: Database, date: datetime | None, made_at: datetime) -> dat
         last = session.scalar(select(func.max(AuditEntry.at)))
     if date > utc_now():
         raise ReverieEvalError(f"{date:%Y-%m-%d %H:%M} UTC is in the future; choose another time")
-    if last is not None and date < last:
+    if last is not None and date < last.replace(microsecond=0):  # copies are of whole seconds
         raise ReverieEvalError(
             f"{date:%Y-%m-%d %H:%M} UTC is before the last change of the data, at "
             f"{last:%Y-%m-%d %H:%M:%S} UTC; choose another time, or an earlier backup"

@@ -20,10 +20,11 @@ RequestError
     BusyError             too many uploads are waiting
     WrongMethodError      the address does not accept this method
     DatabaseDownError     the database does not answer
+    KeyReplacedError      the signing key was replaced since this server started
     StorageFullError      the disk or the database is full
     FaultError            the server failed
 
-ResultsError              a file of reported results has problems; a MalformedError in replies
+TableError                a file that an organiser imports has problems; a MalformedError in replies
 """
 
 from collections.abc import Mapping, Sequence
@@ -319,6 +320,22 @@ class DatabaseDownError(RequestError):
         )
 
 
+class KeyReplacedError(RequestError):
+    """The signing key was replaced since this server started."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    code = "key-replaced"
+    heading = "Server has to be restarted"
+    example_arguments = ("0d1c2b3a4f5e6d7c", "4ad1b0c9e2f86735")
+    seconds = 10
+
+    def __init__(self, ours: str, current: str) -> None:
+        super().__init__(
+            f"the signing key {ours} was replaced by {current} since this server started; nothing "
+            "was saved and no submission was used. Try again when the organiser has restarted it"
+        )
+
+
 class StorageFullError(RequestError):
     """The disk or the database is full."""
 
@@ -357,17 +374,17 @@ ERRORS: Mapping[str, type[RequestError]] = MappingProxyType(
 """All classes by code."""
 
 
-class ResultsError(RejectedError):
-    """A file of reported results is invalid; nothing of it was added."""
+class TableError(RejectedError):
+    """A file that an organiser imports is invalid; nothing of it was added."""
 
-    subject = "results"
+    subject = "file"
 
 
 def request_error(error: Exception) -> RequestError | None:
     """Return an exception as an error for the caller; None if it is a fault of the server."""
     if isinstance(error, SubmissionError):
         return RejectedFileError(error.problems)
-    if isinstance(error, ResultsError):
+    if isinstance(error, TableError):
         told = [ProblemReport.model_validate(problem) for problem in error.problems]
         return MalformedError(f"{count_text(len(told), 'problem')}; nothing was added", told)
     return error if isinstance(error, RequestError) else None

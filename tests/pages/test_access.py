@@ -6,10 +6,12 @@ from collections.abc import Mapping
 import httpx
 import pytest
 
+from reverie_eval.schemas.organising import NewNews
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
+from reverie_eval.server.service.news import add_news
 from reverie_eval.server.store.tables import ReportedResult
-from tests.support.acting import NOON, create_token, review
+from tests.support.acting import NOON, ask_to_join, create_token, review
 from tests.support.page_routes import page_routes
 from tests.support.serving import (
     GOOD,
@@ -42,6 +44,8 @@ GET  /boards/{split}/bibtex         200        200       200       200       200
 GET  /sign-in                       200        200       200       200       200
 POST /sign-in                       401        303       303       303       303
 POST /sign-in/invitation            401        401       401       401       401
+GET  /join                          200        200       200       200       200
+POST /join                          200        200       200       200       200
 POST /sign-out                      sign-in    303       303       303       303
 GET  /submit                        sign-in    200       200       200       200
 POST /submit                        sign-in    303       303       303       303
@@ -75,12 +79,22 @@ POST /desk/corrections              sign-in    403       403       403       409
 GET  /desk/evidence                 sign-in    403       403       403       200
 GET  /desk/quotas                   sign-in    403       403       403       200
 POST /desk/quotas                   sign-in    403       403       403       303
+GET  /desk/requests                 sign-in    403       403       403       200
+POST /desk/requests/{request_id}/accept sign-in 403      403       403       200
+POST /desk/requests/{request_id}/reject sign-in 403      403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
+GET  /desk/people/import            sign-in    403       403       403       200
+POST /desk/people/import            sign-in    403       403       403       303
+GET  /desk/people/{person_id}       sign-in    403       403       403       200
+POST /desk/people/{person_id}       sign-in    403       403       403       303
 POST /desk/people/teams             sign-in    403       403       403       303
 POST /desk/people/teams/rename      sign-in    403       403       403       303
 POST /desk/people/tokens            sign-in    403       403       403       200
 POST /desk/people/tokens/{hint}/revoke sign-in 403       403       403       303
+GET  /desk/news                     sign-in    403       403       403       200
+POST /desk/news                     sign-in    403       403       403       303
+POST /desk/news/{news_id}/remove    sign-in    403       403       403       303
 GET  /desk/notice                   sign-in    403       403       403       200
 POST /desk/notice                   sign-in    403       403       403       303
 GET  /desk/audit                    sign-in    403       403       403       200
@@ -117,9 +131,13 @@ FORMS: Mapping[str, dict[str, str]] = {
         "until": "2026-04-01",
     },
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
+    "POST /join": {"team": "Green", "people": "Dora, dora@example.org", "institution": "Here"},
+    "POST /desk/people/import": {"text": "team,person\nGreen,Dora"},
+    "POST /desk/people/{person_id}": {"name": "Adele", "team": "Blue", "email": ""},
     "POST /desk/people/teams": {"name": "Green"},
     "POST /desk/people/teams/rename": {"team": "Red", "name": "Azure"},
-    "POST /desk/people/tokens": {"person": OWNER, "kind": "invite"},
+    "POST /desk/people/tokens": {"person": "1", "kind": "invite"},
+    "POST /desk/news": {"text": "Soon"},
     "POST /desk/notice": {"banner": "Soon"},
 }
 """What a form's own fields hold."""
@@ -137,6 +155,7 @@ def parts(server: Serving) -> Mapping[str, str]:
     with server.acting() as transaction:
         spare = create_token(transaction, OWNER).hint
         said = review(transaction, ids[OPEN], "verified").id
+        news = add_news(transaction, NewNews(text="Soon")).id
         result = ReportedResult(
             split=OPEN,
             method=Method(name="Earlier").model_dump(mode="json"),
@@ -150,7 +169,10 @@ def parts(server: Serving) -> Mapping[str, str]:
         transaction.add(result)
     return {
         "hint": spare,
+        "person_id": "1",
+        "request_id": str(ask_to_join(server.state.transactions)),
         "review_id": str(said),
+        "news_id": str(news),
         "result_id": str(result.id),
         "split": OPEN,
         "submission_id": ids[OPEN],
@@ -206,7 +228,7 @@ def test_no_form_is_taken_of_another_site(
     """Neither without the session's token, nor if the browser says where it comes from."""
     method, path = row.split()
     sign_in(server, ORGANISER)
-    if not path.startswith("/sign-in"):
+    if not path.startswith(("/sign-in", "/join")):
         forged = server.client.request(method, path.format(**parts), data={"csrf_token": "none"})
         assert forged.status_code == 403
     elsewhere = {"Sec-Fetch-Site": "cross-site"}

@@ -6,12 +6,13 @@ from typing import Any
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from reverie_eval.schemas.organising import NewReported
+from reverie_eval.schemas.organising import NewNews, NewReported
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.app import create_app
+from reverie_eval.server.service.news import add_news
 from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.service.tokens import revoke_token
-from tests.support.acting import create_token, review
+from tests.support.acting import ask_to_join, create_token, review
 from tests.support.description import API, Description
 from tests.support.serving import GOOD, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
 
@@ -25,6 +26,8 @@ GET    /healthz                                   200    200   200    200       
 GET    /metrics                                   401    403   403    403        200      401         401
 GET    /server                                    200    200   200    200        200      200         200
 GET    /key                                       200    200   200    200        200      200         200
+GET    /news                                      200    200   200    200        200      200         200
+GET    /keys                                      200    200   200    200        200      200         200
 GET    /me                                        401    200   200    200        200      401         401
 POST   /tokens                                    401    401   401    401        401      401         201
 POST   /session                                   401    201   201    201        201      401         401
@@ -43,11 +46,17 @@ GET    /submissions/{submission_id}/receipt       401    404   200    200       
 GET    /submissions/{submission_id}/file          401    404   200    200        200      401         401
 GET    /submissions/{submission_id}/episodes      401    404   200    200        200      401         401
 GET    /submissions/{private_id}/episodes         401    404   404    404        404      401         401
+POST   /join                                      202    202   202    202        202      202         202
+GET    /organiser/requests                        401    403   403    403        200      401         401
+POST   /organiser/requests/{request_id}/accept    401    403   403    403        200      401         401
+POST   /organiser/requests/{request_id}/reject    401    403   403    403        204      401         401
 GET    /organiser/teams                           401    403   403    403        200      401         401
 POST   /organiser/teams                           401    403   403    403        201      401         401
 PATCH  /organiser/teams/{name:path}              401    403   403    403        200      401         401
 GET    /organiser/people                          401    403   403    403        200      401         401
 POST   /organiser/people                          401    403   403    403        201      401         401
+POST   /organiser/people/import                   401    403   403    403        200      401         401
+PATCH  /organiser/people/{person_id}              401    403   403    403        200      401         401
 GET    /organiser/tokens                          401    403   403    403        200      401         401
 POST   /organiser/tokens                          401    403   403    403        201      401         401
 DELETE /organiser/tokens/{hint}                   401    403   403    403        200      401         401
@@ -62,6 +71,8 @@ POST   /organiser/reported                        401    403   403    403       
 POST   /organiser/reported/import                 401    403   403    403        200      401         401
 PATCH  /organiser/reported/{result_id}            401    403   403    403        200      401         401
 DELETE /organiser/reported/{result_id}            401    403   403    403        200      401         401
+POST   /organiser/news                            401    403   403    403        201      401         401
+DELETE /organiser/news/{news_id}                  401    403   403    403        200      401         401
 POST   /organiser/corrections                     401    403   403    403        409      401         401
 GET    /organiser/notice                          401    403   403    403        200      401         401
 PUT    /organiser/notice                          401    403   403    403        200      401         401
@@ -72,13 +83,22 @@ OUTSIDE = ("/healthz", "/metrics")
 """Routes that are not of the API."""
 ROWS = {" ".join(line.split()[:2]): line.split()[2:] for line in TABLE.splitlines()[2:]}
 
+REQUEST = {
+    "team": "Green",
+    "people": [{"name": "Dora", "email": "dora@example.org"}],
+    "institution": "Somewhere",
+}
 BODIES: Mapping[str, dict[str, Any]] = {
     "POST /splits/{split}/validate": {"content": GOOD},
     "POST /splits/{split}/submissions": {"content": GOOD, "params": {"name": "Walker"}},
     "PATCH /submissions/{submission_id}": {"json": {"published": True}},
     "POST /organiser/teams": {"json": {"name": "Green"}},
     "PATCH /organiser/teams/{name:path}": {"json": {"name": "Azure"}},
+    "POST /join": {"json": REQUEST},
+    "POST /organiser/requests/{request_id}/reject": {"json": {}},
+    "POST /organiser/people/import": {"json": {"text": "team,person\nGreen,Dora"}},
     "POST /organiser/people": {"json": {"name": "Dora", "team": "Red"}},
+    "PATCH /organiser/people/{person_id}": {"json": {"email": "ada@example.org"}},
     "POST /organiser/tokens": {"json": {"person": OWNER}},
     "POST /organiser/grants": {
         "json": {
@@ -103,6 +123,7 @@ BODIES: Mapping[str, dict[str, Any]] = {
         "json": {"split": PRIVATE, "source": "Qi et al.", "text": "team,SR\nQi et al.,10\n"}
     },
     "PATCH /organiser/reported/{result_id}": {"json": {"team": "Qi et al., 2020"}},
+    "POST /organiser/news": {"json": {"text": "See you at the workshop."}},
     "PUT /organiser/notice": {"json": {"banner": "Back at noon."}},
 }
 
@@ -137,14 +158,18 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         spare = create_token(transaction, OWNER)
         said = review(transaction, ids[OPEN], "verified")
         result = add_reported(transaction, reported, [OPEN])
+        told = add_news(transaction, NewNews(text="The workshop is on 12 June."))
     return {
         "split": OPEN,
         "name": "Red",
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],
         "hint": spare.hint,
+        "person_id": "1",
+        "request_id": str(ask_to_join(server.state.transactions)),
         "review_id": str(said.id),
         "result_id": str(result.id),
+        "news_id": str(told.id),
     }
 
 

@@ -12,6 +12,7 @@ from reverie_eval.schemas.organising import (
     NewCorrection,
     NewGrant,
     NewImport,
+    NewNews,
     NewNotice,
     NewPerson,
     NewReported,
@@ -20,6 +21,7 @@ from reverie_eval.schemas.organising import (
     NewToken,
     NewTokenReport,
     NoticeReport,
+    PersonChange,
     PersonReport,
     ReportedChange,
     ReportedEntry,
@@ -28,12 +30,22 @@ from reverie_eval.schemas.organising import (
     TeamReport,
     TokenReport,
 )
+from reverie_eval.schemas.service import NewsReport
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.uploads import ScoringSlot
-from reverie_eval.server.service import attempts, audit, people, quotas, reported, reviews, tokens
+from reverie_eval.server.service import (
+    attempts,
+    audit,
+    news,
+    people,
+    quotas,
+    reported,
+    reviews,
+    tokens,
+)
 
 router = APIRouter(
     prefix="/organiser",
@@ -66,7 +78,7 @@ def rename_team(name: TeamName, new: NewTeam, organiser: Organiser) -> TeamRepor
 
 @router.get("/people")
 def list_people(organiser: Organiser, paging: Paging) -> list[PersonReport]:
-    """List all people by name."""
+    """List all people in the order in which they were added."""
     with organiser.snapshot() as snapshot:
         return paging.reply(people.list_people(snapshot.session, paging.page))
 
@@ -77,6 +89,12 @@ def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
     return organiser.perform(people.add_person, new)
 
 
+@router.patch("/people/{person_id}", responses=problems("not-found", "conflict"))
+def change_person(person_id: Number, change: PersonChange, organiser: Organiser) -> PersonReport:
+    """Rename a person, change their e-mail address, or move them to another team."""
+    return organiser.perform(people.change_person, person_id, change)
+
+
 @router.get("/tokens")
 def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
     """List tokens and invitations, the latest first; not their texts."""
@@ -84,7 +102,7 @@ def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
         return paging.reply(tokens.list_tokens(snapshot.session, paging.page))
 
 
-@router.post("/tokens", status_code=201, responses=problems("not-found"))
+@router.post("/tokens", status_code=201, responses=problems("not-found", "conflict"))
 def create_token(new: NewToken, organiser: Organiser) -> NewTokenReport:
     """Create an invitation or a token for a person; its text is returned only once."""
     return organiser.perform(tokens.create_token, new)
@@ -167,7 +185,7 @@ def rescore(new: NewCorrection, organiser: Organiser, _: ScoringSlot) -> Rescori
 
     Each request scores the next ones; `left` says how many remain. `server rescore` scores all.
     """
-    return organiser.server.rescoring.rescore(organiser.person().name, new)
+    return organiser.server.rescoring.rescore(organiser.person(), new)
 
 
 @router.get("/notice")
@@ -183,6 +201,18 @@ def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
     return organiser.perform(organiser.server.notices.post, new)
 
 
+@router.post("/news", status_code=201)
+def add_news(new: NewNews, organiser: Organiser) -> NewsReport:
+    """Post a news entry; `GET /api/v1/news` lists them to everyone."""
+    return organiser.perform(news.add_news, new)
+
+
+@router.delete("/news/{news_id}", responses=problems("not-found"))
+def remove_news(news_id: Number, organiser: Organiser) -> NewsReport:
+    """Remove a news entry."""
+    return organiser.perform(news.remove_news, news_id)
+
+
 @router.get("/attempts")
 def list_attempts(organiser: Organiser, paging: Paging) -> list[AttemptReport]:
     """List uploads with their outcomes, the latest first."""
@@ -194,5 +224,4 @@ def list_attempts(organiser: Organiser, paging: Paging) -> list[AttemptReport]:
 def list_audit(organiser: Organiser, paging: Paging) -> list[AuditReport]:
     """List the audit log, the oldest entry first; `server doctor` checks its chain."""
     with organiser.snapshot() as snapshot:
-        found = paging.reply(audit.list_entries(snapshot.session, paging.page))
-        return [AuditReport.model_validate(entry) for entry in found]
+        return paging.reply(audit.list_reports(snapshot.session, paging.page))

@@ -57,13 +57,35 @@ class Person(Base):
     """A person in a team, with a quota of their own."""
 
     __tablename__ = "person"
+    __table_args__ = (Index("one_per_name", "team_id", "name", unique=True),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"), index=True)
-    name: Mapped[str] = mapped_column(String(100), unique=True)
+    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"))
+    name: Mapped[str] = mapped_column(String(100), index=True)
+    email: Mapped[str | None] = mapped_column(String(254))
+    """Never shown to others than organisers and the person."""
     role: Mapped[Role]
     created_at: Mapped[datetime]
     team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)
+
+
+class JoinRequest(Base):
+    """A request for accounts; what it says of people is removed once it was answered."""
+
+    __tablename__ = "join_request"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    team: Mapped[str] = mapped_column(String(100))
+    people: Mapped[list[dict[str, Any]]]
+    """Names and addresses, as in the request."""
+    institution: Mapped[str] = mapped_column(String(100))
+    purpose: Mapped[str] = mapped_column(String(500))
+    digest: Mapped[str] = mapped_column(String(64), index=True)
+    """SHA-256 of all of it, to recognise the same request."""
+    created_at: Mapped[datetime]
+    decision: Mapped[str | None] = mapped_column(String(20))
+    """``request accepted`` or ``request rejected``; None while it is open."""
+    decided_at: Mapped[datetime | None]
 
 
 class Token(Base):
@@ -200,8 +222,33 @@ class AuditEntry(Base):
     subject: Mapped[str] = mapped_column(String(200), index=True)
     """The name of the row for people, at that time."""
     details: Mapped[dict[str, Any]]
+    key_id: Mapped[str] = mapped_column(String(16))
+    """The signing key in use, from which the key of its digest is derived."""
     previous: Mapped[str] = mapped_column(String(64))
     digest: Mapped[str] = mapped_column(String(64), unique=True)
+
+
+class SigningKey(Base):
+    """A key that signs receipts, or did; its private part is a file."""
+
+    __tablename__ = "signing_key"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    key_id: Mapped[str] = mapped_column(String(16), unique=True)
+    public_key: Mapped[str] = mapped_column(String(200))
+    """In PEM form."""
+    valid_from: Mapped[datetime]
+    valid_until: Mapped[datetime | None]
+    """Its signatures of submissions that were received later do not count."""
+    replaced_at: Mapped[datetime | None]
+    """None for the key in use."""
+    revoked_at: Mapped[datetime | None]
+    """When ``valid_until`` was set to a time before it was replaced."""
+    reason: Mapped[str] = mapped_column(String(500))
+    """Why it was replaced or revoked."""
+    audit_key: Mapped[str | None] = mapped_column(String(80))
+    """The key of its audit entries, encrypted, in hexadecimal digits; None for the key in use, and
+    for all that came before one that was lost."""
 
 
 class Review(Base):
@@ -251,6 +298,18 @@ class Notice(Base):
     paused: Mapped[bool]
     posted_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime]
+
+
+class News(Base):
+    """A short dated entry by the organiser, for everyone."""
+
+    __tablename__ = "news"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    text: Mapped[str] = mapped_column(String(500))
+    posted_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+    removed_at: Mapped[datetime | None]
 
 
 class Attempt(Base):

@@ -13,6 +13,7 @@ server = LazyGroup(
         "People": {
             "team": "team:team",
             "person": "person:person",
+            "request": "request:request",
             "token": "token:token",
             "invite": "token:invite",
             "grant": "grant:grant",
@@ -30,8 +31,11 @@ server = LazyGroup(
         "Keep": {
             "doctor": "folder:doctor",
             "audit": "audit:audit",
+            "key": "key:key",
+            "news": "news:news",
             "backup": "backup:backup",
             "restore": "backup:restore",
+            "export-site": "site:export_site",
         },
     },
     help="Set up, look after and hand over an evaluation server.",

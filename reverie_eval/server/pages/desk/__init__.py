@@ -5,14 +5,27 @@ from fastapi import APIRouter
 from reverie_eval.server.pages.desk import (
     corrections,
     evidence,
+    news,
     notice,
     overview,
     people,
     quotas,
     reported,
+    requests,
     reviews,
 )
 
 router = APIRouter()
-for part in (overview, people, quotas, reviews, reported, corrections, evidence, notice):
+for part in (
+    overview,
+    people,
+    requests,
+    quotas,
+    reviews,
+    reported,
+    corrections,
+    evidence,
+    news,
+    notice,
+):
     router.include_router(part.router)

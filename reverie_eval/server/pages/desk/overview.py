@@ -17,7 +17,7 @@ from reverie_eval.server.service.attempts import (
     list_attempts,
     totals,
 )
-from reverie_eval.server.service.audit import list_entries
+from reverie_eval.server.service.audit import list_entries, names_in
 from reverie_eval.server.service.paging import Page
 
 router = APIRouter()
@@ -82,12 +82,15 @@ def show_audit(
     with desk.snapshot() as snapshot:
         session, page = snapshot.session, Page(ON_A_PAGE, cursor)
         listed = list_entries(session, page, actor=actor, subject=subject, newest_first=True)
-        altered = audit_log.broken_links(session) if whole else audit_log.altered(listed.rows)
+        altered = (
+            audit_log.broken_links(session) if whole else audit_log.altered(session, listed.rows)
+        )
         return desk_page(
             desk,
             snapshot,
             "audit.html",
             entries=listed,
+            names=names_in(session, listed.rows),
             is_first=cursor is None,
             actor=actor,
             subject=subject,

@@ -77,6 +77,7 @@ POST   /organiser/corrections                     401    403   403    403       
 GET    /organiser/notice                          401    403   403    403        200      401         401
 PUT    /organiser/notice                          401    403   403    403        200      401         401
 GET    /organiser/splits/{split}/evidence         401    403   403    403        200      401         401
+GET    /organiser/splits/{split}/submissions.tar  401    403   403    403        200      401         401
 GET    /organiser/attempts                        401    403   403    403        200      401         401
 """  # noqa: E501  # a row is a line
 OUTSIDE = ("/healthz", "/metrics")

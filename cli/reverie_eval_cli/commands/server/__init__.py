@@ -27,6 +27,7 @@ server = LazyGroup(
         "Look into submissions": {
             "inspect": "inspect:inspect",
             "evidence": "evidence:evidence",
+            "download": "download:download",
         },
         "Keep": {
             "doctor": "folder:doctor",

@@ -20,6 +20,8 @@ server = LazyGroup(
         },
         "Results": {
             "submit": "submit:submit",
+            "submissions": "review:submissions",
+            "review": "review:review",
             "rescore": "rescore:rescore",
             "import": "reported:import_results",
             "reported": "reported:reported",

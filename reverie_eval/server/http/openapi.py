@@ -17,6 +17,7 @@ from reverie_eval.server.errors import (
     DatabaseDownError,
     FaultError,
     ForgedError,
+    KeyReplacedError,
     MalformedError,
     StorageFullError,
     TooManyError,
@@ -65,6 +66,7 @@ def describe(app: FastAPI, path_prefix: str) -> None:
             title=app.title,
             version=app.version,
             description=app.description,
+            contact=app.contact,
             routes=app.routes,
             servers=[{"url": path_prefix or "/"}],
         )
@@ -102,7 +104,7 @@ def _complete(method: str, operation: Document) -> None:
         del replies["422"]
         everywhere += (MalformedError.code,)
     if method in _CHANGING:
-        everywhere += (StorageFullError.code,)
+        everywhere += (StorageFullError.code, KeyReplacedError.code)
     if method in _CHANGING and any("APIKeyCookie" in way for way in operation.get("security", ())):
         operation["security"] = [
             {**way, "csrf": []} if "APIKeyCookie" in way else way for way in operation["security"]

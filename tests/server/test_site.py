@@ -258,7 +258,8 @@ def texts(value: Any) -> Iterator[str]:
 
 def private_texts(server: Serving) -> set[str]:
     """Return all texts in the database that a visitor may not see."""
-    public = {"Walkers", ORGANISER, server.state.settings.title, server.state.signer.key_id}
+    signer = server.state.signer
+    public = {"Walkers", ORGANISER, server.state.settings.title, signer.key_id, signer.public_pem}
     everything: set[str] = set()
     for table, row in dump(server.state.database):
         is_shown = (

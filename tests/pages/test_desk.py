@@ -108,6 +108,7 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/requests/1/reject",
         "/desk/people/teams",
         "/desk/people/teams/rename",
+        "/desk/people/teams/merge",
         "/desk/people/tokens",
         "/desk/people/tokens/rv_12345678/revoke",
         "/desk/quotas",

@@ -9,9 +9,11 @@ from reverie_eval.schemas.organising import (
     AuditReport,
     GrantReport,
     ImportReport,
+    MergeReport,
     NewCorrection,
     NewGrant,
     NewImport,
+    NewMerge,
     NewNotice,
     NewPerson,
     NewReported,
@@ -34,7 +36,16 @@ from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.uploads import ScoringSlot
-from reverie_eval.server.service import attempts, audit, people, quotas, reported, reviews, tokens
+from reverie_eval.server.service import (
+    attempts,
+    audit,
+    merging,
+    people,
+    quotas,
+    reported,
+    reviews,
+    tokens,
+)
 
 router = APIRouter(
     prefix="/organiser",
@@ -57,6 +68,12 @@ def list_teams(organiser: Organiser, paging: Paging) -> list[TeamReport]:
 def add_team(new: NewTeam, organiser: Organiser) -> TeamReport:
     """Add a team."""
     return organiser.perform(people.add_team, new)
+
+
+@router.post("/teams/merge", responses=problems("not-found", "conflict"))
+def merge_teams(new: NewMerge, organiser: Organiser) -> MergeReport:
+    """Give one team's people, submissions and grants to another, as if it had always been one."""
+    return organiser.perform(merging.merge_teams, new)
 
 
 @router.patch("/teams/{name:path}", responses=problems("not-found", "conflict"))

@@ -303,12 +303,18 @@ def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
 
 
 def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
-    """Return all names that each team has had, by its current name."""
+    """Return all names that each team and those merged into it have had, by its current name."""
     names = defaultdict(set)
     for row, name in _recorded_names(session):
         names[row].add(name)
-    teams = session.execute(select(Team.id, Team.name))
-    return {name: frozenset(names[f"{Team.__tablename__}:{key}"] | {name}) for key, name in teams}
+    # In the order in which they were merged, so that names pass through every team on their way.
+    teams = session.scalars(select(Team).order_by(Team.merged_at)).all()
+    for team in teams:
+        names[row_name(team)].add(team.name)
+    for team in teams:
+        if team.merged_into is not None:
+            names[row_name(team.merged_into)] |= names[row_name(team)]
+    return {team.name: frozenset(names[row_name(team)]) for team in teams}
 
 
 def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
@@ -328,6 +334,7 @@ def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str]]:
 
 _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (Team, select(literal("team added"), Team.id, Team.created_at)),
+    (Team, select(literal("team merged"), Team.id, Team.merged_at)),
     (Person, select(literal("person added"), Person.id, Person.created_at)),
     (JoinRequest, select(JoinRequest.decision, JoinRequest.id, JoinRequest.decided_at)),
     (Token, select(Token.kind.concat(" token created"), Token.id, Token.created_at)),

@@ -31,7 +31,7 @@ def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
         If a team has that name.
     """
     team = Team(name=new.name, created_at=transaction.now)
-    _write(transaction, team, f"there is a team {team.name!r} already")
+    _write(transaction, team, _name_is_taken(team.name))
     transaction.record("team added", team, team.name)
     return team_report(team)
 
@@ -48,7 +48,7 @@ def rename_team(transaction: Transaction, name: str, new: NewTeam) -> TeamReport
     """
     team = team_named(transaction.session, name)
     team.name = new.name
-    _write(transaction, team, f"there is a team {team.name!r} already")
+    _write(transaction, team, _name_is_taken(team.name))
     transaction.record("team renamed", team, name, before=name, after=team.name)
     return team_report(team)
 
@@ -109,7 +109,7 @@ def change_person(transaction: Transaction, person_id: int, change: PersonChange
 
 def list_teams(session: Session, page: Page) -> Listed[TeamReport]:
     """List the teams by name."""
-    teams = select(Team).options(selectinload(Team.people))
+    teams = select(Team).where(Team.merged_at.is_(None)).options(selectinload(Team.people))
     return list_page(session, teams, Team.name, page, team_report)
 
 
@@ -120,7 +120,8 @@ def list_people(session: Session, page: Page) -> Listed[PersonReport]:
 
 def names_of_teams(session: Session) -> Sequence[str]:
     """Return the names of all teams."""
-    return session.scalars(select(Team.name).order_by(Team.name)).all()
+    current = select(Team.name).where(Team.merged_at.is_(None))
+    return session.scalars(current.order_by(Team.name)).all()
 
 
 def everybody(session: Session) -> Sequence[PersonReport]:
@@ -158,10 +159,12 @@ def team_of(session: Session, person: Person, most: int, view: View) -> TeamView
 
 
 def team_named(session: Session, name: str) -> Team:
-    """Return a team by name; raise NotFoundError if it does not exist."""
+    """Return a team by name; raise NotFoundError if it does not exist, or was merged."""
     team = session.scalars(select(Team).where(Team.name == name)).first()
     if team is None:
         raise NotFoundError(f"there is no team {name!r}")
+    if team.merged_into is not None:
+        raise NotFoundError(f"the team {name!r} was merged into {team.merged_into.name!r}")
     return team
 
 
@@ -216,6 +219,10 @@ def person_report(person: Person) -> PersonReport:
         role=person.role,
         created_at=person.created_at,
     )
+
+
+def _name_is_taken(name: str) -> str:
+    return f"there is a team {name!r} already, or was one before it was merged with another"
 
 
 def _write(transaction: Transaction, row: Team | Person, taken: str) -> None:

@@ -1,4 +1,4 @@
-"""``reverie-eval server team add|rename|list|revoke FOLDER``."""
+"""``reverie-eval server team add|rename|merge|list|revoke FOLDER``."""
 
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from reverie_eval_cli.organising import acting, checked, minute, print_list, rea
 
 @click.group(cls=Group)
 def team() -> None:
-    """Add, rename and list teams, and revoke their tokens."""
+    """Add, rename, merge and list teams, and revoke their tokens."""
 
 
 @team.command()
@@ -49,6 +49,29 @@ def rename(*, folder: Path, name: str, new_name: str) -> None:
     with acting(folder) as transaction:
         renamed = rename_team(transaction, name, new)
     print(f"team {name} renamed to {renamed.name}")
+
+
+@team.command()
+@options.server_folder
+@click.argument("name")
+@click.argument("into")
+def merge(*, folder: Path, name: str, into: str) -> None:
+    """Give a team's people, submissions and grants to another.
+
+    Quotas count the submissions of both, as if the team INTO had always been one. There is no way
+    back but a backup. Receipts keep the NAME under which they were signed.
+    """
+    from reverie_eval.schemas.organising import NewMerge
+    from reverie_eval.server.service.merging import merge_teams
+
+    new = checked(NewMerge, team=name, into=into)
+    with acting(folder) as transaction:
+        report = merge_teams(transaction, new)
+    people = count_text(report.people, "person", "people")
+    submissions = count_text(report.submissions, "submission")
+    print(f"{people} and {submissions} of {name} are of {into} now")
+    if report.repeats:
+        print(f"{count_text(report.repeats, 'file')} had been submitted by both")
 
 
 @team.command("list")

@@ -7,14 +7,14 @@ from fastapi import APIRouter, Path
 from fastapi.responses import Response
 
 from reverie_eval.schemas.joining import NewPeopleImport
-from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken, PersonChange
+from reverie_eval.schemas.organising import NewMerge, NewPerson, NewTeam, NewToken, PersonChange
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.http.callers import Call, Desk, Posted
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.rendering import address_of_site
-from reverie_eval.server.service import people, people_files, tokens
+from reverie_eval.server.service import merging, people, people_files, tokens
 
 router = APIRouter()
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
@@ -69,6 +69,22 @@ def rename_team(desk: Desk, form: Posted) -> Response:
     forms.show_faults(desk, {"old_name": team, "new_name": name}, draw)
     desk.perform(people.rename_team, team, read_model(NewTeam, {"name": name}))
     return forms.done(PAGE, "renamed")
+
+
+@router.post(f"{PAGE}/teams/merge")
+def merge_teams(desk: Desk, form: Posted) -> Response:
+    """Merge two teams."""
+    typed = forms.typed_by(desk, form, draw)
+    new = read_model(NewMerge, typed)
+    if not forms.is_confirmed(form):
+        question = f"Merge {new.team} into {new.into}?"
+        remark = (
+            f"All people, submissions and grants of {new.team} go to {new.into}. Quotas count the "
+            "submissions of both. This cannot be undone."
+        )
+        return forms.ask(desk, typed, question=question, remark=remark, yes="Merge", back=PAGE)
+    desk.perform(merging.merge_teams, new)
+    return forms.done(PAGE, "merged")
 
 
 @router.post(PAGE)

@@ -61,7 +61,7 @@ class Me(WireModel):
     person: PersonName
     team: TeamName
     role: Role
-    email: Email | None
+    email: Email | None = None
     """Only the person and organisers see it."""
 
 

@@ -85,6 +85,8 @@ POST /desk/people/teams/merge       sign-in    403       403       403       303
 GET  /desk/people/import            sign-in    403       403       403       200
 POST /desk/people/import            sign-in    403       403       403       303
 GET  /desk/people/{person_id}       sign-in    403       403       403       200
+GET  /desk/people/{person_id}/data  sign-in    403       403       403       200
+POST /desk/people/{person_id}/delete sign-in   403       403       403       303
 POST /desk/people/{person_id}       sign-in    403       403       403       303
 POST /desk/people/teams             sign-in    403       403       403       303
 POST /desk/people/teams/rename      sign-in    403       403       403       303

@@ -103,6 +103,7 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/reported/1/remove",
         "/desk/people",
         "/desk/people/1",
+        "/desk/people/1/delete",
         "/desk/people/import",
         "/desk/requests/1/accept",
         "/desk/requests/1/reject",

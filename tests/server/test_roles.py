@@ -54,6 +54,8 @@ GET    /organiser/people                          401    403   403    403       
 POST   /organiser/people                          401    403   403    403        201      401         401
 POST   /organiser/teams/merge                     401    403   403    403        200      401         401
 POST   /organiser/people/import                   401    403   403    403        200      401         401
+GET    /organiser/people/{person_id}              401    403   403    403        200      401         401
+DELETE /organiser/people/{person_id}              401    403   403    403        200      401         401
 PATCH  /organiser/people/{person_id}              401    403   403    403        200      401         401
 GET    /organiser/tokens                          401    403   403    403        200      401         401
 POST   /organiser/tokens                          401    403   403    403        201      401         401

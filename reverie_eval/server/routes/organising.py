@@ -31,6 +31,7 @@ from reverie_eval.schemas.organising import (
     TeamReport,
     TokenReport,
 )
+from reverie_eval.schemas.personal_data import PersonalData
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
@@ -41,6 +42,7 @@ from reverie_eval.server.service import (
     audit,
     merging,
     people,
+    personal_data,
     quotas,
     reported,
     reviews,
@@ -95,6 +97,19 @@ def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
     return organiser.perform(people.add_person, new)
 
 
+@router.get("/people/{person_id}", responses=problems("not-found"))
+def show_personal_data(person_id: Number, organiser: Organiser) -> PersonalData:
+    """Return all that the server stores about a person."""
+    with organiser.snapshot() as snapshot:
+        return personal_data.personal_data(snapshot.session, person_id)
+
+
+@router.delete("/people/{person_id}", responses=problems("not-found", "conflict"))
+def delete_person(person_id: Number, organiser: Organiser) -> PersonReport:
+    """Remove a person's name and address, and revoke their tokens; results and the log stay."""
+    return organiser.perform(personal_data.delete_person, person_id)
+
+
 @router.patch("/people/{person_id}", responses=problems("not-found", "conflict"))
 def change_person(person_id: Number, change: PersonChange, organiser: Organiser) -> PersonReport:
     """Rename a person, change their e-mail address, or move them to another team."""
@@ -114,7 +129,7 @@ def create_token(new: NewToken, organiser: Organiser) -> NewTokenReport:
     return organiser.perform(tokens.create_token, new)
 
 
-@router.delete("/tokens/{hint}", responses=problems("not-found"))
+@router.delete("/tokens/{hint}", responses=problems("not-found", "conflict"))
 def revoke_token(hint: Hint, organiser: Organiser) -> TokenReport:
     """Revoke a token, with the browser sessions that began with it."""
     return organiser.perform(tokens.revoke_token, hint)

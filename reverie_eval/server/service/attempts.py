@@ -176,7 +176,7 @@ def totals(session: Session) -> Totals:
     counted = session.execute(
         select(
             select(func.count()).where(Team.merged_at.is_(None)).scalar_subquery(),
-            select(func.count()).select_from(Person).scalar_subquery(),
+            select(func.count()).where(Person.deleted_at.is_(None)).scalar_subquery(),
             select(func.coalesce(func.sum(Submission.size), 0)).scalar_subquery(),
             select(func.count())
             .select_from(JoinRequest)

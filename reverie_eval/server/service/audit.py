@@ -62,7 +62,7 @@ _REPEATABLE = frozenset(
     }
 )
 """Actions that may happen to a row several times; the row shows only the last."""
-_NAMING = ("person added", "person changed")
+_NAMING = ("person added", "person changed", "person deleted")
 """Actions that give a person a name."""
 _PERSON = re.compile(r"person:([0-9]{1,9})")
 _SWITCHES = {
@@ -336,6 +336,7 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (Team, select(literal("team added"), Team.id, Team.created_at)),
     (Team, select(literal("team merged"), Team.id, Team.merged_at)),
     (Person, select(literal("person added"), Person.id, Person.created_at)),
+    (Person, select(literal("person deleted"), Person.id, Person.deleted_at)),
     (JoinRequest, select(JoinRequest.decision, JoinRequest.id, JoinRequest.decided_at)),
     (Token, select(Token.kind.concat(" token created"), Token.id, Token.created_at)),
     # Using an invitation is not logged; creating the token that it was exchanged for is.

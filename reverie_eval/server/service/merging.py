@@ -34,7 +34,7 @@ def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
     report = MergeReport(
         team=team.name,
         into=into.name,
-        people=len(team.people),
+        people=sum(person.deleted_at is None for person in team.people),
         submissions=_count(session, team),
         repeats=_mark_repeats(session, team, into),
     )

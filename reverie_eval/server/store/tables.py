@@ -70,6 +70,8 @@ class Person(Base):
     """Never shown to others than organisers and the person."""
     role: Mapped[Role]
     created_at: Mapped[datetime]
+    deleted_at: Mapped[datetime | None]
+    """When the person's name and address were removed; what they did stays."""
     team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)
 
 

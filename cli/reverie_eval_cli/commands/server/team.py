@@ -8,7 +8,7 @@ import click
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
+from reverie_eval_cli.organising import acting, checked, minute, print_list, reading, revoking
 
 
 @click.group(cls=Group)
@@ -97,6 +97,6 @@ def revoke(*, folder: Path, name: str) -> None:
     """
     from reverie_eval.server.service.tokens import revoke_tokens_of_team
 
-    with acting(folder) as transaction:
+    with revoking(folder) as transaction:
         revoked = revoke_tokens_of_team(transaction, name)
     print(f"{name}: {count_text(len(revoked), 'token')} revoked")

@@ -47,6 +47,7 @@ def create_app(
         title=server.settings.title,
         description="Scores submissions to the REVERIE benchmark.",
         version=__version__,
+        contact=contact_of(server.settings),
         lifespan=lifespan,
         openapi_url=None,
         docs_url=None,
@@ -64,6 +65,14 @@ def create_app(
     add_edge(app, server.settings, workers)
     describe(app)
     return app
+
+
+def contact_of(settings: Settings) -> dict[str, str] | None:
+    """Return how to reach the organiser, as the API's description has it."""
+    if not settings.contact:
+        return None
+    kind = "url" if settings.contact.startswith("https://") else "email"
+    return {"name": "Organiser", kind: settings.contact}
 
 
 def add_edge(app: FastAPI, settings: Settings, workers: Workers) -> None:

@@ -6,6 +6,7 @@ files or environment variables, never arguments.
 """
 
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
@@ -35,7 +36,7 @@ from sqlalchemy.exc import ArgumentError
 from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
-from reverie_eval.schemas.wire import Line, Name
+from reverie_eval.schemas.wire import Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 
 SETTINGS_FILE = "reverie-eval.toml"
@@ -112,6 +113,28 @@ def _known_address(address: str) -> str:
 
 
 _URL: TypeAdapter[HttpUrl] = TypeAdapter(HttpUrl)
+_EMAIL = re.compile(r"[^\s@<>\"]+@[^\s@<>\"]+\.[^\s@<>\"]+")
+
+
+def known_email(text: str) -> str:
+    """Check that a text is an e-mail address, as far as one can see.
+
+    Raises
+    ------
+    ValueError
+        If it is not.
+    """
+    if not _EMAIL.fullmatch(text):
+        raise ValueError("must be an e-mail address: reverie@lab.example.org")
+    return text
+
+
+def _known_contact(text: str) -> str:
+    """Check how to reach the organiser; empty if it is not set."""
+    is_known = not text or text.startswith("https://") or _EMAIL.fullmatch(text)
+    if not is_known:
+        raise ValueError("must be an e-mail address, or a link that begins with https://")
+    return str(_URL.validate_python(text)) if text.startswith("https://") else text
 
 
 class _Section(BaseModel):
@@ -242,6 +265,10 @@ class Settings(BaseSettings):
     title: Name = "REVERIE evaluation server"
     public_address: Annotated[str, AfterValidator(_known_address)] = ""
     """How people reach the server: ``https://eval.example.org``. Printed in what they copy."""
+    contact: Annotated[Line, AfterValidator(_known_contact)] = ""
+    """How to reach the organiser: an e-mail address, or a link that begins with ``https://``."""
+    links: dict[Name, Https] = {}  # pydantic copies it
+    """Where to read on: paper, data, code, licence, by the text of each link."""
     banner: Line = ""
     """A message shown to everyone: maintenance, deadlines."""
     paused: bool = False

@@ -47,6 +47,7 @@ PAGES = (
     "/desk/people",
     "/desk/requests",
     "/desk/quotas",
+    "/desk/news",
     "/desk/notice",
     "/desk/audit",
 )
@@ -113,6 +114,8 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/people/tokens",
         "/desk/people/tokens/rv_12345678/revoke",
         "/desk/quotas",
+        "/desk/news",
+        "/desk/news/1/remove",
         "/desk/notice",
     ],
 )

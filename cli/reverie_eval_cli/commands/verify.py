@@ -3,6 +3,7 @@
 import hashlib
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,12 +11,20 @@ from reverie_eval import ReverieEvalError
 from reverie_eval_cli import options
 from reverie_eval_cli.servers import ServerOptions, server_options
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from reverie_eval.schemas.service import KeyReport, Receipt
+
 
 @click.command()
 @click.argument("receipt", type=options.PATH)
 @server_options
 @click.option(
-    "--key", metavar="FILE", type=options.PATH, help="The server's public key, in PEM form."
+    "--key",
+    metavar="FILE",
+    type=options.PATH,
+    help="The server's keys, as saved from /api/v1/keys, or one of them in PEM form.",
 )
 @click.option(
     "--submission", metavar="FILE", help="Also check that this is the file that was scored."
@@ -29,7 +38,6 @@ def verify(
     system error.
     """
     from reverie_eval.receipts import NotGenuineError
-    from reverie_eval.receipts import verify as verify_signature
     from reverie_eval.reporting._submission import receipt_lines
     from reverie_eval.submissions import read_bytes
     from reverie_eval_cli.receipts import read_receipt
@@ -37,28 +45,47 @@ def verify(
     if key is not None and server.named:
         raise click.UsageError("give --key or --server, not both")
     signed = read_receipt(receipt)
-    public_key, owner = _public_key(server, key)
+    keys, owner = _keys(server, key)
     try:
-        verify_signature(signed, public_key)
+        in_use = _verified(signed, keys)
     except NotGenuineError as error:
-        print(f"{receipt}: not genuine by the key of {owner}: {error}", file=sys.stderr)
+        print(f"{receipt}: not genuine by the keys of {owner}: {error}", file=sys.stderr)
         return 1
     if submission and hashlib.sha256(read_bytes(submission)).hexdigest() != signed.sha256:
         print(f"{submission}: not the file that the receipt is for", file=sys.stderr)
         return 1
-    print(f"{receipt}: genuine, signed with the key of {owner} ({signed.key_id})")
+    print(f"{receipt}: genuine, signed with the key of {owner} ({signed.key_id}{in_use})")
     print(*receipt_lines(signed), sep="\n")
     if submission:
         print(f"{submission}: the file that was scored")
     return 0
 
 
-def _public_key(server: ServerOptions, key: Path | None) -> tuple[str, str]:
-    """Return the public key, and whose it is."""
-    if key is None:
+def _keys(server: ServerOptions, file: Path | None) -> "tuple[Sequence[KeyReport] | str, str]":
+    """Return the server's keys, or the only one as PEM, and whose they are."""
+    from pydantic import TypeAdapter, ValidationError
+
+    from reverie_eval.schemas.service import KeyReport
+
+    if file is None:
         with server.connect() as client:
-            return client.key(), client.url
+            return client.keys(), client.url
+    content = file.read_bytes()
+    if not content.lstrip().startswith(b"["):
+        return content.decode(errors="replace"), str(file)
     try:
-        return key.read_text(encoding="ascii"), str(key)
-    except UnicodeDecodeError:
-        raise ReverieEvalError(f"{key} is not a public key in PEM form") from None
+        return TypeAdapter(list[KeyReport]).validate_json(content, extra="ignore"), str(file)
+    except ValidationError:
+        raise ReverieEvalError(f"{file} is not a list of keys from /api/v1/keys") from None
+
+
+def _verified(receipt: "Receipt", keys: "Sequence[KeyReport] | str") -> str:
+    """Verify a receipt, and return when its key was in use, as far as that is known."""
+    from reverie_eval.receipts import verify, verify_by_history
+
+    if isinstance(keys, str):
+        verify(receipt, keys)
+        return ""
+    key = verify_by_history(receipt, keys)
+    since = f", in use from {key.valid_from:%Y-%m-%d}"
+    return since if key.valid_until is None else f"{since} to {key.valid_until:%Y-%m-%d}"

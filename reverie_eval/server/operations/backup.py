@@ -31,6 +31,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.ground_truth import bundle_name
 from reverie_eval.server.operations.checks import check_known, database_errors
 from reverie_eval.server.operations.folder import SIGNING_KEY
+from reverie_eval.server.service.keys import file_of_key
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.dump import dump
@@ -41,6 +42,7 @@ DATABASE = "database.jsonl"
 MANIFEST = "manifest.json"
 UPLOADS = "uploads/"
 FORMAT = 1
+_SIGNING_KEY = "signing_key"
 _PIECE = 1 << 20
 """Bytes of a file in memory."""
 
@@ -81,7 +83,8 @@ def write_backup(folder: Path, output: Path) -> BackupReport:
     ------
     ReverieEvalError
         If the archive would be in the server's folder, overwrite a file of the server, or be in a
-        folder that does not exist; or if the database is empty or was made by a later version.
+        folder that does not exist; if the database is empty or was made by a later version; or if
+        its signing key is missing, or was rotated while the backup was made.
     """
     settings = load_settings(folder)
     if output.resolve().is_relative_to(settings.folder):
@@ -107,13 +110,14 @@ def write_backup(folder: Path, output: Path) -> BackupReport:
 def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifest:
     contents = _Contents(archive)
     contents.add(SETTINGS_FILE, (settings.folder / SETTINGS_FILE).read_bytes())
-    for name, path in _files(settings).values():
-        contents.add(name, path.read_bytes())
     expected: set[str] = set()
     counts: Counter[str] = Counter()
     with TemporaryFile(dir=place) as lines:
-        revision = _dump(settings, lines, expected, counts)
+        revision, key_id = _dump(settings, lines, expected, counts)
         contents.add_file(DATABASE, lines)
+    for setting, (name, path) in _files(settings).items():
+        file = file_of_key(path, key_id) if setting == _SIGNING_KEY else path
+        contents.add(name, file.read_bytes())
     uploads = open_uploads(settings.uploads, settings.folder)
     lacking = tuple(name for name in sorted(expected) if not contents.add_upload(uploads, name))
     manifest = Manifest(
@@ -128,8 +132,17 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
     return manifest
 
 
-def _dump(settings: Settings, lines: IO[bytes], uploads: set[str], counts: Counter[str]) -> str:
-    """Write all rows as lines of JSON, note uploads and counts, and return the migration."""
+def _dump(
+    settings: Settings, lines: IO[bytes], uploads: set[str], counts: Counter[str]
+) -> tuple[str, str | None]:
+    """Write all rows as lines of JSON, note uploads and counts.
+
+    Returns
+    -------
+    tuple of str and str
+        The migration, and the id of the signing key in use, if any.
+    """
+    key_id = None
     with database_errors(), closing(Database(settings.database_url)) as database:
         revision = check_known(database)
         if revision is None:
@@ -141,8 +154,10 @@ def _dump(settings: Settings, lines: IO[bytes], uploads: set[str], counts: Count
             counts[table] += 1
             if table == "submission":
                 uploads.add(columns["sha256"])
+            elif table == "signing_key" and columns["replaced_at"] is None:
+                key_id = columns["key_id"]
             lines.write(f"{json.dumps([table, columns])}\n".encode())
-        return revision
+        return revision, key_id
 
 
 class _Contents:
@@ -188,7 +203,7 @@ def _files(settings: Settings) -> Mapping[str, tuple[str, Path]]:
         f"splits.{name}.bundle": (split.bundle, f"bundles/{bundle_name(name, public=False)}")
         for name, split in settings.splits.items()
     }
-    named = {"signing_key": (settings.signing_key, SIGNING_KEY), **bundles}
+    named = {_SIGNING_KEY: (settings.signing_key, SIGNING_KEY), **bundles}
     return {
         setting: (_name(settings, path) or otherwise, settings.path(path))
         for setting, (path, otherwise) in named.items()

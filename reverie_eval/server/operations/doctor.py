@@ -11,8 +11,8 @@ from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.receipts import ReceiptError, verify
-from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.receipts import ReceiptError, verify_by_history
+from reverie_eval.schemas.service import KeyReport, SubmissionReport
 from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folder, said_by
 from reverie_eval.server.service.audit import (
     AuditLog,
@@ -22,6 +22,7 @@ from reverie_eval.server.service.audit import (
     swapped_names,
 )
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.keys import list_keys
 from reverie_eval.server.service.submissions import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
@@ -79,7 +80,7 @@ def _at_submissions(session: Session, state: ServerState, track: Track) -> Itera
     yield from _at_uploads(session, files, uploads, track)
     yield from _at_strays(files, uploads)
     reports = _Reports(state.boards)
-    receipts = _Receipts(state.signer.public_pem, all_names_of_teams(session))
+    receipts = _Receipts(list_keys(session), all_names_of_teams(session))
     names = session.scalars(select(Submission.id).order_by(Submission.received_at)).all()
     for start in range(0, len(names), AT_ONCE):
         for name, submission in _read(session, names[start : start + AT_ONCE]):
@@ -177,8 +178,8 @@ class _Reports:
 class _Receipts:
     """Checks the receipts of submissions, one after the other."""
 
-    def __init__(self, public_pem: str, names: Mapping[str, Collection[str]]) -> None:
-        self._public_pem = public_pem
+    def __init__(self, keys: Sequence[KeyReport], names: Mapping[str, Collection[str]]) -> None:
+        self._keys = keys
         self._names = names
         """That each team has had, by its current one."""
         self._sound = 0
@@ -192,7 +193,7 @@ class _Receipts:
 
     def _check_one(self, submission: SubmissionReport) -> Iterator[Finding]:
         try:
-            verify(submission.receipt, self._public_pem)
+            verify_by_history(submission.receipt, self._keys)
         except ReceiptError as error:
             trouble = str(error)
         else:
@@ -219,15 +220,17 @@ def _matches_row(kept: SubmissionReport, names: Collection[str]) -> bool:
 
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     broken, count = list(audit_log.broken_links(session)), count_entries(session)
-    if len(broken) == count > 1:
-        message = "no entry was written with this signing key; restore the key from the last backup"
-        yield Finding("audit log", "fault", message)
-    else:
-        for number in broken:
-            message = f"entry {number} was changed, or the entry before it was removed"
-            yield Finding("audit log", "fault", f"{message}; compare with a backup")
-        for message in swapped_names(session, audit_log):
-            yield Finding("audit log", "fault", f"{message}; compare with a backup")
+    for number in broken:
+        message = f"entry {number} was changed, or the entry before it was removed"
+        yield Finding("audit log", "fault", f"{message}; compare with a backup")
+    for message in swapped_names(session, audit_log):
+        yield Finding("audit log", "fault", f"{message}; compare with a backup")
+    for key_id, number in audit_log.unprovable(session).items():
+        message = (
+            f"{count_text(number, 'entry', 'entries')} made with signing key {key_id}, which was "
+            "lost: nobody can check whether they were changed; compare with an older backup"
+        )
+        yield Finding("audit log", "note", message)
     for message in mismatches(session):
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     if not broken:

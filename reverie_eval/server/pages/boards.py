@@ -22,8 +22,10 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import SORTABLE, Filter, Ranking, as_bibtex, as_latex
+from reverie_eval.server.service.news import latest_news
 
 PER_PAGE = 100
+NEWS_SHOWN = 5
 
 router = APIRouter()
 
@@ -161,6 +163,7 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             part=part,
             rows=part.rows,
             apart=apart[:PER_PAGE],
+            news=latest_news(snapshot.session, NEWS_SHOWN),
             reviewed=[row for row in part.rows if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
             has_charts=bool(_scored(ranking, query)),

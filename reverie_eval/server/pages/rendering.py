@@ -65,7 +65,17 @@ class Site:
     path: str
     person: Person | None
     csrf_token: str
+    contact: str
+    links: Mapping[str, str]
     version: str = __version__
+
+    @property
+    def contact_link(self) -> Markup:
+        """The organiser, as a link to the contact; empty if the settings have none."""
+        if not self.contact:
+            return Markup("")
+        address = self.contact if self.contact.startswith("https://") else f"mailto:{self.contact}"
+        return Markup('<a href="{}">{}</a>').format(address, self.contact)
 
     @property
     def csrf_field(self) -> Markup:
@@ -112,6 +122,8 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
         path=request.url.path,
         person=person,
         csrf_token=csrf_token,
+        contact=server.settings.contact,
+        links={text: str(url) for text, url in server.settings.links.items()},
     )
 
 

@@ -14,6 +14,7 @@ from reverie_eval.schemas.organising import (
     NewGrant,
     NewImport,
     NewMerge,
+    NewNews,
     NewNotice,
     NewPerson,
     NewReported,
@@ -32,6 +33,7 @@ from reverie_eval.schemas.organising import (
     TokenReport,
 )
 from reverie_eval.schemas.personal_data import PersonalData
+from reverie_eval.schemas.service import NewsReport
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
@@ -41,6 +43,7 @@ from reverie_eval.server.service import (
     attempts,
     audit,
     merging,
+    news,
     people,
     personal_data,
     quotas,
@@ -220,6 +223,18 @@ def show_notice(organiser: Organiser) -> NoticeReport:
 def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
     """Set the banner, and pause or resume submissions; takes effect immediately."""
     return organiser.perform(organiser.server.notices.post, new)
+
+
+@router.post("/news", status_code=201)
+def add_news(new: NewNews, organiser: Organiser) -> NewsReport:
+    """Post a news entry; `GET /api/v1/news` lists them to everyone."""
+    return organiser.perform(news.add_news, new)
+
+
+@router.delete("/news/{news_id}", responses=problems("not-found"))
+def remove_news(news_id: Number, organiser: Organiser) -> NewsReport:
+    """Remove a news entry."""
+    return organiser.perform(news.remove_news, news_id)
 
 
 @router.get("/attempts")

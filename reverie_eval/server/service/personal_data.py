@@ -20,6 +20,7 @@ from reverie_eval.server.store.tables import (
     AuditEntry,
     Base,
     BrowserSession,
+    News,
     Notice,
     Person,
     ReportedResult,
@@ -32,6 +33,7 @@ _SIGNED: tuple[tuple[type[Base], InstrumentedAttribute[int], InstrumentedAttribu
     (Review, Review.id, Review.reviewer),
     (ReportedResult, ReportedResult.id, ReportedResult.added_by),
     (Notice, Notice.id, Notice.posted_by),
+    (News, News.id, News.posted_by),
 )
 """The rows that have the name of the organiser who wrote them: their keys, and where it stands."""
 

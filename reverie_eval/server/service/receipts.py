@@ -4,6 +4,7 @@ import base64
 import os
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes
@@ -26,7 +27,7 @@ class Signer:
 
     def __init__(self, key: Ed25519PrivateKey, server: str) -> None:
         self._key = key
-        self._server = server
+        self.server = server
         self.public_pem = public_pem_of(key)
         self.key_id = key_id_of(self.public_pem)
 
@@ -54,7 +55,7 @@ class Signer:
     ) -> Receipt:
         """Return a signed receipt of a submission's scores and the quota after it."""
         unsigned = Receipt(
-            server=self._server,
+            server=self.server,
             submission_id=submission_id,
             team=team,
             sha256=sha256,
@@ -66,8 +67,15 @@ class Signer:
             key_id=self.key_id,
             proof="",
         )
-        proof = base64.b64encode(self._key.sign(canonical(unsigned))).decode()
-        return unsigned.model_copy(update={"proof": proof})
+        return self._signed(unsigned)
+
+    def sign_again(self, receipt: Receipt, **changed: Any) -> Receipt:
+        """Return a receipt with some fields changed, signed with this key."""
+        return self._signed(receipt.model_copy(update={**changed, "key_id": self.key_id}))
+
+    def _signed(self, receipt: Receipt) -> Receipt:
+        proof = base64.b64encode(self._key.sign(canonical(receipt))).decode()
+        return receipt.model_copy(update={"proof": proof})
 
 
 def make_key(path: Path) -> None:
@@ -76,6 +84,8 @@ def make_key(path: Path) -> None:
     pem = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
         file.write(pem)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def load_key(path: Path) -> Ed25519PrivateKey:

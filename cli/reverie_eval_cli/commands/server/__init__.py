@@ -27,6 +27,8 @@ server = LazyGroup(
         "Keep": {
             "doctor": "folder:doctor",
             "audit": "audit:audit",
+            "key": "key:key",
+            "news": "news:news",
             "backup": "backup:backup",
             "restore": "backup:restore",
         },

@@ -4,6 +4,7 @@ from fastapi import APIRouter
 
 from reverie_eval.server.pages.desk import (
     corrections,
+    news,
     notice,
     overview,
     people,
@@ -14,5 +15,5 @@ from reverie_eval.server.pages.desk import (
 )
 
 router = APIRouter()
-for part in (overview, people, requests, quotas, reviews, reported, corrections, notice):
+for part in (overview, people, requests, quotas, reviews, reported, corrections, news, notice):
     router.include_router(part.router)

@@ -401,6 +401,7 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (Submission, select(literal(_SUBMITTED), Submission.id, null())),
     (Submission, select(literal("changed"), Submission.id, Submission.published_at)),
     (Submission, select(literal("changed"), Submission.id, Submission.withdrawn_at)),
+    (Submission, select(literal("upload deleted"), Submission.id, Submission.upload_deleted_at)),
     (Submission, select(literal("scored again"), Submission.id, Submission.rescored_at)),
     (Grant, select(literal("granted"), Grant.id, Grant.created_at)),
     (Review, select(Review.verdict, Review.id, Review.created_at)),

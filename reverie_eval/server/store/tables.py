@@ -165,6 +165,8 @@ class Submission(Base):
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
     anonymous_until: Mapped[datetime | None]
+    upload_deleted_at: Mapped[datetime | None]
+    """When its file was deleted, because it was old and not published."""
     repeat: Mapped[str] = mapped_column(String(32), default="")
     """Its own id if its team has an earlier submission of the file, else empty.
 

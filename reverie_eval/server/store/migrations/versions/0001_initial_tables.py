@@ -201,6 +201,7 @@ def upgrade() -> None:
         sa.Column("published_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("withdrawn_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("anonymous_until", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("upload_deleted_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("repeat", sa.String(length=32), nullable=False),
         sa.ForeignKeyConstraint(
             ["person_id"],

@@ -13,6 +13,7 @@ from reverie_eval.server.http.middleware import (
     BodyLimits,
     FormCharsets,
     HeadRequests,
+    PathPrefix,
     RateLimits,
     SecurityHeaders,
     UntrustedProxies,
@@ -59,6 +60,7 @@ def create_app(
     )
     app.state.server = server
     app.state.address = server.settings.public_address or address
+    app.state.is_copy = False
     app.state.runtime = RuntimeState.of(server, workers)
     for part in (access, joining, splits, submissions, organising):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
@@ -66,7 +68,7 @@ def create_app(
     add_pages(app)
     add_error_handlers(app, fault_page)
     add_edge(app, server.settings, workers)
-    describe(app)
+    describe(app, server.settings.path_prefix)
     return app
 
 
@@ -95,3 +97,5 @@ def add_edge(app: FastAPI, settings: Settings, workers: Workers) -> None:
         trusted = [str(network) for network in settings.trusted_proxies]
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=trusted)
     app.add_middleware(UntrustedProxies, trusted=settings.trusted_proxies)
+    if settings.path_prefix:
+        app.add_middleware(PathPrefix, prefix=settings.path_prefix)

@@ -107,8 +107,12 @@ def _known_address(address: str) -> str:
     if not address:
         return address
     url = _URL.validate_python(address)
-    if url.username or url.password or url.query or url.fragment or url.path not in (None, "/"):
-        raise ValueError("must be a scheme and a host, https://eval.example.org")
+    is_plain = _PLAIN_PATH.fullmatch((url.path or "").rstrip("/"))
+    if url.username or url.password or url.query or url.fragment or not is_plain:
+        raise ValueError(
+            "must be a scheme and a host, https://eval.example.org, or also a path of letters, "
+            "digits and -._~, https://lab.example.org/reverie"
+        )
     return str(url).rstrip("/")
 
 
@@ -135,6 +139,10 @@ def _known_contact(text: str) -> str:
     if not is_known:
         raise ValueError("must be an e-mail address, or a link that begins with https://")
     return str(_URL.validate_python(text)) if text.startswith("https://") else text
+
+
+_PLAIN_PATH = re.compile(r"(/[A-Za-z0-9._~-]+)*")
+"""Written in the same way in a browser's address, an HTTP request, HTML and a proxy's settings."""
 
 
 class _Section(BaseModel):
@@ -264,7 +272,8 @@ class Settings(BaseSettings):
 
     title: Name = "REVERIE evaluation server"
     public_address: Annotated[str, AfterValidator(_known_address)] = ""
-    """How people reach the server: ``https://eval.example.org``. Printed in what they copy."""
+    """How people reach the server: ``https://eval.example.org``, or with a path below which it has
+    all its addresses, ``https://lab.example.org/reverie``. Printed in what they copy."""
     contact: Annotated[Line, AfterValidator(_known_contact)] = ""
     """How to reach the organiser: an e-mail address, or a link that begins with ``https://``."""
     links: dict[Name, Https] = {}  # pydantic copies it
@@ -332,6 +341,11 @@ class Settings(BaseSettings):
     def path(self, relative: Path | str) -> Path:
         """Return a path in the settings relative to the server's folder."""
         return self.folder / relative
+
+    @property
+    def path_prefix(self) -> str:
+        """The path of the public address: ``/reverie``; empty if the server has its own host."""
+        return urlsplit(self.public_address).path
 
     @property
     def database_url(self) -> URL:

@@ -120,7 +120,7 @@ def sign_out(call: Anybody, response: Response, server: Server) -> None:
         browser = _signed_in(snapshot)
     with server.database.writing() as session:
         server.sessions.end(session, browser.id)
-    drop_cookie(response)
+    drop_cookie(call.request, response)
 
 
 def _signed_in(snapshot: Snapshot) -> BrowserSession:

@@ -32,6 +32,7 @@ server = LazyGroup(
             "news": "news:news",
             "backup": "backup:backup",
             "restore": "backup:restore",
+            "export-site": "site:export_site",
         },
     },
     help="Set up, look after and hand over an evaluation server.",

@@ -99,7 +99,13 @@ EXAMPLES = (
     Example("/no-such-page"),
 )
 NO_PAGES = frozenset(
-    {"/", "/boards/{split}/chart", "/boards/{split}/latex", "/boards/{split}/bibtex"}
+    {
+        "/",
+        "/boards/{split}/chart",
+        "/boards/{split}/latex",
+        "/boards/{split}/bibtex",
+        "/desk/people/{person_id}/data",
+    }
 )
 """What leads elsewhere or is a file."""
 

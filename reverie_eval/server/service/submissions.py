@@ -120,6 +120,7 @@ def submission_report(row: Submission) -> SubmissionReport:
         published_at=row.published_at,
         withdrawn_at=row.withdrawn_at,
         anonymous_until=row.anonymous_until,
+        upload_deleted_at=row.upload_deleted_at,
     )
 
 
@@ -210,7 +211,14 @@ class SubmissionService:
         return View(self.embargo, now)
 
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
-        """Return the submitted file, unpacked and otherwise unchanged, in pieces."""
+        """Return the submitted file, unpacked and otherwise unchanged, in pieces.
+
+        Raises
+        ------
+        NotFoundError
+            If it was deleted.
+        """
+        _check_upload(submission)
         return self.uploads.pieces(submission.sha256)
 
     def episodes(self, submission: SubmissionReport) -> Scores:
@@ -219,10 +227,11 @@ class SubmissionService:
         Raises
         ------
         NotFoundError
-            For every submission to a private split; also if the ground truth or the protocol has
-            changed since the submission was scored.
+            For every submission to a private split; also if the file was deleted, or the ground
+            truth or the protocol has changed since the submission was scored.
         """
         board = board_named(self.boards, submission.split)
+        _check_upload(submission)
         if board.is_private:
             raise NotFoundError("per-episode values of private splits are never released")
         if not board.measures_as(submission.report):
@@ -307,7 +316,8 @@ class SubmissionService:
         """
         board = board_named(self.boards, known.split)
         is_drawn = known.report.intervals is not None
-        if board.is_private or is_drawn or not board.measures_as(known.report):
+        is_gone = known.upload_deleted_at is not None
+        if board.is_private or is_drawn or is_gone or not board.measures_as(known.report):
             return None
         scores = board.score(board.read(self.uploads.get(known.sha256)))
         try:
@@ -315,6 +325,15 @@ class SubmissionService:
         except ProtocolError:  # no intervals from a single target
             return None
         return None if drawn is None else drawn.model_dump(mode="json")
+
+
+def _check_upload(submission: SubmissionReport) -> None:
+    if submission.upload_deleted_at is not None:
+        day = f"{submission.upload_deleted_at:%Y-%m-%d}"
+        raise NotFoundError(
+            f"the file was deleted on {day}: this server keeps files of submissions that are not "
+            "published only for some time; scores and receipt stay"
+        )
 
 
 def _row_of(session: Session, person: Person, submission_id: str) -> Submission:

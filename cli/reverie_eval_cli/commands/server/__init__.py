@@ -28,6 +28,7 @@ server = LazyGroup(
         },
         "Keep": {
             "doctor": "folder:doctor",
+            "tidy": "tidy:tidy",
             "audit": "audit:audit",
             "key": "key:key",
             "news": "news:news",

@@ -94,7 +94,14 @@ EXAMPLES = (
     Example("/no-such-page"),
 )
 NO_PAGES = frozenset(
-    {"/", "/boards/{split}/chart", "/boards/{split}/latex", "/boards/{split}/bibtex"}
+    {
+        "/",
+        "/feed.atom",
+        "/boards/{split}/feed.atom",
+        "/boards/{split}/chart",
+        "/boards/{split}/latex",
+        "/boards/{split}/bibtex",
+    }
 )
 """What leads elsewhere or is a file."""
 

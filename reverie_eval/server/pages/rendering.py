@@ -96,6 +96,11 @@ def page(
     return HTMLResponse(html, status, HEADERS)
 
 
+def render(template: str, **content: Any) -> str:
+    """Render a template that is not a page."""
+    return _environment().get_template(template).render(**content)
+
+
 def address_of_site(request: Request, path: str = "") -> str:
     """Return the server's public address, or that of one of its pages."""
     return f"{request.app.state.address}{path}"
@@ -131,7 +136,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
 def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("reverie_eval.server.pages"),
-        autoescape=True,
+        autoescape=True,  # XML is escaped like HTML
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

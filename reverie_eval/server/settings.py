@@ -9,7 +9,7 @@ import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime
+from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeAlias
 from urllib.parse import urlsplit
@@ -116,14 +116,8 @@ _URL: TypeAdapter[HttpUrl] = TypeAdapter(HttpUrl)
 _EMAIL = re.compile(r"[^\s@<>\"]+@[^\s@<>\"]+\.[^\s@<>\"]+")
 
 
-def known_email(text: str) -> str:
-    """Check that a text is an e-mail address, as far as one can see.
-
-    Raises
-    ------
-    ValueError
-        If it is not.
-    """
+def _known_email(text: str) -> str:
+    """Check that a text is an e-mail address, as far as one can see."""
     if not _EMAIL.fullmatch(text):
         raise ValueError("must be an e-mail address: reverie@lab.example.org")
     return text
@@ -251,6 +245,61 @@ class Limits(_Section):
     """Uploads waiting to be read; beyond that, clients are told to try again later."""
 
 
+Event: TypeAlias = Literal["submission", "join-request", "phase-end", "unhealthy"]
+"""What the organiser can be told of."""
+
+
+class Channel(_Section):
+    """A way to tell the organiser of events."""
+
+    events: tuple[Event, ...] = ()
+    """Of which events; of all if it is empty."""
+
+    def wants(self, event: Event) -> bool:
+        """Whether the organiser is told of an event."""
+        return not self.events or event in self.events
+
+    def due(self, now: datetime) -> datetime:
+        """Return when to send a message about what happens now."""
+        return now
+
+
+_Email: TypeAlias = Annotated[str, AfterValidator(_known_email)]
+
+
+class Mail(Channel):
+    """E-mail, by SMTP."""
+
+    host: Name
+    port: PositiveInt = 587
+    security: Literal["starttls", "tls", "none"] = "starttls"
+    """``tls`` from the first byte, usually on port 465; ``none`` for this machine's own server."""
+    user: str = ""
+    """Empty if the mail server does not ask for one."""
+    password: Annotated[str, Field(repr=False)] = ""
+    """Belongs in ``REVERIE_EVAL_MAIL__PASSWORD``, if it is not in a file."""
+    password_file: Path | None = None
+    """A file with the password alone."""
+    sender: _Email
+    recipients: Annotated[tuple[_Email, ...], Field(min_length=1)]
+    digest: Literal["none", "daily"] = "none"
+    """Daily: one mail for each day in UTC."""
+
+    def due(self, now: datetime) -> datetime:
+        """Return when to send a message about what happens now: maybe at midnight."""
+        if self.digest == "none":
+            return now
+        return datetime.combine(now.date() + timedelta(days=1), time(), tzinfo=UTC)
+
+
+class Webhook(Channel):
+    """A program that is told by HTTP."""
+
+    url: HttpUrl
+    secret: Annotated[str, Field(repr=False)] = ""
+    """Signs each request; belongs in ``REVERIE_EVAL_WEBHOOK__SECRET``. Not signed if empty."""
+
+
 class Settings(BaseSettings):
     """All settings of a server."""
 
@@ -283,6 +332,8 @@ class Settings(BaseSettings):
     required_metadata: tuple[Metadata, ...] = ()
     """What a submission must state about its method, besides the name."""
     limits: Limits = Limits()
+    mail: Mail | None = None
+    webhook: Webhook | None = None
     trusted_proxies: tuple[IPvAnyNetwork, ...] = ()
     """Proxies whose ``X-Forwarded-For`` is trusted."""
     metrics_readers: tuple[IPvAnyNetwork, ...] = ()
@@ -328,6 +379,19 @@ class Settings(BaseSettings):
     def path(self, relative: Path | str) -> Path:
         """Return a path in the settings relative to the server's folder."""
         return self.folder / relative
+
+    @property
+    def channels(self) -> Mapping[str, Channel]:
+        """The ways to tell the organiser of events, by name."""
+        known = {"mail": self.mail, "webhook": self.webhook}
+        return {name: channel for name, channel in known.items() if channel is not None}
+
+    @property
+    def mail_password(self) -> str:
+        """The password of the mail server; raises OSError if its file cannot be read."""
+        if self.mail is None or self.mail.password_file is None:
+            return self.mail.password if self.mail else ""
+        return self.path(self.mail.password_file).read_text(encoding="utf-8").strip()
 
     @property
     def database_url(self) -> URL:
@@ -393,7 +457,8 @@ def _problems(error: ValidationError) -> Iterator[Problem]:
         text = detail["msg"].removeprefix("Value error, ").replace("Input should", "must")
         message = text[0].lower() + text[1:]
         # The database's URL may contain a password, so it is not repeated.
-        is_shown = isinstance(detail["input"], str | int | float) and key != "database"
+        is_secret = key.rpartition(".")[2] in {"database", "password", "secret"}
+        is_shown = isinstance(detail["input"], str | int | float) and not is_secret
         found = f"got {detail['input']!r}; " if is_shown else ""
         yield Problem("wrong-setting", key, found + message)
 

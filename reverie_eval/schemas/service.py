@@ -17,6 +17,7 @@ from reverie_eval.schemas.wire import (
     EXAMPLE_INVITATION,
     EXAMPLE_KEY,
     EXAMPLE_TOKEN,
+    Email,
     Https,
     Instant,
     KeyId,
@@ -74,6 +75,8 @@ class Me(WireModel):
     person: PersonName
     team: TeamName
     role: Role
+    email: Email | None
+    """Only the person and organisers see it."""
 
 
 class Invitation(WireModel):

@@ -11,6 +11,7 @@ from reverie_eval.server.http.middleware import (
     BodyLimits,
     FormCharsets,
     HeadRequests,
+    PathPrefix,
     RateLimits,
     SecurityHeaders,
     UntrustedProxies,
@@ -23,7 +24,7 @@ from reverie_eval.server.http.telemetry import RequestTelemetry
 from reverie_eval.server.http.workers import ALONE, Workers
 from reverie_eval.server.pages import add_pages
 from reverie_eval.server.pages.rendering import fault_page
-from reverie_eval.server.routes import access, operations, organising, splits, submissions
+from reverie_eval.server.routes import access, joining, operations, organising, splits, submissions
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
@@ -56,14 +57,15 @@ def create_app(
     )
     app.state.server = server
     app.state.address = server.settings.public_address or address
+    app.state.is_copy = False
     app.state.runtime = RuntimeState.of(server, workers)
-    for part in (access, splits, submissions, organising):
+    for part in (access, joining, splits, submissions, organising):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
     app.include_router(operations.router)
     add_pages(app)
     add_error_handlers(app, fault_page)
     add_edge(app, server.settings, workers)
-    describe(app)
+    describe(app, server.settings.path_prefix)
     return app
 
 
@@ -92,3 +94,5 @@ def add_edge(app: FastAPI, settings: Settings, workers: Workers) -> None:
         trusted = [str(network) for network in settings.trusted_proxies]
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=trusted)
     app.add_middleware(UntrustedProxies, trusted=settings.trusted_proxies)
+    if settings.path_prefix:
+        app.add_middleware(PathPrefix, prefix=settings.path_prefix)

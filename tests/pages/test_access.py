@@ -11,7 +11,7 @@ from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
 from reverie_eval.server.service.news import add_news
 from reverie_eval.server.store.tables import ReportedResult
-from tests.support.acting import NOON, create_token, review
+from tests.support.acting import NOON, ask_to_join, create_token, review
 from tests.support.page_routes import page_routes
 from tests.support.serving import (
     GOOD,
@@ -46,6 +46,8 @@ GET  /feed.atom                     200        200       200       200       200
 GET  /sign-in                       200        200       200       200       200
 POST /sign-in                       401        303       303       303       303
 POST /sign-in/invitation            401        401       401       401       401
+GET  /join                          200        200       200       200       200
+POST /join                          200        200       200       200       200
 POST /sign-out                      sign-in    303       303       303       303
 GET  /submit                        sign-in    200       200       200       200
 POST /submit                        sign-in    303       303       303       303
@@ -78,8 +80,15 @@ GET  /desk/corrections              sign-in    403       403       403       200
 POST /desk/corrections              sign-in    403       403       403       409
 GET  /desk/quotas                   sign-in    403       403       403       200
 POST /desk/quotas                   sign-in    403       403       403       303
+GET  /desk/requests                 sign-in    403       403       403       200
+POST /desk/requests/{request_id}/accept sign-in 403      403       403       200
+POST /desk/requests/{request_id}/reject sign-in 403      403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
+GET  /desk/people/import            sign-in    403       403       403       200
+POST /desk/people/import            sign-in    403       403       403       303
+GET  /desk/people/{person_id}       sign-in    403       403       403       200
+POST /desk/people/{person_id}       sign-in    403       403       403       303
 POST /desk/people/teams             sign-in    403       403       403       303
 POST /desk/people/teams/rename      sign-in    403       403       403       303
 POST /desk/people/tokens            sign-in    403       403       403       200
@@ -123,9 +132,12 @@ FORMS: Mapping[str, dict[str, str]] = {
         "until": "2026-04-01",
     },
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
+    "POST /join": {"team": "Green", "people": "Dora, dora@example.org", "institution": "Here"},
+    "POST /desk/people/import": {"text": "team,person\nGreen,Dora"},
+    "POST /desk/people/{person_id}": {"name": "Adele", "team": "Blue", "email": ""},
     "POST /desk/people/teams": {"name": "Green"},
     "POST /desk/people/teams/rename": {"team": "Red", "name": "Azure"},
-    "POST /desk/people/tokens": {"person": OWNER, "kind": "invite"},
+    "POST /desk/people/tokens": {"person": "1", "kind": "invite"},
     "POST /desk/news": {"text": "Soon"},
     "POST /desk/notice": {"banner": "Soon"},
 }
@@ -158,6 +170,8 @@ def parts(server: Serving) -> Mapping[str, str]:
         transaction.add(result)
     return {
         "hint": spare,
+        "person_id": "1",
+        "request_id": str(ask_to_join(server.state.transactions)),
         "review_id": str(said),
         "news_id": str(news),
         "result_id": str(result.id),
@@ -215,7 +229,7 @@ def test_no_form_is_taken_of_another_site(
     """Neither without the session's token, nor if the browser says where it comes from."""
     method, path = row.split()
     sign_in(server, ORGANISER)
-    if not path.startswith("/sign-in"):
+    if not path.startswith(("/sign-in", "/join")):
         forged = server.client.request(method, path.format(**parts), data={"csrf_token": "none"})
         assert forged.status_code == 403
     elsewhere = {"Sec-Fetch-Site": "cross-site"}

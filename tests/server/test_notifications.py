@@ -23,7 +23,7 @@ from reverie_eval.server.http import health
 from reverie_eval.server.operations import delivery
 from reverie_eval.server.operations.delivery import SIGNATURE, deliver
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.outbox import PATIENCE, announce, claim
+from reverie_eval.server.service.outbox import LEASE, PATIENCE, announce, claim
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Mail, Settings, SettingsError, Webhook, load_settings
 from reverie_eval.server.store.database import Database
@@ -186,6 +186,22 @@ def test_a_repeat_or_a_refused_file_is_not_told(telling: Open, hook: Hook) -> No
     assert hook.events() == ["submission"]
 
 
+def test_a_request_to_join_is_told_without_addresses(telling: Open, hook: Hook) -> None:
+    server = telling(webhook=hook_at(hook))
+    asked = {
+        "team": "Green",
+        "people": [{"name": "Dora", "email": "dora@example.org"}],
+        "institution": "University of Adelaide",
+    }
+    for _ in range(2):
+        assert server.ask(None, "POST", "/join", json=asked).is_success
+    deliver_now(server)
+    ((_, body),) = hook.requests
+    said = json.loads(body)
+    assert said["text"] == "1 person of University of Adelaide asked to join as Green"
+    assert said["url"] == f"{ADDRESS}/desk/requests"
+
+
 def test_only_the_events_of_a_channel_are_told(telling: Open, hook: Hook) -> None:
     server = telling(webhook=hook_at(hook, events=["join-request"]))
     with server.acting() as transaction:
@@ -263,7 +279,7 @@ def test_a_message_is_claimed_by_one_server(database_of_two: Database) -> None:
     with database_of_two.writing() as session:
         assert claim(session, now) == []
     with database_of_two.writing() as session:  # whose server was killed
-        assert [each.attempts for each in claim(session, now + timedelta(hours=1))] == [2]
+        assert [each.attempts for each in claim(session, now + LEASE)] == [2]
 
 
 @pytest.fixture

@@ -54,8 +54,8 @@ def problems(*codes: str) -> dict[int | str, Document]:
     return declared
 
 
-def describe(app: FastAPI) -> None:
-    """Add the route of the description to an application.
+def describe(app: FastAPI, path_prefix: str) -> None:
+    """Add the route of the description to an application below a path of its host.
 
     FastAPI's own route would render it on the event loop and delay all other requests.
     """
@@ -68,6 +68,7 @@ def describe(app: FastAPI) -> None:
             description=app.description,
             contact=app.contact,
             routes=app.routes,
+            servers=[{"url": path_prefix or "/"}],
         )
         models = document["components"]["schemas"]
         for name in _OF_FASTAPI:

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from datetime import datetime
 from gzip import BadGzipFile
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryFile
@@ -33,6 +34,7 @@ from reverie_eval.server.operations.checks import check_known, database_errors
 from reverie_eval.server.operations.folder import SIGNING_KEY
 from reverie_eval.server.service.keys import file_of_key
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
+from reverie_eval.server.state import utc_now
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.dump import dump
 from reverie_eval.server.store.uploads import Uploads, open_uploads
@@ -55,6 +57,8 @@ class Manifest(BaseModel):
     format: int
     version: str
     """Of reverie-eval."""
+    made_at: datetime
+    """When the rows were read."""
     revision: str
     """The migration of the database."""
     rows: dict[str, int]
@@ -112,6 +116,7 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
     contents.add(SETTINGS_FILE, (settings.folder / SETTINGS_FILE).read_bytes())
     expected: set[str] = set()
     counts: Counter[str] = Counter()
+    made_at = utc_now()
     with TemporaryFile(dir=place) as lines:
         revision, key_id = _dump(settings, lines, expected, counts)
         contents.add_file(DATABASE, lines)
@@ -123,6 +128,7 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
     manifest = Manifest(
         format=FORMAT,
         version=__version__,
+        made_at=made_at,
         revision=revision,
         rows=counts,
         lacking=lacking,
@@ -195,6 +201,16 @@ class _Contents:
         if is_whole:
             self.add(f"{UPLOADS}{sha256}.json", content)
         return is_whole
+
+
+def restored(settings: Settings) -> Settings:
+    """Return the settings of an unpacked archive, with the places that its files have in it."""
+    names = {setting: Path(name) for setting, (name, _) in _files(settings).items()}
+    splits = {
+        name: split.model_copy(update={"bundle": names[f"splits.{name}.bundle"]})
+        for name, split in settings.splits.items()
+    }
+    return settings.model_copy(update={"signing_key": names["signing_key"], "splits": splits})
 
 
 def _files(settings: Settings) -> Mapping[str, tuple[str, Path]]:

@@ -28,7 +28,7 @@ from reverie_eval.text import count_text
 
 SECONDS_BETWEEN = 10
 """Between two looks for messages."""
-SECONDS_TO_SEND = 30
+SECONDS_TO_SEND = 10
 SIGNATURE = "X-Reverie-Signature"
 """The header with the HMAC-SHA256 of the body, under the webhook's secret."""
 

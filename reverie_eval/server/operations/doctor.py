@@ -19,6 +19,7 @@ from reverie_eval.server.service.audit import (
     all_names_of_teams,
     count_entries,
     mismatches,
+    swapped_names,
 )
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import list_keys
@@ -238,6 +239,8 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     broken, count = list(audit_log.broken_links(session)), count_entries(session)
     for number in broken:
         message = f"entry {number} was changed, or the entry before it was removed"
+        yield Finding("audit log", "fault", f"{message}; compare with a backup")
+    for message in swapped_names(session, audit_log):
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     for key_id, number in audit_log.unprovable(session).items():
         message = (

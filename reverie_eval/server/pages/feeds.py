@@ -22,14 +22,14 @@ _BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)
 @router.get("/feed.atom")
 def show_feed(request: Request, server: Server) -> Response:
     """Return the feed of all leaderboards."""
-    return _feed(request, server.settings.title, "/", _items(server, server.boards))
+    return _feed(request, "", server.settings.title, _items(server, server.boards))
 
 
 @router.get("/boards/{split}/feed.atom")
 def show_feed_of_board(split: str, request: Request, server: Server) -> Response:
     """Return the feed of a leaderboard."""
     title = f"{server.board(split).name} leaderboard, {server.settings.title}"
-    return _feed(request, title, f"/boards/{quote(split)}", _items(server, [split]))
+    return _feed(request, f"/boards/{quote(split)}", title, _items(server, [split]))
 
 
 def _items(server: ServerState, splits: Iterable[str]) -> list[Item]:
@@ -40,15 +40,15 @@ def _items(server: ServerState, splits: Iterable[str]) -> list[Item]:
     return items
 
 
-def _feed(request: Request, title: str, page: str, items: Iterable[Item]) -> Response:
+def _feed(request: Request, board: str, title: str, items: Iterable[Item]) -> Response:
     shown = latest(items)
     xml = render(
         "feed.atom",
         title=title,
         organiser=request.app.title,
         address=address_of_site(request),
-        page=page,
-        path=request.url.path,
+        page=board or "/",
+        path=f"{board}/feed.atom",
         items=shown,
         updated=max((item.at for item in shown), default=_BEFORE_ALL),
     )

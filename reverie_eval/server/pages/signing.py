@@ -76,7 +76,7 @@ def sign_out(visitor: Visitor, _: Posted) -> Response:
     with visitor.server.database.writing() as session:
         visitor.server.sessions.end(session, visitor.session_id or "")
     reply = see_other("/")
-    drop_cookie(reply)
+    drop_cookie(visitor.request, reply)
     return reply
 
 
@@ -90,5 +90,13 @@ def _form(
     visitor: Call, back: str, status: int = 200, *, wrong: str = "", fault: str | None = None
 ) -> Response:
     with visitor.snapshot() as snapshot:
-        request, content = visitor.request, {"fault": fault, "wrong": wrong, "back": back}
-        return page(request, "sign-in.html", snapshot, status, **content)
+        return page(
+            visitor.request,
+            "sign-in.html",
+            snapshot,
+            status,
+            fault=fault,
+            wrong=wrong,
+            back=back,
+            accepts_requests=visitor.server.settings.accept_requests_to_join,
+        )

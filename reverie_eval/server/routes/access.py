@@ -63,7 +63,7 @@ def show_news(server: Server, paging: Paging) -> list[NewsReport]:
 def show_me(caller: Caller) -> Me:
     """Show who you are."""
     person = caller.person()
-    return Me(person=person.name, team=person.team.name, role=person.role)
+    return Me(person=person.name, team=person.team.name, role=person.role, email=person.email)
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-signed-in"))
@@ -120,7 +120,7 @@ def sign_out(call: Anybody, response: Response, server: Server) -> None:
         browser = _signed_in(snapshot)
     with server.database.writing() as session:
         server.sessions.end(session, browser.id)
-    drop_cookie(response)
+    drop_cookie(call.request, response)
 
 
 def _signed_in(snapshot: Snapshot) -> BrowserSession:
@@ -135,6 +135,7 @@ def _report(browser: BrowserSession, csrf_token: str) -> SessionReport:
         person=person.name,
         team=person.team.name,
         role=person.role,
+        email=person.email,
         csrf_token=csrf_token,
         expires_at=browser.expires_at,
     )

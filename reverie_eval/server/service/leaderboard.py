@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import inf
 from typing import Any
-from unicodedata import normalize
-from urllib.parse import urljoin
 
 import msgspec
 from sqlalchemy.orm import Session
@@ -24,6 +22,7 @@ from reverie_eval.reporting._table import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, Method
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.csv_files import spreadsheet_cell
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row
 
 SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "neither")
@@ -32,7 +31,6 @@ SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "n
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
 _OF_METHOD = tuple(name for name in Method.model_fields if name != "description")
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
 ANONYMOUS = "Anonymous"
@@ -231,17 +229,8 @@ def as_csv(ranking: Ranking) -> str:
             *(entry.standing, reviews, entry.source, entry.reported_date, entry.dataset),
             entry.signature,
         ]
-        writer.writerow([*map(_cell, words), *(entry.scores.get(key) for key in shown)])
+        writer.writerow([*map(spreadsheet_cell, words), *(entry.scores.get(key) for key in shown)])
     return text.getvalue()
-
-
-def _cell(value: str | int | None) -> str | int | None:
-    if isinstance(value, bool):
-        return str(value).lower()
-    # Spreadsheets read full-width signs as the ASCII ones, to which NFKC maps them.
-    if isinstance(value, str) and normalize("NFKC", value[:1]).startswith(_FORMULA):
-        return f"'{value}"
-    return value
 
 
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:
@@ -276,8 +265,11 @@ def _made_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
     ]
 
 
-def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, address: str) -> str:
-    """Return an entry for the leaderboard as it is now, and one for each row."""
+def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, address: str) -> str:
+    """Return an entry for the leaderboard as it is now, and one for each row.
+
+    ``title`` and ``site`` are those of the server, ``address`` is that of the leaderboard.
+    """
     board, today = ranking.board, ranking.now.astimezone(UTC)
     of_board = _bibtex_entry(
         f"reverie-{board.name}-{today:%Y-%m-%d}",
@@ -292,7 +284,7 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, address: str) -
             f"reverie-{entry.submission_id}",
             author=ranking.team(entry) or ANONYMOUS,
             title=entry.method["name"],
-            address=urljoin(address, f"/submissions/{entry.submission_id}"),
+            address=f"{site}/submissions/{entry.submission_id}",
             at=entry.published_at,
             note=f"{title}, {entry.signature}",
         )

@@ -17,7 +17,7 @@ from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Event
 from reverie_eval.server.store.tables import Message
 
-LEASE = timedelta(minutes=10)
+LEASE = timedelta(hours=1)
 """How long other servers leave a claimed message alone."""
 PATIENCE = timedelta(days=3)
 """After that, a message is given up."""

@@ -249,7 +249,7 @@ class SubmissionService:
                     session, person, submission_id, self.view(self.transactions.clock())
                 )
         intervals = self._intervals(known) if change.published else None
-        with self.transactions.begin(organiser or person.name) as transaction:
+        with self.transactions.begin(organiser or person) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
             if change.withdrawn or change.published is False:
                 standing = standing_reviews(transaction.session, row.id)

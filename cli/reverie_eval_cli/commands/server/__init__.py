@@ -13,6 +13,7 @@ server = LazyGroup(
         "People": {
             "team": "team:team",
             "person": "person:person",
+            "request": "request:request",
             "token": "token:token",
             "invite": "token:invite",
             "grant": "grant:grant",
@@ -31,6 +32,7 @@ server = LazyGroup(
             "notify": "notify:notify",
             "backup": "backup:backup",
             "restore": "backup:restore",
+            "export-site": "site:export_site",
         },
     },
     help="Set up, look after and hand over an evaluation server.",

@@ -10,9 +10,10 @@ from reverie_eval.server.pages.desk import (
     people,
     quotas,
     reported,
+    requests,
     reviews,
 )
 
 router = APIRouter()
-for part in (overview, people, quotas, reviews, reported, corrections, news, notice):
+for part in (overview, people, requests, quotas, reviews, reported, corrections, news, notice):
     router.include_router(part.router)

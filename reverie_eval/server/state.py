@@ -76,7 +76,7 @@ class ServerState:
         uploads = open_uploads(settings.uploads, settings.folder)
         notices = Notices(settings.banner, paused=settings.paused)
         audit_log = AuditLog(signer)
-        transactions = Transactions(database, audit_log, clock)
+        transactions = Transactions(database, audit_log, clock, settings.channels)
         embargo = Embargo(boards, signer)
         intake = Intake(
             boards,

@@ -41,6 +41,8 @@ GET  /boards/{split}                200        200       200       200       200
 GET  /boards/{split}/chart          200        200       200       200       200
 GET  /boards/{split}/latex          200        200       200       200       200
 GET  /boards/{split}/bibtex         200        200       200       200       200
+GET  /boards/{split}/feed.atom      200        200       200       200       200
+GET  /feed.atom                     200        200       200       200       200
 GET  /sign-in                       200        200       200       200       200
 POST /sign-in                       401        303       303       303       303
 POST /sign-in/invitation            401        401       401       401       401

@@ -63,7 +63,9 @@ def everything(server: Serving, submission: str) -> dict[str, str]:
             "/organiser/attempts" if who == ORGANISER else "/me",
         )
     ]
-    board = [f"/boards/{PRIVATE}{path}" for path in ("", "/chart", "/latex", "/bibtex")]
+    board = [
+        f"/boards/{PRIVATE}{path}" for path in ("", "/chart", "/latex", "/bibtex", "/feed.atom")
+    ]
     public = [
         *(f"/api/v1/splits/{PRIVATE}/leaderboard{kind}" for kind in ("", ".csv")),
         *board,

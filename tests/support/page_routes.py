@@ -101,6 +101,8 @@ EXAMPLES = (
 NO_PAGES = frozenset(
     {
         "/",
+        "/feed.atom",
+        "/boards/{split}/feed.atom",
         "/boards/{split}/chart",
         "/boards/{split}/latex",
         "/boards/{split}/bibtex",

@@ -202,7 +202,8 @@ def acting(
         If the signing key, which the audit log's is derived from, is not the one in use.
     """
     with opened(settings) as database:
-        transactions = Transactions(database, AuditLog(signer_of(settings, database)), clock)
+        audit_log = AuditLog(signer_of(settings, database))
+        transactions = Transactions(database, audit_log, clock, settings.channels)
         with transactions.begin(actor) as transaction:
             yield transaction
 
@@ -241,6 +242,7 @@ def _at_settings(settings: Settings) -> Iterator[Finding]:
             "address from which the proxy connects"
         )
         yield Finding("settings", "note", message)
+    yield from _at_password_of_mail(settings)
     url = settings.database_url
     if url.password and not is_private and "REVERIE_EVAL_DATABASE" not in os.environ:
         message = f"other users can read the database's password; run `chmod 600 {file}`"
@@ -248,6 +250,21 @@ def _at_settings(settings: Settings) -> Iterator[Finding]:
     if url.password and url.password in {*_DEFAULT_PASSWORDS, url.username}:
         message = "the database's password is easy to guess; choose another"
         yield Finding("settings", "fault", message)
+
+
+def _at_password_of_mail(settings: Settings) -> Iterator[Finding]:
+    if settings.mail is None or settings.mail.password_file is None:
+        return
+    file = settings.path(settings.mail.password_file)
+    try:
+        is_private = not file.stat().st_mode & _OTHERS_MAY_READ
+    except OSError as error:
+        yield Finding("settings", "fault", f"{file} cannot be read: {error.strerror}")
+    else:
+        if not is_private:
+            yield Finding(
+                "settings", "fault", f"other users can read {file}; run `chmod 600 {file}`"
+            )
 
 
 def _at_ground_truth(settings: Settings) -> Iterator[Finding]:

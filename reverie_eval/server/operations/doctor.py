@@ -4,7 +4,7 @@ import hashlib
 import shutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 from sqlalchemy import select, text
@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.receipts import ReceiptError, verify_by_history
 from reverie_eval.schemas.service import KeyReport, SubmissionReport
-from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folder, said_by
+from reverie_eval.server.operations.checks import REFUSALS, Finding, acting, check_folder, said_by
 from reverie_eval.server.service.audit import (
     AuditLog,
     all_names_of_teams,
@@ -23,6 +23,7 @@ from reverie_eval.server.service.audit import (
 )
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import list_keys
+from reverie_eval.server.service.outbox import announce_fault, given_up
 from reverie_eval.server.service.submissions import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
@@ -51,7 +52,23 @@ def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Fin
         yield from _guarded("database", _at_the_file(state.database, session))
         yield from _guarded("submissions", _at_submissions(session, state, track))
         yield from _guarded("audit log", _at_audit_log(session, state.audit_log))
+        yield from _at_messages(session)
     yield from _at_disk(state.settings.folder)
+
+
+def tell_of_faults(folder: Path, findings: Iterable[Finding], actor: str) -> None:
+    """Tell the organiser of faults by mail and webhook, if the settings have one.
+
+    Does nothing if the server's own files or database are what is at fault.
+    """
+    faults = [finding for finding in findings if finding.kind == "fault"]
+    with suppress(ReverieEvalError):
+        settings = load_settings(folder)
+        if faults and settings.channels:
+            with acting(settings, actor) as transaction:
+                found = count_text(len(faults), "fault")
+                text = f"server doctor found {found}: {faults[0].check}: {faults[0].what}"
+                announce_fault(transaction, text)
 
 
 def _guarded(check: str, findings: Iterator[Finding]) -> Iterator[Finding]:
@@ -237,6 +254,15 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     if not broken:
         message = f"{count_text(count, 'entry', 'entries')}, none changed or removed"
         yield Finding("audit log", "ok", message)
+
+
+def _at_messages(session: Session) -> Iterator[Finding]:
+    for channel, number, error in given_up(session):
+        message = (
+            f"{count_text(number, 'message')} to the organiser not sent by {channel} ({error}); "
+            "try the settings with `reverie-eval server notify`"
+        )
+        yield Finding("messages", "note", message)
 
 
 def _at_disk(folder: Path) -> Iterator[Finding]:

@@ -27,6 +27,7 @@ from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.notices import Notices
+from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.quotas import QuotaUsage, check_bytes, quota_usages
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.submissions import View, check_metadata
@@ -189,6 +190,8 @@ class Intake:
             row.receipt = receipt.model_dump(mode="json")
             transaction.add(row)
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
+            said = f"{row.team.name} ({person.name}) submitted {method.name} to {split}"
+            announce(transaction, "submission", said, f"/submissions/{row.id}")
             keep()
             return Accepted(submission=self._worded(row), quota=quota, is_repeat=False)
 

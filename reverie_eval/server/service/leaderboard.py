@@ -33,7 +33,8 @@ _OF_METHOD = tuple(name for name in Method.model_fields if name != "description"
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
-_ANONYMOUS = "Anonymous"
+ANONYMOUS = "Anonymous"
+"""In place of a team's name, where some name is needed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +253,7 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
 def _method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
     """Return distinct names: the method, if necessary with its team, then with its id."""
     methods = [row.entry.method["name"] for row in rows]
-    named = _made_distinct(methods, [ranking.team(row.entry) or _ANONYMOUS.lower() for row in rows])
+    named = _made_distinct(methods, [ranking.team(row.entry) or ANONYMOUS.lower() for row in rows])
     return _made_distinct(named, [row.entry.submission_id or str(row.rank) for row in rows])
 
 
@@ -281,7 +282,7 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
     of_rows = [
         _bibtex_entry(
             f"reverie-{entry.submission_id}",
-            author=ranking.team(entry) or _ANONYMOUS,
+            author=ranking.team(entry) or ANONYMOUS,
             title=entry.method["name"],
             address=f"{site}/submissions/{entry.submission_id}",
             at=entry.published_at,

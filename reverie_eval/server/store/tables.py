@@ -313,6 +313,26 @@ class News(Base):
     removed_at: Mapped[datetime | None]
 
 
+class Message(Base):
+    """A message to the organiser, until some time after it was sent."""
+
+    __tablename__ = "outbox"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    channel: Mapped[str] = mapped_column(String(16))
+    event: Mapped[str] = mapped_column(String(32))
+    text: Mapped[str] = mapped_column(String(500))
+    path: Mapped[str] = mapped_column(String(200))
+    created_at: Mapped[datetime]
+    due_at: Mapped[datetime] = mapped_column(index=True)
+    """When to send it, or to try again."""
+    attempts: Mapped[int]
+    sent_at: Mapped[datetime | None]
+    given_up_at: Mapped[datetime | None]
+    error: Mapped[str] = mapped_column(String(500))
+    """Why it could not be sent the last time."""
+
+
 class Attempt(Base):
     """An upload and its outcome, for the organiser."""
 

@@ -32,6 +32,7 @@ server = LazyGroup(
             "audit": "audit:audit",
             "key": "key:key",
             "news": "news:news",
+            "notify": "notify:notify",
             "backup": "backup:backup",
             "restore": "backup:restore",
             "export-site": "site:export_site",

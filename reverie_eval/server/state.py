@@ -12,7 +12,6 @@ from reverie_eval.errors import Problem
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, board_named, load_boards
-from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
 from reverie_eval.server.service.intake import Clock, Intake
@@ -20,6 +19,7 @@ from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.service.rescoring import Rescoring
+from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
@@ -48,6 +48,7 @@ class ServerState:
     submissions: SubmissionService
     rescoring: Rescoring
     notices: Notices
+    schedules: Schedules
     sessions: Sessions
     entries: EntriesCache
     episodes: EpisodeService
@@ -74,7 +75,7 @@ class ServerState:
         notices = Notices(settings.banner, paused=settings.paused)
         audit_log = AuditLog.of(signer)
         transactions = Transactions(database, audit_log, clock)
-        embargo = Embargo(boards, signer)
+        schedules = Schedules(settings.splits)
         intake = Intake(
             boards,
             database,
@@ -84,13 +85,19 @@ class ServerState:
             transactions,
             notices,
             Attempts(database, clock),
-            embargo,
+            schedules,
             settings.required_metadata,
             most_bytes=settings.limits.unpacked_mebibytes << 20,
             mebibytes_per_day=settings.limits.mebibytes_per_day,
         )
         submissions = SubmissionService(
-            boards, database, uploads, transactions, embargo, settings.required_metadata
+            boards,
+            database,
+            uploads,
+            transactions,
+            schedules,
+            signer,
+            settings.required_metadata,
         )
         sessions = Sessions(signer.secret_for("browser sessions"))
         return cls(
@@ -105,8 +112,9 @@ class ServerState:
             submissions,
             Rescoring(boards, database, uploads, signer, transactions),
             notices,
+            schedules,
             sessions,
-            EntriesCache(),
+            EntriesCache(schedules),
             EpisodeService(boards, submissions),
             clock,
         )

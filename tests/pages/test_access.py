@@ -74,6 +74,8 @@ GET  /desk/corrections              sign-in    403       403       403       200
 POST /desk/corrections              sign-in    403       403       403       409
 GET  /desk/quotas                   sign-in    403       403       403       200
 POST /desk/quotas                   sign-in    403       403       403       303
+GET  /desk/phases                   sign-in    403       403       403       200
+POST /desk/phases                   sign-in    403       403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
 POST /desk/people/teams             sign-in    403       403       403       303
@@ -115,6 +117,7 @@ FORMS: Mapping[str, dict[str, str]] = {
         "reason": "disk",
         "until": "2026-04-01",
     },
+    "POST /desk/phases": {"split": OPEN, "what": "pause"},
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
     "POST /desk/people/teams": {"name": "Green"},
     "POST /desk/people/teams/rename": {"team": "Red", "name": "Azure"},

@@ -18,6 +18,7 @@ from reverie_eval.schemas.organising import (
     NewGrant,
     NewNotice,
     NewReported,
+    NewSchedule,
     NewTeam,
     ReportedChange,
 )
@@ -250,6 +251,7 @@ ACTIONS = [
     "reported result added",
     "reported result removed",
     "notice posted",
+    "schedule set",
 ]
 """In their order; those that only change a row's name are looked at by name."""
 
@@ -290,6 +292,7 @@ def do_everything(server: Serving) -> None:
     later(change_reported, result.id, ReportedChange(team="They all"))
     later(remove_reported, result.id)
     later(server.state.notices.post, NewNotice(banner="Hello"))
+    later(server.state.schedules.set, PRIVATE, NewSchedule(paused=True))
 
 
 @pytest.mark.parametrize("action", ACTIONS)

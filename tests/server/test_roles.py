@@ -65,6 +65,8 @@ DELETE /organiser/reported/{result_id}            401    403   403    403       
 POST   /organiser/corrections                     401    403   403    403        409      401         401
 GET    /organiser/notice                          401    403   403    403        200      401         401
 PUT    /organiser/notice                          401    403   403    403        200      401         401
+GET    /organiser/schedules                       401    403   403    403        200      401         401
+PUT    /organiser/schedules/{split}               401    403   403    403        200      401         401
 GET    /organiser/attempts                        401    403   403    403        200      401         401
 """  # noqa: E501  # a row is a line
 OUTSIDE = ("/healthz", "/metrics")
@@ -102,6 +104,7 @@ BODIES: Mapping[str, dict[str, Any]] = {
         "json": {"split": PRIVATE, "source": "Qi et al.", "text": "team,SR\nQi et al.,10\n"}
     },
     "PATCH /organiser/reported/{result_id}": {"json": {"team": "Qi et al., 2020"}},
+    "PUT /organiser/schedules/{split}": {"json": {"paused": True}},
     "PUT /organiser/notice": {"json": {"banner": "Back at noon."}},
 }
 

@@ -87,6 +87,7 @@ EXAMPLES = (
     Example("/desk/reported/import", ORGANISER),
     Example("/desk/reported/{result_id}", ORGANISER),
     Example("/desk/quotas", ORGANISER),
+    Example("/desk/phases", ORGANISER),
     Example("/desk/people", ORGANISER),
     Example("/desk/notice", ORGANISER),
     Example("/desk/audit", ORGANISER),

@@ -21,6 +21,7 @@ from reverie_eval.server.service.boards import Board, load_boards
 from reverie_eval.server.service.receipts import Signer, load_key, public_pem_of
 from reverie_eval.server.service.rescoring import count_outdated
 from reverie_eval.server.service.rules import LastRules, different, rules_of
+from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -73,6 +74,7 @@ def check_folder(folder: Path) -> Sequence[Finding]:
         _at_signing_key,
         _at_database,
         _at_rules,
+        _at_schedules,
         _at_results,
         _at_uploads,
     )
@@ -305,6 +307,28 @@ def _at_rules(settings: Settings) -> Iterator[Finding]:
                 "with the same bundles and settings"
             )
             yield Finding("rules", "note", message)
+
+
+def _at_schedules(settings: Settings) -> Iterator[Finding]:
+    """Look for splits whose phases or pauses the desk has set."""
+    if database_fault(settings) is not None:
+        return
+    with closing(Database(settings.database_url)) as database, database.reading() as session:
+        reports = Schedules(settings.splits).list_all(session)
+    for report in filter(lambda report: report.desk, reports):
+        now = report.in_effect
+        try:
+            settings.splits[report.split].check_release(now.phases, now.release_scores)
+        except ValueError as error:
+            remedy = f"run `reverie-eval server phase reset {settings.folder} {report.split}`"
+            message = f"{report.split}, as set at the desk: {error}; {remedy}"
+            yield Finding("phases", "fault", message)
+        else:
+            message = (
+                f"{report.split}: the desk has set phases or a pause in place of the settings; "
+                f"`reverie-eval server diff {settings.folder}` compares them"
+            )
+            yield Finding("phases", "note", message)
 
 
 def _at_results(settings: Settings) -> Iterator[Finding]:

@@ -16,6 +16,7 @@ from reverie_eval.schemas.organising import (
     NewPerson,
     NewReported,
     NewReview,
+    NewSchedule,
     NewTeam,
     NewToken,
     NewTokenReport,
@@ -25,6 +26,7 @@ from reverie_eval.schemas.organising import (
     ReportedEntry,
     RescoringReport,
     ReviewEntry,
+    ScheduleReport,
     TeamReport,
     TokenReport,
 )
@@ -42,6 +44,7 @@ router = APIRouter(
 )
 
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
+SplitName = Annotated[str, Path(examples=["test"])]
 TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 
 
@@ -181,6 +184,22 @@ def show_notice(organiser: Organiser) -> NoticeReport:
 def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
     """Set the banner, and pause or resume submissions; takes effect immediately."""
     return organiser.perform(organiser.server.notices.post, new)
+
+
+@router.get("/schedules")
+def list_schedules(organiser: Organiser) -> list[ScheduleReport]:
+    """Compare when splits accept submissions by the settings, by the desk, and in effect."""
+    with organiser.snapshot() as snapshot:
+        return organiser.server.schedules.list_all(snapshot.session)
+
+
+@router.put("/schedules/{split}", responses=problems("not-found", "conflict"))
+def set_schedule(split: SplitName, new: NewSchedule, organiser: Organiser) -> ScheduleReport:
+    """Set a split's phases, when scores are released, and whether it is paused; empty, unset them.
+
+    What is left out is taken from the settings file. It takes effect immediately.
+    """
+    return organiser.perform(organiser.server.schedules.set, split, new)
 
 
 @router.get("/attempts")

@@ -13,6 +13,7 @@ from reverie_eval.schemas.service import (
     Leaderboard,
     PhaseReport,
     QuotaReport,
+    Schedule,
     SplitReport,
 )
 from reverie_eval.server.http.callers import Anybody, Call, Server
@@ -151,15 +152,21 @@ def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
             if snapshot.caller
             else {}
         )
-        return [_report(board, quotas.get(board.name), snapshot.now) for board in boards]
+        schedules = call.server.schedules.in_effect(snapshot.session)
+        return [
+            _report(board, schedules[board.name], quotas.get(board.name), snapshot.now)
+            for board in boards
+        ]
 
 
-def _report(board: Board, quota: QuotaReport | None, now: datetime) -> SplitReport:
+def _report(
+    board: Board, schedule: Schedule, quota: QuotaReport | None, now: datetime
+) -> SplitReport:
     phases = [
         PhaseReport(
             name=phase.name, opens=phase.opens, closes=phase.closes, is_open=phase.is_open(now)
         )
-        for phase in board.split.phases
+        for phase in schedule.phases
     ]
     return SplitReport(
         name=board.name,
@@ -171,6 +178,7 @@ def _report(board: Board, quota: QuotaReport | None, now: datetime) -> SplitRepo
         fingerprint=board.truth.fingerprint,
         public_fingerprint=board.public_fingerprint,
         phases=phases,
-        release_scores=board.split.release_scores,
+        release_scores=schedule.release_scores,
+        paused=schedule.paused,
         quota=quota,
     )

@@ -34,6 +34,7 @@ from reverie_eval.server.store.tables import (
     Person,
     ReportedResult,
     Review,
+    SetSchedule,
     Submission,
     Team,
     Token,
@@ -275,6 +276,7 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
         select(literal("reported result removed"), ReportedResult.id, ReportedResult.removed_at),
     ),
     (Notice, select(literal("notice posted"), Notice.id, Notice.created_at)),
+    (SetSchedule, select(literal("schedule set"), SetSchedule.id, SetSchedule.created_at)),
     (Correction, select(literal("correction announced"), Correction.id, Correction.created_at)),
 )
 """For each table, the actions that its rows show: name, key of the row, time or None."""

@@ -21,6 +21,7 @@ from reverie_eval.schemas.service import CorrectionReport, Standing, Verdict
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import reviews_of
+from reverie_eval.server.service.schedules import Schedules, Timetable
 from reverie_eval.server.store.tables import AuditEntry, Correction, Submission, Team
 
 _SUBMITTED = literal("submitted", literal_execute=True)
@@ -131,7 +132,8 @@ class BoardEntries:
 class EntriesCache:
     """The entries of every leaderboard, always as recent as the last commit."""
 
-    def __init__(self) -> None:
+    def __init__(self, schedules: Schedules) -> None:
+        self._schedules = schedules
         self._cached: dict[str, BoardEntries] = {}
         self._counts: tuple[int, Mapping[str, Counter[int]]] = (0, {})
         """As of an entry of the audit log: the submissions of each team, by split."""
@@ -144,7 +146,9 @@ class EntriesCache:
         with self._lock:
             cached = self._cached.get(board.name)
             if cached is None or cached.number < number or cached.is_over(now):
-                cached = self._cached[board.name] = _read_entries(session, board, number, now)
+                timetable = self._schedules.read(session)[board.name]
+                cached = _read_entries(session, board, timetable, number, now)
+                self._cached[board.name] = cached
             return cached
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
@@ -170,8 +174,10 @@ class EntriesCache:
         return counts.get(split, {})
 
 
-def _read_entries(session: Session, board: Board, number: int, now: datetime) -> BoardEntries:
-    entries = [*_scored(session, board, now), *_reported(session, board)]
+def _read_entries(
+    session: Session, board: Board, timetable: Timetable, number: int, now: datetime
+) -> BoardEntries:
+    entries = [*_scored(session, board, timetable, now), *_reported(session, board)]
     listed = [entry for entry in entries if entry.standing in _LISTED]
     apart = [Row(None, entry) for entry in entries if entry.standing not in _LISTED]
     metrics = frozenset(key for entry in listed for key in entry.scores)
@@ -191,7 +197,7 @@ def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:
     return session.scalar(chosen.limit(1)) or 0
 
 
-def _scored(session: Session, board: Board, now: datetime) -> Sequence[Entry]:
+def _scored(session: Session, board: Board, timetable: Timetable, now: datetime) -> Sequence[Entry]:
     chosen = (
         select(
             Submission.id,
@@ -220,7 +226,7 @@ def _scored(session: Session, board: Board, now: datetime) -> Sequence[Entry]:
             row,
             reviews.get(row.id, ()),
             rules,
-            board.split.scores_held_until(row.received_at, now),
+            timetable.held_until(row.received_at, now),
         )
         for row in session.execute(chosen)
     ]

@@ -28,7 +28,9 @@ from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundEr
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
+from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.reviews import find_submission, standing_reviews
+from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Review, Submission
@@ -84,11 +86,10 @@ class View:
     """What may be seen of submissions at a moment."""
 
     embargo: Embargo
-    now: datetime
 
     def report(self, row: Submission) -> SubmissionReport:
         """Word a submission for its team."""
-        return self.embargo.word(submission_report(row), row, self.now)
+        return self.embargo.word(submission_report(row), row)
 
 
 def submission_report(row: Submission) -> SubmissionReport:
@@ -144,14 +145,14 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
     row = find_submission(session, submission_id)
     if row is None or row.published_at is None or row.withdrawn_at is not None:
         raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
-    held_until = view.embargo.until(row, view.now)
-    is_anonymous = row.anonymous_until is not None and row.anonymous_until > view.now
+    held_until = view.embargo.until(row)
+    is_anonymous = row.anonymous_until is not None and row.anonymous_until > view.embargo.now
     return Publication(
         id=row.id,
         split=row.split,
         team="" if is_anonymous else row.team.name,
         method=Method.model_validate(row.method),
-        report=view.embargo.report(row, view.now),
+        report=view.embargo.report(row),
         scores_held_until=held_until,
         published_at=row.published_at,
         reviews=standing_reviews(session, row.id),
@@ -183,16 +184,17 @@ class SubmissionService:
     database: Database
     uploads: Uploads
     transactions: Transactions
-    embargo: Embargo
+    schedules: Schedules
+    signer: Signer
     required_metadata: Collection[str]
 
     def __post_init__(self) -> None:
         """Create the cache of scores."""
         self._scored = lru_cache(RECENT)(self._score_again)
 
-    def view(self, now: datetime) -> View:
+    def view(self, session: Session, now: datetime) -> View:
         """Return what may be seen at a moment."""
-        return View(self.embargo, now)
+        return View(Embargo(self.schedules.read(session), self.signer, now))
 
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces."""
@@ -245,9 +247,8 @@ class SubmissionService:
         with self.database.reading() as session:
             known = submission_report(_row_of(session, person, submission_id))
             if not change.model_fields_set:
-                return submission_of(
-                    session, person, submission_id, self.view(self.transactions.clock())
-                )
+                view = self.view(session, self.transactions.clock())
+                return submission_of(session, person, submission_id, view)
         intervals = self._intervals(known) if change.published else None
         with self.transactions.begin(organiser or person.name) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
@@ -272,7 +273,7 @@ class SubmissionService:
                 raise ConflictError("a withdrawn submission cannot be published; restore it first")
             changed = change.model_dump(mode="json", exclude_unset=True)
             transaction.record("changed", row, row.id, **changed)
-            return self.view(now).report(row)
+            return self.view(transaction.session, now).report(row)
 
     def _edited(self, row: Submission, change: MethodChange) -> Method:
         edited = change.model_dump(mode="json", exclude_unset=True)

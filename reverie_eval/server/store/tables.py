@@ -7,7 +7,7 @@ from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeD
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from reverie_eval.schemas.organising import TokenKind
-from reverie_eval.schemas.service import Role, Verdict
+from reverie_eval.schemas.service import ReleaseScores, Role, Verdict
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -39,6 +39,7 @@ class Base(DeclarativeBase):
         Role: String(16),
         TokenKind: String(16),
         Verdict: String(16),
+        ReleaseScores: String(16),
     }
 
 
@@ -238,6 +239,21 @@ class Notice(Base):
     banner: Mapped[str] = mapped_column(String(500))
     paused: Mapped[bool]
     posted_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+
+
+class SetSchedule(Base):
+    """When a split accepts submissions and shows scores, as set at the desk; the latest applies."""
+
+    __tablename__ = "schedule"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    split: Mapped[str] = mapped_column(String(64), index=True)
+    phases: Mapped[list[dict[str, Any]] | None]
+    """None: those of the settings."""
+    release_scores: Mapped[ReleaseScores | None]
+    paused: Mapped[bool]
+    set_by: Mapped[str] = mapped_column(String(200))
     created_at: Mapped[datetime]
 
 

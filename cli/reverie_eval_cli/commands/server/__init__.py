@@ -23,6 +23,10 @@ server = LazyGroup(
             "import": "reported:import_results",
             "reported": "reported:reported",
         },
+        "Phases": {
+            "phase": "phase:phase",
+            "diff": "phase:diff",
+        },
         "Keep": {
             "doctor": "folder:doctor",
             "audit": "audit:audit",

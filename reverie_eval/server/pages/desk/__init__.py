@@ -7,11 +7,12 @@ from reverie_eval.server.pages.desk import (
     notice,
     overview,
     people,
+    phases,
     quotas,
     reported,
     reviews,
 )
 
 router = APIRouter()
-for part in (overview, people, quotas, reviews, reported, corrections, notice):
+for part in (overview, people, quotas, phases, reviews, reported, corrections, notice):
     router.include_router(part.router)

@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_public_key
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.schemas.service import Receipt
+from reverie_eval.schemas.service import Receipt, Snapshot
 from reverie_eval.text import printable
 
 _KEY_ID_LENGTH = 16
@@ -32,12 +32,12 @@ class NotGenuineError(ReceiptError):
     """A receipt was not signed with this key, or was changed afterwards."""
 
 
-def verify(receipt: Receipt, public_pem: str) -> None:
-    """Check that a receipt was signed with a key and has not been changed.
+def verify(receipt: Receipt | Snapshot, public_pem: str) -> None:
+    """Check that a receipt, or a snapshot, was signed with a key and has not been changed.
 
     Parameters
     ----------
-    receipt : Receipt
+    receipt : Receipt or Snapshot
         As issued by the server; the layout of its JSON file does not matter.
     public_pem : str
         The server's public key in PEM form, as :meth:`reverie_eval.client.Client.key` returns it.
@@ -62,7 +62,7 @@ def verify(receipt: Receipt, public_pem: str) -> None:
         raise NotGenuineError("the signature does not match: the receipt was changed") from None
 
 
-def canonical(receipt: Receipt) -> bytes:
+def canonical(receipt: Receipt | Snapshot) -> bytes:
     """Return the bytes that are signed: the receipt without its proof, in canonical JSON."""
     fields: dict[str, Any] = receipt.model_dump(mode="json", exclude={"proof"})
     text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)

@@ -354,6 +354,13 @@ class ScheduleReport(WireModel):
     set_at: datetime | None
 
 
+class NewSnapshot(WireModel):
+    """A snapshot to be taken of a leaderboard."""
+
+    split: Name = Field(examples=["test"])
+    title: Name = Field(examples=["CVPR 2027 challenge"])
+
+
 class AttemptReport(WireModel):
     """An upload and its outcome."""
 

@@ -423,6 +423,30 @@ class Leaderboard(WireModel):
     """The latest first."""
 
 
+class SnapshotEntry(WireModel):
+    """A snapshot of a leaderboard, without its results."""
+
+    split: SplitName
+    number: int = Field(examples=[1])
+    """From 1, by split."""
+    title: str = Field(examples=["CVPR 2027 challenge"])
+    as_of: AwareDatetime
+    """The instant at which the leaderboard was in this state."""
+
+
+class Snapshot(SnapshotEntry):
+    """A signed state of a leaderboard, which never changes: every field but the last is signed."""
+
+    schema_version: Literal[1] = 1
+    server: str = Field(examples=["REVERIE evaluation server"])
+    """The server's title."""
+    leaderboard: Leaderboard
+    key_id: KeyId
+    """The first letters of the SHA-256 of the server's public key."""
+    proof: str = Field(examples=["p2l5c2JhZGx5IHNpZ25lZA=="])
+    """Ed25519 over the canonical JSON of the other fields, in base64."""
+
+
 class ProblemDocument(WireModel):
     """An error, as RFC 9457 has it."""
 

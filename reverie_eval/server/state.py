@@ -20,6 +20,7 @@ from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.receipts import Signer, load_key
 from reverie_eval.server.service.rescoring import Rescoring
 from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.snapshots import Snapshots
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
@@ -49,6 +50,7 @@ class ServerState:
     rescoring: Rescoring
     notices: Notices
     schedules: Schedules
+    snapshots: Snapshots
     sessions: Sessions
     entries: EntriesCache
     episodes: EpisodeService
@@ -74,8 +76,9 @@ class ServerState:
         uploads = open_uploads(settings.uploads, settings.folder)
         notices = Notices(settings.banner, paused=settings.paused)
         audit_log = AuditLog.of(signer)
-        transactions = Transactions(database, audit_log, clock)
         schedules = Schedules(settings.splits)
+        snapshots = Snapshots(lambda: boards, schedules, signer)
+        transactions = Transactions(database, audit_log, clock, snapshots.take_due)
         intake = Intake(
             boards,
             database,
@@ -113,6 +116,7 @@ class ServerState:
             Rescoring(boards, database, uploads, signer, transactions),
             notices,
             schedules,
+            snapshots,
             sessions,
             EntriesCache(schedules),
             EpisodeService(boards, submissions),

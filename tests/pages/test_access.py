@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import httpx
 import pytest
 
+from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
 from reverie_eval.server.store.tables import ReportedResult
@@ -36,6 +37,7 @@ TABLE = """
                                     anonymous  other     mate      owner     organiser
 GET  /                              307        307       307       307       307
 GET  /boards/{split}                200        200       200       200       200
+GET  /boards/{split}/snapshots/{number} 200     200       200       200       200
 GET  /boards/{split}/chart          200        200       200       200       200
 GET  /boards/{split}/latex          200        200       200       200       200
 GET  /boards/{split}/bibtex         200        200       200       200       200
@@ -76,6 +78,8 @@ GET  /desk/quotas                   sign-in    403       403       403       200
 POST /desk/quotas                   sign-in    403       403       403       303
 GET  /desk/phases                   sign-in    403       403       403       200
 POST /desk/phases                   sign-in    403       403       403       303
+GET  /desk/snapshots                sign-in    403       403       403       200
+POST /desk/snapshots                sign-in    403       403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
 POST /desk/people/teams             sign-in    403       403       403       303
@@ -118,6 +122,7 @@ FORMS: Mapping[str, dict[str, str]] = {
         "until": "2026-04-01",
     },
     "POST /desk/phases": {"split": OPEN, "what": "pause"},
+    "POST /desk/snapshots": {"split": OPEN, "title": "CVPR 2027"},
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
     "POST /desk/people/teams": {"name": "Green"},
     "POST /desk/people/teams/rename": {"team": "Red", "name": "Azure"},
@@ -150,10 +155,12 @@ def parts(server: Serving) -> Mapping[str, str]:
             created_at=NOON,
         )
         transaction.add(result)
+        taken = server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
     return {
         "hint": spare,
         "review_id": str(said),
         "result_id": str(result.id),
+        "number": str(taken.number),
         "split": OPEN,
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],

@@ -52,6 +52,7 @@ PAGES = (
     "/desk/people",
     "/desk/quotas",
     "/desk/phases",
+    "/desk/snapshots",
     "/desk/notice",
     "/desk/audit",
 )
@@ -113,6 +114,7 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/people/tokens/rv_12345678/revoke",
         "/desk/quotas",
         "/desk/phases",
+        "/desk/snapshots",
         "/desk/notice",
     ],
 )
@@ -348,6 +350,19 @@ def test_it_is_said_that_scores_will_be_shown(desk: Visitor) -> None:
     server.upload(OWNER, submission_for(PRIVATE), PRIVATE)
     asked = said(sending(desk, "/desk/phases", split=PRIVATE, what="reset"))
     assert "The scores of 1 submission will be shown at once. This cannot be undone." in asked
+
+
+def test_a_snapshot_is_taken_after_a_question(desk: Visitor) -> None:
+    form = {"split": OPEN, "title": f"CVPR {MARKUP}"}
+    asked = sending(desk, "/desk/snapshots", **form)
+    assert "can be neither changed nor removed" in said(asked)
+    words = told(desk, "/desk/snapshots", **form, **YES)
+    assert f"{OPEN} 1 CVPR {MARKUP} 2026-03-02 12:00 UTC" in words
+    assert f"CVPR {MARKUP}, as of" in said(desk.get(f"/boards/{OPEN}"))
+    shown = desk.server.client.get(f"/boards/{OPEN}/snapshots/1")
+    assert MARKUP not in shown.text
+    assert "Nothing had been published." in said(shown)
+    assert sending(desk, "/desk/snapshots", split="none", title="x").status_code == 404
 
 
 def test_a_team_and_its_people_are_added(desk: Visitor) -> None:

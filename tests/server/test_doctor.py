@@ -19,6 +19,7 @@ from reverie_eval.schemas.organising import (
     NewNotice,
     NewReported,
     NewSchedule,
+    NewSnapshot,
     NewTeam,
     ReportedChange,
 )
@@ -252,6 +253,7 @@ ACTIONS = [
     "reported result removed",
     "notice posted",
     "schedule set",
+    "snapshot taken",
 ]
 """In their order; those that only change a row's name are looked at by name."""
 
@@ -293,6 +295,7 @@ def do_everything(server: Serving) -> None:
     later(remove_reported, result.id)
     later(server.state.notices.post, NewNotice(banner="Hello"))
     later(server.state.schedules.set, PRIVATE, NewSchedule(paused=True))
+    later(server.state.snapshots.take, NewSnapshot(split=PRIVATE, title="2026"))
 
 
 @pytest.mark.parametrize("action", ACTIONS)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from reverie_eval.schemas.organising import NewReported
+from reverie_eval.schemas.organising import NewReported, NewSnapshot
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.app import create_app
 from reverie_eval.server.service.reported import add_reported
@@ -34,6 +34,9 @@ GET    /splits                                    200    200   200    200       
 GET    /splits/{split}                            200    200   200    200        200      401         401
 GET    /splits/{split}/leaderboard                200    200   200    200        200      200         200
 GET    /splits/{split}/leaderboard.csv            200    200   200    200        200      200         200
+GET    /splits/{split}/snapshots                  200    200   200    200        200      200         200
+GET    /splits/{split}/snapshots/{number}         200    200   200    200        200      200         200
+GET    /splits/{split}/snapshots/{number}.csv     200    200   200    200        200      200         200
 POST   /splits/{split}/validate                   401    200   200    200        200      401         401
 POST   /splits/{split}/submissions                401    201   200    200        201      401         401
 GET    /submissions                               401    200   200    200        200      401         401
@@ -67,6 +70,7 @@ GET    /organiser/notice                          401    403   403    403       
 PUT    /organiser/notice                          401    403   403    403        200      401         401
 GET    /organiser/schedules                       401    403   403    403        200      401         401
 PUT    /organiser/schedules/{split}               401    403   403    403        200      401         401
+POST   /organiser/snapshots                       401    403   403    403        201      401         401
 GET    /organiser/attempts                        401    403   403    403        200      401         401
 """  # noqa: E501  # a row is a line
 OUTSIDE = ("/healthz", "/metrics")
@@ -105,6 +109,7 @@ BODIES: Mapping[str, dict[str, Any]] = {
     },
     "PATCH /organiser/reported/{result_id}": {"json": {"team": "Qi et al., 2020"}},
     "PUT /organiser/schedules/{split}": {"json": {"paused": True}},
+    "POST /organiser/snapshots": {"json": {"split": OPEN, "title": "CVPR 2027"}},
     "PUT /organiser/notice": {"json": {"banner": "Back at noon."}},
 }
 
@@ -139,6 +144,7 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         spare = create_token(transaction, OWNER)
         said = review(transaction, ids[OPEN], "verified")
         result = add_reported(transaction, reported, [OPEN])
+        taken = server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
     return {
         "split": OPEN,
         "name": "Red",
@@ -147,6 +153,7 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         "hint": spare.hint,
         "review_id": str(said.id),
         "result_id": str(result.id),
+        "number": str(taken.number),
     }
 
 

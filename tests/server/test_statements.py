@@ -11,7 +11,7 @@ from sqlalchemy import event
 from tests.support.serving import OPEN, ORGANISER, OWNER, PRIVATE, Serving, submission_for
 from tests.support.visiting import Visitor, signed_in
 
-PAGE, READ, UPLOAD = 10, 6, 16
+PAGE, READ, UPLOAD = 10, 6, 17
 """The most statements of a page, of a read of the API, and of an upload that is scored."""
 
 
@@ -61,6 +61,7 @@ PAGES = {
     "the desk": (ORGANISER, "/desk"),
     "people": (ORGANISER, "/desk/people"),
     "quotas": (ORGANISER, "/desk/quotas"),
+    "snapshots": (ORGANISER, "/desk/snapshots"),
     "phases": (ORGANISER, "/desk/phases"),
     "reviews": (ORGANISER, "/desk/reviews?submission={submission_id}"),
     "reported results": (ORGANISER, "/desk/reported"),

@@ -43,6 +43,7 @@ class Example(NamedTuple):
             "other_id": site.ids[OPEN, BOLD],
             "wordy_id": site.ids[OPEN, ENDLESS],
             "result_id": "1",
+            "number": "1",
             "instr_id": "1196_0_0",
             "private_id": site.ids[PRIVATE, "Shortest paths"],
         }
@@ -53,6 +54,7 @@ EXAMPLES = (
     Example("/boards/{split}"),
     Example("/boards/{split}", OWNER, "?metric=spl&extra_data=without&columns=all"),
     Example("/boards/{split}", None, "?text=nothing+is+called+so"),
+    Example("/boards/{split}/snapshots/{number}"),
     Example("/sign-in"),
     Example("/submit", OWNER),
     Example("/submissions/{submission_id}"),
@@ -88,6 +90,7 @@ EXAMPLES = (
     Example("/desk/reported/{result_id}", ORGANISER),
     Example("/desk/quotas", ORGANISER),
     Example("/desk/phases", ORGANISER),
+    Example("/desk/snapshots", ORGANISER),
     Example("/desk/people", ORGANISER),
     Example("/desk/notice", ORGANISER),
     Example("/desk/audit", ORGANISER),

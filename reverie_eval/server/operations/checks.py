@@ -22,6 +22,7 @@ from reverie_eval.server.service.receipts import Signer, load_key, public_pem_of
 from reverie_eval.server.service.rescoring import count_outdated
 from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.snapshots import Snapshots
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -203,7 +204,8 @@ def acting(
     """
     signer = Signer(load_key(settings.path(settings.signing_key)), settings.title)
     with opened(settings) as database:
-        transactions = Transactions(database, AuditLog.of(signer), clock)
+        snapshots = Snapshots(lambda: load_boards(settings), Schedules(settings.splits), signer)
+        transactions = Transactions(database, AuditLog.of(signer), clock, snapshots.take_due)
         with transactions.begin(actor) as transaction:
             yield transaction
 

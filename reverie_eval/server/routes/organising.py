@@ -17,6 +17,7 @@ from reverie_eval.schemas.organising import (
     NewReported,
     NewReview,
     NewSchedule,
+    NewSnapshot,
     NewTeam,
     NewToken,
     NewTokenReport,
@@ -30,6 +31,7 @@ from reverie_eval.schemas.organising import (
     TeamReport,
     TokenReport,
 )
+from reverie_eval.schemas.service import SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
@@ -200,6 +202,12 @@ def set_schedule(split: SplitName, new: NewSchedule, organiser: Organiser) -> Sc
     What is left out is taken from the settings file. It takes effect immediately.
     """
     return organiser.perform(organiser.server.schedules.set, split, new)
+
+
+@router.post("/snapshots", status_code=201, responses=problems("not-found"))
+def take_snapshot(new: NewSnapshot, organiser: Organiser) -> SnapshotEntry:
+    """Take a signed snapshot of a leaderboard, which never changes."""
+    return organiser.perform(organiser.server.snapshots.take, new)
 
 
 @router.get("/attempts")

@@ -35,6 +35,7 @@ from reverie_eval.server.store.tables import (
     ReportedResult,
     Review,
     SetSchedule,
+    StoredSnapshot,
     Submission,
     Team,
     Token,
@@ -277,6 +278,10 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     ),
     (Notice, select(literal("notice posted"), Notice.id, Notice.created_at)),
     (SetSchedule, select(literal("schedule set"), SetSchedule.id, SetSchedule.created_at)),
+    (
+        StoredSnapshot,
+        select(literal("snapshot taken"), StoredSnapshot.id, StoredSnapshot.created_at),
+    ),
     (Correction, select(literal("correction announced"), Correction.id, Correction.created_at)),
 )
 """For each table, the actions that its rows show: name, key of the row, time or None."""

@@ -17,12 +17,18 @@ from sqlalchemy import ColumnElement, Text, cast, func, literal, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.schemas.service import CorrectionReport, Standing, Verdict
+from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing, Verdict
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.service.schedules import Schedules, Timetable
-from reverie_eval.server.store.tables import AuditEntry, Correction, Submission, Team
+from reverie_eval.server.store.tables import (
+    AuditEntry,
+    Correction,
+    StoredSnapshot,
+    Submission,
+    Team,
+)
 
 _SUBMITTED = literal("submitted", literal_execute=True)
 """The most frequent action; it changes no leaderboard, because it publishes nothing. It is written
@@ -119,6 +125,8 @@ class BoardEntries:
     """All metrics of the entries that are not apart."""
     corrections: Sequence[CorrectionReport] = ()
     """The latest first."""
+    snapshots: Sequence[SnapshotEntry] = ()
+    """The latest first."""
     held_until: datetime | None = None
     """When scores are released next, if any are held back."""
     ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
@@ -182,14 +190,29 @@ def _read_entries(
     apart = [Row(None, entry) for entry in entries if entry.standing not in _LISTED]
     metrics = frozenset(key for entry in listed for key in entry.scores)
     held = [entry.scores_held_until for entry in entries if entry.scores_held_until is not None]
-    corrections = corrections_of(session, board.name)
-    return BoardEntries(number, listed, apart, metrics, corrections, min(held, default=None))
+    return BoardEntries(
+        number,
+        listed,
+        apart,
+        metrics,
+        corrections=corrections_of(session, board.name),
+        snapshots=list_snapshots(session, board.name),
+        held_until=min(held, default=None),
+    )
 
 
 def corrections_of(session: Session, split: str) -> Sequence[CorrectionReport]:
     """Return the corrections of a split, the latest first."""
     chosen = select(Correction).where(Correction.split == split).order_by(Correction.id.desc())
     return [CorrectionReport.model_validate(row) for row in session.scalars(chosen)]
+
+
+def list_snapshots(session: Session, split: str | None = None) -> Sequence[SnapshotEntry]:
+    """List the snapshots of a split, or of all; the latest first."""
+    chosen = select(StoredSnapshot).order_by(StoredSnapshot.id.desc())
+    if split is not None:
+        chosen = chosen.where(StoredSnapshot.split == split)
+    return [SnapshotEntry.model_validate(row) for row in session.scalars(chosen)]
 
 
 def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:

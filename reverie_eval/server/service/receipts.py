@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.serialization import (
 
 from reverie_eval import receipts
 from reverie_eval.receipts import ReceiptError, canonical, key_id_of
-from reverie_eval.schemas.service import QuotaReport, Receipt
+from reverie_eval.schemas.service import Leaderboard, QuotaReport, Receipt, Snapshot
 
 
 class Signer:
@@ -66,8 +66,26 @@ class Signer:
             key_id=self.key_id,
             proof="",
         )
-        proof = base64.b64encode(self._key.sign(canonical(unsigned))).decode()
-        return unsigned.model_copy(update={"proof": proof})
+        return unsigned.model_copy(update={"proof": self._proof(unsigned)})
+
+    def sign_snapshot(
+        self, *, split: str, number: int, title: str, as_of: datetime, leaderboard: Leaderboard
+    ) -> Snapshot:
+        """Return a signed state of a leaderboard."""
+        unsigned = Snapshot(
+            server=self._server,
+            split=split,
+            number=number,
+            title=title,
+            as_of=as_of,
+            leaderboard=leaderboard,
+            key_id=self.key_id,
+            proof="",
+        )
+        return unsigned.model_copy(update={"proof": self._proof(unsigned)})
+
+    def _proof(self, unsigned: Receipt | Snapshot) -> str:
+        return base64.b64encode(self._key.sign(canonical(unsigned))).decode()
 
 
 def make_key(path: Path) -> None:

@@ -52,9 +52,13 @@ class Transactions:
     database: Database
     audit_log: AuditLog
     clock: Callable[[], datetime]
+    begins: Callable[[Transaction], None] = lambda _: None
+    """Called at the beginning of each transaction, before anything is changed."""
 
     @contextmanager
     def begin(self, actor: str) -> Iterator[Transaction]:
         """Begin a transaction; it is committed at the end, or rolled back after an error."""
         with self.database.writing() as session:
-            yield Transaction(session, actor, self.clock(), self.audit_log)
+            transaction = Transaction(session, actor, self.clock(), self.audit_log)
+            self.begins(transaction)
+            yield transaction

@@ -257,6 +257,27 @@ class SetSchedule(Base):
     created_at: Mapped[datetime]
 
 
+class StoredSnapshot(Base):
+    """A state of a leaderboard, which never changes."""
+
+    __tablename__ = "snapshot"
+    __table_args__ = (
+        Index("one_per_number", "split", "number", unique=True),
+        Index("one_per_closing", "split", "phase", "as_of", unique=True),
+    )
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    split: Mapped[str] = mapped_column(String(64))
+    number: Mapped[int]
+    title: Mapped[str] = mapped_column(String(100))
+    phase: Mapped[str | None] = mapped_column(String(100))
+    """The phase after which it was taken; None if the organiser took it."""
+    as_of: Mapped[datetime]
+    content: Mapped[dict[str, Any]]
+    """The signed snapshot."""
+    created_at: Mapped[datetime]
+
+
 class Attempt(Base):
     """An upload and its outcome, for the organiser."""
 

@@ -26,6 +26,7 @@ server = LazyGroup(
         "Phases": {
             "phase": "phase:phase",
             "diff": "phase:diff",
+            "snapshot": "snapshot:snapshot",
         },
         "Keep": {
             "doctor": "folder:doctor",

@@ -11,8 +11,9 @@ from reverie_eval.server.pages.desk import (
     quotas,
     reported,
     reviews,
+    snapshots,
 )
 
 router = APIRouter()
-for part in (overview, people, quotas, phases, reviews, reported, corrections, notice):
+for part in (overview, people, quotas, phases, snapshots, reviews, reported, corrections, notice):
     router.include_router(part.router)

@@ -22,10 +22,12 @@ from reverie_eval.notebook import attach_methods
 from reverie_eval.scoring import (
     PROTOCOLS,
     Evaluator,
+    ScoredFiles,
     Scores,
     Validation,
     diagnose,
     evaluate,
+    evaluate_many,
     evaluate_protocols,
     validate,
 )
@@ -43,6 +45,7 @@ __all__ = [
     "ProtocolError",
     "RejectedError",
     "ReverieEvalError",
+    "ScoredFiles",
     "Scores",
     "SubmissionError",
     "Validation",
@@ -50,6 +53,7 @@ __all__ = [
     "compare",
     "diagnose",
     "evaluate",
+    "evaluate_many",
     "evaluate_protocols",
     "validate",
 ]

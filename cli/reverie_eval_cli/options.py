@@ -146,6 +146,13 @@ object_positions = click.option(
 )
 
 
+of_team = click.option(
+    "--team",
+    metavar="NAME",
+    help="The person's team, if several have a person of that name.",
+)
+
+
 def expiry(default: int | None) -> Callable[[Command], Command]:
     """Add when a token expires."""
     return click.option(

@@ -71,6 +71,20 @@ def checked(model: type[Request], **fields: object) -> Request:
         raise ReverieEvalError(told) from None
 
 
+def read_text(file: Path) -> str:
+    """Return the text of a file to be imported.
+
+    Raises
+    ------
+    ReverieEvalError
+        If it is not UTF-8.
+    """
+    try:
+        return file.read_text("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ReverieEvalError(f"{file}: invalid UTF-8 from byte {error.start} on") from None
+
+
 @contextmanager
 def reading(folder: Path) -> Iterator["Session"]:
     """Open a server's database to read it."""

@@ -1,12 +1,14 @@
 """Scores as a table, in each of the formats of ``--format``, and the values of every episode."""
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TextIO
 
 from reverie_eval.metrics import CATALOGUE, Metric, table_metrics
 from reverie_eval.reporting._table import MARK, MISSING, Table, print_table
-from reverie_eval.scoring import Scores
+from reverie_eval.scoring import ScoredFiles, Scores
+from reverie_eval.submissions import submission_names
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -72,6 +74,71 @@ FORMATS: Mapping[str, Callable[[Sequence[Scores]], str]] = MappingProxyType(
 """What ``--format`` offers."""
 
 
+def ranking_table(scored: ScoredFiles) -> Table:
+    """Return a row per file, best first, by as much of its path as tells it from the others."""
+    first = next(iter(scored.values()))
+    names = dict(zip(scored, submission_names(list(scored)), strict=True))
+    rows = [
+        [
+            MISSING if rank is None else str(rank),
+            names[path],
+            *(_cell(metric, scored[path]) for metric in scored.metrics),
+        ]
+        for path, rank in scored.ranks.items()
+    ]
+    return Table(
+        headings=["rank", "file", *(metric.heading for metric in scored.metrics)],
+        rows=rows,
+        text_columns=frozenset({1}),
+        notes=[
+            first.signature,
+            f"ground truth: {first.ground_truth.provenance}",
+            *_notes_of_files(scored, names),
+        ],
+    )
+
+
+def print_ranking(console: "Console", scored: ScoredFiles) -> None:
+    """Print the ranking on a terminal."""
+    print_table(console, ranking_table(scored))
+
+
+def ranking_csv(scored: ScoredFiles) -> str:
+    """Return a row per file, best first: every metric by its key, unrounded, and the signature."""
+    rows = [
+        [
+            path,
+            scores.split,
+            scores.protocol.name,
+            *(str(scores.get(key, "")) for key in CATALOGUE),
+            scores.signature,
+        ]
+        for path, scores in scored.items()
+    ]
+    return Table(["file", "split", "protocol", *CATALOGUE, "signature"], rows).to_csv()
+
+
+def ranking_json(scored: ScoredFiles) -> str:
+    """Return the score reports as JSON, by file, best first."""
+    reports = [
+        f"{json.dumps(path)}: {scores.to_report().model_dump_json(indent=2)}"
+        for path, scores in scored.items()
+    ]
+    return "{\n" + ",\n".join(reports) + "\n}"
+
+
+RANKING_FORMATS: Mapping[str, Callable[[ScoredFiles], str]] = MappingProxyType(
+    {
+        "table": lambda scored: ranking_table(scored).to_text(),
+        "json": ranking_json,
+        "csv": ranking_csv,
+        "markdown": lambda scored: ranking_table(scored).to_markdown(),
+        "latex": lambda scored: ranking_table(scored).to_latex(),
+    }
+)
+"""What ``--format`` offers for several files."""
+
+
 def write_episodes(scores: Scores, file: TextIO) -> None:
     """Write the episode table as CSV: a row per episode, a column per metric, unrounded.
 
@@ -112,6 +179,21 @@ def _notes(results: Sequence[Scores]) -> Iterable[str]:
     """Return the notes on every protocol once; those on another reading would be ambiguous."""
     alike = (scores for scores in results if scores.qualifier == results[0].qualifier)
     return dict.fromkeys(note for scores in alike for note in scores.notes)
+
+
+def _cell(metric: Metric, scores: Scores) -> str:
+    return metric.display(scores[metric.key]) if metric.key in scores else MISSING
+
+
+def _notes_of_files(scored: ScoredFiles, names: Mapping[str, str]) -> Iterator[str]:
+    """Yield each note once, with the file that has it, or the number of files."""
+    files: dict[str, list[str]] = {}
+    for path, scores in scored.items():
+        for note in scores.notes:
+            files.setdefault(note, []).append(names[path])
+    for note, paths in files.items():
+        whose = paths[0] if len(paths) == 1 else f"{len(paths):,} files"
+        yield f"note on {whose}: {note}"
 
 
 def _name(scores: Scores) -> str:

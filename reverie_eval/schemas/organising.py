@@ -18,6 +18,7 @@ from reverie_eval.schemas.service import (
 from reverie_eval.schemas.wire import (
     EXAMPLE_INVITATION,
     OMITTED,
+    Email,
     Instant,
     Line,
     Name,
@@ -55,13 +56,28 @@ class NewPerson(WireModel):
 
     team: Name = Field(examples=["Blue"])
     name: Name = Field(examples=["Ada"])
+    """Nobody else in the team may have it."""
     role: Role = "participant"
+    email: Email | None = None
+    """For organisers; only they and the person see it."""
+
+
+class PersonChange(WireModel):
+    """Changes to a person; fields that are left out stay as they are."""
+
+    name: OmittedName = Field("", examples=["Ada Lovelace"])
+    email: Email | None = None
+    """Null removes it."""
+    team: OmittedName = Field("", examples=["Red"])
+    """To which they move. Their submissions stay with the team that they were in."""
 
 
 class PersonReport(WireModel):
     """A person in a team."""
 
+    id: int = Field(examples=[3])
     name: PersonName
+    email: Email | None
     team: TeamName
     role: Role
     created_at: datetime
@@ -71,6 +87,8 @@ class NewToken(WireModel):
     """A token to be created for a person."""
 
     person: Name = Field(examples=["Ada"])
+    team: Name | None = Field(None, examples=["Blue"])
+    """Needed only if several teams have a person of that name."""
     kind: TokenKind = "invite"
     """An invitation can be exchanged for an access token once, by anyone who has it."""
     expires_at: Instant | None = Field(None, examples=["2027-07-01T12:00:00Z"])
@@ -83,6 +101,7 @@ class TokenReport(WireModel):
     """Its first letters."""
     kind: TokenKind = Field(examples=["invite"])
     person: PersonName
+    team: TeamName
     created_at: datetime
     expires_at: datetime | None = Field(examples=["2027-07-01T12:00:00Z"])
     revoked_at: datetime | None
@@ -128,6 +147,9 @@ class AuditReport(WireModel):
     id: int = Field(examples=[17])
     at: datetime
     actor: OrganiserName
+    actor_row: str = Field(examples=["person:1"])
+    """The person who acted, for programs: names are those of today. Empty for the server itself and
+    for the command line."""
     action: str = Field(examples=["granted"])
     row: str = Field(examples=["quota_grant:2"])
     """What it was done to, for programs: `team:3`."""

@@ -17,6 +17,7 @@ from reverie_eval.schemas.report import (
 from reverie_eval.schemas.wire import (
     EXAMPLE_INVITATION,
     EXAMPLE_TOKEN,
+    Email,
     Https,
     Instant,
     KeyId,
@@ -76,6 +77,8 @@ class Me(WireModel):
     person: PersonName
     team: TeamName
     role: Role
+    email: Email | None
+    """Only the person and organisers see it."""
 
 
 class Invitation(WireModel):

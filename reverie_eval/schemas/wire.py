@@ -104,6 +104,15 @@ def _partial_date(text: str) -> str:
     raise ValueError("must be a day, a month or a year: 2026-01-15, 2026-01, 01/2026 or 2026")
 
 
+def _email(text: str) -> str:
+    from email_validator import EmailNotValidError, validate_email  # only servers check addresses
+
+    try:
+        return validate_email(text, check_deliverability=False).normalized
+    except EmailNotValidError:
+        raise ValueError("must be an e-mail address: ada@example.org") from None
+
+
 def _without_default(schema: dict[str, Any]) -> None:
     schema.pop("default")
 
@@ -137,6 +146,12 @@ PartialDate = Annotated[str, BeforeValidator(_line), AfterValidator(_partial_dat
 OMITTED = Field(json_schema_extra=_without_default)
 """Of a field in a request for changes: its default stands for nothing, and may not be sent."""
 OmittedName = Annotated[Name, OMITTED]
+Email = Annotated[
+    str,
+    Field(max_length=254, json_schema_extra={"format": "email"}, examples=["ada@example.org"]),
+    BeforeValidator(_line),
+    AfterValidator(_email),
+]
 Instant = Annotated[AwareDatetime, AfterValidator(_instant)]
 Secret = Annotated[str, Field(min_length=1, max_length=200)]
 

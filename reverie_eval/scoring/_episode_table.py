@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -44,10 +45,16 @@ class EpisodeTable(Mapping[str, Array]):
     Keys and their order are those of the CATALOGUE. A metric is scored if the submission contains
     what it needs and the protocol scores it. Columns are computed on first access. The inputs that
     a CATALOGUE entry names are properties of this table, the lookups or the protocol, or other
-    metrics.
+    metrics. Columns that were computed before can be given.
     """
 
-    def __init__(self, lookups: Lookups, protocol: Protocol, track: Track) -> None:
+    def __init__(
+        self,
+        lookups: Lookups,
+        protocol: Protocol,
+        track: Track,
+        columns: Mapping[str, Array] = MappingProxyType({}),
+    ) -> None:
         self._lookups = lookups
         self._protocol = protocol
         self._keys = scored_metrics(
@@ -58,7 +65,7 @@ class EpisodeTable(Mapping[str, Array]):
         )
         # Two caches: metrics that depend on others take booleans as they are, users get floats.
         self._values: dict[str, Array] = {}
-        self._columns: dict[str, Array] = {}
+        self._columns: dict[str, Array] = dict(columns)
 
     def __getitem__(self, key: str) -> Array:
         if key not in self._keys:

@@ -23,7 +23,7 @@ RequestError
     StorageFullError      the disk or the database is full
     FaultError            the server failed
 
-ResultsError              a file of reported results has problems; a MalformedError in replies
+TableError                a file that an organiser imports has problems; a MalformedError in replies
 """
 
 from collections.abc import Mapping, Sequence
@@ -357,17 +357,17 @@ ERRORS: Mapping[str, type[RequestError]] = MappingProxyType(
 """All classes by code."""
 
 
-class ResultsError(RejectedError):
-    """A file of reported results is invalid; nothing of it was added."""
+class TableError(RejectedError):
+    """A file that an organiser imports is invalid; nothing of it was added."""
 
-    subject = "results"
+    subject = "file"
 
 
 def request_error(error: Exception) -> RequestError | None:
     """Return an exception as an error for the caller; None if it is a fault of the server."""
     if isinstance(error, SubmissionError):
         return RejectedFileError(error.problems)
-    if isinstance(error, ResultsError):
+    if isinstance(error, TableError):
         told = [ProblemReport.model_validate(problem) for problem in error.problems]
         return MalformedError(f"{count_text(len(told), 'problem')}; nothing was added", told)
     return error if isinstance(error, RequestError) else None

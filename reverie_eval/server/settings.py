@@ -221,6 +221,8 @@ class Settings(BaseSettings):
     """A folder, or ``s3://bucket/prefix``."""
     signing_key: Path = Path("signing-key.pem")
     """Signs receipts; created by ``server init``. Keep a copy elsewhere."""
+    accept_requests_to_join: bool = True
+    """Let anyone ask for an account at ``/join``; an organiser decides."""
     splits: Annotated[dict[str, Split], Field(min_length=1)]
     required_metadata: tuple[Metadata, ...] = ()
     """What a submission must state about its method, besides the name."""

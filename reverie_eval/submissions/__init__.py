@@ -20,6 +20,7 @@ from reverie_eval.submissions._records import parse_predictions, read_prediction
 from reverie_eval.submissions._sources import (
     Source,
     check_names,
+    find_files,
     read_bytes,
     source_name,
     submission_names,
@@ -39,6 +40,7 @@ __all__ = [
     "check_names",
     "check_navigation_only",
     "convert",
+    "find_files",
     "parse_predictions",
     "read_bytes",
     "read_predictions",

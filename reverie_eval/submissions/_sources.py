@@ -7,6 +7,7 @@ import re
 import sys
 import zlib
 from collections.abc import Iterable, Sequence
+from glob import glob, has_magic
 from os import PathLike
 from pathlib import Path
 from typing import BinaryIO, TextIO, TypeAlias
@@ -23,6 +24,7 @@ MAX_BYTES = 128 << 20
 """Enough for 3,521 trajectories of a thousand poses. It limits the unpacked size too."""
 
 _JSON_BRACKETS = (("[", "]"), ("{", "}"))
+_ENDINGS = (".json", ".json.gz", ".zip")
 _JSON_SUFFIX = re.compile(r"(?<=.)(\.json)?(\.gz|\.zip)?$")
 
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -155,6 +157,32 @@ def _is_system_file(member: ZipInfo) -> bool:
     """Whether this is a folder, or a file that the operating system added."""
     *folders, name = member.filename.split("/")
     return not name or name.startswith(".") or "__MACOSX" in folders
+
+
+def find_files(names: Sequence[str]) -> list[str]:
+    """Put the files of a folder in the place of the folder, and those that fit in a pattern's.
+
+    A folder's files are those that end as submissions do; the folders in it are not searched.
+
+    Raises
+    ------
+    ProtocolError
+        If there is no submission in a folder, or no file for a pattern.
+    """
+    return list(dict.fromkeys(file for name in names for file in _files(name)))
+
+
+def _files(name: str) -> Sequence[str]:
+    path = Path(name)
+    if path.is_dir():
+        found = [str(file) for file in path.iterdir() if file.name.endswith(_ENDINGS)]
+    elif has_magic(name) and not path.exists():
+        found = glob(name, recursive=True)  # noqa: PTH207  # a pattern may begin with /
+    else:
+        return [name]
+    if not found:
+        raise ProtocolError(f"{name}: there is no submission; they end in {', '.join(_ENDINGS)}")
+    return sorted(found)
 
 
 def source_name(path: str | PathLike[str]) -> str:

@@ -24,6 +24,7 @@ NAMES = [
     "ProtocolError",
     "RejectedError",
     "ReverieEvalError",
+    "ScoredFiles",
     "Scores",
     "SubmissionError",
     "Validation",
@@ -31,6 +32,7 @@ NAMES = [
     "compare",
     "diagnose",
     "evaluate",
+    "evaluate_many",
     "evaluate_protocols",
     "validate",
 ]

@@ -10,7 +10,7 @@ from reverie_eval.schemas.organising import NewSnapshot
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
 from reverie_eval.server.store.tables import ReportedResult
-from tests.support.acting import NOON, create_token, review
+from tests.support.acting import NOON, ask_to_join, create_token, review
 from tests.support.page_routes import page_routes
 from tests.support.serving import (
     GOOD,
@@ -44,6 +44,8 @@ GET  /boards/{split}/bibtex         200        200       200       200       200
 GET  /sign-in                       200        200       200       200       200
 POST /sign-in                       401        303       303       303       303
 POST /sign-in/invitation            401        401       401       401       401
+GET  /join                          200        200       200       200       200
+POST /join                          200        200       200       200       200
 POST /sign-out                      sign-in    303       303       303       303
 GET  /submit                        sign-in    200       200       200       200
 POST /submit                        sign-in    303       303       303       303
@@ -80,8 +82,15 @@ GET  /desk/phases                   sign-in    403       403       403       200
 POST /desk/phases                   sign-in    403       403       403       303
 GET  /desk/snapshots                sign-in    403       403       403       200
 POST /desk/snapshots                sign-in    403       403       403       303
+GET  /desk/requests                 sign-in    403       403       403       200
+POST /desk/requests/{request_id}/accept sign-in 403      403       403       200
+POST /desk/requests/{request_id}/reject sign-in 403      403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
+GET  /desk/people/import            sign-in    403       403       403       200
+POST /desk/people/import            sign-in    403       403       403       303
+GET  /desk/people/{person_id}       sign-in    403       403       403       200
+POST /desk/people/{person_id}       sign-in    403       403       403       303
 POST /desk/people/teams             sign-in    403       403       403       303
 POST /desk/people/teams/rename      sign-in    403       403       403       303
 POST /desk/people/tokens            sign-in    403       403       403       200
@@ -124,9 +133,12 @@ FORMS: Mapping[str, dict[str, str]] = {
     "POST /desk/phases": {"split": OPEN, "what": "pause"},
     "POST /desk/snapshots": {"split": OPEN, "title": "CVPR 2027"},
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
+    "POST /join": {"team": "Green", "people": "Dora, dora@example.org", "institution": "Here"},
+    "POST /desk/people/import": {"text": "team,person\nGreen,Dora"},
+    "POST /desk/people/{person_id}": {"name": "Adele", "team": "Blue", "email": ""},
     "POST /desk/people/teams": {"name": "Green"},
     "POST /desk/people/teams/rename": {"team": "Red", "name": "Azure"},
-    "POST /desk/people/tokens": {"person": OWNER, "kind": "invite"},
+    "POST /desk/people/tokens": {"person": "1", "kind": "invite"},
     "POST /desk/notice": {"banner": "Soon"},
 }
 """What a form's own fields hold."""
@@ -158,6 +170,8 @@ def parts(server: Serving) -> Mapping[str, str]:
         taken = server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
     return {
         "hint": spare,
+        "person_id": "1",
+        "request_id": str(ask_to_join(server.state.transactions)),
         "review_id": str(said),
         "result_id": str(result.id),
         "number": str(taken.number),
@@ -215,7 +229,7 @@ def test_no_form_is_taken_of_another_site(
     """Neither without the session's token, nor if the browser says where it comes from."""
     method, path = row.split()
     sign_in(server, ORGANISER)
-    if not path.startswith("/sign-in"):
+    if not path.startswith(("/sign-in", "/join")):
         forged = server.client.request(method, path.format(**parts), data={"csrf_token": "none"})
         assert forged.status_code == 403
     elsewhere = {"Sec-Fetch-Site": "cross-site"}

@@ -329,6 +329,15 @@ def test_a_team_that_was_renamed_without_an_entry_is_named(kept: Path) -> None:
     ]
 
 
+def test_persons_whose_names_were_swapped_are_named(kept: Path) -> None:
+    """The log has no names of persons, but a digest of each."""
+    sql("UPDATE person SET name = 'Eve' WHERE name = 'Ada'")(kept)
+    told = [fault for fault in faults_of(kept) if fault.startswith("person:")]
+    assert told == [
+        "person:1 is called 'Eve'; the audit log has another name; compare with a backup"
+    ]
+
+
 def test_a_chain_that_was_linked_again_without_the_key_is_broken(
     server: Serving, kept: Path
 ) -> None:

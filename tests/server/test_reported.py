@@ -272,7 +272,7 @@ def test_commands_say_what_is_wrong(laptop: Laptop) -> None:
     words = ("server", "import", "lab", "history.csv", "--split", "test", "--source", SOURCE)
     history.write_text("team,SR,date\na,200,2026\nb,5,soon\n")
     assert laptop.run(*words, status=1).err.splitlines() == [
-        "reverie-eval: results rejected, 2 problems",
+        "reverie-eval: file rejected, 2 problems",
         "line 2: SR %: 200 is not from 0 to 100",
         (
             "line 3: date: must be a day, a month or a year: 2026-01-15, 2026-01, 01/2026 or 2026; "

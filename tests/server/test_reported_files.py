@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import pytest
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.server.errors import ResultsError
+from reverie_eval.server.errors import TableError
 from reverie_eval.server.service.reported_files import as_printed, printed_value, read_results
 
 LEGACY = """\
@@ -88,8 +88,8 @@ def test_objects_may_leave_columns_out() -> None:
 
 
 UNREADABLE = [
-    pytest.param("", ["the file: has no results below"], id="empty"),
-    pytest.param("team,SR\n", ["the file: has no results below"], id="no row"),
+    pytest.param("", ["the file: has no rows below"], id="empty"),
+    pytest.param("team,SR\n", ["the file: has no rows below"], id="no row"),
     pytest.param(
         "tem,SR,SPLL\na,1,2",
         ["column 'tem': unknown; did you mean team?", "column 'SPLL': unknown; did you mean spl?"],
@@ -116,7 +116,7 @@ UNREADABLE = [
 
 @pytest.mark.parametrize(("text", "told"), UNREADABLE)
 def test_files_that_are_no_table(text: str, told: Sequence[str]) -> None:
-    with pytest.raises(ResultsError) as raised:
+    with pytest.raises(TableError) as raised:
         read_results(text, "test", "percent")
     problems = list(map(str, raised.value.problems))
     assert len(problems) == len(told)

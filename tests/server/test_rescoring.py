@@ -15,7 +15,7 @@ from reverie_eval.schemas.service import Phase, Receipt
 from reverie_eval.server.operations import rescoring
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.service.audit import entries, mismatches
+from reverie_eval.server.service.audit import audit_reports, entries, mismatches
 from reverie_eval.server.service.rescoring import Outcome, Scorer, changes, outdated
 from tests.support.acting import review
 from tests.support.flat import Run
@@ -162,7 +162,9 @@ def test_quotas_and_the_audit_log_stay_whole(corrected: Serving, folder: Path) -
     with corrected.state.database.reading() as session:
         assert list(corrected.state.audit_log.broken_links(session)) == []
         assert list(mismatches(session)) == []
-        again = [(entry.actor, entry.details) for entry in entries(session)][-2:]
+        again = [
+            (entry.actor, entry.details) for entry in audit_reports(session, entries(session))
+        ][-2:]
     for actor, details in again:
         assert actor == ORGANISER
         assert details["before"] != details["after"]

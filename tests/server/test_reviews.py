@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from reverie_eval.schemas.service import Verdict
 from reverie_eval.schemas.wire import LONGEST_LINE
 from reverie_eval.server.errors import ConflictError, NotFoundError
-from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.audit import audit_reports, entries
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import (
@@ -50,7 +50,7 @@ def logged(server: Serving, subject: str) -> Sequence[tuple[str, str, Mapping[st
         assert list(server.state.audit_log.broken_links(session)) == []
         return [
             (entry.actor, entry.action, entry.details)
-            for entry in entries(session)
+            for entry in audit_reports(session, entries(session))
             if entry.subject == subject
         ]
 

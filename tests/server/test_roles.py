@@ -11,7 +11,7 @@ from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.app import create_app
 from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.service.tokens import revoke_token
-from tests.support.acting import create_token, review
+from tests.support.acting import ask_to_join, create_token, review
 from tests.support.description import API, Description
 from tests.support.serving import GOOD, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
 
@@ -46,11 +46,17 @@ GET    /submissions/{submission_id}/receipt       401    404   200    200       
 GET    /submissions/{submission_id}/file          401    404   200    200        200      401         401
 GET    /submissions/{submission_id}/episodes      401    404   200    200        200      401         401
 GET    /submissions/{private_id}/episodes         401    404   404    404        404      401         401
+POST   /join                                      202    202   202    202        202      202         202
+GET    /organiser/requests                        401    403   403    403        200      401         401
+POST   /organiser/requests/{request_id}/accept    401    403   403    403        200      401         401
+POST   /organiser/requests/{request_id}/reject    401    403   403    403        204      401         401
 GET    /organiser/teams                           401    403   403    403        200      401         401
 POST   /organiser/teams                           401    403   403    403        201      401         401
 PATCH  /organiser/teams/{name:path}              401    403   403    403        200      401         401
 GET    /organiser/people                          401    403   403    403        200      401         401
 POST   /organiser/people                          401    403   403    403        201      401         401
+POST   /organiser/people/import                   401    403   403    403        200      401         401
+PATCH  /organiser/people/{person_id}              401    403   403    403        200      401         401
 GET    /organiser/tokens                          401    403   403    403        200      401         401
 POST   /organiser/tokens                          401    403   403    403        201      401         401
 DELETE /organiser/tokens/{hint}                   401    403   403    403        200      401         401
@@ -77,13 +83,22 @@ OUTSIDE = ("/healthz", "/metrics")
 """Routes that are not of the API."""
 ROWS = {" ".join(line.split()[:2]): line.split()[2:] for line in TABLE.splitlines()[2:]}
 
+REQUEST = {
+    "team": "Green",
+    "people": [{"name": "Dora", "email": "dora@example.org"}],
+    "institution": "Somewhere",
+}
 BODIES: Mapping[str, dict[str, Any]] = {
     "POST /splits/{split}/validate": {"content": GOOD},
     "POST /splits/{split}/submissions": {"content": GOOD, "params": {"name": "Walker"}},
     "PATCH /submissions/{submission_id}": {"json": {"published": True}},
     "POST /organiser/teams": {"json": {"name": "Green"}},
     "PATCH /organiser/teams/{name:path}": {"json": {"name": "Azure"}},
+    "POST /join": {"json": REQUEST},
+    "POST /organiser/requests/{request_id}/reject": {"json": {}},
+    "POST /organiser/people/import": {"json": {"text": "team,person\nGreen,Dora"}},
     "POST /organiser/people": {"json": {"name": "Dora", "team": "Red"}},
+    "PATCH /organiser/people/{person_id}": {"json": {"email": "ada@example.org"}},
     "POST /organiser/tokens": {"json": {"person": OWNER}},
     "POST /organiser/grants": {
         "json": {
@@ -151,6 +166,8 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],
         "hint": spare.hint,
+        "person_id": "1",
+        "request_id": str(ask_to_join(server.state.transactions)),
         "review_id": str(said.id),
         "result_id": str(result.id),
         "number": str(taken.number),

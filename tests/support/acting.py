@@ -4,6 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 
+from sqlalchemy import select
+
+from reverie_eval.schemas.joining import NewJoinRequest, NewPersonToJoin
 from reverie_eval.schemas.organising import (
     NewPerson,
     NewReview,
@@ -16,8 +19,10 @@ from reverie_eval.schemas.organising import (
 from reverie_eval.schemas.service import Role, Verdict
 from reverie_eval.server.service import people, reviews, tokens
 from reverie_eval.server.service.audit import AuditLog
+from reverie_eval.server.service.joining import receive_request
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import JoinRequest
 
 NOON = datetime(2026, 3, 2, 12, tzinfo=UTC)
 """When every test begins."""
@@ -29,6 +34,15 @@ def acting(database: Database, actor: str = "test") -> Iterator[Transaction]:
     """Change a database that no server has."""
     with Transactions(database, AUDIT_LOG, lambda: NOON).begin(actor) as transaction:
         yield transaction
+
+
+def ask_to_join(transactions: Transactions, team: str = "Green", *names: str) -> int:
+    """Send a request to join, and return its number."""
+    people = [NewPersonToJoin(name=name, email=f"{name}@example.org") for name in names or ["Dora"]]
+    new = NewJoinRequest(team=team, people=people, institution="Somewhere", purpose="Maps")
+    receive_request(transactions, new, are_accepted=True)
+    with transactions.database.reading() as session:
+        return session.scalars(select(JoinRequest.id).order_by(JoinRequest.id.desc())).first() or 0
 
 
 def add_team(transaction: Transaction, name: str) -> None:

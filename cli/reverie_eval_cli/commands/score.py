@@ -1,27 +1,51 @@
 """``reverie-eval SUBMISSION --split SPLIT``: print the score table of a submission."""
 
+import sys
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval import PROTOCOLS, Scores, diagnose, evaluate, evaluate_protocols
+from reverie_eval import (
+    CATALOGUE,
+    PROTOCOLS,
+    Evaluator,
+    ScoredFiles,
+    Scores,
+    diagnose,
+    evaluate,
+    evaluate_protocols,
+)
 from reverie_eval.ground_truth import find_ground_truth
-from reverie_eval.reporting._scores import FORMATS, print_scores, write_episodes
-from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL
+from reverie_eval.reporting._scores import (
+    FORMATS,
+    RANKING_FORMATS,
+    print_ranking,
+    print_scores,
+    write_episodes,
+)
+from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, TABLE_KEYS, Failure, score_files
+from reverie_eval.submissions import find_files
 from reverie_eval_cli import options
-from reverie_eval_cli.output import check_outputs, naming, open_output, show
+from reverie_eval_cli.output import check_outputs, naming, open_output, show, with_progress
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from reverie_eval.scoring import Clustering, Track
 
 _ALL = "all"
+_KEYS = {"csv": CATALOGUE.keys(), "json": CATALOGUE.keys()}
+"""The metrics of formats that have more than the table has."""
 
 
 @click.command()
-@options.submission
+@click.argument(
+    "submissions",
+    metavar="SUBMISSION...",
+    nargs=-1,
+    required=True,
+    type=click.Path(allow_dash=True),
+)
 @options.split
 @options.ground_truth
 @click.option(
@@ -46,6 +70,7 @@ _ALL = "all"
     type=options.Choice(["target", "scan"]),
     help="What to resample for intervals; implies --ci.  [default: target]",
 )
+@options.jobs
 @options.layout(*FORMATS)
 @options.output("the scores")
 @click.option(
@@ -56,7 +81,7 @@ _ALL = "all"
 )
 def score(
     *,
-    submission: str,
+    submissions: Sequence[str],
     split: str,
     ground_truth: str | None,
     protocol: str,
@@ -64,19 +89,31 @@ def score(
     diagnosed: bool,
     ci: bool,
     cluster: "Clustering | None",
+    jobs: int | None,
     layout: str,
     output: str | None,
     episodes: str | None,
-) -> None:
-    """Score a submission.
+) -> int:
+    """Score a submission, or many.
 
-    SUBMISSION is a result file (.json, .json.gz or .zip), or - for standard input. The word `score`
-    may be left out.
+    SUBMISSION is a result file (.json, .json.gz or .zip), or - for standard input. Several files, a
+    folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking. The word `score` may be
+    left out.
     """
-    check_outputs([output, episodes], [submission, ground_truth])
+    check_outputs([output, episodes], [*submissions, ground_truth])
     if diagnosed and (protocol == _ALL or track != "full"):
         raise click.UsageError("--diagnose goes with one protocol, on the full track")
     truth = find_ground_truth(ground_truth, split)
+    files = find_files(submissions)
+    if files != list(submissions) or len(files) > 1:
+        if diagnosed or ci or cluster or episodes or protocol == _ALL:
+            raise click.UsageError(
+                "--diagnose, --ci, --cluster, --episodes and --protocol all go with one file; "
+                "`reverie-eval compare` compares several with intervals"
+            )
+        evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
+        return _rank(files, evaluator, jobs, layout, output)
+    (submission,) = files
     results: Sequence[Scores]
     with naming(submission):
         if diagnosed:
@@ -100,3 +137,30 @@ def score(
         show(text, output, lambda console: print_scores(console, results))
     else:
         show(text, output)
+    return 0
+
+
+def _rank(
+    files: Sequence[str], evaluator: Evaluator, jobs: int | None, layout: str, output: str | None
+) -> int:
+    """Print a ranking of files, and why others are not in it; return the exit status."""
+    results = score_files(files, evaluator, jobs=jobs, keys=_KEYS.get(layout, TABLE_KEYS))
+    scored = ScoredFiles.of(with_progress(results, "Scoring", len(files)))
+    if scored:
+        text = partial(RANKING_FORMATS[layout], scored)
+        if layout == "table":
+            show(text, output, lambda console: print_ranking(console, scored))
+        else:
+            show(text, output)
+    for path, error in scored.failures.items():
+        print(_failure(path, error), file=sys.stderr)
+    return 1 if scored.failures else 0
+
+
+def _failure(path: str, error: Failure) -> str:
+    """Say in a line why a file has no scores."""
+    if isinstance(error, OSError):
+        return f"{path}: {error.strerror}"
+    first, *others = error.problems
+    more = f" (`reverie-eval validate` lists {len(others):,} more)" if others else ""
+    return f"{path}: submission rejected: {first}{more}"

@@ -116,7 +116,7 @@ class Call:
         **named: Given.kwargs,
     ) -> Report:
         """Run an action as the caller; also raises the errors of :meth:`snapshot`."""
-        with self.server.transactions.begin(self.person().name) as transaction:
+        with self.server.transactions.begin(self.person()) as transaction:
             return action(transaction, *given, **named)
 
     def _sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
@@ -159,9 +159,9 @@ def is_of_another_site(request: Request) -> bool:
 
 
 def own_page(request: Request) -> None:
-    """Refuse requests from other sites, which could sign a visitor in as another person."""
+    """Refuse forms that other sites send: they could sign a visitor in as another person."""
     if is_of_another_site(request):
-        raise NotAllowedError("another site may not sign you in; do it on this server's own pages")
+        raise NotAllowedError("another site may not do this for you; use this server's own pages")
 
 
 def session_id_of(request: Request, cookie: str | None) -> str | None:

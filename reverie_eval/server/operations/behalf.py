@@ -5,7 +5,7 @@ from datetime import datetime
 from pathlib import Path
 
 from reverie_eval.schemas.service import Accepted, Method, SubmissionChange
-from reverie_eval.server.errors import MalformedError, NotFoundError
+from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Person
@@ -64,9 +64,7 @@ def delivery(
     """
     state.board(split)
     with state.database.reading() as session:
-        sender = person_named(session, person)
-    if sender.team.name != team:
-        raise NotFoundError(f"the team {team!r} has no person {person!r}")
+        sender = person_named(session, person, team)
     if received > state.clock():
         raise MalformedError("the time at which files were received is in the future")
     return Delivery(state, sender, split, received, organiser)

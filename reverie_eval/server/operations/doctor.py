@@ -20,6 +20,7 @@ from reverie_eval.server.service.audit import (
     all_names_of_teams,
     count_entries,
     mismatches,
+    swapped_names,
 )
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.submissions import submission_report
@@ -247,6 +248,8 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     else:
         for number in broken:
             message = f"entry {number} was changed, or the entry before it was removed"
+            yield Finding("audit log", "fault", f"{message}; compare with a backup")
+        for message in swapped_names(session, audit_log):
             yield Finding("audit log", "fault", f"{message}; compare with a backup")
     for message in mismatches(session):
         yield Finding("audit log", "fault", f"{message}; compare with a backup")

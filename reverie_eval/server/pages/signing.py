@@ -90,5 +90,13 @@ def _form(
     visitor: Call, back: str, status: int = 200, *, wrong: str = "", fault: str | None = None
 ) -> Response:
     with visitor.snapshot() as snapshot:
-        request, content = visitor.request, {"fault": fault, "wrong": wrong, "back": back}
-        return page(request, "sign-in.html", snapshot, status, **content)
+        return page(
+            visitor.request,
+            "sign-in.html",
+            snapshot,
+            status,
+            fault=fault,
+            wrong=wrong,
+            back=back,
+            accepts_requests=visitor.server.settings.accept_requests_to_join,
+        )

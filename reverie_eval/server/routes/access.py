@@ -50,7 +50,7 @@ def show_server(server: Server) -> ServerReport:
 def show_me(caller: Caller) -> Me:
     """Show who you are."""
     person = caller.person()
-    return Me(person=person.name, team=person.team.name, role=person.role)
+    return Me(person=person.name, team=person.team.name, role=person.role, email=person.email)
 
 
 @router.post("/tokens", status_code=201, responses=problems("not-signed-in"))
@@ -115,6 +115,7 @@ def _report(browser: BrowserSession, csrf_token: str) -> SessionReport:
         person=person.name,
         team=person.team.name,
         role=person.role,
+        email=person.email,
         csrf_token=csrf_token,
         expires_at=browser.expires_at,
     )

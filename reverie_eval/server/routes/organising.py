@@ -22,6 +22,7 @@ from reverie_eval.schemas.organising import (
     NewToken,
     NewTokenReport,
     NoticeReport,
+    PersonChange,
     PersonReport,
     ReportedChange,
     ReportedEntry,
@@ -71,7 +72,7 @@ def rename_team(name: TeamName, new: NewTeam, organiser: Organiser) -> TeamRepor
 
 @router.get("/people")
 def list_people(organiser: Organiser, paging: Paging) -> list[PersonReport]:
-    """List all people by name."""
+    """List all people in the order in which they were added."""
     with organiser.snapshot() as snapshot:
         return paging.reply(people.list_people(snapshot.session, paging.page))
 
@@ -82,6 +83,12 @@ def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
     return organiser.perform(people.add_person, new)
 
 
+@router.patch("/people/{person_id}", responses=problems("not-found", "conflict"))
+def change_person(person_id: Number, change: PersonChange, organiser: Organiser) -> PersonReport:
+    """Rename a person, change their e-mail address, or move them to another team."""
+    return organiser.perform(people.change_person, person_id, change)
+
+
 @router.get("/tokens")
 def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
     """List tokens and invitations, the latest first; not their texts."""
@@ -89,7 +96,7 @@ def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
         return paging.reply(tokens.list_tokens(snapshot.session, paging.page))
 
 
-@router.post("/tokens", status_code=201, responses=problems("not-found"))
+@router.post("/tokens", status_code=201, responses=problems("not-found", "conflict"))
 def create_token(new: NewToken, organiser: Organiser) -> NewTokenReport:
     """Create an invitation or a token for a person; its text is returned only once."""
     return organiser.perform(tokens.create_token, new)
@@ -172,7 +179,7 @@ def rescore(new: NewCorrection, organiser: Organiser, _: ScoringSlot) -> Rescori
 
     Each request scores the next ones; `left` says how many remain. `server rescore` scores all.
     """
-    return organiser.server.rescoring.rescore(organiser.person().name, new)
+    return organiser.server.rescoring.rescore(organiser.person(), new)
 
 
 @router.get("/notice")
@@ -221,5 +228,4 @@ def list_attempts(organiser: Organiser, paging: Paging) -> list[AttemptReport]:
 def list_audit(organiser: Organiser, paging: Paging) -> list[AuditReport]:
     """List the audit log, the oldest entry first; `server doctor` checks its chain."""
     with organiser.snapshot() as snapshot:
-        found = paging.reply(audit.list_entries(snapshot.session, paging.page))
-        return [AuditReport.model_validate(entry) for entry in found]
+        return paging.reply(audit.list_reports(snapshot.session, paging.page))

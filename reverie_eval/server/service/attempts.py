@@ -28,7 +28,7 @@ from reverie_eval.server.errors import (
 )
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Attempt, Person, Submission, Team
+from reverie_eval.server.store.tables import Attempt, JoinRequest, Person, Submission, Team
 
 DAYS_KEPT = 90
 MOST_KEPT = 50_000
@@ -126,6 +126,8 @@ class Totals:
     people: int
     upload_bytes: int
     """The size of all uploads; a file that two teams sent is stored once and counted twice."""
+    open_requests: int
+    """Requests to join that wait for an answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +178,10 @@ def totals(session: Session) -> Totals:
             select(func.count()).select_from(Team).scalar_subquery(),
             select(func.count()).select_from(Person).scalar_subquery(),
             select(func.coalesce(func.sum(Submission.size), 0)).scalar_subquery(),
+            select(func.count())
+            .select_from(JoinRequest)
+            .where(JoinRequest.decision.is_(None))
+            .scalar_subquery(),
         )
     )
     return Totals(*counted.one())

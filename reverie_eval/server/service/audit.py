@@ -5,6 +5,11 @@ derived from the server's signing key. So anyone who can write to the database, 
 that key, cannot change, insert or remove an entry without breaking the chain. Only the owner of the
 signing key could rewrite the log.
 
+Entries refer to persons by their rows, ``person:3``, never by name: a person's name and address can
+be deleted without a change of the log. Names are looked up when the log is read. So that nobody can
+swap the names of persons behind the server's back, each entry that gives one a name has the
+keyed digest of that name.
+
 The chain does not show that entries were removed at its end. :func:`mismatches` does: every action
 in the log must be visible in a row of the database, and the other way round. It also finds rows
 that were changed without the server.
@@ -12,8 +17,9 @@ that were changed without the server.
 
 import hashlib
 import hmac
+import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, NamedTuple, Self
@@ -22,6 +28,7 @@ import msgspec
 from sqlalchemy import Executable, func, inspect, literal, null, select
 from sqlalchemy.orm import Session
 
+from reverie_eval.schemas.organising import AuditReport
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.database import AT_ONCE
@@ -30,6 +37,7 @@ from reverie_eval.server.store.tables import (
     Base,
     Correction,
     Grant,
+    JoinRequest,
     Notice,
     Person,
     ReportedResult,
@@ -46,9 +54,19 @@ _SUBMITTED = "submitted"
 RULES = "rules recorded"
 """The action of a server that starts with other rules than the last one; no row shows it."""
 _REPEATABLE = frozenset(
-    {"changed", "token revoked", "team renamed", "scored again", "reported result changed"}
+    {
+        "changed",
+        "token revoked",
+        "team renamed",
+        "person changed",
+        "scored again",
+        "reported result changed",
+    }
 )
 """Actions that may happen to a row several times; the row shows only the last."""
+_NAMING = ("person added", "person changed")
+"""Actions that give a person a name."""
+_PERSON = re.compile(r"person:([0-9]{1,9})")
 _SWITCHES = {
     ("withdrawn", True): "withdrawn",
     ("withdrawn", False): "restored",
@@ -99,6 +117,11 @@ class AuditLog:
         entry.digest = self._digest(entry)
         session.add(entry)
         session.flush()
+
+    def name_digest(self, person: Person) -> str:
+        """Return the keyed digest of a person's row and name."""
+        message = msgspec.json.encode((row_name(person), person.name))
+        return hmac.new(self._key, message, hashlib.sha256).hexdigest()[:16]
 
     def altered(self, entries: Sequence[AuditEntry]) -> Sequence[int]:
         """Return the ids of entries that were changed after they were written."""
@@ -152,10 +175,45 @@ def list_entries(
     """List entries; only those by an actor or about a subject, if given."""
     rows = select(AuditEntry)
     if actor:
-        rows = rows.where(AuditEntry.actor == actor)
+        rows = rows.where(AuditEntry.actor.in_([actor, *_rows_called(session, actor)]))
     if subject:
-        rows = rows.where(AuditEntry.subject == subject)
+        rows = rows.where(AuditEntry.subject.in_([subject, *_rows_called(session, subject)]))
     return list_page(session, rows, AuditEntry.id, page, lambda row: row, newest_first=newest_first)
+
+
+def list_reports(session: Session, page: Page) -> Listed[AuditReport]:
+    """List entries as organisers see them, the oldest first."""
+    listed = list_entries(session, page)
+    return Listed(audit_reports(session, listed.rows), listed.next_cursor)
+
+
+def audit_reports(session: Session, entries: Sequence[AuditEntry]) -> list[AuditReport]:
+    """Return entries as organisers see them, with the names of persons."""
+    names = names_in(session, entries)
+    fields = ("id", "at", "action", "row", "details", "previous", "digest")
+    return [
+        AuditReport(
+            **{name: getattr(entry, name) for name in fields},
+            actor=names.get(entry.actor, entry.actor),
+            actor_row=entry.actor if entry.actor in names else "",
+            subject=names.get(entry.subject, entry.subject),
+        )
+        for entry in entries
+    ]
+
+
+def names_in(session: Session, entries: Iterable[AuditEntry]) -> Mapping[str, str]:
+    """Return the present names of the persons that entries refer to, by row."""
+    found = {name for entry in entries for name in (entry.actor, entry.subject)}
+    numbers = {int(match[1]) for name in found if (match := _PERSON.fullmatch(name))}
+    people = session.execute(select(Person.id, Person.name).where(Person.id.in_(numbers)))
+    return {f"{Person.__tablename__}:{key}": name for key, name in people}
+
+
+def _rows_called(session: Session, name: str) -> Iterator[str]:
+    """Return the persons with a name, as entries refer to them."""
+    for key in session.scalars(select(Person.id).where(Person.name == name)):
+        yield f"{Person.__tablename__}:{key}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,15 +230,17 @@ class Event:
 def history(session: Session, submission_id: str) -> Sequence[Event]:
     """Return what happened to a submission, the earliest first."""
     chosen = select(AuditEntry).where(AuditEntry.subject == submission_id).order_by(AuditEntry.id)
-    return [_event(entry) for entry in session.scalars(chosen)]
+    found = session.scalars(chosen).all()
+    names = names_in(session, found)
+    return [_event(entry, names.get(entry.actor, entry.actor)) for entry in found]
 
 
-def _event(entry: AuditEntry) -> Event:
+def _event(entry: AuditEntry, actor: str) -> Event:
     changes = list(_changes(entry.details)) if entry.action == "changed" else []
     what = "; ".join(changes) or entry.action.replace("submitted", "received and scored")
     if entry.action == "review lifted":
         what = f"no longer {entry.details.get('verdict', 'reviewed')}"
-    return Event(entry.at, entry.actor, what, str(entry.details.get("reason", "")))
+    return Event(entry.at, actor, what, str(entry.details.get("reason", "")))
 
 
 def _changes(details: Mapping[str, Any]) -> Iterator[str]:
@@ -229,11 +289,19 @@ def mismatches(session: Session) -> Iterator[str]:
     for action in sorted(visible - logged, key=str):
         yield f"{action}: in the database, but not logged"
     names = dict(_recorded_names(session))
-    for table in (Team, Person):
-        for key, name in session.execute(select(table.id, table.name)):
-            row = f"{table.__tablename__}:{key}"
-            if names.get(row, name) != name:
-                yield f"{row} is called {name!r}; the audit log calls it {names[row]!r}"
+    for team in session.scalars(select(Team)):
+        recorded = names.get(row_name(team), team.name)
+        if recorded != team.name:
+            yield f"{row_name(team)} is called {team.name!r}; the audit log calls it {recorded!r}"
+
+
+def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
+    """Describe every person with another name than the audit log records."""
+    digests = dict(_recorded_name_digests(session))
+    for person in session.scalars(select(Person)):
+        digest = audit_log.name_digest(person)
+        if digests.get(row_name(person), digest) != digest:
+            yield f"{row_name(person)} is called {person.name!r}; the audit log has another name"
 
 
 def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
@@ -246,15 +314,24 @@ def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
 
 
 def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
-    """Return each recorded name of a team or a person, with its row, the earliest first."""
-    named = AuditEntry.action.in_(["team added", "person added", "team renamed"])
+    """Return each recorded name of a team, with its row, the earliest first."""
+    named = AuditEntry.action.in_(["team added", "team renamed"])
     for entry in session.scalars(select(AuditEntry).where(named).order_by(AuditEntry.id)):
         yield entry.row, entry.details.get("after", entry.subject)
+
+
+def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str]]:
+    """Return the digest of each name that was given to a person, the earliest first."""
+    named = AuditEntry.action.in_(_NAMING)
+    for entry in session.scalars(select(AuditEntry).where(named).order_by(AuditEntry.id)):
+        if "name_digest" in entry.details:
+            yield entry.row, entry.details["name_digest"]
 
 
 _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (Team, select(literal("team added"), Team.id, Team.created_at)),
     (Person, select(literal("person added"), Person.id, Person.created_at)),
+    (JoinRequest, select(JoinRequest.decision, JoinRequest.id, JoinRequest.decided_at)),
     (Token, select(Token.kind.concat(" token created"), Token.id, Token.created_at)),
     # Using an invitation is not logged; creating the token that it was exchanged for is.
     (

@@ -169,7 +169,7 @@ class Intake:
         )
         with (
             self.uploads.staged(sha256, content) as keep,
-            self.transactions.begin(organiser or person.name) as transaction,
+            self.transactions.begin(organiser or person) as transaction,
         ):
             session = transaction.session
             earlier = self._earlier(session, person, split, sha256, key)

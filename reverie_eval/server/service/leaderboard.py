@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import inf
 from typing import Any
-from unicodedata import normalize
 from urllib.parse import urljoin
 
 import msgspec
@@ -24,6 +23,7 @@ from reverie_eval.reporting._table import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, Method, SnapshotEntry
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.csv_files import spreadsheet_cell
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row
 
 SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "neither")
@@ -32,7 +32,6 @@ SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "n
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
 _OF_METHOD = tuple(name for name in Method.model_fields if name != "description")
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
 _ANONYMOUS = "Anonymous"
@@ -236,17 +235,8 @@ def csv_of(leaderboard: Mapping[str, Any]) -> str:
             *(row["method"].get(name) for name in _OF_METHOD),
             *({**row, "reviews": reviews}[name] for name in _STANDING),
         ]
-        writer.writerow([*map(_cell, words), *(row["scores"].get(key) for key in shown)])
+        writer.writerow([*map(spreadsheet_cell, words), *(row["scores"].get(key) for key in shown)])
     return text.getvalue()
-
-
-def _cell(value: str | int | None) -> str | int | None:
-    if isinstance(value, bool):
-        return str(value).lower()
-    # Spreadsheets read full-width signs as the ASCII ones, to which NFKC maps them.
-    if isinstance(value, str) and normalize("NFKC", value[:1]).startswith(_FORMULA):
-        return f"'{value}"
-    return value
 
 
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:

@@ -1,14 +1,20 @@
-"""Teams and people: adding, renaming and listing them, and the page of one's own team."""
+"""Teams and people: adding, changing and listing them, and the page of one's own team."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sqlalchemy import func, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, selectinload
 
-from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport, TeamReport
-from reverie_eval.schemas.service import Role, SubmissionReport
+from reverie_eval.schemas.organising import (
+    NewPerson,
+    NewTeam,
+    PersonChange,
+    PersonReport,
+    TeamReport,
+)
+from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.submissions import View
@@ -25,7 +31,7 @@ def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
         If a team has that name.
     """
     team = Team(name=new.name, created_at=transaction.now)
-    _write(transaction, team)
+    _write(transaction, team, f"there is a team {team.name!r} already")
     transaction.record("team added", team, team.name)
     return team_report(team)
 
@@ -42,7 +48,7 @@ def rename_team(transaction: Transaction, name: str, new: NewTeam) -> TeamReport
     """
     team = team_named(transaction.session, name)
     team.name = new.name
-    _write(transaction, team)
+    _write(transaction, team, f"there is a team {team.name!r} already")
     transaction.record("team renamed", team, name, before=name, after=team.name)
     return team_report(team)
 
@@ -53,14 +59,51 @@ def add_person(transaction: Transaction, new: NewPerson) -> PersonReport:
     Raises
     ------
     ConflictError
-        If a person has that name.
+        If the team has a person of that name.
     NotFoundError
         If there is no such team.
     """
     team = team_named(transaction.session, new.team)
-    person = Person(team_id=team.id, name=new.name, role=new.role, created_at=transaction.now)
-    _write(transaction, person)
-    transaction.record("person added", person, person.name, team=team.name, role=person.role)
+    person = Person(
+        team_id=team.id, name=new.name, email=new.email, role=new.role, created_at=transaction.now
+    )
+    _write(transaction, person, f"the team {team.name!r} has a person {person.name!r} already")
+    name = transaction.audit_log.name_digest(person)
+    transaction.record(
+        "person added", person, person, team=team.name, role=person.role, name_digest=name
+    )
+    return person_report(person)
+
+
+def change_person(transaction: Transaction, person_id: int, change: PersonChange) -> PersonReport:
+    """Rename a person, change their address, or move them to another team.
+
+    Their submissions stay with the team that they were in when they submitted.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such person or team.
+    ConflictError
+        If somebody else in the team has that name.
+    """
+    person = find_person(transaction.session, person_id)
+    wanted = change.model_dump(exclude_unset=True)
+    moved_from, current = person.team.name, person_report(person).model_dump()
+    changed = [field for field, value in wanted.items() if value != current[field]]
+    if not changed:
+        return person_report(person)
+    if "team" in changed:
+        person.team = team_named(transaction.session, change.team)
+    if "name" in changed:
+        person.name = change.name
+    if "email" in changed:
+        person.email = change.email
+    taken = f"the team {person.team.name!r} has a person {person.name!r} already"
+    _write(transaction, person, taken)
+    moved = {"moved_from": moved_from, "moved_to": change.team} if "team" in changed else {}
+    name = transaction.audit_log.name_digest(person)
+    transaction.record("person changed", person, person, changed=changed, **moved, name_digest=name)
     return person_report(person)
 
 
@@ -71,8 +114,8 @@ def list_teams(session: Session, page: Page) -> Listed[TeamReport]:
 
 
 def list_people(session: Session, page: Page) -> Listed[PersonReport]:
-    """List all people by name."""
-    return list_page(session, select(Person), Person.name, page, person_report)
+    """List all people in the order in which they were added."""
+    return list_page(session, select(Person), Person.id, page, person_report)
 
 
 def names_of_teams(session: Session) -> Sequence[str]:
@@ -80,10 +123,10 @@ def names_of_teams(session: Session) -> Sequence[str]:
     return session.scalars(select(Team.name).order_by(Team.name)).all()
 
 
-def names_and_roles(session: Session) -> Mapping[str, Role]:
-    """Return the role of each person, by name."""
-    rows = session.execute(select(Person.name, Person.role).order_by(Person.name))
-    return {name: role for name, role in rows}  # noqa: C416  # mypy does not accept rows as pairs
+def everybody(session: Session) -> Sequence[PersonReport]:
+    """Return all people by name, and by team if several have it."""
+    people = select(Person).join(Team, Person.team_id == Team.id).order_by(Person.name, Team.name)
+    return [person_report(person) for person in session.scalars(people)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,11 +165,38 @@ def team_named(session: Session, name: str) -> Team:
     return team
 
 
-def person_named(session: Session, name: str) -> Person:
-    """Return a person by name; raise NotFoundError if it does not exist."""
-    person = session.scalars(select(Person).where(Person.name == name)).first()
-    if person is None:
+def person_named(session: Session, name: str, team: str | None = None) -> Person:
+    """Return a person by name; without a team, only one may have a person of that name.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such person.
+    ConflictError
+        If several teams have one; names them.
+    """
+    chosen = select(Person).where(Person.name == name).order_by(Person.id)
+    if team is not None:
+        chosen = chosen.join(Team, Person.team_id == Team.id).where(Team.name == team)
+    found = session.scalars(chosen).all()
+    if not found and team is not None:
+        raise NotFoundError(f"the team {team!r} has no person {name!r}")
+    if not found:
         raise NotFoundError(f"there is no person {name!r}")
+    if len(found) > 1:
+        teams = ", ".join(repr(person.team.name) for person in found)
+        raise ConflictError(
+            f"these teams have a person {name!r} each: {teams}; say which team: --team on the "
+            "command line, `team` in a request"
+        )
+    return found[0]
+
+
+def find_person(session: Session, person_id: int) -> Person:
+    """Return a person by number; raise NotFoundError if it does not exist."""
+    person = session.get(Person, person_id)
+    if person is None:
+        raise NotFoundError(f"there is no person number {person_id}; the list of people has all")
     return person
 
 
@@ -139,15 +209,19 @@ def team_report(team: Team) -> TeamReport:
 def person_report(person: Person) -> PersonReport:
     """Return a person as organisers see them."""
     return PersonReport(
-        name=person.name, team=person.team.name, role=person.role, created_at=person.created_at
+        id=person.id,
+        name=person.name,
+        email=person.email,
+        team=person.team.name,
+        role=person.role,
+        created_at=person.created_at,
     )
 
 
-def _write(transaction: Transaction, row: Team | Person) -> None:
-    """Insert or change a row; ConflictError if its name is taken."""
-    name, kind = row.name, row.__tablename__
+def _write(transaction: Transaction, row: Team | Person, taken: str) -> None:
+    """Insert or change a row; ConflictError with a message if its name is taken."""
     try:
         with transaction.session.begin_nested():
             transaction.add(row)
     except IntegrityError:
-        raise ConflictError(f"there is a {kind} {name!r} already") from None
+        raise ConflictError(taken) from None

@@ -22,7 +22,7 @@ from reverie_eval.schemas.organising import (
     ReportedChange,
     ReportedEntry,
 )
-from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError, ResultsError
+from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError, TableError
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.reported_files import FileRow, read_results
 from reverie_eval.server.service.transactions import Transaction
@@ -115,7 +115,7 @@ def import_reported(
     ------
     NotFoundError
         If there is no such split.
-    ResultsError
+    TableError
         Listing everything that is wrong with the file, and results that the file or the leaderboard
         also has with other scores.
     """
@@ -144,7 +144,7 @@ def import_reported(
             told = f"{key} has other scores in {first[key][0].where}; rename one or remove it"
             problems.append(Problem("other-scores", row.where, told, (row.place,)))
     if problems:
-        raise ResultsError(problems)
+        raise TableError(problems)
     added = [found for _, found in first.values()]
     if not new.dry_run:
         for found in added:

@@ -5,8 +5,6 @@ in ``{"columns": ["SR", "SPL"], "methods": {"Walker": {"test": [59.6, 39.0]}}}``
 metric or says something about the result, and has one of the names in ``_COLUMNS``.
 """
 
-import csv
-import io
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +17,8 @@ from reverie_eval.errors import Problem
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.schemas.organising import Rates
 from reverie_eval.schemas.service import MethodDescription
-from reverie_eval.server.errors import ResultsError
+from reverie_eval.server.errors import TableError
+from reverie_eval.server.service.csv_files import CsvRow, read_csv
 from reverie_eval.text import did_you_mean
 
 _PER_CENT = 100
@@ -46,7 +45,6 @@ _COLUMNS: Mapping[str, str] = MappingProxyType(
 )
 """The metric or field that a column holds, by the column's name in lower case without a unit."""
 _UNIT = re.compile(r"(\s*%|\s*\(%\)|\s+m|\s*\(m\))$")
-_DELIMITERS = ",;\t"
 _NO_VALUE = (None, "", "-")
 
 
@@ -72,16 +70,9 @@ class ResultsFile(NamedTuple):
     """Parts of a JSON file that hold no results."""
 
 
-class _Cells(NamedTuple):
-    """The cells of a row, in the order of the columns; numbers are texts, with their digits."""
-
-    where: str
-    cells: Sequence[Any]
-
-
 class _Table(NamedTuple):
     columns: Sequence[str]
-    rows: Sequence[_Cells]
+    rows: Sequence[CsvRow]
     unread: Sequence[str] = ()
 
 
@@ -127,15 +118,15 @@ def read_results(text: str, split: str, rates: Rates) -> ResultsFile:
 
     Raises
     ------
-    ResultsError
+    TableError
         If the rows or the columns cannot be recognised, with all reasons.
     """
     text = text.removeprefix("\ufeff")
     is_json = text.lstrip().startswith(("{", "["))
-    table = _read_json(text, split) if is_json else _read_csv(text)
+    table = _read_json(text, split) if is_json else _Table(*read_csv(text))
     fields = _fields_of(table.columns)
     if not {"team", "method"} & set(fields):
-        raise ResultsError(
+        raise TableError(
             [Problem("no-column", "columns", "expected one for the team or the method")]
         )
     rows, problems = [], []
@@ -162,7 +153,7 @@ def read_change(cells: Mapping[str, str]) -> Mapping[str, Any]:
 
     Raises
     ------
-    ResultsError
+    TableError
         Listing unknown columns, or values that a metric cannot have.
 
     Examples
@@ -173,7 +164,7 @@ def read_change(cells: Mapping[str, str]) -> Mapping[str, Any]:
     given = dict(zip(_fields_of(list(cells)), cells.values(), strict=True))
     scores, wrong = _read_scores(given, "percent")
     if wrong:
-        raise ResultsError([Problem("wrong-value", "values", told) for told in wrong])
+        raise TableError([Problem("wrong-value", "values", told) for told in wrong])
     about = {
         name: cell if cell or name in _TEXTS else None
         for name, cell in given.items()
@@ -233,7 +224,7 @@ def _fields_of(columns: Sequence[str]) -> Sequence[str]:
 
     Raises
     ------
-    ResultsError
+    TableError
         Naming each column that is unknown or says the same as another.
     """
     fields: dict[str, str] = {}
@@ -252,30 +243,8 @@ def _fields_of(columns: Sequence[str]) -> Sequence[str]:
         else:
             fields[known] = column
     if problems:
-        raise ResultsError(problems)
+        raise TableError(problems)
     return list(fields)
-
-
-def _read_csv(text: str) -> _Table:
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=_delimiter(text), strict=True)
-    rows = []
-    start = 1
-    try:
-        for cells in reader:
-            if any(cell.strip() for cell in cells):
-                rows.append(_Cells(f"line {start}", [cell.strip() for cell in cells]))
-            start = reader.line_num + 1
-    except csv.Error as error:
-        raise _unreadable(f"line {start}", f"cannot be read as CSV: {error}") from None
-    if len(rows) < 2:
-        raise _unreadable("the file", "has no results below a line with the names of the columns")
-    return _Table(rows[0].cells, rows[1:])
-
-
-def _delimiter(text: str) -> str:
-    """Return what separates the columns in the first line: spreadsheets also use ; and tabs."""
-    first_line = text.lstrip().partition("\n")[0]
-    return max(_DELIMITERS, key=first_line.count)
 
 
 def _read_json(text: str, split: str) -> _Table:
@@ -301,7 +270,7 @@ def _read_json(text: str, split: str) -> _Table:
 def _read_objects(objects: Sequence[Mapping[str, Any]]) -> _Table:
     columns = list(dict.fromkeys(name for each in objects for name in each))
     rows = [
-        _Cells(f"[{place}]", [each.get(name) for name in columns])
+        CsvRow(f"[{place}]", [each.get(name) for name in columns])
         for place, each in enumerate(objects)
     ]
     return _Table(columns, rows)
@@ -312,7 +281,7 @@ def _read_methods(
 ) -> _Table:
     by_split = {name: each for name, each in methods.items() if isinstance(each, dict)}
     rows = [
-        _Cells(f"methods.{name}.{split}", [name, *_as_list(each[split])])
+        CsvRow(f"methods.{name}.{split}", [name, *_as_list(each[split])])
         for name, each in by_split.items()
         if split in each
     ]
@@ -327,5 +296,5 @@ def _as_list(values: Any) -> Sequence[Any]:
     return values if isinstance(values, list) else [values]
 
 
-def _unreadable(where: str, message: str) -> ResultsError:
-    return ResultsError([Problem("unreadable", where, message)])
+def _unreadable(where: str, message: str) -> TableError:
+    return TableError([Problem("unreadable", where, message)])

@@ -26,7 +26,7 @@ from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.reviews import reviews_of
-from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Correction, Review, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError
@@ -84,7 +84,7 @@ class Rescoring:
     signer: Signer
     transactions: Transactions
 
-    def rescore(self, actor: str, new: NewCorrection) -> RescoringReport:
+    def rescore(self, actor: Actor, new: NewCorrection) -> RescoringReport:
         """Score the next submissions that were scored with other ground truth or rules.
 
         Raises
@@ -118,7 +118,7 @@ class Rescoring:
 
     def replace_results(
         self,
-        actor: str,
+        actor: Actor,
         board: Board,
         reason: str,
         jobs: Sequence[Job],

@@ -250,7 +250,7 @@ class SubmissionService:
                 view = self.view(session, self.transactions.clock())
                 return submission_of(session, person, submission_id, view)
         intervals = self._intervals(known) if change.published else None
-        with self.transactions.begin(organiser or person.name) as transaction:
+        with self.transactions.begin(organiser or person) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
             if change.withdrawn or change.published is False:
                 standing = standing_reviews(transaction.session, row.id)

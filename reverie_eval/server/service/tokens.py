@@ -34,6 +34,8 @@ HINT_LENGTH = len(PREFIX) + 8
 TOKEN_NAMES: Mapping[TokenKind, str] = {"access": "token", "invite": "invitation"}
 """Names for people, by kind."""
 
+INVITATION_LIFETIME = timedelta(days=14)
+"""Of an invitation, unless the organiser chooses another."""
 LIFETIME = timedelta(hours=12)
 """Of a session; using it does not extend it."""
 
@@ -45,10 +47,12 @@ def create_token(transaction: Transaction, new: NewToken) -> NewTokenReport:
     ------
     NotFoundError
         If there is no such person.
+    ConflictError
+        If several teams have a person of that name, and none is given.
     MalformedError
         If it would already be expired.
     """
-    person = person_named(transaction.session, new.person)
+    person = person_named(transaction.session, new.person, new.team)
     return _create(transaction, person, new.kind, new.expires_at)
 
 
@@ -63,7 +67,7 @@ def accept_invitation(transaction: Transaction, invitation: str) -> Welcome:
     used = valid_token(transaction.session, invitation, "invite", transaction.now)
     used.revoked_at = transaction.now
     person = used.person
-    created = _create(transaction.as_actor(person.name), person, "access", None)
+    created = _create(transaction.as_actor(person), person, "access", None)
     return Welcome(person=person.name, team=person.team.name, token=created.token)
 
 
@@ -88,9 +92,11 @@ def revoke_tokens_of_team(transaction: Transaction, name: str) -> list[TokenRepo
     return _revoke_valid(transaction, Token.person_id.in_([person.id for person in team.people]))
 
 
-def revoke_tokens_of_person(transaction: Transaction, name: str) -> list[TokenReport]:
-    """Revoke all tokens of a person; NotFoundError if there is no such person."""
-    person = person_named(transaction.session, name)
+def revoke_tokens_of_person(
+    transaction: Transaction, name: str, team: str | None = None
+) -> list[TokenReport]:
+    """Revoke all tokens of a person; raises the errors of :func:`person_named`."""
+    person = person_named(transaction.session, name, team)
     return _revoke_valid(transaction, Token.person_id == person.id)
 
 
@@ -105,6 +111,7 @@ def token_report(token: Token) -> TokenReport:
         hint=token.hint,
         kind=token.kind,
         person=token.person.name,
+        team=token.person.team.name,
         created_at=token.created_at,
         expires_at=token.expires_at,
         revoked_at=token.revoked_at,
@@ -255,7 +262,7 @@ def _create(
         expires_at=expires_at,
     )
     transaction.add(token)
-    transaction.record(f"{kind} token created", token, person.name, hint=token.hint)
+    transaction.record(f"{kind} token created", token, person, hint=token.hint)
     return NewTokenReport(**token_report(token).model_dump(), token=text)
 
 
@@ -269,7 +276,7 @@ def _revoke_valid(transaction: Transaction, whose: ColumnElement[bool]) -> list[
 def _revoke(transaction: Transaction, tokens: Iterable[Token]) -> None:
     for token in tokens:
         token.revoked_at = token.revoked_at or transaction.now
-        transaction.record("token revoked", token, token.person.name, hint=token.hint)
+        transaction.record("token revoked", token, token.person, hint=token.hint)
 
 
 def _digest(text: str) -> str:

@@ -8,13 +8,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.audit import AuditLog, row_name
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Base
+from reverie_eval.server.store.tables import Base, Person
+
+Actor: TypeAlias = Person | str
+"""Who makes a change: a person, or the name of a user of the machine or of a program."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,26 +25,40 @@ class Transaction:
     """A change in progress; it is committed with its entries in the audit log, or not at all."""
 
     session: Session
-    actor: str
+    acting: Actor
     """Who makes the change, for the audit log."""
     now: datetime
     audit_log: AuditLog
 
-    def as_actor(self, actor: str) -> Self:
+    @property
+    def actor(self) -> str:
+        """The name of who makes the change."""
+        return self.acting.name if isinstance(self.acting, Person) else self.acting
+
+    def as_actor(self, acting: Actor) -> Self:
         """Return the same transaction with another actor."""
-        return replace(self, actor=actor)
+        return replace(self, acting=acting)
 
     def add(self, row: Base) -> None:
         """Insert a row."""
         self.session.add(row)
         self.session.flush()
 
-    def record(self, action: str, row: Base, subject: str, **details: Any) -> None:
-        """Append an action on a row to the audit log; ``subject`` is the row's name for people."""
+    def record(self, action: str, row: Base, subject: Person | str, **details: Any) -> None:
+        """Append an action on a row to the audit log; ``subject`` is whom or what it is about.
+
+        Persons are logged by their row, so that nothing in the log has to change for one who is to
+        be forgotten. So ``details`` must not name any.
+        """
         self.session.flush()
-        name = row_name(row)
         self.audit_log.append(
-            self.session, self.now, self.actor, action, row=name, subject=subject, **details
+            self.session,
+            self.now,
+            _logged(self.acting),
+            action,
+            row=row_name(row),
+            subject=_logged(subject),
+            **details,
         )
 
 
@@ -56,9 +73,13 @@ class Transactions:
     """Called at the beginning of each transaction, before anything is changed."""
 
     @contextmanager
-    def begin(self, actor: str) -> Iterator[Transaction]:
+    def begin(self, actor: Actor) -> Iterator[Transaction]:
         """Begin a transaction; it is committed at the end, or rolled back after an error."""
         with self.database.writing() as session:
             transaction = Transaction(session, actor, self.clock(), self.audit_log)
             self.begins(transaction)
             yield transaction
+
+
+def _logged(name: Person | str) -> str:
+    return row_name(name) if isinstance(name, Person) else name

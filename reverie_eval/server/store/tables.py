@@ -58,13 +58,35 @@ class Person(Base):
     """A person in a team, with a quota of their own."""
 
     __tablename__ = "person"
+    __table_args__ = (Index("one_per_name", "team_id", "name", unique=True),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"), index=True)
-    name: Mapped[str] = mapped_column(String(100), unique=True)
+    team_id: Mapped[int] = mapped_column(ForeignKey("team.id"))
+    name: Mapped[str] = mapped_column(String(100), index=True)
+    email: Mapped[str | None] = mapped_column(String(254))
+    """Never shown to others than organisers and the person."""
     role: Mapped[Role]
     created_at: Mapped[datetime]
     team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)
+
+
+class JoinRequest(Base):
+    """A request for accounts; what it says of people is removed once it was answered."""
+
+    __tablename__ = "join_request"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    team: Mapped[str] = mapped_column(String(100))
+    people: Mapped[list[dict[str, Any]]]
+    """Names and addresses, as in the request."""
+    institution: Mapped[str] = mapped_column(String(100))
+    purpose: Mapped[str] = mapped_column(String(500))
+    digest: Mapped[str] = mapped_column(String(64), index=True)
+    """SHA-256 of all of it, to recognise the same request."""
+    created_at: Mapped[datetime]
+    decision: Mapped[str | None] = mapped_column(String(20))
+    """``request accepted`` or ``request rejected``; None while it is open."""
+    decided_at: Mapped[datetime | None]
 
 
 class Token(Base):

@@ -13,6 +13,7 @@ server = LazyGroup(
         "People": {
             "team": "team:team",
             "person": "person:person",
+            "request": "request:request",
             "token": "token:token",
             "invite": "token:invite",
             "grant": "grant:grant",

@@ -1,4 +1,4 @@
-"""``reverie-eval server person add|list|revoke FOLDER``."""
+"""``reverie-eval server person add|edit|import|list|revoke FOLDER``."""
 
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,8 @@ import click
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
+from reverie_eval_cli.organising import acting, checked, minute, print_list, read_text, reading
+from reverie_eval_cli.output import note
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Role
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.group(cls=Group)
 def person() -> None:
-    """Add and list people, and revoke their tokens."""
+    """Add, edit, import and list people, and revoke their tokens."""
 
 
 @person.command()
@@ -31,7 +32,8 @@ def person() -> None:
     show_default=True,
     help="Organisers see the submissions of all teams.",
 )
-def add(*, folder: Path, name: str, team: str, role: "Role") -> None:
+@click.option("--email", metavar="ADDRESS", help="Only organisers and the person see it.")
+def add(*, folder: Path, name: str, team: str, role: "Role", email: str | None) -> None:
     """Add a person to a team.
 
     The team and the organisers see the NAME.
@@ -39,10 +41,73 @@ def add(*, folder: Path, name: str, team: str, role: "Role") -> None:
     from reverie_eval.schemas.organising import NewPerson
     from reverie_eval.server.service.people import add_person
 
-    new = checked(NewPerson, team=team, name=name, role=role)
+    new = checked(NewPerson, team=team, name=name, role=role, email=email)
     with acting(folder) as transaction:
         added = add_person(transaction, new)
     print(f"{added.role} {added.name} added to {team}")
+
+
+@person.command()
+@options.server_folder
+@click.argument("name")
+@options.of_team
+@click.option("--name", "new_name", metavar="NAME", help="Rename the person.")
+@click.option("--email", metavar="ADDRESS", help="Set their address; '' removes it.")
+@click.option("--move-to", metavar="TEAM", help="Move them; their submissions stay with the team.")
+def edit(
+    *,
+    folder: Path,
+    name: str,
+    team: str | None,
+    new_name: str | None,
+    email: str | None,
+    move_to: str | None,
+) -> None:
+    """Rename a person, change their address, or move them.
+
+    What is not given stays as it is.
+    """
+    from reverie_eval.schemas.organising import PersonChange
+    from reverie_eval.server.service import people
+
+    given = {"name": new_name, "email": email, "team": move_to}
+    wanted = {field: value for field, value in given.items() if value is not None}
+    if not wanted:
+        raise click.UsageError("nothing to change; give --name, --email or --move-to")
+    change = checked(PersonChange, **(wanted | ({"email": None} if email == "" else {})))
+    with acting(folder) as transaction:
+        known = people.person_named(transaction.session, name, team)
+        changed = people.change_person(transaction, known.id, change)
+    print(f"{changed.name}, {changed.team}, {changed.email or 'no e-mail address'}")
+
+
+@person.command("import")
+@options.server_folder
+@click.argument("file", type=options.PATH)
+@click.option("--invite", is_flag=True, help="Print an invitation for each added person, as CSV.")
+@click.option("--dry-run", is_flag=True, help="Only show who would be added.")
+def import_people(*, folder: Path, file: Path, invite: bool, dry_run: bool) -> None:
+    """Add the people of a file, and their teams.
+
+    FILE is CSV with the columns team, person, email and role; the last two may be left out. People
+    who are there already stay as they are.
+
+    Exit status: 0 done, 1 file rejected and nobody added, 2 usage or system error.
+    """
+    from reverie_eval.schemas.joining import NewPeopleImport
+    from reverie_eval.server.service import people_files
+
+    new = checked(NewPeopleImport, text=read_text(file), invite=invite, dry_run=dry_run)
+    with acting(folder) as transaction:
+        report = people_files.import_people(transaction, new)
+    if dry_run:
+        rows = [(each.team, each.name, each.email or "-", each.role) for each in report.added]
+        print_list(("team", "person", "e-mail", "role"), rows)
+    if report.invitations:
+        print(people_files.invitations_csv(report.invitations), end="")
+    done = "would be added" if dry_run else "added"
+    counts = f"{len(report.added):,} {done}, {report.known:,} already there"
+    note(f"{count_text(report.rows, 'row')}: {counts}; {count_text(len(report.teams), 'new team')}")
 
 
 @person.command("list")
@@ -54,14 +119,18 @@ def list_people(*, folder: Path) -> None:
 
     with reading(folder) as session:
         everybody = list(all_pages(partial(people.list_people, session)))
-    rows = [(each.name, each.team, each.role, minute(each.created_at)) for each in everybody]
-    print_list(("person", "team", "role", "since (UTC)"), rows)
+    rows = [
+        (each.name, each.team, each.role, each.email or "-", minute(each.created_at))
+        for each in everybody
+    ]
+    print_list(("person", "team", "role", "e-mail", "since (UTC)"), rows)
 
 
 @person.command()
 @options.server_folder
 @click.argument("name")
-def revoke(*, folder: Path, name: str) -> None:
+@options.of_team
+def revoke(*, folder: Path, name: str, team: str | None) -> None:
     """Revoke all tokens and invitations of a person.
 
     Their results stay.
@@ -69,5 +138,5 @@ def revoke(*, folder: Path, name: str) -> None:
     from reverie_eval.server.service.tokens import revoke_tokens_of_person
 
     with acting(folder) as transaction:
-        revoked = revoke_tokens_of_person(transaction, name)
+        revoked = revoke_tokens_of_person(transaction, name, team)
     print(f"{name}: {count_text(len(revoked), 'token')} revoked")

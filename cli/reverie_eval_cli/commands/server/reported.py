@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval import CATALOGUE, ReverieEvalError
+from reverie_eval import CATALOGUE
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, print_list, reading
+from reverie_eval_cli.organising import acting, checked, print_list, read_text, reading
 from reverie_eval_cli.output import note
 
 if TYPE_CHECKING:
@@ -65,17 +65,13 @@ def import_results(
     from reverie_eval.server.service.reported import import_reported
     from reverie_eval.server.settings import load_settings
 
-    try:
-        text = file.read_text("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ReverieEvalError(f"{file}: invalid UTF-8 from byte {error.start} on") from None
     new = checked(
         NewImport,
         split=split,
         source=source,
         dataset=dataset_version,
         rates=rates,
-        text=text,
+        text=read_text(file),
         dry_run=dry_run,
     )
     splits = load_settings(folder).splits

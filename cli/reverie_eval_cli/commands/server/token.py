@@ -23,13 +23,14 @@ def token() -> None:
 @token.command()
 @options.server_folder
 @click.argument("person")
+@options.of_team
 @options.expiry(None)
-def add(*, folder: Path, person: str, expires_days: int | None) -> None:
+def add(*, folder: Path, person: str, team: str | None, expires_days: int | None) -> None:
     """Print a new token for a person.
 
     It cannot be shown again.
     """
-    _create(folder, person, "access", expires_days)
+    _create(folder, person, team, "access", expires_days)
 
 
 @token.command("list")
@@ -46,13 +47,14 @@ def list_tokens(*, folder: Path) -> None:
             each.hint,
             each.kind,
             each.person,
+            each.team,
             minute(each.created_at),
             minute(each.expires_at) or "never",
             _state(each),
         )
         for each in known
     ]
-    print_list(("begins", "kind", "person", "made (UTC)", "expires (UTC)", "state"), rows)
+    print_list(("begins", "kind", "person", "team", "made (UTC)", "expires (UTC)", "state"), rows)
 
 
 def _state(each: "TokenReport") -> str:
@@ -79,24 +81,29 @@ def revoke_token(*, folder: Path, begins: str) -> None:
 @click.command()
 @options.server_folder
 @click.argument("person")
+@options.of_team
 @options.expiry(14)
-def invite(*, folder: Path, person: str, expires_days: int | None) -> None:
+def invite(*, folder: Path, person: str, team: str | None, expires_days: int | None) -> None:
     """Print an invitation for a person.
 
     `reverie-eval login` exchanges it, once, for a token.
     """
-    _create(folder, person, "invite", expires_days)
+    _create(folder, person, team, "invite", expires_days)
 
 
 def _create(
-    folder: Path, name: str, kind: Literal["access", "invite"], expires_days: int | None
+    folder: Path,
+    name: str,
+    team: str | None,
+    kind: Literal["access", "invite"],
+    expires_days: int | None,
 ) -> None:
     """Print a token alone, for scripts; on standard error whose it is."""
     from reverie_eval.schemas.organising import NewToken
     from reverie_eval.server.service.tokens import TOKEN_NAMES, create_token
 
     ends = after(expires_days)
-    new = checked(NewToken, person=name, kind=kind, expires_at=ends)
+    new = checked(NewToken, person=name, team=team, kind=kind, expires_at=ends)
     with acting(folder) as transaction:
         created = create_token(transaction, new)
     print(created.token)

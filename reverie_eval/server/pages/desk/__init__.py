@@ -10,10 +10,22 @@ from reverie_eval.server.pages.desk import (
     phases,
     quotas,
     reported,
+    requests,
     reviews,
     snapshots,
 )
 
 router = APIRouter()
-for part in (overview, people, quotas, phases, snapshots, reviews, reported, corrections, notice):
+for part in (
+    overview,
+    people,
+    requests,
+    quotas,
+    phases,
+    snapshots,
+    reviews,
+    reported,
+    corrections,
+    notice,
+):
     router.include_router(part.router)

@@ -9,15 +9,18 @@ from typing import Annotated, Any, TypeAlias
 
 from fastapi import Query
 from fastapi.responses import Response
-from starlette.datastructures import FormData
+from starlette.datastructures import FormData, UploadFile
 
 from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Snapshot
 from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
 from reverie_eval.server.service.paging import Page
 
 ON_A_PAGE = 100
 """The number of rows on a page of a list."""
+_LONGEST_NUMBER = 10
+"""Digits that may be more than a database can count."""
 _OURS = frozenset({"csrf_token", "confirmed"})
 
 Typed: TypeAlias = Mapping[str, str]
@@ -73,6 +76,32 @@ def typed_by(desk: Call, form: FormData, draw: Draw) -> Typed:
     typed = typed_into(form)
     show_faults(desk, typed, draw)
     return typed
+
+
+def file_or_text(form: FormData, name: str, text: str) -> str:
+    """Return the text of a file in a form, or another text if no file was chosen.
+
+    Raises
+    ------
+    MalformedError
+        If it is not UTF-8.
+    """
+    file = form.get(name)
+    if not isinstance(file, UploadFile) or not file.filename:
+        return text
+    try:
+        return file.file.read().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise MalformedError(f"{file.filename}: invalid UTF-8 from byte {error.start} on") from None
+
+
+def number(text: str) -> int:
+    """Return the number of a row that was chosen in a form; 0, which no row has, if it is none.
+
+    >>> number("12"), number("Ada")
+    (12, 0)
+    """
+    return int(text) if text.isascii() and text.isdigit() and len(text) < _LONGEST_NUMBER else 0
 
 
 def is_confirmed(form: FormData) -> bool:

@@ -17,7 +17,7 @@ from reverie_eval.server.service.attempts import (
     list_attempts,
     totals,
 )
-from reverie_eval.server.service.audit import list_entries
+from reverie_eval.server.service.audit import list_entries, names_in
 from reverie_eval.server.service.paging import Page
 
 router = APIRouter()
@@ -89,6 +89,7 @@ def show_audit(
             snapshot,
             "audit.html",
             entries=listed,
+            names=names_in(session, listed.rows),
             is_first=cursor is None,
             actor=actor,
             subject=subject,

@@ -1,17 +1,20 @@
-"""``/desk/people``: teams, people and their tokens."""
+"""``/desk/people``: teams, people and their tokens; ``/desk/people/3``: a person."""
 
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Path
 from fastapi.responses import Response
 
-from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
+from reverie_eval.schemas.joining import NewPeopleImport
+from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken, PersonChange
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.rendering import address_of_site
-from reverie_eval.server.service import people, tokens
+from reverie_eval.server.service import people, people_files, tokens
 
 router = APIRouter()
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
@@ -25,7 +28,7 @@ def draw(
     """Show all teams, people and tokens, and the forms to add more."""
     with desk.snapshot() as snapshot:
         session, browser = snapshot.session, snapshot.browser
-        everybody = people.names_and_roles(session)
+        everybody = people.everybody(session)
         return forms.desk_page(
             desk,
             snapshot,
@@ -34,6 +37,8 @@ def draw(
             teams=people.list_teams(session, forms.page_at(desk, "teams")),
             team_names=people.names_of_teams(session),
             everybody=everybody,
+            known={(person.team, person.name): person for person in everybody},
+            person_names={str(person.id): f"{person.name}, {person.team}" for person in everybody},
             tokens=tokens.list_tokens(session, forms.page_at(desk, "tokens")),
             own=browser and browser.token.hint,
             typed=typed,
@@ -70,7 +75,7 @@ def rename_team(desk: Desk, form: Posted) -> Response:
 def add_person(desk: Desk, form: Posted) -> Response:
     """Add a person to a team; adding an organiser needs confirmation."""
     typed = forms.typed_by(desk, form, draw)
-    new = read_model(NewPerson, typed)
+    new = read_model(NewPerson, {**typed, "email": typed.get("email") or None})
     if new.role == "organiser" and not forms.is_confirmed(form):
         question = f"Make {new.name} an organiser?"
         remark = "Organisers see everything at this desk and may do all that you may."
@@ -83,7 +88,9 @@ def add_person(desk: Desk, form: Posted) -> Response:
 def create_token(desk: Desk, form: Posted) -> Response:
     """Create an invitation or a token, and show its text in this one reply."""
     typed = forms.typed_by(desk, form, draw)
-    asked = {name: typed.get(name, "") for name in ("person", "kind")}
+    with desk.snapshot() as snapshot:
+        owner = people.find_person(snapshot.session, forms.number(typed.get("person", "")))
+    asked = {"person": owner.name, "team": owner.team.name, "kind": typed.get("kind", "")}
     new = read_model(NewToken, {**asked, "expires_at": forms.end_of_day(typed.get("until", ""))})
     created = desk.perform(tokens.create_token, new)
     sign_in = address_of_site(desk.request, "/sign-in")
@@ -101,3 +108,77 @@ def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
         return forms.ask(desk, {}, question=question, remark=remark, yes="Revoke it", back=PAGE)
     desk.perform(tokens.revoke_token, hint)
     return forms.done(PAGE, "revoked")
+
+
+def draw_import(desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None) -> Response:
+    """Show the form to import a file of people."""
+    with desk.snapshot() as snapshot:
+        return forms.desk_page(desk, snapshot, "people-import.html", problem, typed=typed)
+
+
+@router.get(f"{PAGE}/import")
+def show_import(desk: Desk) -> Response:
+    """Show the form to import a file of people."""
+    return draw_import(desk, {})
+
+
+@router.post(f"{PAGE}/import")
+def import_file(desk: Desk, form: Posted) -> Response:
+    """Show what a file would add; add it if that was confirmed, and show the invitations."""
+    typed = forms.typed_by(desk, form, draw_import)
+    typed = {**typed, "text": forms.file_or_text(form, "file", typed.get("text", ""))}
+    new = read_model(NewPeopleImport, {**typed, "dry_run": not forms.is_confirmed(form)})
+    report = desk.perform(people_files.import_people, new)
+    if new.dry_run:
+        return forms.ask(desk, typed, "confirm-people.html", report=report)
+    if not report.invitations:
+        return forms.done(PAGE, "imported")
+    sign_in = address_of_site(desk.request, "/sign-in")
+    with desk.snapshot() as snapshot:
+        return forms.desk_page(
+            desk,
+            snapshot,
+            "invitations.html",
+            team="",
+            invitations=report.invitations,
+            sign_in=sign_in,
+            back=PAGE,
+        )
+
+
+def draw_person(
+    person_id: int,
+    desk: Call,
+    typed: forms.Typed | None = None,
+    problem: ProblemDocument | None = None,
+    what: str = "",
+) -> Response:
+    """Show a person, and the form to change them, with its fields unless others are given."""
+    with desk.snapshot() as snapshot:
+        person = people.person_report(people.find_person(snapshot.session, person_id))
+        own = {"name": person.name, "email": person.email or "", "team": person.team}
+        return forms.desk_page(
+            desk,
+            snapshot,
+            "person.html",
+            problem,
+            person=person,
+            team_names=people.names_of_teams(snapshot.session),
+            typed=own if typed is None else typed,
+            done=what,
+        )
+
+
+@router.get(f"{PAGE}/{{person_id}}")
+def show_person(person_id: Number, desk: Desk, done: forms.Done = "") -> Response:
+    """Show a person."""
+    return draw_person(person_id, desk, what=done)
+
+
+@router.post(f"{PAGE}/{{person_id}}")
+def change_person(person_id: Number, desk: Desk, form: Posted) -> Response:
+    """Rename a person, change their address, or move them to another team."""
+    typed = forms.typed_by(desk, form, partial(draw_person, person_id))
+    change = read_model(PersonChange, {**typed, "email": typed.get("email") or None})
+    desk.perform(people.change_person, person_id, change)
+    return forms.done(f"{PAGE}/{person_id}", "changed")

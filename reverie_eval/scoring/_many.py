@@ -1,0 +1,252 @@
+"""Scoring many files: in this process, in several, or on a cluster."""
+
+import math
+import os
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, cast
+
+from reverie_eval.errors import GroundTruthError, SubmissionError
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import CATALOGUE, Metric, primary_metric, table_metrics, units_of
+from reverie_eval.processes import map_in_processes
+from reverie_eval.scoring._episode_table import EpisodeTable, Track
+from reverie_eval.scoring._evaluation import Evaluator
+from reverie_eval.scoring._lookups import Lookups
+from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL
+from reverie_eval.scoring._scores import Scores
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from reverie_eval.submissions import AlignedSubmission
+
+_CHUNK = 50
+"""Files that are sent to a process together: scoring them takes about a second."""
+_FOR_ONE = 50
+"""Files for which one more process pays: to start it takes about as long as to score them."""
+
+TABLE_KEYS = frozenset(metric.key for metric in table_metrics(CATALOGUE))
+"""The metrics that a score table may show."""
+
+Failure: TypeAlias = SubmissionError | OSError
+"""Why a file has no scores: it is invalid, or cannot be read."""
+
+
+class Executor(Protocol):
+    """What can run functions elsewhere, as ``concurrent.futures`` and Dask do."""
+
+    def submit(self, function: Any, argument: Any, /) -> Any:
+        """Begin a call, and return a future, whose ``result()`` waits for its end."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScoredFiles(Mapping[str, Scores]):
+    """The scores of many files by their paths, best first.
+
+    The best has the highest RGSPL, or RGS or SPL if RGSPL is not scored. Files without answers come
+    last.
+    """
+
+    scores: Mapping[str, Scores]
+    failures: Mapping[str, Failure]
+    """Why the other files have no scores, by path."""
+
+    @classmethod
+    def of(cls, results: Iterable[tuple[str, Scores | Failure]]) -> Self:
+        """Rank results, given with their paths; of equal ones, the earlier is first."""
+        found = dict(results)
+        scores = {path: each for path, each in found.items() if isinstance(each, Scores)}
+        failures = {path: each for path, each in found.items() if not isinstance(each, Scores)}
+        key = primary_metric(_keys(scores)).key if scores else ""
+        ranked = sorted(scores, key=lambda path: -scores[path].get(key, -1.0))
+        return cls({path: scores[path] for path in ranked}, failures)
+
+    def __getitem__(self, path: str) -> Scores:
+        return self.scores[path]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.scores)
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    @property
+    def metrics(self) -> Sequence[Metric]:
+        """The metrics of a score table that has any of them."""
+        return table_metrics(_keys(self))
+
+    @property
+    def ranks(self) -> Mapping[str, int | None]:
+        """The rank of each file: equal for equal values, None for files without the metric."""
+        if not self:
+            return {}
+        key = primary_metric(_keys(self)).key
+        values = {path: each[key] for path, each in self.items() if key in each}
+        return {
+            path: 1 + sum(value > values[path] for value in values.values())
+            if path in values
+            else None
+            for path in self
+        }
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a row per file, best first, with every metric of the score table.
+
+        Values are in the metrics' own units, which ``attrs["units"]`` lists by column.
+        """
+        import pandas as pd
+
+        keys = [metric.key for metric in self.metrics]
+        rows = [{key: each[key] for key in keys if key in each} for each in self.values()]
+        frame = pd.DataFrame(rows, index=pd.Index(list(self), name="file"), columns=keys)
+        frame.attrs["units"] = units_of(keys)
+        return frame
+
+    def __repr__(self) -> str:
+        return f"<ScoredFiles: {len(self)} scored, {len(self.failures)} failed>"
+
+
+def _keys(scores: Mapping[str, Scores]) -> set[str]:
+    return {key for each in scores.values() for key in each}
+
+
+def evaluate_many(
+    paths: Iterable[str | PathLike[str]],
+    *,
+    split: str,
+    ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    protocol: str = DEFAULT_PROTOCOL,
+    track: Track = "full",
+    jobs: int | None = None,
+    executor: Executor | None = None,
+) -> ScoredFiles:
+    """Score many files; those that are invalid do not stop the others.
+
+    Parameters
+    ----------
+    paths : paths
+        The result files. A path that is given twice is scored once.
+    split, ground_truth, protocol, track
+        As for :func:`reverie_eval.evaluate`.
+    jobs : int, optional
+        Number of processes; by default as many as pay, up to the number of processors.
+    executor : optional
+        Scores the files in place of processes of this machine: anything with
+        ``submit(function, argument)``, such as an executor of ``concurrent.futures`` or submitit,
+        or Dask's client. It gets paths, fifty at a time, so it must see the same files.
+
+    Returns
+    -------
+    ScoredFiles
+        The scores by path, best first, and ``failures``.
+
+    Raises
+    ------
+    GroundTruthError, ProtocolError
+        As :func:`reverie_eval.evaluate` does.
+
+    Examples
+    --------
+    >>> files = [f"fixtures/submissions/{name}.json" for name in ("mediocre", "good", "broken")]
+    >>> scored = evaluate_many(files, split="val_unseen")
+    >>> list(scored), list(scored.failures)
+    (['fixtures/submissions/good.json', 'fixtures/submissions/mediocre.json'],
+     ['fixtures/submissions/broken.json'])
+    """
+    evaluator = Evaluator(split=split, ground_truth=ground_truth, protocol=protocol, track=track)
+    names = list(dict.fromkeys(os.fspath(path) for path in paths))
+    return ScoredFiles.of(score_files(names, evaluator, jobs=jobs, executor=executor))
+
+
+def score_files(
+    paths: Sequence[str],
+    evaluator: Evaluator,
+    *,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+    keys: Collection[str] = TABLE_KEYS,
+) -> Iterator[tuple[str, Scores | Failure]]:
+    """Yield the result of each file, in their order, as soon as it is there.
+
+    Parameters are those of :func:`evaluate_many`; ``keys`` are the metrics that are computed where
+    the file is read. All others are computed here, when they are asked for.
+    """
+    jobs = jobs or min(os.cpu_count() or 1, 1 + len(paths) // _FOR_ONE)
+    if executor is None and jobs == 1:
+        yield from ((path, _result(evaluator, path)) for path in paths)
+        return
+    truth, rules, track = evaluator.ground_truth, evaluator.protocol, evaluator.track
+    # A path is a short message, and a process elsewhere may read the bundle faster than receive it.
+    place = truth.origin if Path(truth.origin).is_file() else truth
+    size = min(_CHUNK, math.ceil(len(paths) / jobs)) if executor is None else _CHUNK
+    chunks = [
+        _Chunk(paths[begin : begin + size], place, truth.split, rules, track, keys)
+        for begin in range(0, len(paths), size)
+    ]
+    if executor is None:
+        results = map_in_processes(_score_chunk, chunks, jobs)
+    else:
+        futures = [executor.submit(_score_chunk, chunk) for chunk in chunks]
+        results = (future.result() for future in futures)
+    with closing(results):
+        for chunk, (fingerprint, found) in zip(chunks, results, strict=True):
+            if fingerprint != truth.fingerprint:
+                raise GroundTruthError(
+                    f"a process found another ground truth in {truth.origin} than this one did; "
+                    "give all of them the same file"
+                )
+            for path, each in zip(chunk.paths, found, strict=True):
+                yield path, _received(each, truth, track) if isinstance(each, Scores) else each
+
+
+class _Chunk(NamedTuple):
+    """Files for a process to score."""
+
+    paths: Sequence[str]
+    ground_truth: str | GroundTruth
+    """The path of a bundle, or the ground truth itself if it was not read from a file."""
+    split: str
+    protocol: str
+    track: Track
+    keys: Collection[str]
+
+
+def _score_chunk(chunk: _Chunk) -> tuple[str, list[Scores | Failure]]:
+    """Score files in a process of its own; return the ground truth's fingerprint as well."""
+    paths, *settings, keys = chunk
+    evaluator = _evaluator(*settings)
+    results = (_result(evaluator, path) for path in paths)
+    found = [_sent(each, keys) if isinstance(each, Scores) else each for each in results]
+    return evaluator.ground_truth.fingerprint, found
+
+
+@lru_cache(maxsize=1)
+def _evaluator(
+    ground_truth: str | GroundTruth, split: str, protocol: str, track: Track
+) -> Evaluator:
+    return Evaluator(split=split, ground_truth=ground_truth, protocol=protocol, track=track)
+
+
+def _result(evaluator: Evaluator, path: str) -> Scores | Failure:
+    try:
+        return evaluator(path)
+    except (SubmissionError, OSError) as error:
+        return error
+
+
+def _sent(scores: Scores, keys: Collection[str]) -> Scores:
+    """Return scores as a process sends them: without the ground truth, which the receiver has."""
+    columns = {key: scores.episodes[key] for key in scores if key in keys}
+    return replace(scores, ground_truth=None, episodes=columns)  # type: ignore[arg-type]
+
+
+def _received(scores: Scores, truth: GroundTruth, track: Track) -> Scores:
+    """Return scores as they were before they were sent."""
+    lookups = Lookups(cast("AlignedSubmission", scores.submission), truth)
+    table = EpisodeTable(lookups, scores.protocol, track, scores.episodes)
+    return replace(scores, ground_truth=truth, episodes=table)

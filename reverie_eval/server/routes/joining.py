@@ -1,0 +1,67 @@
+"""Asking to join, the organiser's answers, and files of people."""
+
+from fastapi import APIRouter
+
+from reverie_eval.schemas.joining import (
+    AcceptedRequest,
+    JoinReply,
+    JoinRequestReport,
+    NewJoinRequest,
+    NewPeopleImport,
+    PeopleImportReport,
+    Rejection,
+)
+from reverie_eval.server.http.callers import Organiser, Server
+from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.paging import Number, Paging
+from reverie_eval.server.service import joining, people_files
+
+router = APIRouter()
+_REFUSALS = problems("not-signed-in", "not-allowed", "not-found", "conflict")
+
+
+@router.post(
+    "/join", status_code=202, tags=["access"], responses=problems("not-allowed", "conflict")
+)
+def ask_to_join(new: NewJoinRequest, server: Server) -> JoinReply:
+    """Ask the organiser for accounts; the reply is the same whoever is known here."""
+    accepted = server.settings.accept_requests_to_join
+    return joining.receive_request(server.transactions, new, are_accepted=accepted)
+
+
+@router.get(
+    "/organiser/requests",
+    tags=["organiser"],
+    responses=problems("not-signed-in", "not-allowed"),
+)
+def list_requests(organiser: Organiser, paging: Paging) -> list[JoinRequestReport]:
+    """List the open requests to join, the earliest first."""
+    with organiser.snapshot() as snapshot:
+        return paging.reply(joining.list_requests(snapshot.session, paging.page))
+
+
+@router.post("/organiser/requests/{request_id}/accept", tags=["organiser"], responses=_REFUSALS)
+def accept_request(request_id: Number, organiser: Organiser) -> AcceptedRequest:
+    """Add a request's people to its team; their invitations are returned only once."""
+    return organiser.perform(joining.accept_request, request_id)
+
+
+@router.post(
+    "/organiser/requests/{request_id}/reject",
+    status_code=204,
+    tags=["organiser"],
+    responses=_REFUSALS,
+)
+def reject_request(request_id: Number, rejection: Rejection, organiser: Organiser) -> None:
+    """Reject a request to join, and remove what it says of people."""
+    organiser.perform(joining.reject_request, request_id, rejection)
+
+
+@router.post(
+    "/organiser/people/import",
+    tags=["organiser"],
+    responses=problems("not-signed-in", "not-allowed", "malformed-request"),
+)
+def import_people(new: NewPeopleImport, organiser: Organiser) -> PeopleImportReport:
+    """Add the people of a file, or with a problem none; the same file again changes nothing."""
+    return organiser.perform(people_files.import_people, new)

@@ -1,0 +1,143 @@
+"""Requests to join: anyone may send one, and an organiser accepts or rejects it.
+
+Receiving one reveals nothing about teams and people, and stores little: identical requests are one,
+texts have bounded lengths, and only so many wait for an answer. Once a request was answered, its
+names, addresses and texts are removed.
+"""
+
+import hashlib
+
+import msgspec
+from sqlalchemy import exists, func, select
+from sqlalchemy.orm import Session
+
+from reverie_eval.schemas.joining import (
+    AcceptedRequest,
+    JoinReply,
+    JoinRequestReport,
+    NewJoinRequest,
+    PersonInvitation,
+    Rejection,
+)
+from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
+from reverie_eval.server.errors import ConflictError, NotAllowedError, NotFoundError
+from reverie_eval.server.service import people
+from reverie_eval.server.service.paging import Listed, Page, list_page
+from reverie_eval.server.service.tokens import INVITATION_LIFETIME, create_token
+from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.store.tables import JoinRequest, Team
+
+MOST_OPEN = 200
+"""Requests that may wait for an answer."""
+RECEIVED = JoinReply(message="Your request was received. The organiser will answer by e-mail.")
+
+
+def receive_request(
+    transactions: Transactions, new: NewJoinRequest, *, are_accepted: bool
+) -> JoinReply:
+    """Keep a request for the organiser; the same one again changes nothing.
+
+    The audit log has no entry of it before it is answered, so that strangers cannot fill the log.
+
+    Raises
+    ------
+    NotAllowedError
+        If this server accepts no requests.
+    ConflictError
+        If too many wait for an answer.
+    """
+    if not are_accepted:
+        raise NotAllowedError("this server accepts no requests to join; write to the organiser")
+    content = new.model_dump(mode="json")
+    digest = hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
+    with transactions.database.writing() as session:
+        if session.scalar(select(exists().where(_IS_OPEN, JoinRequest.digest == digest))):
+            return RECEIVED
+        if count_open(session) >= MOST_OPEN:
+            raise ConflictError("too many requests to join wait for an answer; try again next week")
+        session.add(JoinRequest(**content, digest=digest, created_at=transactions.clock()))
+    return RECEIVED
+
+
+def list_requests(session: Session, page: Page) -> Listed[JoinRequestReport]:
+    """List the open requests, the earliest first."""
+    requests = select(JoinRequest).where(_IS_OPEN)
+    teams = set(people.names_of_teams(session))
+    return list_page(
+        session,
+        requests,
+        JoinRequest.id,
+        page,
+        lambda row: JoinRequestReport(
+            id=row.id,
+            team=row.team,
+            people=row.people,
+            institution=row.institution,
+            purpose=row.purpose,
+            team_exists=row.team in teams,
+            created_at=row.created_at,
+        ),
+    )
+
+
+def count_open(session: Session) -> int:
+    """Return the number of requests that wait for an answer."""
+    return session.scalar(select(func.count()).select_from(JoinRequest).where(_IS_OPEN)) or 0
+
+
+def accept_request(transaction: Transaction, request_id: int) -> AcceptedRequest:
+    """Add the people of a request to its team, which is added if there is none.
+
+    Returns an invitation for each, with the address that it can be sent to.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such open request.
+    ConflictError
+        If the team has a person of one of these names.
+    """
+    request = _open_request(transaction.session, request_id)
+    team = request.team
+    if not transaction.session.scalar(select(exists().where(Team.name == team))):
+        people.add_team(transaction, NewTeam(name=team))
+    invitations = []
+    for asking in request.people:
+        new = NewPerson(team=team, name=asking["name"], email=asking["email"])
+        people.add_person(transaction, new)
+        invitations.append(invite(transaction, new))
+    _answer(transaction, request, "request accepted", people=len(invitations))
+    return AcceptedRequest(team=team, invitations=invitations)
+
+
+def reject_request(transaction: Transaction, request_id: int, rejection: Rejection) -> None:
+    """Reject a request; NotFoundError if there is no such open request."""
+    request = _open_request(transaction.session, request_id)
+    _answer(transaction, request, "request rejected", reason=rejection.reason)
+
+
+def invite(transaction: Transaction, person: NewPerson) -> PersonInvitation:
+    """Create an invitation for a person who was just added."""
+    until = transaction.now + INVITATION_LIFETIME
+    new = NewToken(person=person.name, team=person.team, kind="invite", expires_at=until)
+    created = create_token(transaction, new)
+    return PersonInvitation(**created.model_dump(), email=person.email)
+
+
+def _open_request(session: Session, request_id: int) -> JoinRequest:
+    request = session.get(JoinRequest, request_id)
+    if request is None or request.decision is not None:
+        raise NotFoundError(f"there is no open request number {request_id}")
+    return request
+
+
+def _answer(
+    transaction: Transaction, request: JoinRequest, decision: str, **details: object
+) -> None:
+    """Log an answer, and remove what is not needed any more."""
+    request.decision, request.decided_at = decision, transaction.now
+    request.people, request.institution, request.purpose = [], "", ""
+    transaction.record(decision, request, request.team, **details)
+
+
+_IS_OPEN = JoinRequest.decision.is_(None)

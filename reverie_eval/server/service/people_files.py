@@ -1,0 +1,133 @@
+"""Files of people: CSV with a team, a person, an e-mail address and a role in each line."""
+
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+
+from pydantic import ValidationError
+from sqlalchemy.orm import Session
+
+from reverie_eval.errors import Problem
+from reverie_eval.schemas.joining import (
+    NewPeopleImport,
+    PeopleImportReport,
+    PersonInvitation,
+)
+from reverie_eval.schemas.organising import NewPerson, NewTeam, PersonReport
+from reverie_eval.server.errors import TableError
+from reverie_eval.server.service import people
+from reverie_eval.server.service.csv_files import CsvRow, read_csv, spreadsheet_cell
+from reverie_eval.server.service.joining import invite
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.wrong_values import wrong_value
+from reverie_eval.text import did_you_mean
+
+_FIELDS: Mapping[str, str] = {"team": "team", "person": "name", "email": "email", "role": "role"}
+"""The field of a person that a column holds."""
+_REQUIRED = ("team", "person")
+
+
+def import_people(transaction: Transaction, new: NewPeopleImport) -> PeopleImportReport:
+    """Add the people of a file, and their teams; all or, with a problem, none.
+
+    People who are there already stay as they are, so importing a file again changes nothing.
+
+    Raises
+    ------
+    TableError
+        Listing everything that is wrong with the file.
+    """
+    session = transaction.session
+    table = read_csv(new.text.removeprefix("\ufeff"))
+    columns = [column.strip().lower() for column in table.columns]
+    _check_columns(columns)
+    known = {(each.team, each.name): each for each in people.everybody(session)}
+    listed: dict[tuple[str, str], str] = {}
+    added, problems = [], []
+    for place, row in enumerate(table.rows):
+        person, wrong = _read(columns, row)
+        if person is not None:
+            key = (person.team, person.name)
+            wrong = list(_conflicts(person, known.get(key), listed.get(key)))
+            listed.setdefault(key, row.where)
+            if key not in known:
+                added.append(person)
+        problems += [Problem("wrong-value", row.where, told, (place,)) for told in wrong]
+    if problems:
+        raise TableError(problems)
+    teams = _new_teams(session, added)
+    invitations = []
+    if not new.dry_run:
+        for team in teams:
+            people.add_team(transaction, NewTeam(name=team))
+        for person in added:
+            people.add_person(transaction, person)
+            if new.invite:
+                invitations.append(invite(transaction, person))
+    return PeopleImportReport(
+        rows=len(table.rows),
+        teams=teams,
+        added=added,
+        known=len(table.rows) - len(added),
+        invitations=invitations,
+    )
+
+
+def invitations_csv(invitations: Sequence[PersonInvitation]) -> str:
+    """Return invitations as CSV, for a program that mails them."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("team", "person", "email", "invitation", "expires"))
+    for each in invitations:
+        expires = None if each.expires_at is None else each.expires_at.isoformat()
+        cells = (each.team, each.person, each.email, each.token, expires)
+        writer.writerow(map(spreadsheet_cell, cells))
+    return text.getvalue()
+
+
+def _check_columns(columns: Sequence[str]) -> None:
+    problems = [
+        Problem("unknown-column", f"column {column!r}", f"unknown{did_you_mean(column, _FIELDS)}")
+        for column in columns
+        if column not in _FIELDS
+    ]
+    problems += [
+        Problem("repeated-column", f"column {column!r}", "is there twice; remove one")
+        for column in dict.fromkeys(columns)
+        if columns.count(column) > 1
+    ]
+    problems += [
+        Problem("no-column", "columns", f"there is no column {column!r}")
+        for column in _REQUIRED
+        if column not in columns
+    ]
+    if problems:
+        raise TableError(problems)
+
+
+def _read(columns: Sequence[str], row: CsvRow) -> tuple[NewPerson | None, Sequence[str]]:
+    """Return the person of a row, and what is wrong with it."""
+    if len(row.cells) != len(columns):
+        return None, [f"has {len(row.cells)} values for {len(columns)} columns"]
+    cells = {_FIELDS[column]: cell for column, cell in zip(columns, row.cells, strict=True) if cell}
+    try:
+        return NewPerson.model_validate(cells), []
+    except ValidationError as error:
+        names = {field: column for column, field in _FIELDS.items()}
+        found = [wrong_value(detail) for detail in error.errors()]
+        return None, [f"{names.get(each.where, each.where)}: {each.message}" for each in found]
+
+
+def _conflicts(new: NewPerson, known: PersonReport | None, earlier: str | None) -> Iterator[str]:
+    """Say how a row disagrees with an earlier one, or with a person who is there already."""
+    if earlier is not None:
+        yield f"has the same person as {earlier}; remove one"
+    if known is not None and new.email not in {None, known.email}:
+        yield "this person has another e-mail address; change it with `person edit`, or at the desk"
+    if known is not None and new.role != known.role:
+        yield f"this person is known as {known.role}; a role cannot be changed"
+
+
+def _new_teams(session: Session, added: Sequence[NewPerson]) -> list[str]:
+    known = set(people.names_of_teams(session))
+    return [name for name in dict.fromkeys(each.team for each in added) if name not in known]

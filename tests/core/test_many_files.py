@@ -1,0 +1,185 @@
+"""Many files give the same scores wherever they are scored, and one bad file stops no other."""
+
+import json
+import pickle
+import shutil
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from distributed import Client, LocalCluster
+
+import reverie_eval as rv
+from reverie_eval.agents import run_agent
+from reverie_eval.scoring import Executor
+from tests.conftest import SAMPLES
+from tests.support.flat import Run
+
+SPLIT = "val_unseen"
+NAMES = ("mediocre", "good", "broken", "drawn")
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[str]:
+    """Copy the samples, and name a file that is not there."""
+    for name in NAMES:
+        shutil.copy(SAMPLES / f"{name}.json", tmp_path)
+    return [*(str(tmp_path / f"{name}.json") for name in NAMES), str(tmp_path / "gone.json")]
+
+
+def check(scored: rv.ScoredFiles, files: list[str]) -> None:
+    """Check that all is as if each file had been scored alone."""
+    mediocre, good, broken, drawn, gone = files
+    assert list(scored) == [good, drawn, mediocre]
+    assert list(scored.ranks.values()) == [1, 2, 3]
+    for path, scores in scored.items():
+        alone = rv.evaluate(path, split=SPLIT)
+        assert dict(scores) == dict(alone)
+        assert scores.signature == alone.signature
+        assert scores.notes == alone.notes
+        assert scores.box_outcomes == alone.box_outcomes
+    assert list(scored.failures) == [broken, gone]
+    rejected, missing = scored.failures.values()
+    with pytest.raises(rv.SubmissionError) as alone_rejected:
+        rv.evaluate(broken, split=SPLIT)
+    assert str(rejected) == str(alone_rejected.value)
+    assert isinstance(missing, FileNotFoundError)
+
+
+class Pickling:
+    """Runs a function here, after all of it has gone through pickle, as to another machine."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def submit(self, function: Any, argument: Any, /) -> Any:
+        """Run it, and return what is done already."""
+        self.calls += 1
+        sent, given = pickle.loads(pickle.dumps((function, argument)))
+        done: Future[Any] = Future()
+        done.set_result(pickle.loads(pickle.dumps(sent(given))))
+        return done
+
+
+@pytest.fixture(params=["threads", "pickle", "dask"])
+def executor(request: pytest.FixtureRequest) -> Iterator[Executor]:
+    match request.param:
+        case "threads":
+            with ThreadPoolExecutor(2) as pool:
+                yield pool
+        case "pickle":
+            yield Pickling()
+        case _:
+            with (
+                LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster,  # type: ignore[no-untyped-call]
+                Client(cluster) as client,  # type: ignore[no-untyped-call]
+            ):
+                yield client
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_processes_of_this_machine(jobs: int, files: list[str]) -> None:
+    check(rv.evaluate_many(files, split=SPLIT, jobs=jobs), files)
+
+
+def test_an_executor(executor: Executor, files: list[str]) -> None:
+    check(rv.evaluate_many(files, split=SPLIT, executor=executor), files)
+
+
+def test_ground_truth_that_is_no_file(files: list[str], demo: rv.GroundTruth) -> None:
+    truth = replace(demo, origin="memory")
+    check(rv.evaluate_many(files, split=SPLIT, ground_truth=truth, executor=Pickling()), files)
+
+
+def test_fifty_files_are_sent_together(files: list[str], tmp_path: Path) -> None:
+    many = [str(shutil.copy(files[1], tmp_path / f"{n}.json")) for n in range(120)]
+    executor = Pickling()
+    scored = rv.evaluate_many(many, split=SPLIT, executor=executor)
+    assert executor.calls == 3
+    assert list(scored) == many
+    assert set(scored.ranks.values()) == {1}
+
+
+def test_another_bundle_elsewhere(files: list[str], tmp_path: Path) -> None:
+    class Elsewhere(Pickling):
+        def submit(self, function: Any, argument: Any, /) -> Any:
+            _, results = super().submit(function, argument).result()
+            done: Future[Any] = Future()
+            done.set_result(("0" * 64, results))
+            return done
+
+    with pytest.raises(rv.GroundTruthError, match="another ground truth"):
+        rv.evaluate_many(files, split=SPLIT, executor=Elsewhere())
+
+
+def test_files_without_answers_come_last(tmp_path: Path, demo: rv.GroundTruth) -> None:
+    walked = [
+        {key: value for key, value in record.items() if key != "predObjId"}
+        for record in run_agent("shortest", demo)
+    ]
+    (tmp_path / "walk.json").write_text(json.dumps(walked))
+    paths = [tmp_path / "walk.json", SAMPLES / "mediocre.json"]
+    scored = rv.evaluate_many(paths, split=SPLIT)
+    assert list(scored.ranks.values()) == [1, None]
+    frame = scored.to_pandas()
+    assert list(frame.index) == [str(paths[1]), str(paths[0])]
+    assert frame["success"].iloc[1] == 1.0
+    assert frame["rgspl"].isna().tolist() == [False, True]
+
+
+def test_nothing_to_score() -> None:
+    scored = rv.evaluate_many([], split=SPLIT)
+    assert (len(scored), dict(scored.ranks), list(scored.metrics)) == (0, {}, [])
+
+
+# The command line.
+
+
+def test_the_ranking(run: Run, files: list[str], tmp_path: Path) -> None:
+    outcome = run(*files, "--split", SPLIT)
+    assert outcome.status == 1
+    heading, *rows = outcome.out.split("\n\n")[0].splitlines()
+    assert heading.split()[:2] == ["rank", "file"]
+    assert [row.split()[:2] for row in rows] == [["1", "good"], ["2", "drawn"], ["3", "mediocre"]]
+    rejected, missing = outcome.err.splitlines()
+    assert rejected.startswith(f"{files[2]}: submission rejected: ")
+    assert rejected.endswith("(`reverie-eval validate` lists 22 more)")
+    assert missing == f"{files[4]}: No such file or directory"
+
+
+@pytest.mark.parametrize("words", [["runs"], ["runs/*.json"], ["**/go*.json"]])
+def test_a_folder_or_a_pattern(run: Run, here: Path, words: list[str]) -> None:
+    (here / "runs").mkdir()
+    shutil.copy(SAMPLES / "good.json", here / "runs")
+    (here / "runs" / "notes.txt").write_text("not a submission")
+    outcome = run(*words, "--split", SPLIT, "--format", "csv")
+    assert outcome.status == 0
+    heading, row = outcome.out.splitlines()
+    assert heading.startswith("file,split,protocol,path_length,")
+    assert row.startswith("runs/good.json,val_unseen,official-v1,")
+    assert row.endswith(rv.evaluate("runs/good.json", split=SPLIT).signature)
+
+
+def test_reports_of_all_files(run: Run, files: list[str]) -> None:
+    reports = json.loads(run(*files[:2], "--split", SPLIT, "--format", "json").out)
+    assert list(reports) == [files[1], files[0]]
+    assert reports[files[0]]["scores"] == dict(rv.evaluate(files[0], split=SPLIT))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["a.json", "b.json", "--ci"], "go with one file"),
+        (["a.json", "b.json", "--protocol", "all"], "go with one file"),
+        (["empty"], "empty: there is no submission; they end in .json, .json.gz, .zip"),
+        (["*.nothing"], "*.nothing: there is no submission"),
+    ],
+)
+def test_what_cannot_be_ranked(run: Run, here: Path, words: list[str], said: str) -> None:
+    (here / "empty").mkdir()
+    outcome = run("score", *words, "--split", SPLIT)
+    assert outcome.status == 2
+    assert said in outcome.err

@@ -1,0 +1,164 @@
+"""Requests to join: what anyone may send, and what the organiser makes of it."""
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from sqlalchemy import select
+
+from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.service import joining
+from reverie_eval.server.store.tables import JoinRequest
+from tests.support.acting import ask_to_join
+from tests.support.flat import Run
+from tests.support.serving import OPEN, ORGANISER, OWNER, OpenServer, Serving, settings_of
+from tests.support.visiting import said, signed_in
+
+DORA = {"name": "Dora", "email": "dora@example.org"}
+NEW = {"team": "Green", "people": [DORA], "institution": "University of Adelaide"}
+
+
+def ask(server: Serving, **changes: Any) -> httpx.Response:
+    return server.ask(None, "POST", "/join", json={**NEW, **changes})
+
+
+def open_requests(server: Serving) -> Sequence[Any]:
+    found: Sequence[Any] = server.ask(ORGANISER, "GET", "/organiser/requests").json()
+    return found
+
+
+def test_who_asks_is_invited_and_submits(server: Serving) -> None:
+    assert ask(server, purpose="Maps").status_code == 202
+    (request,) = open_requests(server)
+    assert (request["team"], request["people"], request["team_exists"]) == ("Green", [DORA], False)
+    path = f"/organiser/requests/{request['id']}/accept"
+    accepted = server.ask(ORGANISER, "POST", path).json()
+    (invitation,) = accepted["invitations"]
+    assert (invitation["email"], invitation["expires_at"]) == (
+        "dora@example.org",
+        "2026-03-16T12:00:00Z",
+    )
+    welcome = server.ask(None, "POST", "/tokens", json={"invitation": invitation["token"]}).json()
+    headers = {"Authorization": f"Bearer {welcome['token']}"}
+    upload = server.client.post(
+        f"/api/v1/splits/{OPEN}/submissions?name=x", content=server.distinct(), headers=headers
+    )
+    assert upload.status_code == 201
+    assert server.ask(ORGANISER, "POST", path).status_code == 404  # once
+    assert [each for each in examine(server.state.settings.folder) if each.kind == "fault"] == []
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        pytest.param({}, id="new to this server"),
+        pytest.param({"team": "Blue"}, id="a team that exists"),
+        pytest.param({"team": "Blue", "people": [{**DORA, "name": "Ada"}]}, id="a person who does"),
+    ],
+)
+def test_the_reply_does_not_tell_who_is_known(changes: Any, server: Serving) -> None:
+    reply = ask(server, **changes)
+    assert (reply.status_code, reply.json()) == (202, joining.RECEIVED.model_dump())
+    again = ask(server, **changes)
+    assert (again.status_code, again.json()) == (202, reply.json())
+    assert len(open_requests(server)) == 1
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        pytest.param({"team": ""}, id="no team"),
+        pytest.param({"team": "x" * 101}, id="a long team"),
+        pytest.param({"people": []}, id="nobody"),
+        pytest.param({"people": [DORA, DORA]}, id="the same person twice"),
+        pytest.param({"people": [{"name": "Dora", "email": "dora"}]}, id="no address"),
+        pytest.param(
+            {"people": [{**DORA, "name": f"Dora {number}"} for number in range(11)]}, id="a crowd"
+        ),
+        pytest.param({"purpose": "x" * 501}, id="a long purpose"),
+        pytest.param({"purpose": "two\nlines"}, id="lines"),
+    ],
+)
+def test_what_is_no_request(changes: Any, server: Serving) -> None:
+    assert ask(server, **changes).status_code == 400
+    assert open_requests(server) == []
+
+
+def test_only_so_many_requests_wait(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(joining, "MOST_OPEN", 2)
+    assert [ask(server, team=name).status_code for name in ("A", "B", "C")] == [202, 202, 409]
+    assert ask(server, team="A").status_code == 202  # as it waits already
+    server.ask(ORGANISER, "POST", "/organiser/requests/1/reject", json={})
+    assert ask(server, team="C").status_code == 202
+
+
+def test_an_answer_removes_what_the_request_said_of_people(server: Serving) -> None:
+    for team in ("A", "B"):
+        ask(server, team=team, purpose="Maps")
+    server.ask(ORGANISER, "POST", "/organiser/requests/1/accept")
+    reason = {"reason": "not a group"}
+    server.ask(ORGANISER, "POST", "/organiser/requests/2/reject", json=reason)
+    with server.state.database.reading() as session:
+        rows = session.scalars(select(JoinRequest).order_by(JoinRequest.id)).all()
+    assert [(row.people, row.institution, row.purpose) for row in rows] == 2 * [([], "", "")]
+    log = server.ask(ORGANISER, "GET", "/organiser/audit").json()
+    assert [each["action"] for each in log[-5:]] == [
+        "team added",
+        "person added",
+        "invite token created",
+        "request accepted",
+        "request rejected",
+    ]
+    assert (log[-1]["subject"], log[-1]["details"]) == ("B", reason)
+
+
+def test_nothing_is_added_if_a_name_is_taken(server: Serving) -> None:
+    ask(server, team="Blue", people=[DORA, {"name": OWNER, "email": "ada@example.org"}])
+    reply = server.ask(ORGANISER, "POST", "/organiser/requests/1/accept")
+    assert (reply.status_code, "has a person 'Ada' already" in reply.text) == (409, True)
+    assert "Dora" not in server.ask(ORGANISER, "GET", "/organiser/people").text
+    assert len(open_requests(server)) == 1
+
+
+def test_a_server_may_accept_no_requests(open_server: OpenServer, folder: Path) -> None:
+    settings = settings_of(folder).model_copy(update={"accept_requests_to_join": False})
+    server = open_server(settings)
+    assert ask(server).status_code == 403
+    assert "accepts no requests" in said(server.client.get("/join"))
+    assert "/join" not in server.client.get("/sign-in").text
+
+
+def test_the_form_and_the_desk(server: Serving) -> None:
+    assert 'href="/join"' in server.client.get("/sign-in").text
+    form = {"team": "<b>", "people": "Dora, dora@example.org\nno address", "institution": "Here"}
+    refused = server.client.post("/join", data=form)
+    assert (refused.status_code, "people.1.email" in refused.text) == (400, True)
+    form["people"] = "Dora, dora@example.org\n\nEmil, of Adelaide, emil@example.org"
+    assert "Your request was received." in said(server.client.post("/join", data=form))
+    desk = signed_in(server, ORGANISER)
+    assert "1 request to join." in said(desk.get("/desk"))
+    words = said(desk.get("/desk/requests"))
+    assert "<b> new team Dora, dora@example.org Emil, of Adelaide, emil@example.org" in words
+    shown = desk.send("/desk/requests/1/accept", {})
+    assert (shown.status_code, shown.text.count("rv_")) == (200, 2)
+    assert "No request is open." in said(desk.get("/desk/requests"))
+    ask(server)
+    assert desk.send("/desk/requests/2/reject", {"reason": "spam"}).status_code == 303
+
+
+def test_requests_are_answered_on_the_command_line(server: Serving, run: Run) -> None:
+    folder = str(server.state.settings.folder)
+    for team in ("Green", "Spam", "More spam"):
+        ask_to_join(server.state.transactions, team, "=Dora")
+    assert "=Dora <=Dora@example.org>" in run("server", "request", "list", folder).out
+    accepted = run("server", "request", "accept", folder, "1")
+    assert (accepted.status, accepted.err) == (0, "1 person added to Green\n")
+    (row,) = csv.DictReader(io.StringIO(accepted.out))
+    assert (row["team"], row["person"]) == ("Green", "'=Dora")  # not a formula
+    rejected = run("server", "request", "reject", folder, "2", "3", "--reason", "spam")
+    assert rejected.out == "2 requests rejected\n"
+    assert run("server", "request", "accept", folder, "2").status == 2

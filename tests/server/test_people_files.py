@@ -1,0 +1,126 @@
+"""Files of people: what is read, what is refused, and what a file adds."""
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+
+from reverie_eval.schemas.joining import NewPeopleImport
+from reverie_eval.server.errors import TableError
+from reverie_eval.server.service.people_files import import_people
+from tests.support.flat import Run
+from tests.support.serving import ORGANISER, Serving
+from tests.support.visiting import said, signed_in
+
+FILE = """\
+team,person,email,role
+Blue,Ada
+Green,Dora,dora@example.org,participant
+Green,Emil,,
+Blue,Olga 2,olga@example.org,organiser
+"""
+SOUND = FILE.replace("Blue,Ada\n", "Blue,Ada,,\n")
+
+
+def imported(server: Serving, text: str, **options: bool) -> list[tuple[str, str, str | None, str]]:
+    with server.acting() as transaction:
+        report = import_people(transaction, NewPeopleImport(text=text, **options))
+    return [(each.team, each.name, each.email, each.role) for each in report.added]
+
+
+def test_a_file_adds_teams_and_people_once(server: Serving) -> None:
+    assert imported(server, SOUND) == [
+        ("Green", "Dora", "dora@example.org", "participant"),
+        ("Green", "Emil", None, "participant"),
+        ("Blue", "Olga 2", "olga@example.org", "organiser"),
+    ]
+    logged = len(server.ask(ORGANISER, "GET", "/organiser/audit").json())
+    assert imported(server, SOUND) == []
+    assert imported(server, "\ufeffPerson;Team\r\nDora;Green\r\n") == []
+    assert len(server.ask(ORGANISER, "GET", "/organiser/audit").json()) == logged
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        pytest.param("team,person", "the file: has no rows below a line", id="no rows"),
+        pytest.param("team,name\nBlue,Dora", "column 'name': unknown", id="unknown column"),
+        pytest.param("team,e-mail\na,b", "'e-mail': unknown; did you mean email?", id="misspelt"),
+        pytest.param("person\nDora", "columns: there is no column 'team'", id="no team"),
+        pytest.param("team,team,person\na,b,c", "'team': is there twice", id="repeated column"),
+        pytest.param(FILE, "line 2: has 2 values for 4 columns", id="too few values"),
+        pytest.param("team,person\nBlue,", "line 2: person: required but missing", id="no name"),
+        pytest.param(
+            "team,person,email\nBlue,Dora,dora",
+            "line 2: email: must be an e-mail address",
+            id="no address",
+        ),
+        pytest.param(
+            "team,person,role\nBlue,Dora,king", "line 2: role: must be 'participant' or", id="role"
+        ),
+        pytest.param(
+            "team,person\nGreen,Dora\nGreen,Dora",
+            "line 3: has the same person as line 2",
+            id="twice",
+        ),
+        pytest.param(
+            "team,person,email\nBlue,Ada,ada@example.org", "has another e-mail address", id="email"
+        ),
+        pytest.param(
+            "team,person,role\nBlue,Ada,organiser", "is known as participant", id="another role"
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said_and_nothing_is_added(
+    text: str, expected: str, server: Serving
+) -> None:
+    with pytest.raises(TableError) as refused:
+        imported(server, text)
+    assert expected in str(refused.value)
+    assert "Dora" not in server.ask(ORGANISER, "GET", "/organiser/people").text
+
+
+def test_all_problems_are_listed(server: Serving) -> None:
+    with pytest.raises(TableError, match="3 problems"):
+        imported(server, "team,person,email\n,Dora,x\nBlue,Emil,y")
+
+
+def test_a_file_over_http(server: Serving) -> None:
+    asked = {"text": SOUND, "invite": True, "dry_run": True}
+    path = "/organiser/people/import"
+    tried = server.ask(ORGANISER, "POST", path, json=asked).json()
+    assert (len(tried["added"]), tried["teams"], tried["invitations"]) == (3, ["Green"], [])
+    done = server.ask(ORGANISER, "POST", path, json={**asked, "dry_run": False}).json()
+    assert [each["person"] for each in done["invitations"]] == ["Dora", "Emil", "Olga 2"]
+    wrong = server.ask(ORGANISER, "POST", path, json={"text": "team,person\nBlue,"})
+    assert (wrong.status_code, wrong.json()["problems"][0]["where"]) == (400, "line 2")
+
+
+def test_a_file_on_the_command_line(server: Serving, run: Run, tmp_path: Path) -> None:
+    folder, file = str(server.state.settings.folder), tmp_path / "people.csv"
+    file.write_text(SOUND)
+    tried = run("server", "person", "import", folder, str(file), "--dry-run")
+    assert (tried.status, "3 would be added, 1 already there; 1 new team" in tried.err) == (0, True)
+    done = run("server", "person", "import", folder, str(file), "--invite")
+    rows = list(csv.DictReader(io.StringIO(done.out)))
+    assert [(row["person"], row["email"]) for row in rows] == [
+        ("Dora", "dora@example.org"),
+        ("Emil", ""),
+        ("Olga 2", "olga@example.org"),
+    ]
+    assert run("server", "person", "import", folder, str(file), "--invite").out == ""
+    file.write_text(FILE)
+    assert run("server", "person", "import", folder, str(file)).status == 1
+
+
+def test_a_file_at_the_desk(server: Serving) -> None:
+    desk = signed_in(server, ORGANISER)
+    path, form = "/desk/people/import", {"text": SOUND, "invite": "true"}
+    asked = desk.send(path, form)
+    assert "Add 3 people? The file has 4 rows; 1 person of them is here already." in said(asked)
+    shown = desk.send(path, {**form, "confirmed": "yes"})
+    assert (shown.status_code, "3 invitations" in said(shown)) == (200, True)
+    assert "Line 2" not in said(shown)
+    refused = desk.send(path, {"text": FILE})
+    assert (refused.status_code, "has 2 values for 4 columns" in said(refused)) == (400, True)

@@ -267,6 +267,8 @@ class SplitReport(WireModel):
     """Phase-end: scores are held back until the phase in which a submission came has ended."""
     paused: bool = False
     """Whether the organiser has paused submissions to this split."""
+    one_per_team: bool = False
+    """Whether publishing a submission takes the team's earlier one off the leaderboard."""
     quota: QuotaReport | None
     """Yours; null if you are not signed in."""
 

@@ -147,6 +147,8 @@ class Split(_Section):
     """Until other phases are set at the desk."""
     release_scores: ReleaseScores = "at-once"
     """Phase-end: nobody sees the scores of a private split before the phase ends."""
+    one_per_team: bool = False
+    """Publishing a submission takes the team's earlier one off the leaderboard."""
 
     @model_validator(mode="after")
     def _can_hold_scores(self) -> Self:

@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -340,6 +340,8 @@ def _at_results(settings: Settings) -> Iterator[Finding]:
             for board in filter(lambda board: board.is_private, boards.values()):
                 yield from _at_exact_values(session, board)
             yield from _at_outdated(session, boards, settings.folder)
+            for board in filter(lambda board: board.split.one_per_team, boards.values()):
+                yield from _at_several(session, board)
         except REFUSALS:
             message = "some results cannot be read; run `reverie-eval server doctor`"
             yield Finding("results", "note", message)
@@ -369,6 +371,26 @@ def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
             "stored while it was open; make it open again, and give the private split another name"
         )
         yield Finding("secrets", "fault", message)
+
+
+def _at_several(session: Session, board: Board) -> Iterator[Finding]:
+    """Look for teams with several results on a leaderboard that shows one of each."""
+    shown = (
+        Submission.split == board.name,
+        Submission.published_at.is_not(None),
+        Submission.withdrawn_at.is_(None),
+    )
+    several = (select(Submission.team_id).where(*shown).group_by(Submission.team_id)).having(
+        func.count() > 1
+    )
+    number = len(session.scalars(several).all())
+    if number:
+        message = (
+            f"{count_text(number, 'team')} with several published results on {board.name}, which "
+            "shows one per team: published before that was so, or disqualified; they stay until "
+            "the team publishes the next one or unpublishes them"
+        )
+        yield Finding("results", "note", message)
 
 
 def _at_outdated(session: Session, boards: Mapping[str, Board], folder: Path) -> Iterator[Finding]:

@@ -99,6 +99,7 @@ def _own_page(
         shown=shown,
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
         has_episodes=has_episodes,
+        one_per_team=board is not None and board.split.one_per_team,
         events=history(session, shown.id),
         reviews=standing_reviews(session, shown.id),
         now=snapshot.now,

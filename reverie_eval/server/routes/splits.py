@@ -215,5 +215,6 @@ def _report(
         phases=phases,
         release_scores=schedule.release_scores,
         paused=schedule.paused,
+        one_per_team=board.split.one_per_team,
         quota=quota,
     )

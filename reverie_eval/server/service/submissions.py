@@ -29,9 +29,9 @@ from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
 from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.reviews import find_submission, standing_reviews
+from reverie_eval.server.service.reviews import find_submission, is_disqualified, standing_reviews
 from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.transactions import Transactions
+from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
@@ -252,13 +252,12 @@ class SubmissionService:
         intervals = self._intervals(known) if change.published else None
         with self.transactions.begin(organiser or person) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
-            if change.withdrawn or change.published is False:
-                standing = standing_reviews(transaction.session, row.id)
-                if any(review.verdict == "disqualified" for review in standing):
-                    raise ConflictError(
-                        "the organiser has disqualified this submission; until that is lifted, it "
-                        "cannot be unpublished or withdrawn"
-                    )
+            is_removed = change.withdrawn or change.published is False
+            if is_removed and is_disqualified(transaction.session, row.id):
+                raise ConflictError(
+                    "the organiser has disqualified this submission; until that is lifted, it "
+                    "cannot be unpublished or withdrawn"
+                )
             if intervals is not None:
                 row.report = {**row.report, "intervals": intervals}
             if change.method is not None:
@@ -273,7 +272,31 @@ class SubmissionService:
                 raise ConflictError("a withdrawn submission cannot be published; restore it first")
             changed = change.model_dump(mode="json", exclude_unset=True)
             transaction.record("changed", row, row.id, **changed)
+            self._replace_earlier(transaction, row, change)
             return self.view(transaction.session, now).report(row)
+
+    def _replace_earlier(
+        self, transaction: Transaction, row: Submission, change: SubmissionChange
+    ) -> None:
+        """Take the team's other results off the leaderboard, if the split shows one per team.
+
+        A disqualified one stays.
+        """
+        board = self.boards.get(row.split)
+        is_shown = row.published_at is not None and (change.published or change.withdrawn is False)
+        if board is None or not board.split.one_per_team or not is_shown:
+            return
+        chosen = select(Submission).where(
+            Submission.split == row.split,
+            Submission.team_id == row.team_id,
+            Submission.id != row.id,
+            Submission.published_at.is_not(None),
+            Submission.withdrawn_at.is_(None),
+        )
+        for earlier in transaction.session.scalars(chosen).all():
+            if not is_disqualified(transaction.session, earlier.id):
+                earlier.published_at = None
+                transaction.record("changed", earlier, earlier.id, published=False)
 
     def _edited(self, row: Submission, change: MethodChange) -> Method:
         edited = change.model_dump(mode="json", exclude_unset=True)

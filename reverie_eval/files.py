@@ -42,6 +42,28 @@ def staged_file(path: Path, *, mode: int = 0o666) -> Iterator[BinaryIO]:
 
 
 @contextmanager
+def replacing_folder(folder: Path) -> Iterator[Path]:
+    """Yield a hidden folder to fill; at the end it takes the place of ``folder``.
+
+    Between two renames there is no folder for a moment, but never half of one.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder to replace, or one that does not exist yet.
+    """
+    target = folder.resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as hidden:
+        staging = Path(hidden, "new")
+        staging.mkdir()
+        yield staging
+        if target.exists():
+            target.rename(Path(hidden, "old"))
+        staging.rename(target)
+
+
+@contextmanager
 def staged_folder(folder: Path, *, mode: int = 0o777, last: str = "") -> Iterator[Path]:
     """Yield a hidden folder to fill; its contents move to ``folder`` at the end.
 

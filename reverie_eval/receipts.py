@@ -11,6 +11,8 @@ References
 import base64
 import hashlib
 import json
+from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
@@ -18,7 +20,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_public_key
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.schemas.service import Receipt, Snapshot
+from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
 from reverie_eval.text import printable
 
 _KEY_ID_LENGTH = 16
@@ -29,7 +31,7 @@ class ReceiptError(ReverieEvalError):
 
 
 class NotGenuineError(ReceiptError):
-    """A receipt was not signed with this key, or was changed afterwards."""
+    """A receipt was not signed with this key while it counted, or was changed afterwards."""
 
 
 def verify(receipt: Receipt | Snapshot, public_pem: str) -> None:
@@ -60,6 +62,47 @@ def verify(receipt: Receipt | Snapshot, public_pem: str) -> None:
         key.verify(base64.b64decode(receipt.proof, validate=True), canonical(receipt))
     except (InvalidSignature, ValueError):
         raise NotGenuineError("the signature does not match: the receipt was changed") from None
+
+
+def verify_by_history(receipt: Receipt | Snapshot, keys: Sequence[KeyReport]) -> KeyReport:
+    """Check a receipt with all keys that a server has had, and return the one that signed it.
+
+    Parameters
+    ----------
+    receipt : Receipt or Snapshot
+        As issued by the server.
+    keys : sequence of KeyReport
+        As :meth:`reverie_eval.client.Client.keys` returns them.
+
+    Raises
+    ------
+    NotGenuineError
+        If it was changed, signed with another key, or signed with one that had ended.
+    ReceiptError
+        If the key is invalid.
+    """
+    key = next((each for each in keys if each.key_id == receipt.key_id), None)
+    if key is None:
+        raise NotGenuineError(
+            f"it names key {printable(receipt.key_id)}, which is not in the list of keys: the "
+            "receipt is from another server, was changed, or is newer than the list"
+        )
+    verify(receipt, key.public_key)
+    at, claim, remedy = _claim(receipt)
+    if key.valid_until is not None and at > key.valid_until:
+        raise NotGenuineError(
+            f"key {key.key_id} counts until {key.valid_until.isoformat()} "
+            f"({printable(key.reason)}), but {claim} {at.isoformat()}; {remedy}"
+        )
+    return key
+
+
+def _claim(signed: Receipt | Snapshot) -> tuple[datetime, str, str]:
+    """Return the time by which a key must have counted, what says so, and what to do if not."""
+    if isinstance(signed, Snapshot):
+        return signed.as_of, "the snapshot is as of", "download it again"
+    remedy = "if it is yours, download its receipt again"
+    return signed.received_at, "the receipt says that the submission came at", remedy
 
 
 def canonical(receipt: Receipt | Snapshot) -> bytes:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,6 +31,24 @@ class Choice(click.Choice[str]):
     ) -> str:
         """Say what was given, and what can be."""
         return f"unknown value {value!r}{did_you_mean(value, self.choices)}"
+
+
+class Time(click.ParamType[datetime]):
+    """A time with its time zone, as ISO 8601 writes it."""
+
+    name = "TIME"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> datetime:
+        """Read a time."""
+        try:
+            time = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
+        except ValueError:
+            time = None
+        if time is None or time.tzinfo is None:
+            self.fail(f"{value!r} is not a time with a time zone: 2027-06-01T12:00:00Z", param, ctx)
+        return time.astimezone(UTC)
 
 
 def _complete_split(

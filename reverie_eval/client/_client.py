@@ -17,6 +17,7 @@ from reverie_eval.schemas.service import (
     Accepted,
     Checked,
     Invitation,
+    KeyReport,
     Leaderboard,
     Me,
     Method,
@@ -112,11 +113,15 @@ class Client:
         return self._send(Me, Call("GET", "/me"))
 
     def key(self) -> str:
-        """Return the Ed25519 public key that verifies receipts, in PEM form."""
+        """Return the Ed25519 public key of the newest receipts, in PEM form."""
         key = self._sender.send(Call("GET", "/key")).text
         if not key.startswith("-----BEGIN PUBLIC KEY-----"):
             raise NotAServerError(f"{self.url} is not an evaluation server: it publishes no key")
         return key
+
+    def keys(self) -> Sequence[KeyReport]:
+        """Return all keys that the server has signed receipts with, the earliest first."""
+        return self._send(list[KeyReport], Call("GET", "/keys"))
 
     def leaderboard(self, split: str, metric: str | None = None) -> Leaderboard:
         """Return the published submissions of a split, ranked by a metric.

@@ -94,6 +94,22 @@ class NewToken(WireModel):
     expires_at: Instant | None = Field(None, examples=["2027-07-01T12:00:00Z"])
 
 
+class KeyRotation(WireModel):
+    """The signing key to be replaced by a new one."""
+
+    reason: Reason = Field("changed by the organiser", examples=["the yearly change"])
+    """Published with the key that ends."""
+
+
+class KeyRevocation(WireModel):
+    """A signing key that others may have."""
+
+    since: Instant = Field(examples=["2027-06-01T12:00:00Z"])
+    """Its signatures of submissions received later do not count."""
+    reason: Reason = Field(examples=["a laptop with a backup was stolen"])
+    """Published with the key."""
+
+
 class TokenReport(WireModel):
     """What the server knows about a token, without the token itself."""
 
@@ -333,6 +349,12 @@ class NewNotice(WireModel):
     banner: Line = Field("", examples=["Down for maintenance until 09:00 UTC."])
     """One line; if empty, the banner in the settings is shown."""
     paused: bool = Field(default=False, examples=[True])
+
+
+class NewNews(WireModel):
+    """A news entry to be posted."""
+
+    text: Reason = Field(examples=["The workshop is on 12 June 2027; see you there."])
 
 
 class NoticeReport(WireModel):

@@ -16,6 +16,7 @@ from reverie_eval.schemas.report import (
 )
 from reverie_eval.schemas.wire import (
     EXAMPLE_INVITATION,
+    EXAMPLE_KEY,
     EXAMPLE_TOKEN,
     Email,
     Https,
@@ -69,6 +70,19 @@ class ServerReport(WireModel):
     """The first letters of the SHA-256 of the public key that receipts are checked with."""
     required_metadata: list[str] = Field(examples=[["description"]])
     """What a submission must state about its method, besides the name."""
+    contact: str = Field(examples=["reverie@lab.example.org"])
+    """How to reach the organiser: an e-mail address or a link; may be empty."""
+    links: dict[str, str] = Field(examples=[{"Paper": "https://arxiv.org/abs/1904.10151"}])
+    """Where to read on, by what it is."""
+
+
+class NewsReport(WireModel):
+    """A short dated entry by the organiser."""
+
+    id: int = Field(examples=[3])
+    text: str = Field(examples=["The workshop is on 12 June 2027; see you there."])
+    posted_by: OrganiserName
+    created_at: datetime
 
 
 class Me(WireModel):
@@ -294,6 +308,19 @@ class Receipt(WireModel):
     """The first letters of the SHA-256 of the server's public key."""
     proof: str = Field(examples=["p2l5c2JhZGx5IHNpZ25lZA=="])
     """Ed25519 over the canonical JSON of the other fields, in base64."""
+
+
+class KeyReport(WireModel):
+    """A key that signs a server's receipts, or did."""
+
+    key_id: KeyId
+    public_key: str = Field(examples=[EXAMPLE_KEY])
+    """Ed25519, in PEM form."""
+    valid_from: datetime
+    valid_until: datetime | None = Field(examples=["2027-07-01T12:00:00Z"])
+    """Receipts of submissions that were received later do not count; null for the key in use."""
+    reason: str = Field(examples=["the yearly change"])
+    """Why it ended; empty for the key in use."""
 
 
 class EarlierResult(WireModel):

@@ -166,4 +166,5 @@ Sha256 = Annotated[
     Field(examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"]),
 ]
 EXAMPLE_TOKEN = "rv_3Zk0b9Xw" + 35 * "."  # a real one has no dots
+EXAMPLE_KEY = "-----BEGIN PUBLIC KEY-----\nMCow...\n-----END PUBLIC KEY-----\n"
 EXAMPLE_INVITATION = "rv_Yq71mPaa" + 35 * "."

@@ -12,6 +12,7 @@ from reverie_eval.server.http.middleware import (
     BodyLimits,
     FormCharsets,
     HeadRequests,
+    PathPrefix,
     RateLimits,
     SecurityHeaders,
     UntrustedProxies,
@@ -52,6 +53,7 @@ def create_app(
         title=server.settings.title,
         description="Scores submissions to the REVERIE benchmark.",
         version=__version__,
+        contact=contact_of(server.settings),
         lifespan=lifespan,
         openapi_url=None,
         docs_url=None,
@@ -60,6 +62,7 @@ def create_app(
     )
     app.state.server = server
     app.state.address = server.settings.public_address or address
+    app.state.is_copy = False
     app.state.runtime = RuntimeState.of(server, workers)
     for part in (access, joining, splits, submissions, organising):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
@@ -67,8 +70,16 @@ def create_app(
     add_pages(app)
     add_error_handlers(app, fault_page)
     add_edge(app, server.settings, workers)
-    describe(app)
+    describe(app, server.settings.path_prefix)
     return app
+
+
+def contact_of(settings: Settings) -> dict[str, str] | None:
+    """Return how to reach the organiser, as the API's description has it."""
+    if not settings.contact:
+        return None
+    kind = "url" if settings.contact.startswith("https://") else "email"
+    return {"name": "Organiser", kind: settings.contact}
 
 
 def add_edge(app: FastAPI, settings: Settings, workers: Workers) -> None:
@@ -88,3 +99,5 @@ def add_edge(app: FastAPI, settings: Settings, workers: Workers) -> None:
         trusted = [str(network) for network in settings.trusted_proxies]
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=trusted)
     app.add_middleware(UntrustedProxies, trusted=settings.trusted_proxies)
+    if settings.path_prefix:
+        app.add_middleware(PathPrefix, prefix=settings.path_prefix)

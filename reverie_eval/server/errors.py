@@ -20,6 +20,7 @@ RequestError
     BusyError             too many uploads are waiting
     WrongMethodError      the address does not accept this method
     DatabaseDownError     the database does not answer
+    KeyReplacedError      the signing key was replaced since this server started
     StorageFullError      the disk or the database is full
     FaultError            the server failed
 
@@ -316,6 +317,22 @@ class DatabaseDownError(RequestError):
         super().__init__(
             f"the server's database does not answer; try again in {self.seconds} seconds: no file "
             "is counted twice"
+        )
+
+
+class KeyReplacedError(RequestError):
+    """The signing key was replaced since this server started."""
+
+    status = HTTPStatus.SERVICE_UNAVAILABLE
+    code = "key-replaced"
+    heading = "Server has to be restarted"
+    example_arguments = ("0d1c2b3a4f5e6d7c", "4ad1b0c9e2f86735")
+    seconds = 10
+
+    def __init__(self, ours: str, current: str) -> None:
+        super().__init__(
+            f"the signing key {ours} was replaced by {current} since this server started; nothing "
+            "was saved and no submission was used. Try again when the organiser has restarted it"
         )
 
 

@@ -6,6 +6,7 @@ files or environment variables, never arguments.
 """
 
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -34,7 +35,7 @@ from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
 from reverie_eval.schemas.service import Phase, Phases, ReleaseScores
-from reverie_eval.schemas.wire import Line, Name
+from reverie_eval.schemas.wire import Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 
 SETTINGS_FILE = "reverie-eval.toml"
@@ -105,12 +106,42 @@ def _known_address(address: str) -> str:
     if not address:
         return address
     url = _URL.validate_python(address)
-    if url.username or url.password or url.query or url.fragment or url.path not in (None, "/"):
-        raise ValueError("must be a scheme and a host, https://eval.example.org")
+    is_plain = _PLAIN_PATH.fullmatch((url.path or "").rstrip("/"))
+    if url.username or url.password or url.query or url.fragment or not is_plain:
+        raise ValueError(
+            "must be a scheme and a host, https://eval.example.org, or also a path of letters, "
+            "digits and -._~, https://lab.example.org/reverie"
+        )
     return str(url).rstrip("/")
 
 
 _URL: TypeAdapter[HttpUrl] = TypeAdapter(HttpUrl)
+_EMAIL = re.compile(r"[^\s@<>\"]+@[^\s@<>\"]+\.[^\s@<>\"]+")
+
+
+def known_email(text: str) -> str:
+    """Check that a text is an e-mail address, as far as one can see.
+
+    Raises
+    ------
+    ValueError
+        If it is not.
+    """
+    if not _EMAIL.fullmatch(text):
+        raise ValueError("must be an e-mail address: reverie@lab.example.org")
+    return text
+
+
+def _known_contact(text: str) -> str:
+    """Check how to reach the organiser; empty if it is not set."""
+    is_known = not text or text.startswith("https://") or _EMAIL.fullmatch(text)
+    if not is_known:
+        raise ValueError("must be an e-mail address, or a link that begins with https://")
+    return str(_URL.validate_python(text)) if text.startswith("https://") else text
+
+
+_PLAIN_PATH = re.compile(r"(/[A-Za-z0-9._~-]+)*")
+"""Written in the same way in a browser's address, an HTTP request, HTML and a proxy's settings."""
 
 
 class _Section(BaseModel):
@@ -212,7 +243,12 @@ class Settings(BaseSettings):
 
     title: Name = "REVERIE evaluation server"
     public_address: Annotated[str, AfterValidator(_known_address)] = ""
-    """How people reach the server: ``https://eval.example.org``. Printed in what they copy."""
+    """How people reach the server: ``https://eval.example.org``, or with a path below which it has
+    all its addresses, ``https://lab.example.org/reverie``. Printed in what they copy."""
+    contact: Annotated[Line, AfterValidator(_known_contact)] = ""
+    """How to reach the organiser: an e-mail address, or a link that begins with ``https://``."""
+    links: dict[Name, Https] = {}  # pydantic copies it
+    """Where to read on: paper, data, code, licence, by the text of each link."""
     banner: Line = ""
     """A message shown to everyone: maintenance, deadlines."""
     paused: bool = False
@@ -274,6 +310,11 @@ class Settings(BaseSettings):
     def path(self, relative: Path | str) -> Path:
         """Return a path in the settings relative to the server's folder."""
         return self.folder / relative
+
+    @property
+    def path_prefix(self) -> str:
+        """The path of the public address: ``/reverie``; empty if the server has its own host."""
+        return urlsplit(self.public_address).path
 
     @property
     def database_url(self) -> URL:

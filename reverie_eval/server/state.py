@@ -15,9 +15,10 @@ from reverie_eval.server.service.boards import Board, board_named, load_boards
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
 from reverie_eval.server.service.intake import Clock, Intake
+from reverie_eval.server.service.keys import current_key, open_key
 from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices
-from reverie_eval.server.service.receipts import Signer, load_key
+from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.rescoring import Rescoring
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.snapshots import Snapshots
@@ -65,19 +66,19 @@ class ServerState:
         SettingsError
             If a split cannot be scored, or the database is not up to date.
         ReceiptError
-            If the signing key is missing or others can read it.
+            If the signing key is missing, others can read it, or another one is in use.
         """
         boards = load_boards(settings)
-        signer = Signer(load_key(settings.path(settings.signing_key)), settings.title)
         database = Database(settings.database_url)
         if not database.is_current():
             remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
             raise SettingsError([Problem("old-database", "database", remedy)])
+        signer = signer_of(settings, database)
         uploads = open_uploads(settings.uploads, settings.folder)
         notices = Notices(settings.banner, paused=settings.paused)
-        audit_log = AuditLog.of(signer)
+        audit_log = AuditLog(signer)
         schedules = Schedules(settings.splits)
-        snapshots = Snapshots(lambda: boards, schedules, signer)
+        snapshots = Snapshots(lambda: boards, schedules)
         transactions = Transactions(database, audit_log, clock, snapshots.take_due)
         intake = Intake(
             boards,
@@ -140,6 +141,13 @@ class ServerState:
         board = self.board(split)
         by = board.primary.key if metric is None else metric
         return leaderboard(session, self.entries, board, by, self.clock())
+
+
+def signer_of(settings: Settings, database: Database) -> Signer:
+    """Return what signs a server's receipts; raises the errors of :func:`open_key`."""
+    with database.reading() as session:
+        current = current_key(session)
+    return Signer(open_key(settings.path(settings.signing_key), current), settings.title)
 
 
 def state_of(request: Request) -> ServerState:

@@ -375,7 +375,7 @@ def test_another_file_or_another_key(receipt: Path, run: Run) -> None:
     receipt.write_text(json.dumps(json.loads(receipt.read_text()) | {"key_id": "0" * 16}))
     outcome = run("verify", str(receipt))
     assert outcome.status == 1
-    assert ": it names key 0000000000000000, but this is key " in outcome.err
+    assert ": it names key 0000000000000000, which is not in the list of keys" in outcome.err
 
 
 def test_what_is_no_receipt(receipt: Path, run: Run) -> None:

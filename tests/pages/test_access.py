@@ -6,9 +6,10 @@ from collections.abc import Mapping
 import httpx
 import pytest
 
-from reverie_eval.schemas.organising import NewSnapshot
+from reverie_eval.schemas.organising import NewNews, NewSnapshot
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
+from reverie_eval.server.service.news import add_news
 from reverie_eval.server.store.tables import ReportedResult
 from tests.support.acting import NOON, ask_to_join, create_token, review
 from tests.support.page_routes import page_routes
@@ -95,6 +96,9 @@ POST /desk/people/teams             sign-in    403       403       403       303
 POST /desk/people/teams/rename      sign-in    403       403       403       303
 POST /desk/people/tokens            sign-in    403       403       403       200
 POST /desk/people/tokens/{hint}/revoke sign-in 403       403       403       303
+GET  /desk/news                     sign-in    403       403       403       200
+POST /desk/news                     sign-in    403       403       403       303
+POST /desk/news/{news_id}/remove    sign-in    403       403       403       303
 GET  /desk/notice                   sign-in    403       403       403       200
 POST /desk/notice                   sign-in    403       403       403       303
 GET  /desk/audit                    sign-in    403       403       403       200
@@ -139,6 +143,7 @@ FORMS: Mapping[str, dict[str, str]] = {
     "POST /desk/people/teams": {"name": "Green"},
     "POST /desk/people/teams/rename": {"team": "Red", "name": "Azure"},
     "POST /desk/people/tokens": {"person": "1", "kind": "invite"},
+    "POST /desk/news": {"text": "Soon"},
     "POST /desk/notice": {"banner": "Soon"},
 }
 """What a form's own fields hold."""
@@ -156,6 +161,7 @@ def parts(server: Serving) -> Mapping[str, str]:
     with server.acting() as transaction:
         spare = create_token(transaction, OWNER).hint
         said = review(transaction, ids[OPEN], "verified").id
+        news = add_news(transaction, NewNews(text="Soon")).id
         result = ReportedResult(
             split=OPEN,
             method=Method(name="Earlier").model_dump(mode="json"),
@@ -173,6 +179,7 @@ def parts(server: Serving) -> Mapping[str, str]:
         "person_id": "1",
         "request_id": str(ask_to_join(server.state.transactions)),
         "review_id": str(said),
+        "news_id": str(news),
         "result_id": str(result.id),
         "number": str(taken.number),
         "split": OPEN,

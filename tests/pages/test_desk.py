@@ -54,6 +54,7 @@ PAGES = (
     "/desk/quotas",
     "/desk/phases",
     "/desk/snapshots",
+    "/desk/news",
     "/desk/notice",
     "/desk/audit",
 )
@@ -120,6 +121,8 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/quotas",
         "/desk/phases",
         "/desk/snapshots",
+        "/desk/news",
+        "/desk/news/1/remove",
         "/desk/notice",
     ],
 )

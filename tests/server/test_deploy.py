@@ -4,19 +4,25 @@ import json
 import re
 import shlex
 import shutil
+import socket
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 import yaml
 
+from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval_cli.commands.serve import serve
 from tests.conftest import REPOSITORY
-from tests.support.processes import COMMAND
-from tests.support.serving import Serving
+from tests.support.processes import COMMAND, Laptop
+from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, PEOPLE, Serving, populate
+from tests.support.waiting import wait_until
 
 PAGE = (REPOSITORY / "docs" / "deploy.md").read_text()
 
@@ -55,7 +61,7 @@ def test_the_service_unit_is_sound(tmp_path: Path) -> None:
 
 
 def test_the_configuration_of_nginx_is_sound(tmp_path: Path) -> None:
-    (server,) = blocks("nginx")
+    server, _ = blocks("nginx")
     nginx = program("nginx")
     key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
     subprocess.run(
@@ -78,7 +84,58 @@ def test_the_configuration_of_nginx_is_sound(tmp_path: Path) -> None:
     assert tested.returncode == 0, tested.stderr
 
 
-@pytest.mark.parametrize("number", range(2))
+def test_participants_submit_below_a_path_of_nginx(folder: Path, tmp_path: Path) -> None:
+    _, location = blocks("nginx")
+    (tmp_path / "home").mkdir()
+    laptop = Laptop(tmp_path / "home")
+    (laptop.folder / "submit.json").write_bytes(GOOD)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    address = f"http://127.0.0.1:{port}/reverie"
+    with acting(load_settings(folder), "test") as transaction:
+        token = populate(transaction, PEOPLE)[OWNER]
+    with laptop.serving(folder, variables={"REVERIE_EVAL_PUBLIC_ADDRESS": address}) as server:
+        location = location.replace("http://127.0.0.1:8000", server.url)
+        with nginx_with(f"server {{ listen 127.0.0.1:{port}; {location} }}", port, tmp_path):
+            laptop.shell(f"echo {token} | {COMMAND} login --server {address}")
+            words = ["submit", "submit.json", "--split", OPEN, "--method", "Walker", "--publish"]
+            laptop.run(*words)
+            assert "Walker" in laptop.run("leaderboard", "--split", OPEN).out
+            receipt = "submit.json.receipt.json"
+            assert "genuine" in laptop.run("verify", receipt, "--submission", "submit.json").out
+            page = httpx.get(f"{address}/boards/{OPEN}", verify=NO_TLS)
+            assert 'href="/reverie/guide"' in page.text
+            bare = httpx.get(address, verify=NO_TLS, follow_redirects=True)
+            assert str(bare.url).startswith(f"{address}/boards/")
+
+
+@contextmanager
+def nginx_with(servers: str, port: int, folder: Path) -> Iterator[None]:
+    """Run nginx in a folder until the end, once it listens."""
+    paths = " ".join(
+        f"{kind}_temp_path {folder}/{kind};"
+        for kind in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi")
+    )
+    file = folder / "nginx.conf"
+    file.write_text(
+        f"pid {folder}/pid; error_log stderr; daemon off; master_process off; "
+        f"events {{}} http {{ access_log off; {paths} {servers} }}"
+    )
+    with subprocess.Popen([program("nginx"), "-p", folder, "-c", file]) as process:
+
+        def listens() -> bool:
+            assert process.poll() is None
+            with socket.socket() as probe:
+                return probe.connect_ex(("127.0.0.1", port)) == 0
+
+        try:
+            wait_until(listens)
+            yield
+        finally:
+            process.terminate()
+
+
+@pytest.mark.parametrize("number", range(3))
 def test_the_configuration_of_caddy_is_sound(number: int, tmp_path: Path) -> None:
     file = tmp_path / "Caddyfile"
     file.write_text(blocks("caddyfile")[number])

@@ -6,9 +6,10 @@ from typing import Any
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from reverie_eval.schemas.organising import NewReported, NewSnapshot
+from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.app import create_app
+from reverie_eval.server.service.news import add_news
 from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.service.tokens import revoke_token
 from tests.support.acting import ask_to_join, create_token, review
@@ -25,6 +26,8 @@ GET    /healthz                                   200    200   200    200       
 GET    /metrics                                   401    403   403    403        200      401         401
 GET    /server                                    200    200   200    200        200      200         200
 GET    /key                                       200    200   200    200        200      200         200
+GET    /news                                      200    200   200    200        200      200         200
+GET    /keys                                      200    200   200    200        200      200         200
 GET    /me                                        401    200   200    200        200      401         401
 POST   /tokens                                    401    401   401    401        401      401         201
 POST   /session                                   401    201   201    201        201      401         401
@@ -71,6 +74,8 @@ POST   /organiser/reported                        401    403   403    403       
 POST   /organiser/reported/import                 401    403   403    403        200      401         401
 PATCH  /organiser/reported/{result_id}            401    403   403    403        200      401         401
 DELETE /organiser/reported/{result_id}            401    403   403    403        200      401         401
+POST   /organiser/news                            401    403   403    403        201      401         401
+DELETE /organiser/news/{news_id}                  401    403   403    403        200      401         401
 POST   /organiser/corrections                     401    403   403    403        409      401         401
 GET    /organiser/notice                          401    403   403    403        200      401         401
 PUT    /organiser/notice                          401    403   403    403        200      401         401
@@ -125,6 +130,7 @@ BODIES: Mapping[str, dict[str, Any]] = {
     "PATCH /organiser/reported/{result_id}": {"json": {"team": "Qi et al., 2020"}},
     "PUT /organiser/schedules/{split}": {"json": {"paused": True}},
     "POST /organiser/snapshots": {"json": {"split": OPEN, "title": "CVPR 2027"}},
+    "POST /organiser/news": {"json": {"text": "See you at the workshop."}},
     "PUT /organiser/notice": {"json": {"banner": "Back at noon."}},
 }
 
@@ -160,6 +166,7 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         said = review(transaction, ids[OPEN], "verified")
         result = add_reported(transaction, reported, [OPEN])
         taken = server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
+        told = add_news(transaction, NewNews(text="The workshop is on 12 June."))
     return {
         "split": OPEN,
         "name": "Red",
@@ -171,6 +178,7 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         "review_id": str(said.id),
         "result_id": str(result.id),
         "number": str(taken.number),
+        "news_id": str(told.id),
     }
 
 

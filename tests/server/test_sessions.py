@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import func, select
 
 from reverie_eval.server.http.callers import COOKIE
-from reverie_eval.server.service.receipts import make_key
+from reverie_eval.server.operations.keys import rotate_key
 from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.store.tables import BrowserSession
 from tests.support.acting import NOON, create_token
@@ -111,8 +111,7 @@ def test_a_session_ends_when_the_server_has_another_key(
 ) -> None:
     settings = settings_of(folder)
     assert browser.ask("GET", "/me").status_code == 200
-    settings.path(settings.signing_key).unlink()
-    make_key(settings.path(settings.signing_key))
+    rotate_key(settings, "test", "stolen")
     restarted = replace(browser, server=open_server(settings, browser.server.tokens))
     assert restarted.ask("GET", "/me").status_code == 401
 

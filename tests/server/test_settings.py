@@ -548,11 +548,14 @@ def test_tls_needs_a_proxy_that_is_trusted(
         pytest.param("eval.example.org", id="no scheme"),
         pytest.param("ftp://eval.example.org", id="another scheme"),
         pytest.param("https://me:secret@eval.example.org", id="a password"),
-        pytest.param("https://eval.example.org/reverie", id="a path"),
+        pytest.param("https://eval.example.org/my board", id="a space in the path"),
+        pytest.param("https://eval.example.org//reverie", id="an empty part of the path"),
         pytest.param("https://eval.example.org/?q", id="a query"),
     ],
 )
-def test_a_public_address_is_a_scheme_and_a_host(address: str, lab: str, laptop: Laptop) -> None:
+def test_a_public_address_is_a_scheme_a_host_and_a_plain_path(
+    address: str, lab: str, laptop: Laptop
+) -> None:
     variables = {"REVERIE_EVAL_PUBLIC_ADDRESS": address}
     assert "public_address" in laptop.run("server", "check", lab, status=1, variables=variables).out
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from sqlalchemy import select
 
 from reverie_eval.schemas.joining import NewJoinRequest, NewPersonToJoin
@@ -20,13 +21,14 @@ from reverie_eval.schemas.service import Role, Verdict
 from reverie_eval.server.service import people, reviews, tokens
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.joining import receive_request
+from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import JoinRequest
 
 NOON = datetime(2026, 3, 2, 12, tzinfo=UTC)
 """When every test begins."""
-AUDIT_LOG = AuditLog(b"the key of tests")
+AUDIT_LOG = AuditLog(Signer(Ed25519PrivateKey.from_private_bytes(bytes(32)), "tests"))
 
 
 @contextmanager

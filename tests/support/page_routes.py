@@ -97,6 +97,7 @@ EXAMPLES = (
     Example("/desk/people", ORGANISER),
     Example("/desk/people/import", ORGANISER),
     Example("/desk/people/{person_id}", ORGANISER),
+    Example("/desk/news", ORGANISER),
     Example("/desk/notice", ORGANISER),
     Example("/desk/audit", ORGANISER),
     Example("/no-such-page"),

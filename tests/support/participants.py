@@ -52,7 +52,7 @@ class RealServer:
     def audit_log(self) -> AuditLog:
         """What checks its audit log."""
         key = load_key(self.settings.path(self.settings.signing_key))
-        return AuditLog.of(Signer(key, self.settings.title))
+        return AuditLog(Signer(key, self.settings.title))
 
     def newcomer(self, role: Role = "participant") -> str:
         """Add a team with a person in it, and return the person's name."""

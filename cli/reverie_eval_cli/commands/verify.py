@@ -3,6 +3,7 @@
 import hashlib
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,12 +11,20 @@ from reverie_eval import ReverieEvalError
 from reverie_eval_cli import options
 from reverie_eval_cli.servers import ServerOptions, server_options
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
+
 
 @click.command()
 @click.argument("receipt", type=options.PATH)
 @server_options
 @click.option(
-    "--key", metavar="FILE", type=options.PATH, help="The server's public key, in PEM form."
+    "--key",
+    metavar="FILE",
+    type=options.PATH,
+    help="The server's keys, as saved from /api/v1/keys, or one of them in PEM form.",
 )
 @click.option(
     "--submission", metavar="FILE", help="Also check that this is the file that was scored."
@@ -30,7 +39,6 @@ def verify(
     Exit status: 0 genuine, 1 not genuine, 2 usage or system error.
     """
     from reverie_eval.receipts import NotGenuineError
-    from reverie_eval.receipts import verify as verify_signature
     from reverie_eval.reporting._submission import receipt_lines, snapshot_lines
     from reverie_eval.schemas.service import Snapshot
     from reverie_eval.submissions import read_bytes
@@ -41,13 +49,13 @@ def verify(
     signed = read_signed(receipt)
     if submission and isinstance(signed, Snapshot):
         raise click.UsageError("--submission is for receipts; a snapshot has many submissions")
-    public_key, owner = _public_key(server, key)
+    keys, owner = _keys(server, key)
     try:
-        verify_signature(signed, public_key)
+        in_use = _verified(signed, keys)
     except NotGenuineError as error:
-        print(f"{receipt}: not genuine by the key of {owner}: {error}", file=sys.stderr)
+        print(f"{receipt}: not genuine by the keys of {owner}: {error}", file=sys.stderr)
         return 1
-    genuine = f"{receipt}: genuine, signed with the key of {owner} ({signed.key_id})"
+    genuine = f"{receipt}: genuine, signed with the key of {owner} ({signed.key_id}{in_use})"
     if isinstance(signed, Snapshot):
         print(genuine, *snapshot_lines(signed), sep="\n")
         return 0
@@ -60,12 +68,31 @@ def verify(
     return 0
 
 
-def _public_key(server: ServerOptions, key: Path | None) -> tuple[str, str]:
-    """Return the public key, and whose it is."""
-    if key is None:
+def _keys(server: ServerOptions, file: Path | None) -> "tuple[Sequence[KeyReport] | str, str]":
+    """Return the server's keys, or the only one as PEM, and whose they are."""
+    from pydantic import TypeAdapter, ValidationError
+
+    from reverie_eval.schemas.service import KeyReport
+
+    if file is None:
         with server.connect() as client:
-            return client.key(), client.url
+            return client.keys(), client.url
+    content = file.read_bytes()
+    if not content.lstrip().startswith(b"["):
+        return content.decode(errors="replace"), str(file)
     try:
-        return key.read_text(encoding="ascii"), str(key)
-    except UnicodeDecodeError:
-        raise ReverieEvalError(f"{key} is not a public key in PEM form") from None
+        return TypeAdapter(list[KeyReport]).validate_json(content, extra="ignore"), str(file)
+    except ValidationError:
+        raise ReverieEvalError(f"{file} is not a list of keys from /api/v1/keys") from None
+
+
+def _verified(receipt: "Receipt | Snapshot", keys: "Sequence[KeyReport] | str") -> str:
+    """Verify a receipt or a snapshot, and return when its key was in use, if that is known."""
+    from reverie_eval.receipts import verify, verify_by_history
+
+    if isinstance(keys, str):
+        verify(receipt, keys)
+        return ""
+    key = verify_by_history(receipt, keys)
+    since = f", in use from {key.valid_from:%Y-%m-%d}"
+    return since if key.valid_until is None else f"{since} to {key.valid_until:%Y-%m-%d}"

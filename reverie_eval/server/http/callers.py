@@ -259,12 +259,17 @@ def set_cookie(request: Request, response: Response, cookie: str, lifetime: time
         COOKIE,
         cookie,
         max_age=int(lifetime.total_seconds()),
+        path=_cookie_path(request),
         httponly=True,
         samesite="strict",
         secure=request.url.scheme == "https",
     )
 
 
-def drop_cookie(response: Response) -> None:
+def drop_cookie(request: Request, response: Response) -> None:
     """Delete the cookie."""
-    response.delete_cookie(COOKIE, httponly=True, samesite="strict")
+    response.delete_cookie(COOKIE, _cookie_path(request), httponly=True, samesite="strict")
+
+
+def _cookie_path(request: Request) -> str:
+    return state_of(request).settings.path_prefix or "/"

@@ -1,9 +1,10 @@
 """Whether the server works, checked by doing its work.
 
-For every split, a known submission is read, scored, rounded and signed; the rules of all splits are
-those of the server that started last on the database; the database writes the rows that an upload
-writes, and undoes them; the folder or store of uploads is accessed. The result is cached for some
-seconds, so frequent checks cost nothing. The reply names what failed; the log says why.
+For every split, a known submission is read, scored, rounded and signed; the signing key is the one
+in use; the rules of all splits are those of the server that started last on the database; the
+database writes the rows that an upload writes, and undoes them; the folder or store of uploads is
+accessed. The result is cached for some seconds, so frequent checks cost nothing. The reply names
+what failed; the log says why.
 """
 
 import asyncio
@@ -26,6 +27,7 @@ from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import HealthReport, QuotaReport
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.keys import current_key
 from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
@@ -40,7 +42,7 @@ _AGENT = "stop"
 _NO_DIGEST = "0" * 64
 _NOBODY = -1
 _EMPTY: Mapping[str, Any] = {
-    **dict.fromkeys(("split", "actor", "action", "row", "subject", "outcome"), ""),
+    **dict.fromkeys(("split", "actor", "action", "row", "subject", "key_id", "outcome"), ""),
     **dict.fromkeys(("size", "problems", "milliseconds"), 0),
     **{name: {} for name in ("method", "report", "receipt", "details")},
 }
@@ -48,7 +50,7 @@ _EMPTY: Mapping[str, Any] = {
 
 
 class UnhealthyError(Exception):
-    """The known submission got wrong scores, or another server has other rules."""
+    """The known submission got wrong scores, or another server has other rules or another key."""
 
 
 class Health:
@@ -58,6 +60,7 @@ class Health:
         canaries = {name: Canary(server, board) for name, board in server.boards.items()}
         self._checks: Mapping[str, Callable[[], None]] = {
             **{f"scoring of {name}": canary.score for name, canary in canaries.items()},
+            "signing key": partial(_compare_key, server),
             "same rules as other servers": partial(_compare_rules, server, LastRules()),
             "database": partial(_write, server),
             "uploads": server.uploads.try_out,
@@ -136,6 +139,29 @@ class Canary:
             quota=QuotaReport(remaining=0, next_at=None, seconds_to_next=0, windows=[]),
         )
         verify(receipt, signer.public_pem)
+
+
+def _compare_key(server: ServerState) -> None:
+    """Look whether the signing key was replaced since this server started.
+
+    A database that cannot be read is reported by another check.
+
+    Raises
+    ------
+    UnhealthyError
+        If it was.
+    """
+    try:
+        with server.database.reading() as session:
+            current = current_key(session)
+    except DBAPIError:
+        return
+    if current is not None and current.key_id != server.signer.key_id:
+        _LOGGER.error(
+            "the signing key was replaced; restart this server",
+            extra={"fields": {"key": server.signer.key_id, "current": current.key_id}},
+        )
+        raise UnhealthyError
 
 
 def _compare_rules(server: ServerState, last: LastRules) -> None:

@@ -1,4 +1,4 @@
-"""What every request passes before it is routed: limits of rate, size and time, headers, HEAD.
+"""What every request passes before it is routed: path, limits of rate, size and time, headers.
 
 Bytes are counted as they arrive, whatever the headers say. A route that accepts more than a few
 lines of JSON raises the limit once it knows who is sending: :func:`allow_body`.
@@ -184,6 +184,32 @@ class RateLimits(Middleware):
 def _digest(shown: str) -> str:
     """Return what a token or a session is counted by; empty for none."""
     return hashlib.sha256(shown.encode()).hexdigest() if shown else ""
+
+
+class PathPrefix(Middleware):
+    """Serves the application below a path of its host; the application itself does not know it.
+
+    A request may come with the prefix or, from a monitor on the same machine, without.
+    """
+
+    def __init__(self, app: ASGIApp, prefix: str) -> None:
+        super().__init__(app)
+        self._prefix = prefix
+
+    async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request without the prefix; redirects get it again."""
+
+        async def prefixing(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                if headers.get("location", "").startswith("/"):
+                    headers["location"] = self._prefix + headers["location"]
+            await send(message)
+
+        path: str = scope["path"]
+        if f"{path}/".startswith(f"{self._prefix}/"):
+            scope = {**scope, "path": path.removeprefix(self._prefix) or "/"}
+        await self.app(scope, receive, prefixing)
 
 
 class UntrustedProxies(Middleware):

@@ -17,6 +17,7 @@ from reverie_eval.server.errors import (
     DatabaseDownError,
     FaultError,
     ForgedError,
+    KeyReplacedError,
     MalformedError,
     StorageFullError,
     TooManyError,
@@ -53,8 +54,8 @@ def problems(*codes: str) -> dict[int | str, Document]:
     return declared
 
 
-def describe(app: FastAPI) -> None:
-    """Add the route of the description to an application.
+def describe(app: FastAPI, path_prefix: str) -> None:
+    """Add the route of the description to an application below a path of its host.
 
     FastAPI's own route would render it on the event loop and delay all other requests.
     """
@@ -62,7 +63,12 @@ def describe(app: FastAPI) -> None:
     @cache
     def description() -> Document:
         document = get_openapi(
-            title=app.title, version=app.version, description=app.description, routes=app.routes
+            title=app.title,
+            version=app.version,
+            description=app.description,
+            contact=app.contact,
+            routes=app.routes,
+            servers=[{"url": path_prefix or "/"}],
         )
         models = document["components"]["schemas"]
         for name in _OF_FASTAPI:
@@ -98,7 +104,7 @@ def _complete(method: str, operation: Document) -> None:
         del replies["422"]
         everywhere += (MalformedError.code,)
     if method in _CHANGING:
-        everywhere += (StorageFullError.code,)
+        everywhere += (StorageFullError.code, KeyReplacedError.code)
     if method in _CHANGING and any("APIKeyCookie" in way for way in operation.get("security", ())):
         operation["security"] = [
             {**way, "csrf": []} if "APIKeyCookie" in way else way for way in operation["security"]

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from datetime import datetime
 from gzip import BadGzipFile
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryFile
@@ -31,7 +32,9 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.ground_truth import bundle_name
 from reverie_eval.server.operations.checks import check_known, database_errors
 from reverie_eval.server.operations.folder import SIGNING_KEY
+from reverie_eval.server.service.keys import file_of_key
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, load_settings
+from reverie_eval.server.state import utc_now
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.dump import dump
 from reverie_eval.server.store.uploads import Uploads, open_uploads
@@ -41,6 +44,7 @@ DATABASE = "database.jsonl"
 MANIFEST = "manifest.json"
 UPLOADS = "uploads/"
 FORMAT = 1
+_SIGNING_KEY = "signing_key"
 _PIECE = 1 << 20
 """Bytes of a file in memory."""
 
@@ -53,6 +57,8 @@ class Manifest(BaseModel):
     format: int
     version: str
     """Of reverie-eval."""
+    made_at: datetime
+    """When the rows were read."""
     revision: str
     """The migration of the database."""
     rows: dict[str, int]
@@ -81,7 +87,8 @@ def write_backup(folder: Path, output: Path) -> BackupReport:
     ------
     ReverieEvalError
         If the archive would be in the server's folder, overwrite a file of the server, or be in a
-        folder that does not exist; or if the database is empty or was made by a later version.
+        folder that does not exist; if the database is empty or was made by a later version; or if
+        its signing key is missing, or was rotated while the backup was made.
     """
     settings = load_settings(folder)
     if output.resolve().is_relative_to(settings.folder):
@@ -107,18 +114,21 @@ def write_backup(folder: Path, output: Path) -> BackupReport:
 def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifest:
     contents = _Contents(archive)
     contents.add(SETTINGS_FILE, (settings.folder / SETTINGS_FILE).read_bytes())
-    for name, path in _files(settings).values():
-        contents.add(name, path.read_bytes())
     expected: set[str] = set()
     counts: Counter[str] = Counter()
+    made_at = utc_now()
     with TemporaryFile(dir=place) as lines:
-        revision = _dump(settings, lines, expected, counts)
+        revision, key_id = _dump(settings, lines, expected, counts)
         contents.add_file(DATABASE, lines)
+    for setting, (name, path) in _files(settings).items():
+        file = file_of_key(path, key_id) if setting == _SIGNING_KEY else path
+        contents.add(name, file.read_bytes())
     uploads = open_uploads(settings.uploads, settings.folder)
     lacking = tuple(name for name in sorted(expected) if not contents.add_upload(uploads, name))
     manifest = Manifest(
         format=FORMAT,
         version=__version__,
+        made_at=made_at,
         revision=revision,
         rows=counts,
         lacking=lacking,
@@ -128,8 +138,17 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
     return manifest
 
 
-def _dump(settings: Settings, lines: IO[bytes], uploads: set[str], counts: Counter[str]) -> str:
-    """Write all rows as lines of JSON, note uploads and counts, and return the migration."""
+def _dump(
+    settings: Settings, lines: IO[bytes], uploads: set[str], counts: Counter[str]
+) -> tuple[str, str | None]:
+    """Write all rows as lines of JSON, note uploads and counts.
+
+    Returns
+    -------
+    tuple of str and str
+        The migration, and the id of the signing key in use, if any.
+    """
+    key_id = None
     with database_errors(), closing(Database(settings.database_url)) as database:
         revision = check_known(database)
         if revision is None:
@@ -141,8 +160,10 @@ def _dump(settings: Settings, lines: IO[bytes], uploads: set[str], counts: Count
             counts[table] += 1
             if table == "submission":
                 uploads.add(columns["sha256"])
+            elif table == "signing_key" and columns["replaced_at"] is None:
+                key_id = columns["key_id"]
             lines.write(f"{json.dumps([table, columns])}\n".encode())
-        return revision
+        return revision, key_id
 
 
 class _Contents:
@@ -182,13 +203,23 @@ class _Contents:
         return is_whole
 
 
+def restored(settings: Settings) -> Settings:
+    """Return the settings of an unpacked archive, with the places that its files have in it."""
+    names = {setting: Path(name) for setting, (name, _) in _files(settings).items()}
+    splits = {
+        name: split.model_copy(update={"bundle": names[f"splits.{name}.bundle"]})
+        for name, split in settings.splits.items()
+    }
+    return settings.model_copy(update={"signing_key": names["signing_key"], "splits": splits})
+
+
 def _files(settings: Settings) -> Mapping[str, tuple[str, Path]]:
     """Return the files that the settings name, as name in the archive and path, by setting."""
     bundles: dict[str, Any] = {
         f"splits.{name}.bundle": (split.bundle, f"bundles/{bundle_name(name, public=False)}")
         for name, split in settings.splits.items()
     }
-    named = {"signing_key": (settings.signing_key, SIGNING_KEY), **bundles}
+    named = {_SIGNING_KEY: (settings.signing_key, SIGNING_KEY), **bundles}
     return {
         setting: (_name(settings, path) or otherwise, settings.path(path))
         for setting, (path, otherwise) in named.items()

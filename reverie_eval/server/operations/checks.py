@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from sqlalchemy import func, select
 from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
@@ -18,7 +19,8 @@ from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, load_boards
-from reverie_eval.server.service.receipts import Signer, load_key, public_pem_of
+from reverie_eval.server.service.keys import current_key, open_key
+from reverie_eval.server.service.receipts import load_key, public_pem_of
 from reverie_eval.server.service.rescoring import count_outdated
 from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.service.schedules import Schedules
@@ -31,7 +33,7 @@ from reverie_eval.server.settings import (
     load_settings,
     variables_ignored,
 )
-from reverie_eval.server.state import ServerState, utc_now
+from reverie_eval.server.state import ServerState, signer_of, utc_now
 from reverie_eval.server.store.database import AT_ONCE, Database, is_full, known_revisions
 from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError, open_uploads
@@ -200,12 +202,12 @@ def acting(
     FolderError
         If the database is not of this version.
     ReceiptError
-        If the signing key, which the audit log's is derived from, cannot be used.
+        If the signing key, which the audit log's is derived from, is not the one in use.
     """
-    signer = Signer(load_key(settings.path(settings.signing_key)), settings.title)
     with opened(settings) as database:
-        snapshots = Snapshots(lambda: load_boards(settings), Schedules(settings.splits), signer)
-        transactions = Transactions(database, AuditLog.of(signer), clock, snapshots.take_due)
+        snapshots = Snapshots(lambda: load_boards(settings), Schedules(settings.splits))
+        audit_log = AuditLog(signer_of(settings, database))
+        transactions = Transactions(database, audit_log, clock, snapshots.take_due)
         with transactions.begin(actor) as transaction:
             yield transaction
 
@@ -275,11 +277,21 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
 
 def _at_signing_key(settings: Settings) -> Iterator[Finding]:
     try:
-        key = load_key(settings.path(settings.signing_key))
+        key = _key_of(settings)
     except ReceiptError as error:
-        yield Finding("signing key", "fault", str(error))
+        lost = f"reverie-eval server key rotate {settings.folder} --lost"
+        message = f"{error}; if it is lost for ever: `{lost}`"
+        yield Finding("signing key", "fault", message)
     else:
         yield Finding("signing key", "ok", key_id_of(public_pem_of(key)))
+
+
+def _key_of(settings: Settings) -> Ed25519PrivateKey:
+    path = settings.path(settings.signing_key)
+    if database_fault(settings) is not None:
+        return load_key(path)
+    with closing(Database(settings.database_url)) as database, database.reading() as session:
+        return open_key(path, current_key(session))
 
 
 def _at_database(settings: Settings) -> Iterator[Finding]:

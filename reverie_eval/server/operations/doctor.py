@@ -12,8 +12,8 @@ from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.receipts import ReceiptError, verify
-from reverie_eval.schemas.service import Snapshot, SnapshotEntry, SubmissionReport
+from reverie_eval.receipts import ReceiptError, verify_by_history
+from reverie_eval.schemas.service import KeyReport, Snapshot, SnapshotEntry, SubmissionReport
 from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folder, said_by
 from reverie_eval.server.service.audit import (
     AuditLog,
@@ -23,6 +23,7 @@ from reverie_eval.server.service.audit import (
     swapped_names,
 )
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.keys import list_keys
 from reverie_eval.server.service.submissions import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
@@ -50,7 +51,7 @@ def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Fin
     with closing(state.database), state.database.reading() as session:
         yield from _guarded("database", _at_the_file(state.database, session))
         yield from _guarded("submissions", _at_submissions(session, state, track))
-        yield from _guarded("snapshots", _at_snapshots(session, state.signer.public_pem))
+        yield from _guarded("snapshots", _at_snapshots(session))
         yield from _guarded("audit log", _at_audit_log(session, state.audit_log))
     yield from _at_disk(state.settings.folder)
 
@@ -81,7 +82,7 @@ def _at_submissions(session: Session, state: ServerState, track: Track) -> Itera
     yield from _at_uploads(session, files, uploads, track)
     yield from _at_strays(files, uploads)
     reports = _Reports(state.boards)
-    receipts = _Receipts(state.signer.public_pem, all_names_of_teams(session))
+    receipts = _Receipts(list_keys(session), all_names_of_teams(session))
     names = session.scalars(select(Submission.id).order_by(Submission.received_at)).all()
     for start in range(0, len(names), AT_ONCE):
         for name, submission in _read(session, names[start : start + AT_ONCE]):
@@ -179,8 +180,8 @@ class _Reports:
 class _Receipts:
     """Checks the receipts of submissions, one after the other."""
 
-    def __init__(self, public_pem: str, names: Mapping[str, Collection[str]]) -> None:
-        self._public_pem = public_pem
+    def __init__(self, keys: Sequence[KeyReport], names: Mapping[str, Collection[str]]) -> None:
+        self._keys = keys
         self._names = names
         """That each team has had, by its current one."""
         self._sound = 0
@@ -194,7 +195,7 @@ class _Receipts:
 
     def _check_one(self, submission: SubmissionReport) -> Iterator[Finding]:
         try:
-            verify(submission.receipt, self._public_pem)
+            verify_by_history(submission.receipt, self._keys)
         except ReceiptError as error:
             trouble = str(error)
         else:
@@ -219,13 +220,13 @@ def _matches_row(kept: SubmissionReport, names: Collection[str]) -> bool:
     )
 
 
-def _at_snapshots(session: Session, public_pem: str) -> Iterator[Finding]:
-    sound = 0
+def _at_snapshots(session: Session) -> Iterator[Finding]:
+    keys, sound = list_keys(session), 0
     for row in session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)):
         name = f"snapshot {row.number} of {row.split}"
         try:
             snapshot = Snapshot.model_validate(row.content)
-            verify(snapshot, public_pem)
+            verify_by_history(snapshot, keys)
         except (ReceiptError, ValidationError):
             trouble = "it was changed, or signed with another key"
         else:
@@ -242,15 +243,17 @@ def _at_snapshots(session: Session, public_pem: str) -> Iterator[Finding]:
 
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     broken, count = list(audit_log.broken_links(session)), count_entries(session)
-    if len(broken) == count > 1:
-        message = "no entry was written with this signing key; restore the key from the last backup"
-        yield Finding("audit log", "fault", message)
-    else:
-        for number in broken:
-            message = f"entry {number} was changed, or the entry before it was removed"
-            yield Finding("audit log", "fault", f"{message}; compare with a backup")
-        for message in swapped_names(session, audit_log):
-            yield Finding("audit log", "fault", f"{message}; compare with a backup")
+    for number in broken:
+        message = f"entry {number} was changed, or the entry before it was removed"
+        yield Finding("audit log", "fault", f"{message}; compare with a backup")
+    for message in swapped_names(session, audit_log):
+        yield Finding("audit log", "fault", f"{message}; compare with a backup")
+    for key_id, number in audit_log.unprovable(session).items():
+        message = (
+            f"{count_text(number, 'entry', 'entries')} made with signing key {key_id}, which was "
+            "lost: nobody can check whether they were changed; compare with an older backup"
+        )
+        yield Finding("audit log", "note", message)
     for message in mismatches(session):
         yield Finding("audit log", "fault", f"{message}; compare with a backup")
     if not broken:

@@ -5,18 +5,25 @@ import json
 import tarfile
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager
 from gzip import BadGzipFile
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 
 from reverie_eval.errors import Problem, RejectedError
-from reverie_eval.server.operations.backup import DATABASE, FORMAT, MANIFEST, UPLOADS, Manifest
+from reverie_eval.server.operations.backup import (
+    DATABASE,
+    FORMAT,
+    MANIFEST,
+    UPLOADS,
+    Manifest,
+    restored,
+)
 from reverie_eval.server.operations.checks import database_errors
 from reverie_eval.server.operations.folder import building, check_empty, make_private
 from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.store.database import Database, known_revisions
-from reverie_eval.server.store.dump import load
+from reverie_eval.server.store.dump import Row, load
 from reverie_eval.server.store.uploads import open_uploads
 
 _CHUNK = 1 << 20
@@ -28,6 +35,22 @@ class BackupError(RejectedError):
     """An archive is not a complete backup, or was made by a later version."""
 
     subject = "backup"
+
+
+@contextmanager
+def unpacked(archive: Path) -> Iterator[tuple[Settings, Manifest, Iterator[Row]]]:
+    """Give the settings, the manifest and the rows of a backup, for as long as they are needed.
+
+    Raises
+    ------
+    BackupError
+        If the archive is damaged or of a later version.
+    """
+    with archive.open("rb"), TemporaryDirectory(prefix="reverie-eval-") as temporary:
+        folder, extras = Path(temporary, "folder"), Path(temporary, "extras")
+        manifest = _unpack(archive, folder, extras)
+        with (extras / DATABASE).open(encoding="utf-8") as lines:
+            yield restored(load_settings(folder)), manifest, map(json.loads, lines)
 
 
 def restore_backup(archive: Path, folder: Path) -> Manifest:

@@ -23,9 +23,11 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import SORTABLE, Filter, Ranking, as_bibtex, as_latex
+from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
 
 PER_PAGE = 100
+NEWS_SHOWN = 5
 
 router = APIRouter()
 
@@ -146,6 +148,8 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
     with visitor.snapshot() as snapshot:
         ranking = visitor.server.ranking(snapshot.session, split, query.ranked_by)
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
+        scored = _scored(ranking, query)
+        is_copy = visitor.request.app.state.is_copy
         return page(
             visitor.request,
             "board.html",
@@ -163,9 +167,12 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             part=part,
             rows=part.rows,
             apart=apart[:PER_PAGE],
+            news=latest_news(snapshot.session, NEWS_SHOWN),
             reviewed=[row for row in part.rows if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
-            has_charts=bool(_scored(ranking, query)),
+            has_charts=bool(scored),
+            # A page that is opened as a file cannot load its data.
+            chart=chart_of(ranking, scored, query.x, query.y) if is_copy else None,
             counts={"all": len(ranking.rows), "apart": len(apart)},
             numbers=_numbers(part.number, part.pages),
         )
@@ -193,8 +200,8 @@ def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown)
     """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
     query = query.on(ranking.board)
     rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
-    address = _address(request, query)
-    return PlainTextResponse(as_bibtex(ranking, rows, server.settings.title, address))
+    title, site = server.settings.title, address_of_site(request)
+    return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
 
 
 @router.get("/boards/{split}/snapshots/{number}")

@@ -15,6 +15,7 @@ from reverie_eval.server.http.callers import Call, Visitor
 from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service.attempts import DAYS_KEPT
+from reverie_eval.server.service.keys import list_keys
 from reverie_eval.server.service.tokens import LIFETIME
 from reverie_eval.submissions import submission_schema
 
@@ -92,15 +93,17 @@ def show_rules(visitor: Visitor) -> Response:
 @router.get("/api")
 def show_api(visitor: Visitor) -> Response:
     """Show how to use the API."""
-    return _page(
-        visitor,
-        "guide/api.html",
-        address=address_of_site(visitor.request),
-        split=next(iter(visitor.server.boards)),
-        errors=ERRORS,
-        limits=visitor.server.settings.limits,
-        key_id=visitor.server.signer.key_id,
-    )
+    with visitor.snapshot() as snapshot:
+        return page(
+            visitor.request,
+            "guide/api.html",
+            snapshot,
+            address=address_of_site(visitor.request),
+            split=next(iter(visitor.server.boards)),
+            errors=ERRORS,
+            limits=visitor.server.settings.limits,
+            keys=list_keys(snapshot.session),
+        )
 
 
 @router.get("/privacy")

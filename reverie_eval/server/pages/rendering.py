@@ -1,10 +1,12 @@
 """Rendering pages from templates, and formatting numbers and times in them."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
+from html import unescape
 from importlib.resources import files
 from typing import Any
 from urllib.parse import quote, urlsplit
@@ -12,7 +14,7 @@ from urllib.parse import quote, urlsplit
 from fastapi import Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
@@ -44,6 +46,8 @@ HEADERS = {
     "Referrer-Policy": "same-origin",
 }
 """Pages load nothing from other hosts, and run no inline scripts."""
+_LINK = re.compile(r' (href|src|action|data-source|data-submission)="([^"]*)"')
+"""An attribute with an address. No value can look like one: quotes in it are escaped."""
 _NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
@@ -65,7 +69,21 @@ class Site:
     path: str
     person: Person | None
     csrf_token: str
+    contact: str
+    links: Mapping[str, str]
+    address: str
+    """Of the server."""
+    copied_at: datetime | None
+    """The time of a copy that is read without the server; None on the server itself."""
     version: str = __version__
+
+    @property
+    def contact_link(self) -> Markup:
+        """The organiser, as a link to the contact; empty if the settings have none."""
+        if not self.contact:
+            return Markup("")
+        address = self.contact if self.contact.startswith("https://") else f"mailto:{self.contact}"
+        return Markup('<a href="{}">{}</a>').format(address, self.contact)
 
     @property
     def csrf_field(self) -> Markup:
@@ -83,7 +101,32 @@ def page(
     """Render a page; without a snapshot, the database is not used."""
     site = _site(request, snapshot)
     html = _environment().get_template(template).render(site=site, **content)
+    prefix = state_of(request).settings.path_prefix
+    if prefix:
+        html = with_links(html, lambda link: prefix + link if link.startswith("/") else link)
     return HTMLResponse(html, status, HEADERS)
+
+
+def with_links(html: str, change: Callable[[str], str | None]) -> str:
+    """Change every address in a rendered page; one that becomes None loses its attribute.
+
+    Templates are written for a server that has a host to itself. This is the one place that knows
+    of other addresses.
+
+    >>> with_links('<a href="/guide?a&amp;b">Guide</a> <a href="#top">Top</a>', "/reverie{}".format)
+    '<a href="/reverie/guide?a&amp;b">Guide</a> <a href="/reverie#top">Top</a>'
+    """
+
+    def changed(found: re.Match[str]) -> str:
+        link = change(unescape(found[2]))
+        return "" if link is None else f' {found[1]}="{escape(link)}"'
+
+    return _LINK.sub(changed, html)
+
+
+def links_of(html: str) -> Iterator[str]:
+    """Return every address in a rendered page."""
+    return (unescape(link) for _, link in _LINK.findall(html))
 
 
 def address_of_site(request: Request, path: str = "") -> str:
@@ -102,16 +145,22 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
     notice = notices.current(snapshot.session) if snapshot else notices.of_settings
     if snapshot is not None and snapshot.browser is not None:
         person, csrf_token = snapshot.caller, server.sessions.csrf_token(snapshot.browser.id)
+    is_copy = request.app.state.is_copy
     boards = [Place(name, f"/boards/{name}") for name in server.boards]
+    episodes = [] if is_copy else [Place("Episodes", "/episodes")]
     own = [] if person is None else [Place("Submit", "/submit")]
     desk = [Place("Desk", "/desk")] if person is not None and person.role == "organiser" else []
     return Site(
         title=server.settings.title,
         banner=notice.banner,
-        places=[*boards, Place("Episodes", "/episodes"), *own, Place("Guide", "/guide"), *desk],
+        places=[*boards, *episodes, *own, Place("Guide", "/guide"), *desk],
         path=request.url.path,
         person=person,
         csrf_token=csrf_token,
+        contact=server.settings.contact,
+        links={text: str(url) for text, url in server.settings.links.items()},
+        address=server.settings.public_address,
+        copied_at=server.clock() if is_copy else None,
     )
 
 
@@ -247,4 +296,5 @@ def _came_from(request: Request) -> str:
     """Return the address to return to after signing in; for a form, the page that it is on."""
     if request.method == "GET":
         return f"{request.url.path}?{request.url.query}".removesuffix("?")
-    return urlsplit(request.headers.get("referer", "")).path or "/"
+    path = urlsplit(request.headers.get("referer", "")).path
+    return path.removeprefix(state_of(request).settings.path_prefix) or "/"

@@ -76,7 +76,7 @@ def sign_out(visitor: Visitor, _: Posted) -> Response:
     with visitor.server.database.writing() as session:
         visitor.server.sessions.end(session, visitor.session_id or "")
     reply = see_other("/")
-    drop_cookie(reply)
+    drop_cookie(visitor.request, reply)
     return reply
 
 

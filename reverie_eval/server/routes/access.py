@@ -1,16 +1,19 @@
-"""The server itself, the caller, signing in and out, and the public key."""
+"""The server itself, the caller, signing in and out, and the public keys."""
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.responses import PlainTextResponse
 
 from reverie_eval.schemas.service import (
     Invitation,
+    KeyReport,
     Me,
+    NewsReport,
     ServerReport,
     SessionReport,
     SignIn,
     Welcome,
 )
+from reverie_eval.schemas.wire import EXAMPLE_KEY
 from reverie_eval.server.errors import NotSignedInError
 from reverie_eval.server.http.callers import (
     Anybody,
@@ -22,13 +25,14 @@ from reverie_eval.server.http.callers import (
     set_cookie,
 )
 from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.paging import Paging
+from reverie_eval.server.service.keys import list_keys
+from reverie_eval.server.service.news import list_news
 from reverie_eval.server.service.tokens import accept_invitation
 from reverie_eval.server.store.tables import BrowserSession
 from reverie_eval.version import __version__
 
 router = APIRouter(tags=["access"])
-
-_PEM = "-----BEGIN PUBLIC KEY-----\nMCow...\n-----END PUBLIC KEY-----\n"
 
 
 @router.get("/server")
@@ -43,7 +47,16 @@ def show_server(server: Server) -> ServerReport:
         paused=notice.paused,
         key_id=server.signer.key_id,
         required_metadata=list(server.settings.required_metadata),
+        contact=server.settings.contact,
+        links={text: str(url) for text, url in server.settings.links.items()},
     )
+
+
+@router.get("/news")
+def show_news(server: Server, paging: Paging) -> list[NewsReport]:
+    """List the organiser's news, the latest first."""
+    with server.database.reading() as session:
+        return paging.reply(list_news(session, paging.page))
 
 
 @router.get("/me", responses=problems("not-signed-in"))
@@ -60,13 +73,20 @@ def exchange_invitation(invitation: Invitation, server: Server) -> Welcome:
         return accept_invitation(transaction, invitation.invitation)
 
 
+@router.get("/keys")
+def show_keys(server: Server) -> list[KeyReport]:
+    """List all keys that receipts are checked with, the earliest first; the last is in use."""
+    with server.database.reading() as session:
+        return list_keys(session)
+
+
 @router.get(
     "/key",
     response_class=PlainTextResponse,
-    responses={200: {"content": {"text/plain": {"example": _PEM}}}},
+    responses={200: {"content": {"text/plain": {"example": EXAMPLE_KEY}}}},
 )
 def show_key(server: Server) -> str:
-    """Return the public key that receipts are checked with, in PEM form."""
+    """Return the public key that receipts are signed with now, in PEM form."""
     return server.signer.public_pem
 
 
@@ -100,7 +120,7 @@ def sign_out(call: Anybody, response: Response, server: Server) -> None:
         browser = _signed_in(snapshot)
     with server.database.writing() as session:
         server.sessions.end(session, browser.id)
-    drop_cookie(response)
+    drop_cookie(call.request, response)
 
 
 def _signed_in(snapshot: Snapshot) -> BrowserSession:

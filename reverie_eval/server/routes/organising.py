@@ -12,6 +12,7 @@ from reverie_eval.schemas.organising import (
     NewCorrection,
     NewGrant,
     NewImport,
+    NewNews,
     NewNotice,
     NewPerson,
     NewReported,
@@ -32,13 +33,22 @@ from reverie_eval.schemas.organising import (
     TeamReport,
     TokenReport,
 )
-from reverie_eval.schemas.service import SnapshotEntry
+from reverie_eval.schemas.service import NewsReport, SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Number, Paging
 from reverie_eval.server.http.uploads import ScoringSlot
-from reverie_eval.server.service import attempts, audit, people, quotas, reported, reviews, tokens
+from reverie_eval.server.service import (
+    attempts,
+    audit,
+    news,
+    people,
+    quotas,
+    reported,
+    reviews,
+    tokens,
+)
 
 router = APIRouter(
     prefix="/organiser",
@@ -215,6 +225,18 @@ def set_schedule(split: SplitName, new: NewSchedule, organiser: Organiser) -> Sc
 def take_snapshot(new: NewSnapshot, organiser: Organiser) -> SnapshotEntry:
     """Take a signed snapshot of a leaderboard, which never changes."""
     return organiser.perform(organiser.server.snapshots.take, new)
+
+
+@router.post("/news", status_code=201)
+def add_news(new: NewNews, organiser: Organiser) -> NewsReport:
+    """Post a news entry; `GET /api/v1/news` lists them to everyone."""
+    return organiser.perform(news.add_news, new)
+
+
+@router.delete("/news/{news_id}", responses=problems("not-found"))
+def remove_news(news_id: Number, organiser: Organiser) -> NewsReport:
+    """Remove a news entry."""
+    return organiser.perform(news.remove_news, news_id)
 
 
 @router.get("/attempts")

@@ -1,9 +1,10 @@
 """The audit log: who did what, in a chain of keyed digests that reveals later changes.
 
 Each entry's digest is an HMAC-SHA256 over the entry and the digest before it, under a key that is
-derived from the server's signing key. So anyone who can write to the database, but does not have
+derived from the signing key in use. So anyone who can write to the database, but does not have
 that key, cannot change, insert or remove an entry without breaking the chain. Only the owner of the
-signing key could rewrite the log.
+signing key could rewrite the log. After a key was replaced, the links of later entries protect the
+earlier ones from anyone who has only the old key.
 
 Entries refer to persons by their rows, ``person:3``, never by name: a person's name and address can
 be deleted without a change of the log. Names are looked up when the log is read. So that nobody can
@@ -22,13 +23,15 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import msgspec
 from sqlalchemy import Executable, func, inspect, literal, null, select
 from sqlalchemy.orm import Session
 
+from reverie_eval.receipts import key_id_of
 from reverie_eval.schemas.organising import AuditReport
+from reverie_eval.server.service.keys import all_keys, audit_key_of, audit_keys
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.database import AT_ONCE
@@ -38,11 +41,13 @@ from reverie_eval.server.store.tables import (
     Correction,
     Grant,
     JoinRequest,
+    News,
     Notice,
     Person,
     ReportedResult,
     Review,
     SetSchedule,
+    SigningKey,
     StoredSnapshot,
     Submission,
     Team,
@@ -51,6 +56,7 @@ from reverie_eval.server.store.tables import (
 
 _BEFORE_THE_FIRST = "0" * 64
 _SUBMITTED = "submitted"
+_ENDS_OF_KEYS = ("signing key replaced", "signing key revoked")
 RULES = "rules recorded"
 """The action of a server that starts with other rules than the last one; no row shows it."""
 _REPEATABLE = frozenset(
@@ -61,6 +67,7 @@ _REPEATABLE = frozenset(
         "person changed",
         "scored again",
         "reported result changed",
+        "signing key revoked",
     }
 )
 """Actions that may happen to a row several times; the row shows only the last."""
@@ -80,17 +87,13 @@ class AuditLog:
 
     Parameters
     ----------
-    key : bytes
-        The same for all processes of a server, and secret.
+    signer : Signer
+        With the signing key in use, the same for all processes of a server.
     """
 
-    def __init__(self, key: bytes) -> None:
-        self._key = key
-
-    @classmethod
-    def of(cls, signer: Signer) -> Self:
-        """Return the log of the server that signs with a key."""
-        return cls(signer.secret_for("audit log"))
+    def __init__(self, signer: Signer) -> None:
+        self.signer = signer
+        self._key = audit_key_of(signer)
 
     def append(
         self,
@@ -112,41 +115,61 @@ class AuditLog:
             subject=subject,
             row=row,
             details=details,
+            key_id=self.signer.key_id,
             previous=last.first() or _BEFORE_THE_FIRST,
         )
-        entry.digest = self._digest(entry)
+        entry.digest = self.digest(entry)
         session.add(entry)
         session.flush()
 
     def name_digest(self, person: Person) -> str:
         """Return the keyed digest of a person's row and name."""
-        message = msgspec.json.encode((row_name(person), person.name))
-        return hmac.new(self._key, message, hashlib.sha256).hexdigest()[:16]
+        return _name_digest(person, self._key)
 
-    def altered(self, entries: Sequence[AuditEntry]) -> Sequence[int]:
+    def digest(self, entry: AuditEntry) -> str:
+        """Return the digest of a new entry."""
+        return _digest(entry, self._key)
+
+    def altered(self, session: Session, entries: Sequence[AuditEntry]) -> Sequence[int]:
         """Return the ids of entries that were changed after they were written."""
-        return [entry.id for entry in entries if not self._is_unchanged(entry)]
+        keys = audit_keys(session, self.signer)
+        return [entry.id for entry in entries if not _is_unchanged(entry, keys)]
 
     def broken_links(self, session: Session) -> Iterator[int]:
-        """Return the ids of entries that were changed, or that follow a missing entry."""
-        previous = _BEFORE_THE_FIRST
+        """Return the ids of entries that were changed, or that follow a missing entry.
+
+        Of entries whose key was lost, only the links are checked.
+        """
+        keys, previous = audit_keys(session, self.signer), _BEFORE_THE_FIRST
         chosen = select(AuditEntry).order_by(AuditEntry.id).execution_options(yield_per=AT_ONCE)
         for entry in session.scalars(chosen):
-            if entry.previous != previous or not self._is_unchanged(entry):
+            if entry.previous != previous or not _is_unchanged(entry, keys):
                 yield entry.id
             previous = entry.digest
 
-    def _is_unchanged(self, entry: AuditEntry) -> bool:
-        return hmac.compare_digest(entry.digest, self._digest(entry))
+    def unprovable(self, session: Session) -> Mapping[str, int]:
+        """Count the entries whose key was lost, by signing key."""
+        lost = [name for name, key in audit_keys(session, self.signer).items() if key is None]
+        counted = select(AuditEntry.key_id, func.count()).where(AuditEntry.key_id.in_(lost))
+        rows = session.execute(counted.group_by(AuditEntry.key_id))
+        return {str(key_id): number for key_id, number in rows}
 
-    def _digest(self, entry: AuditEntry) -> str:
-        parts = (
-            entry.at.astimezone(UTC).isoformat(timespec="microseconds"),
-            *(entry.actor, entry.action, entry.row, entry.subject),
-            *(entry.details, entry.previous),
-        )
-        message = msgspec.json.encode(parts, order="sorted")
-        return hmac.new(self._key, message, hashlib.sha256).hexdigest()
+
+def _is_unchanged(entry: AuditEntry, keys: Mapping[str, bytes | None]) -> bool:
+    if entry.key_id not in keys:
+        return False
+    key = keys[entry.key_id]
+    return key is None or hmac.compare_digest(entry.digest, _digest(entry, key))
+
+
+def _digest(entry: AuditEntry, key: bytes) -> str:
+    parts = (
+        entry.at.astimezone(UTC).isoformat(timespec="microseconds"),
+        *(entry.actor, entry.action, entry.row, entry.subject),
+        *(entry.details, entry.previous),
+    )
+    message = msgspec.json.encode(parts, order="sorted")
+    return hmac.new(key, message, hashlib.sha256).hexdigest()
 
 
 def row_name(row: Base) -> str:
@@ -293,15 +316,46 @@ def mismatches(session: Session) -> Iterator[str]:
         recorded = names.get(row_name(team), team.name)
         if recorded != team.name:
             yield f"{row_name(team)} is called {team.name!r}; the audit log calls it {recorded!r}"
+    yield from _mismatched_keys(session)
 
 
 def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
-    """Describe every person with another name than the audit log records."""
-    digests = dict(_recorded_name_digests(session))
+    """Describe every person with another name than the audit log records.
+
+    Names that were recorded with a key that was lost cannot be checked.
+    """
+    keys = audit_keys(session, audit_log.signer)
+    recorded = {row: (key_id, digest) for row, key_id, digest in _recorded_name_digests(session)}
     for person in session.scalars(select(Person)):
-        digest = audit_log.name_digest(person)
-        if digests.get(row_name(person), digest) != digest:
+        key_id, digest = recorded.get(row_name(person), ("", ""))
+        key = keys.get(key_id)
+        if key is not None and _name_digest(person, key) != digest:
             yield f"{row_name(person)} is called {person.name!r}; the audit log has another name"
+
+
+def _name_digest(person: Person, key: bytes) -> str:
+    message = msgspec.json.encode((row_name(person), person.name))
+    return hmac.new(key, message, hashlib.sha256).hexdigest()[:16]
+
+
+def _mismatched_keys(session: Session) -> Iterator[str]:
+    """Describe every signing key that is not what its name or the audit log says."""
+    keys = all_keys(session)
+    ends: dict[str, Mapping[str, Any]] = {}
+    chosen = select(AuditEntry).where(AuditEntry.action.in_(_ENDS_OF_KEYS)).order_by(AuditEntry.id)
+    for entry in session.scalars(chosen):
+        ends[entry.subject] = {**ends.get(entry.subject, {}), **entry.details}
+    lost = [place for place, key in enumerate(keys) if ends.get(key.key_id, {}).get("lost")]
+    for place, key in enumerate(keys):
+        end, name = ends.get(key.key_id, {}), f"signing key {key.key_id}"
+        until = None if key.valid_until is None else key.valid_until.isoformat()
+        following = keys[place + 1].key_id if place + 1 < len(keys) else None
+        if key_id_of(key.public_key) != key.key_id:
+            yield f"{name}: its public key was changed"
+        if (end.get("by"), end.get("until")) != (following, until):
+            yield f"{name}: it ended at another time, or another key followed, than the log says"
+        if following and key.audit_key is None and place > max(lost, default=-1):
+            yield f"{name}: the key of its audit entries was removed"
 
 
 def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
@@ -320,12 +374,12 @@ def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
         yield entry.row, entry.details.get("after", entry.subject)
 
 
-def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str]]:
-    """Return the digest of each name that was given to a person, the earliest first."""
+def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str, str]]:
+    """Return row, key and digest of each name that was given to a person, the earliest first."""
     named = AuditEntry.action.in_(_NAMING)
     for entry in session.scalars(select(AuditEntry).where(named).order_by(AuditEntry.id)):
         if "name_digest" in entry.details:
-            yield entry.row, entry.details["name_digest"]
+            yield entry.row, entry.key_id, entry.details["name_digest"]
 
 
 _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
@@ -353,6 +407,13 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
         ReportedResult,
         select(literal("reported result removed"), ReportedResult.id, ReportedResult.removed_at),
     ),
+    (
+        SigningKey,
+        select(literal("signing key replaced"), SigningKey.id, SigningKey.replaced_at),
+    ),
+    (SigningKey, select(literal("signing key revoked"), SigningKey.id, SigningKey.revoked_at)),
+    (News, select(literal("news added"), News.id, News.created_at)),
+    (News, select(literal("news removed"), News.id, News.removed_at)),
     (Notice, select(literal("notice posted"), Notice.id, Notice.created_at)),
     (SetSchedule, select(literal("schedule set"), SetSchedule.id, SetSchedule.created_at)),
     (

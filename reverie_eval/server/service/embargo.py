@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import Receipt, SubmissionReport
+from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.schedules import Timetable
 from reverie_eval.server.store.tables import Submission
@@ -43,22 +43,10 @@ class Embargo:
         return known.model_copy(
             update={
                 "report": without_scores(known.report),
-                "receipt": self._signed_without_scores(known.receipt),
+                "receipt": self.signer.sign_again(known.receipt, scores={}),
                 "earlier": [],
                 "scores_held_until": until,
             }
-        )
-
-    def _signed_without_scores(self, receipt: Receipt) -> Receipt:
-        return self.signer.sign(
-            submission_id=receipt.submission_id,
-            team=receipt.team,
-            sha256=receipt.sha256,
-            received_at=receipt.received_at,
-            split=receipt.split,
-            signature=receipt.signature,
-            scores={},
-            quota=receipt.quota,
         )
 
 

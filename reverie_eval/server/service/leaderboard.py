@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from math import inf
 from typing import Any
-from urllib.parse import urljoin
 
 import msgspec
 from sqlalchemy.orm import Session
@@ -271,8 +270,11 @@ def _made_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
     ]
 
 
-def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, address: str) -> str:
-    """Return an entry for the leaderboard as it is now, and one for each row."""
+def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, address: str) -> str:
+    """Return an entry for the leaderboard as it is now, and one for each row.
+
+    ``title`` and ``site`` are those of the server, ``address`` is that of the leaderboard.
+    """
     board, today = ranking.board, ranking.now.astimezone(UTC)
     of_board = _bibtex_entry(
         f"reverie-{board.name}-{today:%Y-%m-%d}",
@@ -287,7 +289,7 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, address: str) -
             f"reverie-{entry.submission_id}",
             author=ranking.team(entry) or _ANONYMOUS,
             title=entry.method["name"],
-            address=urljoin(address, f"/submissions/{entry.submission_id}"),
+            address=f"{site}/submissions/{entry.submission_id}",
             at=entry.published_at,
             note=f"{title}, {entry.signature}",
         )

@@ -4,6 +4,7 @@ import base64
 import os
 from datetime import datetime
 from pathlib import Path
+from typing import Any, TypeVar
 
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes
@@ -20,13 +21,15 @@ from reverie_eval import receipts
 from reverie_eval.receipts import ReceiptError, canonical, key_id_of
 from reverie_eval.schemas.service import Leaderboard, QuotaReport, Receipt, Snapshot
 
+Signed = TypeVar("Signed", Receipt, Snapshot)
+
 
 class Signer:
     """Signs receipts with a server's key."""
 
     def __init__(self, key: Ed25519PrivateKey, server: str) -> None:
         self._key = key
-        self._server = server
+        self.server = server
         self.public_pem = public_pem_of(key)
         self.key_id = key_id_of(self.public_pem)
 
@@ -54,7 +57,7 @@ class Signer:
     ) -> Receipt:
         """Return a signed receipt of a submission's scores and the quota after it."""
         unsigned = Receipt(
-            server=self._server,
+            server=self.server,
             submission_id=submission_id,
             team=team,
             sha256=sha256,
@@ -66,14 +69,14 @@ class Signer:
             key_id=self.key_id,
             proof="",
         )
-        return unsigned.model_copy(update={"proof": self._proof(unsigned)})
+        return self._signed(unsigned)
 
     def sign_snapshot(
         self, *, split: str, number: int, title: str, as_of: datetime, leaderboard: Leaderboard
     ) -> Snapshot:
         """Return a signed state of a leaderboard."""
         unsigned = Snapshot(
-            server=self._server,
+            server=self.server,
             split=split,
             number=number,
             title=title,
@@ -82,10 +85,15 @@ class Signer:
             key_id=self.key_id,
             proof="",
         )
-        return unsigned.model_copy(update={"proof": self._proof(unsigned)})
+        return self._signed(unsigned)
 
-    def _proof(self, unsigned: Receipt | Snapshot) -> str:
-        return base64.b64encode(self._key.sign(canonical(unsigned))).decode()
+    def sign_again(self, receipt: Signed, **changed: Any) -> Signed:
+        """Return a receipt or a snapshot with some fields changed, signed with this key."""
+        return self._signed(receipt.model_copy(update={**changed, "key_id": self.key_id}))
+
+    def _signed(self, receipt: Signed) -> Signed:
+        proof = base64.b64encode(self._key.sign(canonical(receipt))).decode()
+        return receipt.model_copy(update={"proof": proof})
 
 
 def make_key(path: Path) -> None:
@@ -94,6 +102,8 @@ def make_key(path: Path) -> None:
     pem = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
         file.write(pem)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def load_key(path: Path) -> Ed25519PrivateKey:

@@ -19,7 +19,6 @@ from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.leaderboard import as_json, leaderboard
-from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
@@ -48,7 +47,6 @@ class Snapshots:
     boards: Callable[[], Mapping[str, Board]]
     """Loads the ground truth, if it is needed at all."""
     schedules: Schedules
-    signer: Signer
     _done: set[Closing] = field(default_factory=set, init=False)
     """Closings whose snapshots are stored, or will never be taken."""
 
@@ -114,7 +112,7 @@ class Snapshots:
             session, EntriesCache(self.schedules), board, board.primary.key, as_of
         )
         last = select(func.max(StoredSnapshot.number)).where(StoredSnapshot.split == split)
-        snapshot = self.signer.sign_snapshot(
+        snapshot = transaction.audit_log.signer.sign_snapshot(
             split=split,
             number=(session.scalar(last) or 0) + 1,
             title=title,

@@ -13,6 +13,7 @@ from typing import Any, Self, TypeAlias
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.audit import AuditLog, row_name
+from reverie_eval.server.service.keys import admit
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Base, Person
 
@@ -74,9 +75,17 @@ class Transactions:
 
     @contextmanager
     def begin(self, actor: Actor) -> Iterator[Transaction]:
-        """Begin a transaction; it is committed at the end, or rolled back after an error."""
+        """Begin a transaction; it is committed at the end, or rolled back after an error.
+
+        Raises
+        ------
+        KeyReplacedError
+            If the signing key was replaced.
+        """
         with self.database.writing() as session:
-            transaction = Transaction(session, actor, self.clock(), self.audit_log)
+            now = self.clock()
+            admit(session, self.audit_log.signer, now)
+            transaction = Transaction(session, actor, now, self.audit_log)
             self.begins(transaction)
             yield transaction
 

@@ -211,8 +211,33 @@ class AuditEntry(Base):
     subject: Mapped[str] = mapped_column(String(200), index=True)
     """The name of the row for people, at that time."""
     details: Mapped[dict[str, Any]]
+    key_id: Mapped[str] = mapped_column(String(16))
+    """The signing key in use, from which the key of its digest is derived."""
     previous: Mapped[str] = mapped_column(String(64))
     digest: Mapped[str] = mapped_column(String(64), unique=True)
+
+
+class SigningKey(Base):
+    """A key that signs receipts, or did; its private part is a file."""
+
+    __tablename__ = "signing_key"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    key_id: Mapped[str] = mapped_column(String(16), unique=True)
+    public_key: Mapped[str] = mapped_column(String(200))
+    """In PEM form."""
+    valid_from: Mapped[datetime]
+    valid_until: Mapped[datetime | None]
+    """Its signatures of submissions that were received later do not count."""
+    replaced_at: Mapped[datetime | None]
+    """None for the key in use."""
+    revoked_at: Mapped[datetime | None]
+    """When ``valid_until`` was set to a time before it was replaced."""
+    reason: Mapped[str] = mapped_column(String(500))
+    """Why it was replaced or revoked."""
+    audit_key: Mapped[str | None] = mapped_column(String(80))
+    """The key of its audit entries, encrypted, in hexadecimal digits; None for the key in use, and
+    for all that came before one that was lost."""
 
 
 class Review(Base):
@@ -298,6 +323,18 @@ class StoredSnapshot(Base):
     content: Mapped[dict[str, Any]]
     """The signed snapshot."""
     created_at: Mapped[datetime]
+
+
+class News(Base):
+    """A short dated entry by the organiser, for everyone."""
+
+    __tablename__ = "news"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    text: Mapped[str] = mapped_column(String(500))
+    posted_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+    removed_at: Mapped[datetime | None]
 
 
 class Attempt(Base):

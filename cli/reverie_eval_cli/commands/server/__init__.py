@@ -32,8 +32,11 @@ server = LazyGroup(
         "Keep": {
             "doctor": "folder:doctor",
             "audit": "audit:audit",
+            "key": "key:key",
+            "news": "news:news",
             "backup": "backup:backup",
             "restore": "backup:restore",
+            "export-site": "site:export_site",
         },
     },
     help="Set up, look after and hand over an evaluation server.",

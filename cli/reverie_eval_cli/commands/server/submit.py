@@ -1,7 +1,7 @@
 """``reverie-eval server submit FOLDER FILE``: score files that people sent to the organiser."""
 
 from collections.abc import Iterator
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,24 +21,6 @@ _ENDINGS = (".json", ".json.gz", ".gz", ".zip")
 _RECEIPT = ".receipt.json"
 
 
-class _Time(click.ParamType[datetime]):
-    """A time with its time zone, as ISO 8601 writes it."""
-
-    name = "TIME"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> datetime:
-        """Read a time."""
-        try:
-            time = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
-        except ValueError:
-            time = None
-        if time is None or time.tzinfo is None:
-            self.fail(f"{value!r} is not a time with a time zone: 2027-06-01T12:00:00Z", param, ctx)
-        return time.astimezone(UTC)
-
-
 @click.command()
 @options.server_folder
 @click.argument("files", metavar="FILE|FOLDER", type=click.Path(exists=True, path_type=Path))
@@ -48,7 +30,7 @@ class _Time(click.ParamType[datetime]):
 @click.option(
     "--received",
     required=True,
-    type=_Time(),
+    type=options.Time(),
     help="When it came, with the time zone: 2027-06-01T12:00:00Z.",
 )
 @method_options

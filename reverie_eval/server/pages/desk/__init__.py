@@ -4,6 +4,7 @@ from fastapi import APIRouter
 
 from reverie_eval.server.pages.desk import (
     corrections,
+    news,
     notice,
     overview,
     people,
@@ -26,6 +27,7 @@ for part in (
     reviews,
     reported,
     corrections,
+    news,
     notice,
 ):
     router.include_router(part.router)

@@ -83,7 +83,9 @@ def show_audit(
     with desk.snapshot() as snapshot:
         session, page = snapshot.session, Page(ON_A_PAGE, cursor)
         listed = list_entries(session, page, actor=actor, subject=subject, newest_first=True)
-        altered = audit_log.broken_links(session) if whole else audit_log.altered(listed.rows)
+        altered = (
+            audit_log.broken_links(session) if whole else audit_log.altered(session, listed.rows)
+        )
         return desk_page(
             desk,
             snapshot,

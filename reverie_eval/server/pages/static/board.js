@@ -1,4 +1,5 @@
-// The charts of a board: one metric against another, and the best over time.
+// The charts of a board: one metric against another, and the best over time. A copy of the board
+// that is read without a server has their data in the page.
 // The table has all the numbers; points have tooltips and link to their submissions.
 
 const section = document.getElementById("charts");
@@ -77,7 +78,9 @@ function keep({ name, value }) {
     return changed;
   };
   history.replaceState(null, "", withAxis(location.href));
-  for (const link of document.querySelectorAll("main a:is([href^='?'], [href^='/boards/'])")) link.href = withAxis(link.href);
+  for (const link of document.querySelectorAll("main a[href]:not([href^='#'])")) {
+    if (link.href.startsWith(location.origin + location.pathname)) link.href = withAxis(link.href);
+  }
   for (const field of document.querySelectorAll(`.filters [name=${name}]`)) field.value = value;
 }
 
@@ -88,5 +91,10 @@ if (section && prepare(section, draw)) {
       load();
     });
   }
-  load();
+  if (section.dataset.chart) {
+    shown = JSON.parse(section.dataset.chart);
+    draw();
+  } else {
+    load();
+  }
 }

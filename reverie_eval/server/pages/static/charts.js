@@ -80,7 +80,7 @@ function drawing(canvas, datasets, axes, label, points) {
         if (found.length === 0) return;
         const { datasetIndex, index } = found[0];
         const { place } = chart.data.datasets[datasetIndex].data[index];
-        location.href = `/submissions/${points.submission[place]}`;
+        location.href = chart.canvas.closest("section").dataset.submission.replace("ID", points.submission[place]);
       },
     },
   });

@@ -40,8 +40,8 @@ function rest() {
 
 function take(reply, what) {
   const { pathname } = new URL(reply.responseURL);
-  if (pathname.startsWith("/sign-in")) {
-    location.assign("/sign-in?back=/submit");
+  if (pathname === new URL("sign-in", location).pathname) {
+    location.assign("sign-in?back=/submit");
     return;
   }
   if (pathname !== location.pathname) {

@@ -1,0 +1,133 @@
+"""The description of a site for archives: RO-Crate metadata.
+
+References
+----------
+RO-Crate Metadata Specification 1.1, https://w3id.org/ro/crate/1.1.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Self
+from urllib.parse import quote
+
+from reverie_eval.server.state import ServerState
+from reverie_eval.version import __version__
+
+METADATA = "ro-crate-metadata.json"
+_SPECIFICATION = "https://w3id.org/ro/crate/1.1"
+_SOFTWARE = "#reverie-eval"
+"""Made the site; by this an earlier one is known."""
+_KINDS = {
+    "text/html": "Page",
+    "text/csv": "Leaderboard as a table, one row for each result",
+    "application/json": "Data for programs",
+    "text/plain": "Text for papers and tools",
+}
+_REVERIE = {
+    "@id": "https://arxiv.org/abs/1904.10151",
+    "@type": "ScholarlyArticle",
+    "name": "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor Environments",
+    "datePublished": "2020",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class File:
+    """A file of a site."""
+
+    name: str
+    """Relative to the site's folder."""
+    media_type: str
+    size: int
+    """Bytes."""
+    address: str
+    """On the server: path and query."""
+    title: str = ""
+    """Of a page."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crate:
+    """What archives are told about a site."""
+
+    title: str
+    address: str
+    """Of the server; maybe empty."""
+    date: datetime
+    files: Sequence[File]
+    papers: Mapping[str, str]
+    """Names of methods by the addresses of their papers."""
+
+    @classmethod
+    def of(cls, state: ServerState, files: Sequence[File]) -> Self:
+        """Describe the files of a server's site."""
+        papers: dict[str, str] = {}
+        with state.database.reading() as session:
+            for split in state.boards:
+                ranking = state.ranking(session, split, None)
+                for row in (*ranking.rows, *ranking.apart):
+                    if row.entry.method["paper"]:
+                        papers.setdefault(row.entry.method["paper"], row.entry.method["name"])
+        settings = state.settings
+        return cls(settings.title, settings.public_address, state.clock(), files, papers)
+
+    def document(self) -> Mapping[str, Any]:
+        """Return the metadata as JSON-LD."""
+        return {"@context": f"{_SPECIFICATION}/context", "@graph": list(self._graph())}
+
+    def _graph(self) -> Iterator[Mapping[str, Any]]:
+        yield {
+            "@id": METADATA,
+            "@type": "CreativeWork",
+            "about": {"@id": "./"},
+            "conformsTo": {"@id": _SPECIFICATION},
+        }
+        papers = [
+            {"@id": paper, "@type": "ScholarlyArticle", "name": f"Paper of {method}"}
+            for paper, method in sorted(self.papers.items())
+            if paper != _REVERIE["@id"]
+        ]
+        citations = [_REVERIE, *papers]
+        yield {
+            "@id": "./",
+            "@type": "Dataset",
+            "name": f"Leaderboards of {self.title}",
+            "description": "The public pages of an evaluation server of the REVERIE benchmark"
+            f"{f', {self.address},' if self.address else ''} as they were on "
+            f"{self.date:%Y-%m-%d %H:%M} UTC: leaderboards, submissions and rules.",
+            "datePublished": self.date.isoformat(),
+            **({"url": self.address} if self.address else {}),
+            "citation": [{"@id": each["@id"]} for each in citations],
+            "hasPart": [{"@id": quote(file.name)} for file in self.files],
+            "creator": {"@id": _SOFTWARE},
+        }
+        yield {
+            "@id": _SOFTWARE,
+            "@type": "SoftwareApplication",
+            "name": "reverie-eval",
+            "softwareVersion": __version__,
+        }
+        yield from citations
+        yield from map(self._entity, self.files)
+
+    def _entity(self, file: File) -> Mapping[str, Any]:
+        return {
+            "@id": quote(file.name),
+            "@type": "File",
+            "name": file.title or file.name,
+            "description": f"{_KINDS.get(file.media_type, 'Part of the pages')}: {file.address}",
+            "encodingFormat": file.media_type,
+            "contentSize": str(file.size),
+        }
+
+
+def is_crate_of_ours(file: Path) -> bool:
+    """Whether a file is the description of a site that this module wrote."""
+    try:
+        graph = json.loads(file.read_bytes())["@graph"]
+        return any(entity["@id"] == _SOFTWARE for entity in graph)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False

@@ -1,0 +1,78 @@
+"""Rotating the signing key: the new file and the database change together.
+
+The new key is written beside the old one, then the database names it as the key in use, then the
+file takes the old one's place. Killed before the second step, nothing has changed; killed after it,
+the next process that opens the server takes the third (:func:`open_key`).
+"""
+
+from pathlib import Path
+
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.receipts import ReceiptError
+from reverie_eval.schemas.service import KeyReport
+from reverie_eval.server.operations.checks import acting, opened
+from reverie_eval.server.service.audit import AuditLog
+from reverie_eval.server.service.keys import pending_path
+from reverie_eval.server.service.receipts import Signer, load_key, make_key
+from reverie_eval.server.service.rotation import replace_key
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.settings import Settings
+from reverie_eval.server.state import signer_of, utc_now
+
+
+def rotate_key(settings: Settings, actor: str, reason: str) -> KeyReport:
+    """Replace the signing key by a new one, and return that.
+
+    Raises
+    ------
+    ReceiptError
+        If the key in use cannot be read.
+    OSError
+        If the new one cannot be written beside it.
+    """
+    with acting(settings, actor) as transaction:
+        new = _make_pending(settings)
+        report = replace_key(transaction, new, reason)
+    _put_in_place(settings)
+    return report
+
+
+def replace_lost_key(settings: Settings, actor: str, reason: str) -> KeyReport:
+    """Replace a signing key whose file is lost by a new one, and return that.
+
+    Raises
+    ------
+    ReverieEvalError
+        If the key is not lost, or another file is in its place.
+    """
+    path = settings.path(settings.signing_key)
+    with opened(settings) as database:
+        try:
+            signer_of(settings, database)
+        except ReceiptError:
+            pass
+        else:
+            raise ReverieEvalError(f"{path} is the key in use, so it is not lost; omit --lost")
+        if path.exists():
+            raise ReverieEvalError(f"{path} is not the key in use; move it to another place first")
+        with database.writing() as session:
+            new = _make_pending(settings)
+            transaction = Transaction(session, actor, utc_now(), AuditLog(new))
+            report = replace_key(transaction, new, reason, is_lost=True)
+    _put_in_place(settings)
+    return report
+
+
+def _make_pending(settings: Settings) -> Signer:
+    pending = _pending(settings)
+    pending.unlink(missing_ok=True)
+    make_key(pending)
+    return Signer(load_key(pending), settings.title)
+
+
+def _put_in_place(settings: Settings) -> None:
+    _pending(settings).replace(settings.path(settings.signing_key))
+
+
+def _pending(settings: Settings) -> Path:
+    return pending_path(settings.path(settings.signing_key))

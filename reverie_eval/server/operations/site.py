@@ -1,0 +1,250 @@
+"""A server's public pages as files that need no server: to publish, to keep, to cite.
+
+The pages are the application's own. It runs on a copy of the rows at one moment, without a network,
+and a visitor who is not signed in follows every link from the first page. So the files can contain
+only what everybody may see, and a new public page is in them without a change here.
+"""
+
+import asyncio
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from html import unescape
+from os.path import relpath
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from urllib.parse import quote, urljoin, urlsplit
+
+import httpx
+from sqlalchemy import func, select
+
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.files import replacing_folder
+from reverie_eval.server.app import create_app
+from reverie_eval.server.operations.checks import check_known, database_errors
+from reverie_eval.server.operations.crate import METADATA, Crate, File, is_crate_of_ours
+from reverie_eval.server.operations.restore import unpacked
+from reverie_eval.server.pages.rendering import links_of, with_links
+from reverie_eval.server.settings import Settings, load_settings
+from reverie_eval.server.state import ServerState, utc_now
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.dump import Row, dump, load
+from reverie_eval.server.store.tables import AuditEntry
+
+_ORIGIN = "http://copy.invalid"
+"""Where the application seems to be; the name cannot exist (RFC 6761)."""
+_LEFT_OUT = ("/episodes",)
+"""Thousands of pages about the dataset, not about results."""
+_EXAMPLE = "/submissions/ID"
+"""Not a page: scripts replace the id."""
+_UNLIMITED = 1 << 31
+_SUFFIXES = {"text/html": ".html", "application/json": ".json", "text/plain": ".txt"}
+_TITLE = re.compile(r"<title>(.*?)</title>")
+_SENDING_FORM = re.compile(r'<form\b[^>]* method="post"')
+
+
+@dataclass(frozen=True, slots=True)
+class SiteReport:
+    """A site that was written."""
+
+    files: int
+    size: int
+    """Bytes."""
+    copied_at: datetime
+    address: str
+    """Of the server; empty if its settings do not have it."""
+
+
+def export_site(source: Path, output: Path, date: datetime | None = None) -> SiteReport:
+    """Write the public pages of a server as files.
+
+    Parameters
+    ----------
+    source : Path
+        A server's folder, also while it is running, or a backup.
+    output : Path
+        A folder that does not exist, is empty, or contains an earlier site, which is replaced.
+    date : datetime, optional
+        The time of the copy, for what changes with time: phases, scores that are held back, hidden
+        teams. By default now, or that of the backup.
+
+    Raises
+    ------
+    ReverieEvalError
+        If something else is in the output, or the date is in the future or before the last change.
+    BackupError, SettingsError, ReceiptError
+        If the source cannot be opened.
+    """
+    _check_replaceable(output)
+    with _copied(source, date) as state:
+        pages = asyncio.run(_visit(state))
+        with replacing_folder(output) as folder:
+            files = _write(state, pages, folder)
+        size = sum(file.size for file in files)
+        return SiteReport(len(files), size, state.clock(), state.settings.public_address)
+
+
+def _check_replaceable(output: Path) -> None:
+    if output.is_dir() and (not any(output.iterdir()) or is_crate_of_ours(output / METADATA)):
+        return
+    if output.exists():
+        raise ReverieEvalError(
+            f"{output} is not an earlier copy, and is not empty; choose a new folder"
+        )
+
+
+@contextmanager
+def _copied(source: Path, date: datetime | None) -> Iterator[ServerState]:
+    """Open a copy of a server that has the same rows in a database of its own."""
+    with (
+        _opened(source) as (original, made_at, revision, rows),
+        TemporaryDirectory(prefix="reverie-eval-") as folder,
+    ):
+        limits = original.limits.model_copy(update={"requests_per_minute": _UNLIMITED})
+        own = {"database": f"sqlite:///{folder}/server.db", "uploads": f"{folder}/uploads"}
+        settings = original.model_copy(update={**own, "limits": limits})
+        with database_errors(), closing(Database(settings.database_url)) as database:
+            load(database, revision, rows)
+            moment = _moment(database, date, made_at).replace(microsecond=0)
+        state = ServerState.open(settings, lambda: moment)
+        with closing(state.database):
+            yield state
+
+
+@contextmanager
+def _opened(source: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Row]]]:
+    """Give the settings, the time, the migration and the rows of a folder or a backup."""
+    if not source.is_dir():
+        with unpacked(source) as (settings, manifest, rows):
+            yield settings, manifest.made_at, manifest.revision, rows
+        return
+    settings = load_settings(source)
+    with database_errors(), closing(Database(settings.database_url)) as database:
+        revision = check_known(database)
+        if revision is None:
+            raise ReverieEvalError(
+                f"there is no database; run `reverie-eval server check {source}`"
+            )
+        yield settings, utc_now(), revision, dump(database)
+
+
+def _moment(database: Database, date: datetime | None, made_at: datetime) -> datetime:
+    """Return the time of a copy: what is hidden at that time is not in it."""
+    if date is None:
+        return made_at
+    with database.reading() as session:
+        last = session.scalar(select(func.max(AuditEntry.at)))
+    if date > utc_now():
+        raise ReverieEvalError(f"{date:%Y-%m-%d %H:%M} UTC is in the future; choose another time")
+    if last is not None and date < last.replace(microsecond=0):  # copies are of whole seconds
+        raise ReverieEvalError(
+            f"{date:%Y-%m-%d %H:%M} UTC is before the last change of the data, at "
+            f"{last:%Y-%m-%d %H:%M:%S} UTC; choose another time, or an earlier backup"
+        )
+    return date
+
+
+async def _visit(state: ServerState) -> Mapping[str, httpx.Response]:
+    """Follow all links as a visitor, and return the replies by address, redirects as their ends."""
+    app = create_app(state)
+    app.state.is_copy = True
+    prefix = state.settings.path_prefix
+    left_out = tuple(prefix + path for path in _LEFT_OUT)
+    waiting = [f"{prefix}/"]
+    found: dict[str, httpx.Response | None] = {prefix + _EXAMPLE: None}
+    async with httpx.AsyncClient(
+        transport=httpx.ASGITransport(app), base_url=_ORIGIN, follow_redirects=True
+    ) as visitor:
+        while waiting:
+            address = waiting.pop()
+            if address in found or address.startswith(left_out):
+                continue
+            reply = await visitor.get(address)
+            if reply.is_error:
+                raise ReverieEvalError(
+                    f"the page {address} has an error (status {reply.status_code}); examine the "
+                    "data with `reverie-eval server doctor`"
+                )
+            is_page = _type_of(reply) == "text/html"
+            needs_server = is_page and _SENDING_FORM.search(reply.text)
+            found[address] = None if needs_server else reply
+            if is_page and not needs_server:
+                links = (_resolved(reply, link) for link in links_of(reply.text))
+                waiting += (_address(link) for link in links if link.startswith(f"{_ORIGIN}/"))
+    return {address: reply for address, reply in found.items() if reply is not None}
+
+
+def _write(state: ServerState, pages: Mapping[str, httpx.Response], folder: Path) -> list[File]:
+    prefix = state.settings.path_prefix
+    names = {
+        address: _name(address.removeprefix(prefix), _type_of(reply))
+        for address, reply in pages.items()
+    }
+    names[prefix + _EXAMPLE] = _name(_EXAMPLE, "text/html")
+    files = []
+    for address, reply in sorted(pages.items()):
+        content = reply.content
+        if _type_of(reply) == "text/html":
+            content = _relinked(reply, names[address], names).encode()
+        file = folder / names[address]
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content)
+        title = _TITLE.search(reply.text) if _type_of(reply) == "text/html" else None
+        about = unescape(title[1]) if title else ""
+        files.append(File(names[address], _type_of(reply), len(content), address, about))
+    crate = Crate.of(state, files)
+    (folder / METADATA).write_text(json.dumps(crate.document(), indent=2) + "\n", encoding="utf-8")
+    return files
+
+
+def _relinked(reply: httpx.Response, name: str, names: Mapping[str, str]) -> str:
+    """Return a page with links between files; those that need the server become plain text."""
+
+    def change(link: str) -> str | None:
+        target = _resolved(reply, link)
+        if link.startswith("#") or not target.startswith(f"{_ORIGIN}/"):
+            return link
+        file = names.get(_address(target))
+        if file is None:
+            return None
+        fragment = urlsplit(target).fragment
+        path = quote(relpath(file, PurePosixPath(name).parent), safe="/=,~")
+        return f"{path}#{fragment}" if fragment else path
+
+    return with_links(reply.text, change)
+
+
+def _resolved(reply: httpx.Response, link: str) -> str:
+    """Return where a link on a page leads; ``?`` alone leads to the page without its query."""
+    page = str(reply.url)
+    return urljoin(page.partition("?")[0] if link.startswith("?") else page, link)
+
+
+def _address(url: str) -> str:
+    return url.removeprefix(_ORIGIN).partition("#")[0]
+
+
+def _type_of(reply: httpx.Response) -> str:
+    return str(reply.headers.get("content-type", "")).partition(";")[0]
+
+
+def _name(address: str, media_type: str) -> str:
+    """Return the file for an address; different addresses have different files.
+
+    >>> _name("/boards/val_unseen?metric=spl&columns=all", "text/html")
+    'boards/val_unseen,metric=spl,columns=all.html'
+    >>> _name("/", "text/html"), _name("/static/style.css?12ab", "text/css")
+    ('index.html', 'static/style,12ab.css')
+    """
+    path, _, query = address.removeprefix("/").partition("?")
+    path = path or "index"
+    suffix = _SUFFIXES.get(media_type, PurePosixPath(path).suffix)
+    parts = [path.removesuffix(suffix), *(query.split("&") if query else ())]
+    return ",".join(re.sub(r"[^\w./=-]", _escaped, part, flags=re.ASCII) for part in parts) + suffix
+
+
+def _escaped(found: re.Match[str]) -> str:
+    return f"~{ord(found[0]):x}"

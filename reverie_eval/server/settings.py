@@ -16,7 +16,6 @@ from urllib.parse import urlsplit
 
 from pydantic import (
     AfterValidator,
-    AwareDatetime,
     BaseModel,
     ConfigDict,
     Field,
@@ -36,6 +35,7 @@ from sqlalchemy.exc import ArgumentError
 from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
+from reverie_eval.schemas.service import Phase, Phases, ReleaseScores
 from reverie_eval.schemas.wire import Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 
@@ -122,281 +122,6 @@ _PLAIN_PATH = re.compile(r"(/[A-Za-z0-9._~-]+)*")
 """Written in the same way in a browser's address, an HTTP request, HTML and a proxy's settings."""
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-
-class Quota(_Section):
-    """Scored submissions of a team, and of each person in it, in rolling windows."""
-
-    day: NonNegativeInt = 2
-    """In 24 hours."""
-    month: NonNegativeInt = 10
-    """In 30 days."""
-    year: NonNegativeInt = 40
-    """In 365 days."""
-
-
-OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
-"""For splits with public answers: limits scripts, not people."""
-
-
-class Phase(_Section):
-    """A period in which a split accepts submissions."""
-
-    name: Name
-    opens: AwareDatetime | None = None
-    closes: AwareDatetime | None = None
-    """The last second of the phase, included."""
-
-    @model_validator(mode="after")
-    def _opens_before_it_closes(self) -> Self:
-        if self.opens and self.closes and self.opens >= self.closes:
-            raise ValueError("a phase must open before it closes")
-        return self
-
-    def is_open(self, now: datetime) -> bool:
-        """Whether submissions are accepted at this time."""
-        has_begun = self.opens is None or self.opens <= now
-        return has_begun and (self.closes is None or now.replace(microsecond=0) <= self.closes)
-
-
-def _some(phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
-    if not phases:
-        raise ValueError("add a phase, or leave phases out to accept submissions at any time")
-    return phases
-
-
-class Split(_Section):
-    """A split that accepts submissions."""
-
-    bundle: Path
-    """The ground truth, with answers."""
-    visibility: Literal["private", "open"] = "private"
-    """Private: only rounded means are released. Open: also the values of every episode."""
-    protocol: Annotated[str, AfterValidator(_known_protocol)] = DEFAULT_PROTOCOL
-    track: Track = "full"
-    """Grounding: answers alone are scored, with the agent placed at the goal."""
-    quota: Quota | None = None
-    phases: Annotated[tuple[Phase, ...], AfterValidator(_some)] = (Phase(name="always"),)
-    release_scores: Literal["at-once", "phase-end"] = "at-once"
-    """Phase-end: nobody sees the scores of a private split before the phase ends."""
-
-    @model_validator(mode="after")
-    def _can_hold_scores(self) -> Self:
-        if self.release_scores == "at-once":
-            return self
-        if self.visibility == "open":
-            raise ValueError("scores of an open split cannot be held back; its answers are public")
-        if any(phase.closes is None for phase in self.phases):
-            raise ValueError("scores that are held back need phases that all have `closes`")
-        return self
-
-    def scores_held_until(self, received_at: datetime, now: datetime) -> datetime | None:
-        """Return the end of the phase in which a submission came; None if its scores are released.
-
-        Of several phases, the last one to end counts.
-        """
-        if self.release_scores == "at-once":
-            return None
-        ends = [
-            phase.closes
-            for phase in self.phases
-            if phase.closes is not None and phase.is_open(received_at)
-        ]
-        until = max(ends, default=None)
-        return until if until is not None and now.replace(microsecond=0) <= until else None
-
-    @property
-    def effective_quota(self) -> Quota:
-        """The limits that were set, and defaults by visibility for the others."""
-        default = Quota() if self.visibility == "private" else OPEN_QUOTA
-        decided = self.quota.model_dump(exclude_unset=True) if self.quota else {}
-        return default.model_copy(update=decided)
-
-
-class Limits(_Section):
-    """Limits on requests."""
-
-    upload_mebibytes: PositiveInt = 32
-    """Size of a request's body."""
-    unpacked_mebibytes: PositiveInt = 64
-    """Size of the submission in it."""
-    mebibytes_per_day: PositiveInt = 1024
-    """Submissions that a team may send in 24 hours, unpacked, to all splits together."""
-    seconds_for_body: PositiveInt = 60
-    """Time for an upload to arrive."""
-    kibibytes_per_second: PositiveInt = 16
-    """The slowest that an upload may be sent on average, after its first 10 seconds."""
-    requests_per_minute: PositiveInt = 120
-    """For one address, one token, and one browser session each."""
-    uploads_at_once: PositiveInt = 32
-    """Uploads in memory: arriving, waiting to be scored, or being scored."""
-    uploads_waiting: NonNegativeInt = 500
-    """Uploads waiting to be read; beyond that, clients are told to try again later."""
-
-
-class Settings(BaseSettings):
-    """All settings of a server."""
-
-    model_config = SettingsConfigDict(
-        frozen=True,
-        extra="forbid",
-        env_prefix=_PREFIX,
-        env_nested_delimiter="__",
-        use_attribute_docstrings=True,
-    )
-
-    title: Name = "REVERIE evaluation server"
-    public_address: Annotated[str, AfterValidator(_known_address)] = ""
-    """How people reach the server: ``https://eval.example.org``, or with a path below which it has
-    all its addresses, ``https://lab.example.org/reverie``. Printed in what they copy."""
-    contact: Annotated[Line, AfterValidator(_known_contact)] = ""
-    """How to reach the organiser: an e-mail address, or a link that begins with ``https://``."""
-    links: dict[Name, Https] = {}  # pydantic copies it
-    """Where to read on: paper, data, code, licence, by the text of each link."""
-    banner: Line = ""
-    """A message shown to everyone: maintenance, deadlines."""
-    paused: bool = False
-    """Accept no submissions; everything else still works."""
-    database: Annotated[str, AfterValidator(_known_database)] = "sqlite:///server.db"
-    """An SQLite file, or ``postgresql+psycopg://...``."""
-    uploads: Annotated[str, AfterValidator(_known_store)] = "uploads"
-    """A folder, or ``s3://bucket/prefix``."""
-    keep_uploads_days: PositiveInt | None = None
-    """After so many days, files of submissions that are not published are deleted."""
-    signing_key: Path = Path("signing-key.pem")
-    """Signs receipts; created by ``server init``. Keep a copy elsewhere."""
-    accept_requests_to_join: bool = True
-    """Let anyone ask for an account at ``/join``; an organiser decides."""
-    splits: Annotated[dict[str, Split], Field(min_length=1)]
-    required_metadata: tuple[Metadata, ...] = ()
-    """What a submission must state about its method, besides the name."""
-    limits: Limits = Limits()
-    trusted_proxies: tuple[IPvAnyNetwork, ...] = ()
-    """Proxies whose ``X-Forwarded-For`` is trusted."""
-    metrics_readers: tuple[IPvAnyNetwork, ...] = ()
-    """Networks that may read ``/metrics`` without an organiser's token."""
-    _folder: Path
-
-    @classmethod
-    def of(cls, folder: Path, content: Mapping[str, Any]) -> Self:
-        """Check the settings of the server in a folder.
-
-        Raises
-        ------
-        SettingsError, ValidationError
-            If a key is unknown or a value invalid.
-        """
-        hidden = [key for key in content if key.startswith("_")]
-        if hidden:  # pydantic would treat them as options of its own
-            raise SettingsError([_no_setting(key) for key in hidden])
-        settings = cls(**content)
-        settings._folder = folder.resolve()
-        if settings._folder.is_relative_to(settings.path(settings.uploads).resolve()):
-            remedy = "is the server's folder or contains it; choose a folder for uploads alone"
-            raise SettingsError([Problem("wrong-setting", "uploads", remedy)])
-        return settings
-
-    @classmethod
-    def settings_customise_sources(
-        cls,
-        settings_cls: type[BaseSettings],  # noqa: ARG003  # the library's signature
-        init_settings: PydanticBaseSettingsSource,
-        env_settings: PydanticBaseSettingsSource,
-        dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
-        file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
-    ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """Let environment variables override the file."""
-        return env_settings, init_settings
-
-    @property
-    def folder(self) -> Path:
-        """The server's folder, which contains the settings file."""
-        return self._folder
-
-    def path(self, relative: Path | str) -> Path:
-        """Return a path in the settings relative to the server's folder."""
-        return self.folder / relative
-
-    @property
-    def path_prefix(self) -> str:
-        """The path of the public address: ``/reverie``; empty if the server has its own host."""
-        return urlsplit(self.public_address).path
-
-    @property
-    def database_url(self) -> URL:
-        """The database's URL; the path of an SQLite file is relative to the server's folder."""
-        url = make_url(self.database)
-        if url.drivername != "sqlite":
-            return url
-        # Set as a part, not parsed: a "?" in the folder's name would begin the query.
-        return url.set(database=str(self.path(str(url.database))))
-
-
-def variables_set() -> Sequence[str]:
-    """Return the names of environment variables that override a setting."""
-    return sorted(filter(_is_setting, os.environ))
-
-
-def variables_ignored() -> Sequence[str]:
-    """Return the names of environment variables with our prefix that are not settings.
-
-    They may be misspelt. They are not a fault, because orchestrators also set variables that begin
-    with the name of a service.
-    """
-    ours = {name for name in os.environ if name.startswith(_PREFIX)} - _NO_SETTINGS
-    return sorted(name for name in ours if not _is_setting(name))
-
-
-def _is_setting(variable: str) -> bool:
-    name, _, _ = variable.lower().removeprefix(_PREFIX.lower()).partition("__")
-    return variable.lower().startswith(_PREFIX.lower()) and name in Settings.model_fields
-
-
-def load_settings(folder: Path) -> Settings:
-    """Read the settings of the server in a folder.
-
-    Raises
-    ------
-    SettingsError
-        Listing all problems with their keys.
-    """
-    file = folder / SETTINGS_FILE
-    try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-        return Settings.of(folder, content)
-    except FileNotFoundError:
-        remedy = f"there is no {SETTINGS_FILE}; create one with `reverie-eval server init {folder}`"
-        raise SettingsError([Problem("no-settings", str(folder), remedy)]) from None
-    except OSError as error:
-        raise SettingsError([Problem("no-settings", str(file), f"{error.strerror}")]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingsError([Problem("not-toml", str(file), str(error))]) from None
-    except UnreadableVariableError as error:
-        raise SettingsError([Problem("wrong-setting", _PREFIX, str(error))]) from None
-    except ValidationError as error:
-        raise SettingsError(list(_problems(error))) from None
-
-
-def _problems(error: ValidationError) -> Iterator[Problem]:
-    for detail in error.errors(include_url=False):
-        key = ".".join(map(str, detail["loc"]))
-        if detail["type"] == "extra_forbidden":
-            yield _no_setting(key)
-            continue
-        text = detail["msg"].removeprefix("Value error, ").replace("Input should", "must")
-        message = text[0].lower() + text[1:]
-        # The database's URL may contain a password, so it is not repeated.
-        is_shown = isinstance(detail["input"], str | int | float) and key != "database"
-        found = f"got {detail['input']!r}; " if is_shown else ""
-        yield Problem("wrong-setting", key, found + message)
-
-
-def _no_setting(key: str) -> Problem:
-    return Problem("wrong-setting", key, "is not a setting; check its spelling")
-
-
 def _known_contact(text: str) -> str:
     """Check how to reach the organiser; empty if it is not set."""
     try:
@@ -427,32 +152,6 @@ OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
 """For splits with public answers: limits scripts, not people."""
 
 
-class Phase(_Section):
-    """A period in which a split accepts submissions."""
-
-    name: Name
-    opens: AwareDatetime | None = None
-    closes: AwareDatetime | None = None
-    """The last second of the phase, included."""
-
-    @model_validator(mode="after")
-    def _opens_before_it_closes(self) -> Self:
-        if self.opens and self.closes and self.opens >= self.closes:
-            raise ValueError("a phase must open before it closes")
-        return self
-
-    def is_open(self, now: datetime) -> bool:
-        """Whether submissions are accepted at this time."""
-        has_begun = self.opens is None or self.opens <= now
-        return has_begun and (self.closes is None or now.replace(microsecond=0) <= self.closes)
-
-
-def _some(phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
-    if not phases:
-        raise ValueError("add a phase, or leave phases out to accept submissions at any time")
-    return phases
-
-
 class Split(_Section):
     """A split that accepts submissions."""
 
@@ -464,34 +163,32 @@ class Split(_Section):
     track: Track = "full"
     """Grounding: answers alone are scored, with the agent placed at the goal."""
     quota: Quota | None = None
-    phases: Annotated[tuple[Phase, ...], AfterValidator(_some)] = (Phase(name="always"),)
-    release_scores: Literal["at-once", "phase-end"] = "at-once"
+    phases: Phases = (Phase(name="always"),)
+    """Until other phases are set at the desk."""
+    release_scores: ReleaseScores = "at-once"
     """Phase-end: nobody sees the scores of a private split before the phase ends."""
+    one_per_team: bool = False
+    """Publishing a submission takes the team's earlier one off the leaderboard."""
 
     @model_validator(mode="after")
     def _can_hold_scores(self) -> Self:
-        if self.release_scores == "at-once":
-            return self
-        if self.visibility == "open":
-            raise ValueError("scores of an open split cannot be held back; its answers are public")
-        if any(phase.closes is None for phase in self.phases):
-            raise ValueError("scores that are held back need phases that all have `closes`")
+        self.check_release(self.phases, self.release_scores)
         return self
 
-    def scores_held_until(self, received_at: datetime, now: datetime) -> datetime | None:
-        """Return the end of the phase in which a submission came; None if its scores are released.
+    def check_release(self, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
+        """Check that scores can be held back as long as they should be.
 
-        Of several phases, the last one to end counts.
+        Raises
+        ------
+        ValueError
+            If the answers are public, or a phase has no end.
         """
-        if self.release_scores == "at-once":
-            return None
-        ends = [
-            phase.closes
-            for phase in self.phases
-            if phase.closes is not None and phase.is_open(received_at)
-        ]
-        until = max(ends, default=None)
-        return until if until is not None and now.replace(microsecond=0) <= until else None
+        if release_scores == "at-once":
+            return
+        if self.visibility == "open":
+            raise ValueError("scores of an open split cannot be held back; its answers are public")
+        if any(phase.closes is None for phase in phases):
+            raise ValueError("scores that are held back need phases that all have `closes`")
 
     @property
     def effective_quota(self) -> Quota:
@@ -601,6 +298,8 @@ class Settings(BaseSettings):
     """An SQLite file, or ``postgresql+psycopg://...``."""
     uploads: Annotated[str, AfterValidator(_known_store)] = "uploads"
     """A folder, or ``s3://bucket/prefix``."""
+    keep_uploads_days: PositiveInt | None = None
+    """After so many days, files of submissions that are not published are deleted."""
     signing_key: Path = Path("signing-key.pem")
     """Signs receipts; created by ``server init``. Keep a copy elsewhere."""
     accept_requests_to_join: bool = True
@@ -658,6 +357,11 @@ class Settings(BaseSettings):
         return self.folder / relative
 
     @property
+    def path_prefix(self) -> str:
+        """The path of the public address: ``/reverie``; empty if the server has its own host."""
+        return urlsplit(self.public_address).path
+
+    @property
     def channels(self) -> Mapping[str, Channel]:
         """The ways to tell the organiser of events, by name."""
         known = {"mail": self.mail, "webhook": self.webhook}
@@ -669,11 +373,6 @@ class Settings(BaseSettings):
         if self.mail is None or self.mail.password_file is None:
             return self.mail.password if self.mail else ""
         return self.path(self.mail.password_file).read_text(encoding="utf-8").strip()
-
-    @property
-    def path_prefix(self) -> str:
-        """The path of the public address: ``/reverie``; empty if the server has its own host."""
-        return urlsplit(self.public_address).path
 
     @property
     def database_url(self) -> URL:

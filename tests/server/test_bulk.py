@@ -11,8 +11,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from reverie_eval.server.service.bulk import archive_of
-from reverie_eval.server.settings import Phase
+from reverie_eval.schemas.service import Phase
+from reverie_eval.server.service.bulk import Archive, archive_of
+from reverie_eval.server.store.tables import Submission
 from reverie_eval.server.store.uploads import UploadsError
 from tests.support.flat import Run
 from tests.support.serving import (
@@ -47,6 +48,13 @@ def members(content: bytes) -> dict[str, bytes]:
             assert file is not None
             found[member.name] = file.read()
         return found
+
+
+def archive(server: Serving) -> Archive:
+    state = server.state
+    with state.database.reading() as session:
+        view = state.submissions.view(session, server.clock())
+        return archive_of(session, state.boards[OPEN], state.uploads, view)
 
 
 def metadata(files: dict[str, bytes]) -> list[dict[str, str]]:
@@ -135,13 +143,9 @@ def test_an_interrupted_download_is_an_error(folder: Path, open_server: OpenServ
 
 def test_memory_does_not_grow_with_the_number_of_files(server: Serving) -> None:
     def peak() -> int:
-        view = server.state.submissions.view(server.clock())
-        board = server.state.boards[OPEN]
         tracemalloc.start()
-        with server.state.database.reading() as session:
-            archive = archive_of(session, board, server.state.uploads, view)
-        read = sum(map(len, archive.pieces()))
-        assert read == archive.length
+        made = archive(server)
+        assert sum(map(len, made.pieces())) == made.length
         _, most = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         return most
@@ -159,8 +163,15 @@ def test_memory_does_not_grow_with_the_number_of_files(server: Serving) -> None:
 def test_a_missing_upload_ends_the_archive(server: Serving, folder: Path) -> None:
     sent(server, OWNER)
     next((folder / "uploads").rglob("*.gz")).unlink()
-    view = server.state.submissions.view(server.clock())
-    with server.state.database.reading() as session:
-        archive = archive_of(session, server.state.boards[OPEN], server.state.uploads, view)
     with pytest.raises(UploadsError, match="is missing"):
-        list(archive.pieces())
+        list(archive(server).pieces())
+
+
+def test_files_that_were_deleted_for_their_age_are_left_out(server: Serving) -> None:
+    deleted, kept = sent(server, OWNER), sent(server, OWNER, GOOD + b" ")
+    server.state.uploads.delete(hashlib.sha256(GOOD).hexdigest())
+    with server.state.database.writing() as session:
+        session.get_one(Submission, deleted).upload_deleted_at = server.clock()
+    files = members(server.ask(ORGANISER, "GET", PATH).content)
+    assert [row["file"] for row in metadata(files)] == ["", f"{kept}.json"]
+    assert list(files) == ["metadata.csv", f"{kept}.json"]

@@ -29,11 +29,17 @@ def inspect(
     UploadsError
         If its upload is missing or damaged.
     ConflictError
-        If the means are not the stored scores.
+        If the means are not the stored scores, or the file was deleted for its age.
     """
     with opened_server(settings) as state:
         with state.database.reading() as session:
-            known = submission_report(any_submission(session, submission_id))
+            row = any_submission(session, submission_id)
+            if row.upload_deleted_at is not None:
+                raise ConflictError(
+                    f"the file of {submission_id} was deleted on {row.upload_deleted_at:%Y-%m-%d}, "
+                    "because it was old and not published"
+                )
+            known = submission_report(row)
         board = state.board(known.split)
         if not board.measures_as(known.report):
             raise ConflictError(

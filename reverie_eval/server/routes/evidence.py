@@ -49,7 +49,7 @@ def download_submissions(split: SplitName, organiser: Organiser) -> Response:
     """
     server = organiser.server
     with organiser.snapshot() as snapshot:
-        view = server.submissions.view(snapshot.now)
+        view = server.submissions.view(snapshot.session, snapshot.now)
         archive = archive_of(snapshot.session, server.board(split), server.uploads, view)
     headers = {
         "Content-Length": str(archive.length),

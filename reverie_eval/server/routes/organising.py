@@ -9,14 +9,18 @@ from reverie_eval.schemas.organising import (
     AuditReport,
     GrantReport,
     ImportReport,
+    MergeReport,
     NewCorrection,
     NewGrant,
     NewImport,
+    NewMerge,
     NewNews,
     NewNotice,
     NewPerson,
     NewReported,
     NewReview,
+    NewSchedule,
+    NewSnapshot,
     NewTeam,
     NewToken,
     NewTokenReport,
@@ -27,10 +31,12 @@ from reverie_eval.schemas.organising import (
     ReportedEntry,
     RescoringReport,
     ReviewEntry,
+    ScheduleReport,
     TeamReport,
     TokenReport,
 )
-from reverie_eval.schemas.service import NewsReport
+from reverie_eval.schemas.personal_data import PersonalData
+from reverie_eval.schemas.service import NewsReport, SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
@@ -39,8 +45,10 @@ from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.service import (
     attempts,
     audit,
+    merging,
     news,
     people,
+    personal_data,
     quotas,
     reported,
     reviews,
@@ -54,6 +62,7 @@ router = APIRouter(
 )
 
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
+SplitName = Annotated[str, Path(examples=["test"])]
 TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 
 
@@ -68,6 +77,12 @@ def list_teams(organiser: Organiser, paging: Paging) -> list[TeamReport]:
 def add_team(new: NewTeam, organiser: Organiser) -> TeamReport:
     """Add a team."""
     return organiser.perform(people.add_team, new)
+
+
+@router.post("/teams/merge", responses=problems("not-found", "conflict"))
+def merge_teams(new: NewMerge, organiser: Organiser) -> MergeReport:
+    """Give one team's people, submissions and grants to another, as if it had always been one."""
+    return organiser.perform(merging.merge_teams, new)
 
 
 @router.patch("/teams/{name:path}", responses=problems("not-found", "conflict"))
@@ -89,6 +104,19 @@ def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
     return organiser.perform(people.add_person, new)
 
 
+@router.get("/people/{person_id}", responses=problems("not-found"))
+def show_personal_data(person_id: Number, organiser: Organiser) -> PersonalData:
+    """Return all that the server stores about a person."""
+    with organiser.snapshot() as snapshot:
+        return personal_data.personal_data(snapshot.session, person_id)
+
+
+@router.delete("/people/{person_id}", responses=problems("not-found", "conflict"))
+def delete_person(person_id: Number, organiser: Organiser) -> PersonReport:
+    """Remove a person's name and address, and revoke their tokens; results and the log stay."""
+    return organiser.perform(personal_data.delete_person, person_id)
+
+
 @router.patch("/people/{person_id}", responses=problems("not-found", "conflict"))
 def change_person(person_id: Number, change: PersonChange, organiser: Organiser) -> PersonReport:
     """Rename a person, change their e-mail address, or move them to another team."""
@@ -108,7 +136,7 @@ def create_token(new: NewToken, organiser: Organiser) -> NewTokenReport:
     return organiser.perform(tokens.create_token, new)
 
 
-@router.delete("/tokens/{hint}", responses=problems("not-found"))
+@router.delete("/tokens/{hint}", responses=problems("not-found", "conflict"))
 def revoke_token(hint: Hint, organiser: Organiser) -> TokenReport:
     """Revoke a token, with the browser sessions that began with it."""
     return organiser.perform(tokens.revoke_token, hint)
@@ -199,6 +227,28 @@ def show_notice(organiser: Organiser) -> NoticeReport:
 def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
     """Set the banner, and pause or resume submissions; takes effect immediately."""
     return organiser.perform(organiser.server.notices.post, new)
+
+
+@router.get("/schedules")
+def list_schedules(organiser: Organiser) -> list[ScheduleReport]:
+    """Compare when splits accept submissions by the settings, by the desk, and in effect."""
+    with organiser.snapshot() as snapshot:
+        return organiser.server.schedules.list_all(snapshot.session)
+
+
+@router.put("/schedules/{split}", responses=problems("not-found", "conflict"))
+def set_schedule(split: SplitName, new: NewSchedule, organiser: Organiser) -> ScheduleReport:
+    """Set a split's phases, when scores are released, and whether it is paused; empty, unset them.
+
+    What is left out is taken from the settings file. It takes effect immediately.
+    """
+    return organiser.perform(organiser.server.schedules.set, split, new)
+
+
+@router.post("/snapshots", status_code=201, responses=problems("not-found"))
+def take_snapshot(new: NewSnapshot, organiser: Organiser) -> SnapshotEntry:
+    """Take a signed snapshot of a leaderboard, which never changes."""
+    return organiser.perform(organiser.server.snapshots.take, new)
 
 
 @router.post("/news", status_code=201)

@@ -1,8 +1,9 @@
 """All submissions to a split as one tar archive, for the organiser.
 
 Its first member, ``metadata.csv``, has a row per submission; the others are the submitted files,
-unpacked, named by the submission's id. The archive is written piece by piece, and the length is
-known before it begins: a download that is cut short ends with an error, because bytes are missing.
+unpacked, named by the submission's id, unless they were deleted for their age. The archive is
+written piece by piece, and its length is known before it begins: a download that is cut short ends
+with an error, because bytes are missing.
 """
 
 import csv
@@ -61,9 +62,10 @@ class Archive:
             yield _padding(size)
             file.seek(0)
             for row in csv.DictReader(file):
-                yield _header(row["file"], int(row["size"]))
-                yield from self._upload(row["sha256"], int(row["size"]))
-                yield _padding(int(row["size"]))
+                if row["file"]:
+                    yield _header(row["file"], int(row["size"]))
+                    yield from self._upload(row["sha256"], int(row["size"]))
+                    yield _padding(int(row["size"]))
             yield _END
 
     def _upload(self, sha256: str, size: int) -> Iterator[bytes]:
@@ -100,18 +102,18 @@ def archive_of(session: Session, board: Board, uploads: Uploads, view: View) -> 
     length, files = 0, 0
     for row in session.scalars(chosen):
         report = view.report(row)
-        size = row.size
+        has_file = row.upload_deleted_at is None
         about = report.model_dump(mode="json", include=set(_ABOUT))
         method = report.method.model_dump(mode="json")
         words = [
-            *(f"{row.id}.json", row.sha256, size),
+            *(f"{row.id}.json" if has_file else "", row.sha256, row.size),
             *(about[name] for name in _ABOUT),
             *(method[name] for name in Method.model_fields),
             report.report.signature,
         ]
         scores = [report.report.scores.get(key) for key in CATALOGUE]
         writer.writerow([*map(spreadsheet_cell, words), *scores])
-        length += _length(size)
+        length += _length(row.size) if has_file else 0
         files += 1
         session.expunge(row)
     length += _length(metadata.tell()) + len(_END)

@@ -118,12 +118,16 @@ class EvidenceService:
 
 
 def _all_sent(session: Session, split: str) -> Sequence[_Sent]:
-    """Return all submissions to a split, team by team, the earliest first."""
+    """Return all submissions to a split whose files are kept, by team, the earliest first."""
     columns = (
         *(Team.name, Submission.id, Submission.sha256, Submission.received_at),
         Submission.method,
     )
-    chosen = select(*columns).join(Team).where(Submission.split == split)
+    chosen = (
+        select(*columns)
+        .join(Team)
+        .where(Submission.split == split, Submission.upload_deleted_at.is_(None))
+    )
     ordered = chosen.order_by(Submission.team_id, Submission.received_at, Submission.id)
     return [_Sent(*row) for row in session.execute(ordered)]
 

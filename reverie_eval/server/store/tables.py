@@ -7,7 +7,7 @@ from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeD
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from reverie_eval.schemas.organising import TokenKind
-from reverie_eval.schemas.service import Role, Verdict
+from reverie_eval.schemas.service import ReleaseScores, Role, Verdict
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -39,6 +39,7 @@ class Base(DeclarativeBase):
         Role: String(16),
         TokenKind: String(16),
         Verdict: String(16),
+        ReleaseScores: String(16),
     }
 
 
@@ -50,7 +51,11 @@ class Team(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(String(100), unique=True)
     created_at: Mapped[datetime]
+    merged_at: Mapped[datetime | None]
+    merged_into_id: Mapped[int | None] = mapped_column(ForeignKey("team.id"))
+    """The team that has had its people, submissions and grants since."""
     people: Mapped[list["Person"]] = relationship(back_populates="team")
+    merged_into: Mapped["Team | None"] = relationship(remote_side="Team.id")
 
 
 class Person(Base):
@@ -66,6 +71,8 @@ class Person(Base):
     """Never shown to others than organisers and the person."""
     role: Mapped[Role]
     created_at: Mapped[datetime]
+    deleted_at: Mapped[datetime | None]
+    """When the person's name and address were removed; what they did stays."""
     team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)
 
 
@@ -127,7 +134,7 @@ class Submission(Base):
 
     __tablename__ = "submission"
     __table_args__ = (
-        Index("one_per_file", "split", "team_id", "sha256", unique=True),
+        Index("one_per_file", "split", "team_id", "sha256", "repeat", unique=True),
         Index("one_per_key", "person_id", "idempotency_key", unique=True),
         # Quotas, and the lists of a team; with the size, how much a team has sent.
         Index("by_team", "team_id", "received_at", "size"),
@@ -159,6 +166,13 @@ class Submission(Base):
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
     anonymous_until: Mapped[datetime | None]
+    upload_deleted_at: Mapped[datetime | None]
+    """When its file was deleted, because it was old and not published."""
+    repeat: Mapped[str] = mapped_column(String(32), default="")
+    """Its own id if its team has an earlier submission of the file, else empty.
+
+    Only merging two teams makes repeats; they use no quota. Of the others, the index allows one.
+    """
     team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
     person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)
 
@@ -300,6 +314,42 @@ class Notice(Base):
     created_at: Mapped[datetime]
 
 
+class SetSchedule(Base):
+    """When a split accepts submissions and shows scores, as set at the desk; the latest applies."""
+
+    __tablename__ = "schedule"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    split: Mapped[str] = mapped_column(String(64), index=True)
+    phases: Mapped[list[dict[str, Any]] | None]
+    """None: those of the settings."""
+    release_scores: Mapped[ReleaseScores | None]
+    paused: Mapped[bool]
+    set_by: Mapped[str] = mapped_column(String(200))
+    created_at: Mapped[datetime]
+
+
+class StoredSnapshot(Base):
+    """A state of a leaderboard, which never changes."""
+
+    __tablename__ = "snapshot"
+    __table_args__ = (
+        Index("one_per_number", "split", "number", unique=True),
+        Index("one_per_closing", "split", "phase", "as_of", unique=True),
+    )
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    split: Mapped[str] = mapped_column(String(64))
+    number: Mapped[int]
+    title: Mapped[str] = mapped_column(String(100))
+    phase: Mapped[str | None] = mapped_column(String(100))
+    """The phase after which it was taken; None if the organiser took it."""
+    as_of: Mapped[datetime]
+    content: Mapped[dict[str, Any]]
+    """The signed snapshot."""
+    created_at: Mapped[datetime]
+
+
 class News(Base):
     """A short dated entry by the organiser, for everyone."""
 
@@ -310,6 +360,26 @@ class News(Base):
     posted_by: Mapped[str] = mapped_column(String(100))
     created_at: Mapped[datetime]
     removed_at: Mapped[datetime | None]
+
+
+class Message(Base):
+    """A message to the organiser, until some time after it was sent."""
+
+    __tablename__ = "outbox"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    channel: Mapped[str] = mapped_column(String(16))
+    event: Mapped[str] = mapped_column(String(32))
+    text: Mapped[str] = mapped_column(String(500))
+    path: Mapped[str] = mapped_column(String(200))
+    created_at: Mapped[datetime]
+    due_at: Mapped[datetime] = mapped_column(index=True)
+    """When to send it, or to try again."""
+    attempts: Mapped[int]
+    sent_at: Mapped[datetime | None]
+    given_up_at: Mapped[datetime | None]
+    error: Mapped[str] = mapped_column(String(500))
+    """Why it could not be sent the last time."""
 
 
 class Attempt(Base):

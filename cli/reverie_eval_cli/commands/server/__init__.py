@@ -20,6 +20,8 @@ server = LazyGroup(
         },
         "Results": {
             "submit": "submit:submit",
+            "submissions": "review:submissions",
+            "review": "review:review",
             "rescore": "rescore:rescore",
             "import": "reported:import_results",
             "reported": "reported:reported",
@@ -29,11 +31,18 @@ server = LazyGroup(
             "evidence": "evidence:evidence",
             "download": "download:download",
         },
+        "Phases": {
+            "phase": "phase:phase",
+            "diff": "phase:diff",
+            "snapshot": "snapshot:snapshot",
+        },
         "Keep": {
             "doctor": "folder:doctor",
+            "tidy": "tidy:tidy",
             "audit": "audit:audit",
             "key": "key:key",
             "news": "news:news",
+            "notify": "notify:notify",
             "backup": "backup:backup",
             "restore": "backup:restore",
             "export-site": "site:export_site",

@@ -28,8 +28,8 @@ def download(*, folder: Path, split: str, output: Path) -> None:
     from reverie_eval.server.settings import load_settings
 
     with opened_server(load_settings(folder)) as state:
-        view = state.submissions.view(state.clock())
         with state.database.reading() as session:
+            view = state.submissions.view(session, state.clock())
             archive = archive_of(session, state.board(split), state.uploads, view)
         with staged_file(output, mode=_OWNER_ONLY) as file:
             file.writelines(archive.pieces())

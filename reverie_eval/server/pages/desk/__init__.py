@@ -9,10 +9,12 @@ from reverie_eval.server.pages.desk import (
     notice,
     overview,
     people,
+    phases,
     quotas,
     reported,
     requests,
     reviews,
+    snapshots,
 )
 
 router = APIRouter()
@@ -21,6 +23,8 @@ for part in (
     people,
     requests,
     quotas,
+    phases,
+    snapshots,
     reviews,
     reported,
     corrections,

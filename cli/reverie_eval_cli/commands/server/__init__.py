@@ -30,6 +30,7 @@ server = LazyGroup(
             "inspect": "inspect:inspect",
             "evidence": "evidence:evidence",
             "download": "download:download",
+            "export": "export:export_tables",
         },
         "Phases": {
             "phase": "phase:phase",

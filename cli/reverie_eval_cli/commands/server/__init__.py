@@ -20,9 +20,16 @@ server = LazyGroup(
         },
         "Results": {
             "submit": "submit:submit",
+            "submissions": "review:submissions",
+            "review": "review:review",
             "rescore": "rescore:rescore",
             "import": "reported:import_results",
             "reported": "reported:reported",
+        },
+        "Phases": {
+            "phase": "phase:phase",
+            "diff": "phase:diff",
+            "snapshot": "snapshot:snapshot",
         },
         "Keep": {
             "doctor": "folder:doctor",
@@ -30,6 +37,7 @@ server = LazyGroup(
             "audit": "audit:audit",
             "key": "key:key",
             "news": "news:news",
+            "notify": "notify:notify",
             "backup": "backup:backup",
             "restore": "backup:restore",
             "export-site": "site:export_site",

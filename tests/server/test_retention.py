@@ -127,6 +127,8 @@ def test_everything_knows_that_the_file_is_gone(
     page = signed_in(server, OWNER).get(path)
     assert "The submitted file was deleted 2026-04-01 12:00 UTC" in said(page)
     assert f"{path}/file" not in page.text
+    privacy = said(server.client.get("/guide/privacy"))
+    assert "30 days, unless the submission is published" in privacy
     publish(server, OWNER, submission["id"])  # without intervals, which need the file
     last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-2]
     assert (last["actor"], last["action"], last["subject"]) == (

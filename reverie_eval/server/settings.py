@@ -9,14 +9,13 @@ import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime
+from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeAlias
 from urllib.parse import urlsplit
 
 from pydantic import (
     AfterValidator,
-    AwareDatetime,
     BaseModel,
     ConfigDict,
     Field,
@@ -36,7 +35,8 @@ from sqlalchemy.exc import ArgumentError
 from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
-from reverie_eval.schemas.wire import Https, Line, Name
+from reverie_eval.schemas.service import Phase, Phases, ReleaseScores
+from reverie_eval.schemas.wire import Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 
 SETTINGS_FILE = "reverie-eval.toml"
@@ -117,32 +117,20 @@ def _known_address(address: str) -> str:
 
 
 _URL: TypeAdapter[HttpUrl] = TypeAdapter(HttpUrl)
-_EMAIL = re.compile(r"[^\s@<>\"]+@[^\s@<>\"]+\.[^\s@<>\"]+")
-
-
-def known_email(text: str) -> str:
-    """Check that a text is an e-mail address, as far as one can see.
-
-    Raises
-    ------
-    ValueError
-        If it is not.
-    """
-    if not _EMAIL.fullmatch(text):
-        raise ValueError("must be an e-mail address: reverie@lab.example.org")
-    return text
+_EMAIL: TypeAdapter[str] = TypeAdapter(Email)
+_PLAIN_PATH = re.compile(r"(/[A-Za-z0-9._~-]+)*")
+"""Written in the same way in a browser's address, an HTTP request, HTML and a proxy's settings."""
 
 
 def _known_contact(text: str) -> str:
     """Check how to reach the organiser; empty if it is not set."""
-    is_known = not text or text.startswith("https://") or _EMAIL.fullmatch(text)
-    if not is_known:
-        raise ValueError("must be an e-mail address, or a link that begins with https://")
-    return str(_URL.validate_python(text)) if text.startswith("https://") else text
-
-
-_PLAIN_PATH = re.compile(r"(/[A-Za-z0-9._~-]+)*")
-"""Written in the same way in a browser's address, an HTTP request, HTML and a proxy's settings."""
+    try:
+        if text.startswith("https://"):
+            return str(_URL.validate_python(text))
+        return text and _EMAIL.validate_python(text)
+    except ValidationError:
+        message = "must be an e-mail address, or a link that begins with https://"
+        raise ValueError(message) from None
 
 
 class _Section(BaseModel):
@@ -164,32 +152,6 @@ OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
 """For splits with public answers: limits scripts, not people."""
 
 
-class Phase(_Section):
-    """A period in which a split accepts submissions."""
-
-    name: Name
-    opens: AwareDatetime | None = None
-    closes: AwareDatetime | None = None
-    """The last second of the phase, included."""
-
-    @model_validator(mode="after")
-    def _opens_before_it_closes(self) -> Self:
-        if self.opens and self.closes and self.opens >= self.closes:
-            raise ValueError("a phase must open before it closes")
-        return self
-
-    def is_open(self, now: datetime) -> bool:
-        """Whether submissions are accepted at this time."""
-        has_begun = self.opens is None or self.opens <= now
-        return has_begun and (self.closes is None or now.replace(microsecond=0) <= self.closes)
-
-
-def _some(phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
-    if not phases:
-        raise ValueError("add a phase, or leave phases out to accept submissions at any time")
-    return phases
-
-
 class Split(_Section):
     """A split that accepts submissions."""
 
@@ -201,34 +163,32 @@ class Split(_Section):
     track: Track = "full"
     """Grounding: answers alone are scored, with the agent placed at the goal."""
     quota: Quota | None = None
-    phases: Annotated[tuple[Phase, ...], AfterValidator(_some)] = (Phase(name="always"),)
-    release_scores: Literal["at-once", "phase-end"] = "at-once"
+    phases: Phases = (Phase(name="always"),)
+    """Until other phases are set at the desk."""
+    release_scores: ReleaseScores = "at-once"
     """Phase-end: nobody sees the scores of a private split before the phase ends."""
+    one_per_team: bool = False
+    """Publishing a submission takes the team's earlier one off the leaderboard."""
 
     @model_validator(mode="after")
     def _can_hold_scores(self) -> Self:
-        if self.release_scores == "at-once":
-            return self
-        if self.visibility == "open":
-            raise ValueError("scores of an open split cannot be held back; its answers are public")
-        if any(phase.closes is None for phase in self.phases):
-            raise ValueError("scores that are held back need phases that all have `closes`")
+        self.check_release(self.phases, self.release_scores)
         return self
 
-    def scores_held_until(self, received_at: datetime, now: datetime) -> datetime | None:
-        """Return the end of the phase in which a submission came; None if its scores are released.
+    def check_release(self, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
+        """Check that scores can be held back as long as they should be.
 
-        Of several phases, the last one to end counts.
+        Raises
+        ------
+        ValueError
+            If the answers are public, or a phase has no end.
         """
-        if self.release_scores == "at-once":
-            return None
-        ends = [
-            phase.closes
-            for phase in self.phases
-            if phase.closes is not None and phase.is_open(received_at)
-        ]
-        until = max(ends, default=None)
-        return until if until is not None and now.replace(microsecond=0) <= until else None
+        if release_scores == "at-once":
+            return
+        if self.visibility == "open":
+            raise ValueError("scores of an open split cannot be held back; its answers are public")
+        if any(phase.closes is None for phase in phases):
+            raise ValueError("scores that are held back need phases that all have `closes`")
 
     @property
     def effective_quota(self) -> Quota:
@@ -257,6 +217,58 @@ class Limits(_Section):
     """Uploads in memory: arriving, waiting to be scored, or being scored."""
     uploads_waiting: NonNegativeInt = 500
     """Uploads waiting to be read; beyond that, clients are told to try again later."""
+
+
+Event: TypeAlias = Literal["submission", "join-request", "phase-end", "unhealthy"]
+"""What the organiser can be told of."""
+
+
+class Channel(_Section):
+    """A way to tell the organiser of events."""
+
+    events: tuple[Event, ...] = ()
+    """Of which events; of all if it is empty."""
+
+    def wants(self, event: Event) -> bool:
+        """Whether the organiser is told of an event."""
+        return not self.events or event in self.events
+
+    def due(self, now: datetime) -> datetime:
+        """Return when to send a message about what happens now."""
+        return now
+
+
+class Mail(Channel):
+    """E-mail, by SMTP."""
+
+    host: Name
+    port: PositiveInt = 587
+    security: Literal["starttls", "tls", "none"] = "starttls"
+    """``tls`` from the first byte, usually on port 465; ``none`` for this machine's own server."""
+    user: str = ""
+    """Empty if the mail server does not ask for one."""
+    password: Annotated[str, Field(repr=False)] = ""
+    """Belongs in ``REVERIE_EVAL_MAIL__PASSWORD``, if it is not in a file."""
+    password_file: Path | None = None
+    """A file with the password alone."""
+    sender: Email
+    recipients: Annotated[tuple[Email, ...], Field(min_length=1)]
+    digest: Literal["none", "daily"] = "none"
+    """Daily: one mail for each day in UTC."""
+
+    def due(self, now: datetime) -> datetime:
+        """Return when to send a message about what happens now: maybe at midnight."""
+        if self.digest == "none":
+            return now
+        return datetime.combine(now.date() + timedelta(days=1), time(), tzinfo=UTC)
+
+
+class Webhook(Channel):
+    """A program that is told by HTTP."""
+
+    url: HttpUrl
+    secret: Annotated[str, Field(repr=False)] = ""
+    """Signs each request; belongs in ``REVERIE_EVAL_WEBHOOK__SECRET``. Not signed if empty."""
 
 
 class Settings(BaseSettings):
@@ -296,6 +308,8 @@ class Settings(BaseSettings):
     required_metadata: tuple[Metadata, ...] = ()
     """What a submission must state about its method, besides the name."""
     limits: Limits = Limits()
+    mail: Mail | None = None
+    webhook: Webhook | None = None
     trusted_proxies: tuple[IPvAnyNetwork, ...] = ()
     """Proxies whose ``X-Forwarded-For`` is trusted."""
     metrics_readers: tuple[IPvAnyNetwork, ...] = ()
@@ -346,6 +360,19 @@ class Settings(BaseSettings):
     def path_prefix(self) -> str:
         """The path of the public address: ``/reverie``; empty if the server has its own host."""
         return urlsplit(self.public_address).path
+
+    @property
+    def channels(self) -> Mapping[str, Channel]:
+        """The ways to tell the organiser of events, by name."""
+        known = {"mail": self.mail, "webhook": self.webhook}
+        return {name: channel for name, channel in known.items() if channel is not None}
+
+    @property
+    def mail_password(self) -> str:
+        """The password of the mail server; raises OSError if its file cannot be read."""
+        if self.mail is None or self.mail.password_file is None:
+            return self.mail.password if self.mail else ""
+        return self.path(self.mail.password_file).read_text(encoding="utf-8").strip()
 
     @property
     def database_url(self) -> URL:
@@ -411,7 +438,8 @@ def _problems(error: ValidationError) -> Iterator[Problem]:
         text = detail["msg"].removeprefix("Value error, ").replace("Input should", "must")
         message = text[0].lower() + text[1:]
         # The database's URL may contain a password, so it is not repeated.
-        is_shown = isinstance(detail["input"], str | int | float) and key != "database"
+        is_secret = key.rpartition(".")[2] in {"database", "password", "secret"}
+        is_shown = isinstance(detail["input"], str | int | float) and not is_secret
         found = f"got {detail['input']!r}; " if is_shown else ""
         yield Problem("wrong-setting", key, found + message)
 

@@ -43,6 +43,7 @@ class Example(NamedTuple):
             "other_id": site.ids[OPEN, BOLD],
             "wordy_id": site.ids[OPEN, ENDLESS],
             "result_id": "1",
+            "number": "1",
             "person_id": "1",
             "instr_id": "1196_0_0",
             "private_id": site.ids[PRIVATE, "Shortest paths"],
@@ -54,6 +55,7 @@ EXAMPLES = (
     Example("/boards/{split}"),
     Example("/boards/{split}", OWNER, "?metric=spl&extra_data=without&columns=all"),
     Example("/boards/{split}", None, "?text=nothing+is+called+so"),
+    Example("/boards/{split}/snapshots/{number}"),
     Example("/sign-in"),
     Example("/join"),
     Example("/submit", OWNER),
@@ -89,6 +91,8 @@ EXAMPLES = (
     Example("/desk/reported/import", ORGANISER),
     Example("/desk/reported/{result_id}", ORGANISER),
     Example("/desk/quotas", ORGANISER),
+    Example("/desk/phases", ORGANISER),
+    Example("/desk/snapshots", ORGANISER),
     Example("/desk/requests", ORGANISER),
     Example("/desk/people", ORGANISER),
     Example("/desk/people/import", ORGANISER),
@@ -101,6 +105,8 @@ EXAMPLES = (
 NO_PAGES = frozenset(
     {
         "/",
+        "/feed.atom",
+        "/boards/{split}/feed.atom",
         "/boards/{split}/chart",
         "/boards/{split}/latex",
         "/boards/{split}/bibtex",

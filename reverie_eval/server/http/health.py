@@ -12,22 +12,25 @@ import json
 import logging
 import secrets
 import time
-from collections.abc import Callable, Mapping, MutableMapping
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from contextlib import suppress
 from functools import cached_property, partial
 from typing import Any
 
 from anyio import move_on_after
 from anyio.to_thread import run_sync
 from sqlalchemy import insert
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from reverie_eval.agents import run_agent
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import HealthReport, QuotaReport
+from reverie_eval.server.errors import RequestError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import current_key
+from reverie_eval.server.service.outbox import announce_fault
 from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submission, Team
@@ -65,6 +68,7 @@ class Health:
             "database": partial(_write, server),
             "uploads": server.uploads.try_out,
         }
+        self._server = server
         self._lock = asyncio.Lock()
         self._report = HealthReport(status="ok")
         self._until = 0.0
@@ -73,7 +77,10 @@ class Health:
         """Return the result of the last check, or of a new one if that is too old."""
         async with self._lock:
             if time.monotonic() >= self._until:
+                was_well = self._report.status == "ok"
                 self._report = await self._examine()
+                if was_well and self._report.failed and self._server.settings.channels:
+                    await run_sync(self._tell, self._report.failed)
                 self._until = time.monotonic() + SECONDS_KEPT
             return self._report
 
@@ -83,6 +90,14 @@ class Health:
             await run_sync(self._run_checks, passed, abandon_on_cancel=True)
         failed = [name for name in self._checks if not passed.get(name)]
         return HealthReport(status="unhealthy" if failed else "ok", failed=failed)
+
+    def _tell(self, failed: Sequence[str]) -> None:
+        """Tell the organiser, unless that is what failed."""
+        with (
+            suppress(SQLAlchemyError, RequestError),
+            self._server.transactions.begin("server") as transaction,
+        ):
+            announce_fault(transaction, f"the server is unwell: {', '.join(failed)}")
 
     def _run_checks(self, passed: MutableMapping[str, bool]) -> None:
         """Run all checks and note each result at once, as a later one may hang."""

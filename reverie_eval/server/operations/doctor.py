@@ -4,16 +4,17 @@ import hashlib
 import shutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
+from pydantic import ValidationError
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.receipts import ReceiptError, verify_by_history
-from reverie_eval.schemas.service import KeyReport, SubmissionReport
-from reverie_eval.server.operations.checks import REFUSALS, Finding, check_folder, said_by
+from reverie_eval.schemas.service import KeyReport, Snapshot, SnapshotEntry, SubmissionReport
+from reverie_eval.server.operations.checks import REFUSALS, Finding, acting, check_folder, said_by
 from reverie_eval.server.service.audit import (
     AuditLog,
     all_names_of_teams,
@@ -23,11 +24,12 @@ from reverie_eval.server.service.audit import (
 )
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import list_keys
+from reverie_eval.server.service.outbox import announce_fault, given_up
 from reverie_eval.server.service.submissions import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database
-from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.tables import StoredSnapshot, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
 
@@ -50,8 +52,25 @@ def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Fin
     with closing(state.database), state.database.reading() as session:
         yield from _guarded("database", _at_the_file(state.database, session))
         yield from _guarded("submissions", _at_submissions(session, state, track))
+        yield from _guarded("snapshots", _at_snapshots(session))
         yield from _guarded("audit log", _at_audit_log(session, state.audit_log))
+        yield from _at_messages(session)
     yield from _at_disk(state.settings.folder)
+
+
+def tell_of_faults(folder: Path, findings: Iterable[Finding], actor: str) -> None:
+    """Tell the organiser of faults by mail and webhook, if the settings have one.
+
+    Does nothing if the server's own files or database are what is at fault.
+    """
+    faults = [finding for finding in findings if finding.kind == "fault"]
+    with suppress(ReverieEvalError):
+        settings = load_settings(folder)
+        if faults and settings.channels:
+            with acting(settings, actor) as transaction:
+                found = count_text(len(faults), "fault")
+                text = f"server doctor found {found}: {faults[0].check}: {faults[0].what}"
+                announce_fault(transaction, text)
 
 
 def _guarded(check: str, findings: Iterator[Finding]) -> Iterator[Finding]:
@@ -219,6 +238,27 @@ def _matches_row(kept: SubmissionReport, names: Collection[str]) -> bool:
     )
 
 
+def _at_snapshots(session: Session) -> Iterator[Finding]:
+    keys, sound = list_keys(session), 0
+    for row in session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)):
+        name = f"snapshot {row.number} of {row.split}"
+        try:
+            snapshot = Snapshot.model_validate(row.content)
+            verify_by_history(snapshot, keys)
+        except (ReceiptError, ValidationError):
+            trouble = "it was changed, or signed with another key"
+        else:
+            is_of_row = SnapshotEntry.model_validate(row) == SnapshotEntry.model_validate(
+                snapshot.model_dump(include=set(SnapshotEntry.model_fields))
+            )
+            trouble = "" if is_of_row else "it differs from its row"
+        sound += not trouble
+        if trouble:
+            remedy = "restore the key or the database from the last backup"
+            yield Finding("snapshots", "fault", f"{name}: {trouble}; {remedy}")
+    yield Finding("snapshots", "ok", f"{count_text(sound, 'snapshot')} verified")
+
+
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     broken, count = list(audit_log.broken_links(session)), count_entries(session)
     for number in broken:
@@ -237,6 +277,15 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
     if not broken:
         message = f"{count_text(count, 'entry', 'entries')}, none changed or removed"
         yield Finding("audit log", "ok", message)
+
+
+def _at_messages(session: Session) -> Iterator[Finding]:
+    for channel, number, error in given_up(session):
+        message = (
+            f"{count_text(number, 'message')} to the organiser not sent by {channel} ({error}); "
+            "try the settings with `reverie-eval server notify`"
+        )
+        yield Finding("messages", "note", message)
 
 
 def _at_disk(folder: Path) -> Iterator[Finding]:

@@ -19,6 +19,7 @@ from reverie_eval.server.http.patience import PatientProtocol
 from reverie_eval.server.http.telemetry import COUNTING_TOGETHER
 from reverie_eval.server.http.workers import Workers
 from reverie_eval.server.operations.checks import database_errors
+from reverie_eval.server.operations.delivery import delivering
 from reverie_eval.server.operations.listening import listen, url_of
 from reverie_eval.server.operations.logs import LOGGING
 from reverie_eval.server.operations.supervisor import SECONDS_TO_ANSWER, Supervisor, worker_app
@@ -64,14 +65,15 @@ def run_server(
     listening = listen(host, port)
     with database_errors():
         record_rules(state.transactions, rules_of(state.boards))
-    if workers > 1:
-        _run_workers(state, listening, workers, announce)
-        return
-    url = url_of(listening)
-    server = _Server(configuration(create_app(state, url)), lambda: announce(url))
-    gc.freeze()  # the ground truth stays in memory; collecting it would only cost time
-    with _stopped_is_done():
-        server.run(sockets=[listening])
+    with delivering(settings):
+        if workers > 1:
+            _run_workers(state, listening, workers, announce)
+            return
+        url = url_of(listening)
+        server = _Server(configuration(create_app(state, url)), lambda: announce(url))
+        gc.freeze()  # the ground truth stays in memory; collecting it would only cost time
+        with _stopped_is_done():
+            server.run(sockets=[listening])
 
 
 def _run_workers(

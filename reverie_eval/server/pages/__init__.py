@@ -7,6 +7,7 @@ from reverie_eval.server.pages import (
     boards,
     desk,
     episodes,
+    feeds,
     guide,
     joining,
     signing,
@@ -19,7 +20,18 @@ from reverie_eval.server.pages.rendering import STATIC, StaticPages
 
 def add_pages(app: FastAPI) -> None:
     """Add the pages; they are not part of the API's description."""
-    for part in (boards, desk, episodes, signing, joining, submitting, submissions, teams, guide):
+    for part in (
+        boards,
+        feeds,
+        desk,
+        episodes,
+        signing,
+        joining,
+        submitting,
+        submissions,
+        teams,
+        guide,
+    ):
         app.include_router(part.router, include_in_schema=False)
     # Pages are not packed: beside what somebody else chose to have in them, their length would
     # tell of the CSRF token. What is in no way secret is.

@@ -107,6 +107,11 @@ def page(
     return HTMLResponse(html, status, HEADERS)
 
 
+def render(template: str, **content: Any) -> str:
+    """Render a template that is not a page."""
+    return _environment().get_template(template).render(**content)
+
+
 def with_links(html: str, change: Callable[[str], str | None]) -> str:
     """Change every address in a rendered page; one that becomes None loses its attribute.
 
@@ -168,7 +173,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
 def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("reverie_eval.server.pages"),
-        autoescape=True,
+        autoescape=True,  # XML is escaped like HTML
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -22,13 +22,17 @@ from reverie_eval.schemas.joining import (
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
 from reverie_eval.server.errors import ConflictError, NotAllowedError, NotFoundError
 from reverie_eval.server.service import people
+from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.tokens import INVITATION_LIFETIME, create_token
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.tables import JoinRequest, Team
+from reverie_eval.text import count_text
 
 MOST_OPEN = 200
 """Requests that may wait for an answer."""
+_STRANGER = ""
+"""Who sends a request: nobody who is known."""
 RECEIVED = JoinReply(message="Your request was received. The organiser will answer by e-mail.")
 
 
@@ -50,12 +54,16 @@ def receive_request(
         raise NotAllowedError("this server accepts no requests to join; write to the organiser")
     content = new.model_dump(mode="json")
     digest = hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
-    with transactions.database.writing() as session:
+    with transactions.begin(_STRANGER) as transaction:
+        session = transaction.session
         if session.scalar(select(exists().where(_IS_OPEN, JoinRequest.digest == digest))):
             return RECEIVED
         if count_open(session) >= MOST_OPEN:
             raise ConflictError("too many requests to join wait for an answer; try again next week")
-        session.add(JoinRequest(**content, digest=digest, created_at=transactions.clock()))
+        session.add(JoinRequest(**content, digest=digest, created_at=transaction.now))
+        who = count_text(len(new.people), "person", "people")
+        text = f"{who} of {new.institution} asked to join as {new.team}"
+        announce(transaction, "join-request", text, "/desk/requests")
     return RECEIVED
 
 

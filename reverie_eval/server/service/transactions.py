@@ -4,9 +4,9 @@ An action is a function that takes a :class:`Transaction` and a request model, c
 and returns a report. The API, the pages and the command line only begin a transaction and call it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any, Self, TypeAlias
 
@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.audit import AuditLog, row_name
 from reverie_eval.server.service.keys import admit
+from reverie_eval.server.settings import Channel
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Base, Person
 
@@ -30,6 +31,8 @@ class Transaction:
     """Who makes the change, for the audit log."""
     now: datetime
     audit_log: AuditLog
+    channels: Mapping[str, Channel] = field(default_factory=dict)
+    """By which the organiser is told of it."""
 
     @property
     def actor(self) -> str:
@@ -70,6 +73,9 @@ class Transactions:
     database: Database
     audit_log: AuditLog
     clock: Callable[[], datetime]
+    channels: Mapping[str, Channel] = field(default_factory=dict)
+    begins: Callable[[Transaction], None] = lambda _: None
+    """Called at the beginning of each transaction, before anything is changed."""
 
     @contextmanager
     def begin(self, actor: Actor) -> Iterator[Transaction]:
@@ -83,7 +89,9 @@ class Transactions:
         with self.database.writing() as session:
             now = self.clock()
             admit(session, self.audit_log.signer, now)
-            yield Transaction(session, actor, now, self.audit_log)
+            transaction = Transaction(session, actor, now, self.audit_log, self.channels)
+            self.begins(transaction)
+            yield transaction
 
 
 def _logged(name: Person | str) -> str:

@@ -26,12 +26,18 @@ server = LazyGroup(
             "import": "reported:import_results",
             "reported": "reported:reported",
         },
+        "Phases": {
+            "phase": "phase:phase",
+            "diff": "phase:diff",
+            "snapshot": "snapshot:snapshot",
+        },
         "Keep": {
             "doctor": "folder:doctor",
             "tidy": "tidy:tidy",
             "audit": "audit:audit",
             "key": "key:key",
             "news": "news:news",
+            "notify": "notify:notify",
             "backup": "backup:backup",
             "restore": "backup:restore",
             "export-site": "site:export_site",

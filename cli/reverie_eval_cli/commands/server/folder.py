@@ -50,13 +50,16 @@ def check(*, folder: Path) -> int:
 def doctor(*, folder: Path) -> int:
     """Check all stored data.
 
-    Uploads, reports, receipts, the audit log and the disk are checked.
+    Uploads, reports, receipts, the audit log and the disk are checked. Faults are also sent to the
+    mail recipients and the webhook in the settings.
 
     Exit status: 0 no faults, 1 faults to fix, 2 usage or system error.
     """
-    from reverie_eval.server.operations.doctor import examine
+    from reverie_eval.server.operations.doctor import examine, tell_of_faults
 
-    return show_findings(list(examine(folder, with_progress)))
+    findings = list(examine(folder, with_progress))
+    tell_of_faults(folder, findings, actor())
+    return show_findings(findings)
 
 
 @click.command()

@@ -1,0 +1,173 @@
+"""Sending messages to the organiser: by SMTP, and to a webhook as JSON."""
+
+import hashlib
+import hmac
+import logging
+import smtplib
+import ssl
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from datetime import datetime
+from email.message import EmailMessage
+from email.utils import format_datetime, make_msgid
+from functools import partial
+from threading import Event as Signal
+from threading import Thread
+from typing import Any
+
+import httpx
+import msgspec
+
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.server.service.outbox import claim, is_any_due, settle
+from reverie_eval.server.settings import Mail, Settings, Webhook
+from reverie_eval.server.state import utc_now
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Message
+from reverie_eval.text import count_text
+
+SECONDS_BETWEEN = 10
+"""Between two looks for messages."""
+SECONDS_TO_SEND = 10
+SIGNATURE = "X-Reverie-Signature"
+"""The header with the HMAC-SHA256 of the body, under the webhook's secret."""
+
+_LOGGER = logging.getLogger("reverie_eval.server")
+_STOPPING = 5
+"""Seconds that a server waits at its end for a message that is being sent."""
+_REFUSALS = (OSError, smtplib.SMTPException, httpx.HTTPError, ReverieEvalError, ValueError)
+"""Errors of the network, the other server, or a text that no header can carry."""
+
+Send = Callable[[Sequence[Message]], None]
+
+
+class DeliveryError(ReverieEvalError):
+    """A message cannot be sent."""
+
+
+def senders(settings: Settings) -> Mapping[str, Send]:
+    """Return what sends the messages of each channel."""
+    found: dict[str, Send] = {}
+    if settings.mail is not None:
+        mail = settings.mail
+        found["mail"] = lambda messages: _send_mail(settings, mail, messages)
+    if settings.webhook is not None:
+        webhook = settings.webhook
+        found["webhook"] = lambda messages: _post(settings, webhook, messages)
+    return found
+
+
+def send_test(settings: Settings) -> Iterator[tuple[str, str]]:
+    """Send a test message by each channel; yield its name and an error, empty if it was sent."""
+    now = utc_now()
+    for name, send in senders(settings).items():
+        text = "This is a test; the server can send you messages."
+        message = Message(id=0, channel=name, event="test", text=text, path="/", created_at=now)
+        yield name, _error_of(send, [message])
+
+
+def deliver(database: Database, settings: Settings, now: datetime) -> None:
+    """Send all messages that are due; those of one channel together, if it can."""
+    with database.reading() as session:
+        if not is_any_due(session, now):
+            return
+    with database.writing() as session:
+        claimed = claim(session, now)
+    for name, send in senders(settings).items():
+        for messages in _parcels(name, [each for each in claimed if each.channel == name]):
+            error = _error_of(send, messages)
+            with database.writing() as session:
+                settle(session, messages, utc_now(), error)
+            if error:
+                fields = {"channel": name, "messages": len(messages), "error": error}
+                _LOGGER.warning("messages not sent", extra={"fields": fields})
+
+
+@contextmanager
+def delivering(settings: Settings) -> Iterator[None]:
+    """Send messages in a thread meanwhile, if the settings name a channel."""
+    if not settings.channels:
+        yield
+        return
+    is_over = Signal()
+    thread = Thread(target=_deliver_until, args=(settings, is_over), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        thread.join(_STOPPING)
+
+
+def _deliver_until(settings: Settings, is_over: Signal) -> None:
+    with closing(Database(settings.database_url)) as database:
+        while True:
+            try:
+                deliver(database, settings, utc_now())
+            except Exception:  # the database is away for a moment, or full
+                _LOGGER.exception("messages not read")
+            if is_over.wait(SECONDS_BETWEEN):
+                return
+
+
+def _parcels(channel: str, messages: Sequence[Message]) -> Sequence[Sequence[Message]]:
+    """Return the messages as they are sent: as one mail, or one by one."""
+    if channel == "mail":
+        return [messages] if messages else []
+    return [[message] for message in messages]
+
+
+def _error_of(send: Send, messages: Sequence[Message]) -> str:
+    try:
+        send(messages)
+    except _REFUSALS as error:
+        return " ".join(f"{type(error).__name__}: {error}".split())
+    return ""
+
+
+def _send_mail(settings: Settings, mail: Mail, messages: Sequence[Message]) -> None:
+    is_one = len(messages) == 1
+    subject = messages[0].text if is_one else count_text(len(messages), "message")
+    letter = EmailMessage()
+    letter["Subject"] = f"[{settings.title}] {subject}"
+    letter["From"] = mail.sender
+    letter["To"] = ", ".join(mail.recipients)
+    letter["Date"] = format_datetime(utc_now())
+    letter["Message-ID"] = make_msgid(domain=mail.sender.rpartition("@")[2])
+    letter["Auto-Submitted"] = "auto-generated"
+    letter.set_content("\n\n".join(_paragraph(settings, message) for message in messages))
+    context = ssl.create_default_context()
+    connect: Callable[..., smtplib.SMTP] = smtplib.SMTP
+    if mail.security == "tls":
+        connect = partial(smtplib.SMTP_SSL, context=context)
+    with connect(mail.host, mail.port, timeout=SECONDS_TO_SEND) as smtp:
+        if mail.security == "starttls":
+            smtp.starttls(context=context)
+        if mail.user:
+            smtp.login(mail.user, settings.mail_password)
+        smtp.send_message(letter)
+
+
+def _paragraph(settings: Settings, message: Message) -> str:
+    when = f"{message.created_at:%Y-%m-%d %H:%M} UTC"
+    return f"{message.text}\n{when}, {settings.public_address}{message.path}"
+
+
+def _post(settings: Settings, webhook: Webhook, messages: Sequence[Message]) -> None:
+    for message in messages:
+        content: dict[str, Any] = {
+            "id": message.id,
+            "event": message.event,
+            "text": message.text,
+            "url": f"{settings.public_address}{message.path}",
+            "at": message.created_at.isoformat(),
+            "server": settings.title,
+        }
+        body = msgspec.json.encode(content)
+        headers = {"Content-Type": "application/json"}
+        if webhook.secret:
+            digest = hmac.new(webhook.secret.encode(), body, hashlib.sha256).hexdigest()
+            headers[SIGNATURE] = f"sha256={digest}"
+        reply = httpx.post(str(webhook.url), content=body, headers=headers, timeout=SECONDS_TO_SEND)
+        if not reply.is_success:
+            raise DeliveryError(f"{webhook.url.host} replied with status {reply.status_code}")

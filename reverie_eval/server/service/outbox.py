@@ -1,0 +1,111 @@
+"""Messages to the organiser, by mail and to a webhook.
+
+An event is written as a row for each channel, in the transaction that it is about, so a message is
+sent if and only if the event happened. Sending is left to a thread of the server: a mail server
+that is slow or dead delays nothing. It claims rows before it sends them, so of several servers on
+a database one does. A row whose server was killed meanwhile is claimed again later, so a message
+may come twice, but is not lost.
+"""
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+
+from sqlalchemy import Select, delete, func, select
+from sqlalchemy.orm import Session
+
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.settings import Event
+from reverie_eval.server.store.tables import Message
+
+LEASE = timedelta(hours=1)
+"""How long other servers leave a claimed message alone."""
+PATIENCE = timedelta(days=3)
+"""After that, a message is given up."""
+KEPT = timedelta(days=30)
+"""How long messages stay in the database after they were sent or given up."""
+_FIRST_DELAY = timedelta(minutes=1)
+_LONGEST_DELAY = timedelta(hours=6)
+_QUIET = timedelta(hours=1)
+"""In which a fault is not told again."""
+_AT_ONCE = 200
+_LONGEST_LINE = 500
+
+
+def announce(transaction: Transaction, event: Event, text: str, path: str = "/") -> None:
+    """Tell the organiser of an event, if the settings ask for it and the transaction is committed.
+
+    Parameters
+    ----------
+    transaction : Transaction
+        In which the event happens.
+    event : Event
+        The kind of event.
+    text : str
+        One line for the organiser; without scores and tokens.
+    path : str
+        The page of the server that has more about it.
+    """
+    for name, channel in transaction.channels.items():
+        if channel.wants(event):
+            transaction.session.add(
+                Message(
+                    channel=name,
+                    event=event,
+                    text=text[:_LONGEST_LINE],
+                    path=path,
+                    created_at=transaction.now,
+                    due_at=channel.due(transaction.now),
+                    attempts=0,
+                    error="",
+                )
+            )
+
+
+def announce_fault(transaction: Transaction, text: str) -> None:
+    """Tell the organiser that the server is unwell, at most once an hour."""
+    recent = select(Message.id).where(
+        Message.event == "unhealthy", Message.created_at > transaction.now - _QUIET
+    )
+    if transaction.session.scalars(recent.limit(1)).first() is None:
+        announce(transaction, "unhealthy", text, "/desk")
+
+
+def is_any_due(session: Session, now: datetime) -> bool:
+    """Whether a message has to be sent now."""
+    return session.scalars(_due(now).limit(1)).first() is not None
+
+
+def claim(session: Session, now: datetime) -> Sequence[Message]:
+    """Return messages that the caller has to send now, the earliest first, and delete old ones."""
+    session.execute(delete(Message).where(Message.due_at < now - KEPT))
+    messages = session.scalars(_due(now).order_by(Message.id).limit(_AT_ONCE)).all()
+    for message in messages:
+        message.attempts += 1
+        message.due_at = now + LEASE
+    return messages
+
+
+def settle(session: Session, messages: Sequence[Message], now: datetime, error: str) -> None:
+    """Note that messages were sent, or why not; then they are due later, or given up."""
+    for message in messages:
+        row = session.merge(message)
+        if not error:
+            row.sent_at = now
+            continue
+        row.error = error[:_LONGEST_LINE]
+        row.due_at = now + min(_FIRST_DELAY * 2 ** (row.attempts - 1), _LONGEST_DELAY)
+        if row.due_at - row.created_at > PATIENCE:
+            row.given_up_at = now
+
+
+def given_up(session: Session) -> Sequence[tuple[str, int, str]]:
+    """Count the messages that could not be sent: channel, number, an error."""
+    chosen = select(Message.channel, func.count(), func.max(Message.error))
+    rows = session.execute(chosen.where(Message.given_up_at.is_not(None)).group_by(Message.channel))
+    return [(channel, number, error) for channel, number, error in rows]
+
+
+def _due(now: datetime) -> Select[Message]:
+    return select(Message).where(
+        Message.sent_at.is_(None), Message.given_up_at.is_(None), Message.due_at <= now
+    )

@@ -1,0 +1,414 @@
+"""Messages to the organiser, by real mail and HTTP servers: sent, late or given up, never lost."""
+
+import hashlib
+import hmac
+import json
+import smtplib
+import socket
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from email import message_from_bytes, policy
+from email.message import EmailMessage
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiosmtpd.controller import Controller
+from sqlalchemy import select
+
+from reverie_eval.server.http import health
+from reverie_eval.server.operations import delivery
+from reverie_eval.server.operations.delivery import SIGNATURE, deliver
+from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.service.outbox import LEASE, PATIENCE, announce, claim
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.settings import Mail, Settings, SettingsError, Webhook, load_settings
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Message
+from tests.support.flat import Run
+from tests.support.serving import (
+    OPEN,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    running,
+    settings_of,
+    submission_for,
+)
+from tests.support.waiting import wait_until
+
+SECRET = "of the webhook"
+ADDRESS = "https://eval.example.org"
+
+
+class Mailbox:
+    """Keeps the mails that an SMTP server accepts."""
+
+    def __init__(self) -> None:
+        self.mails: list[EmailMessage] = []
+
+    async def handle_DATA(self, _: Any, __: Any, envelope: Any) -> str:  # noqa: N802  # aiosmtpd
+        """Accept a mail."""
+        mail = message_from_bytes(envelope.content, policy=policy.default)
+        assert isinstance(mail, EmailMessage)
+        self.mails.append(mail)
+        return "250 OK"
+
+
+@dataclass
+class Hook:
+    """Keeps the requests that an HTTP server gets, and replies with a status."""
+
+    port: int = 0
+    status: int = 204
+    requests: list[tuple[Mapping[str, str], bytes]] = field(default_factory=list)
+
+    def events(self) -> list[str]:
+        """Return the kinds of events that it was told."""
+        return [json.loads(body)["event"] for _, body in self.requests]
+
+
+@pytest.fixture
+def mailbox() -> Iterator[tuple[Mailbox, int]]:
+    """Run an SMTP server; give its mailbox and its port."""
+    box = Mailbox()
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    controller = Controller(box, hostname="127.0.0.1", port=port)
+    controller.start()
+    yield box, port
+    controller.stop()
+
+
+@pytest.fixture
+def hook() -> Iterator[Hook]:
+    """Run an HTTP server."""
+    kept = Hook()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            kept.requests.append((dict(self.headers), body))
+            self.send_response(kept.status)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None:
+            """Print nothing."""
+
+    server = HTTPServer(("127.0.0.1", 0), Handler)
+    kept.port = server.server_port
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield kept
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def mail_to(port: int, **others: Any) -> Mail:
+    return Mail(
+        host="127.0.0.1",
+        port=port,
+        security="none",
+        sender="reverie@lab.example.org",
+        recipients=("olga@lab.example.org",),
+        **others,
+    )
+
+
+def hook_at(hook: Hook, **others: Any) -> Webhook:
+    return Webhook.model_validate(
+        {"url": f"http://127.0.0.1:{hook.port}/", "secret": SECRET, **others}
+    )
+
+
+Open = Any
+
+
+@pytest.fixture
+def telling(folder: Path, open_server: OpenServer) -> Open:
+    """Return what opens a server that tells the organiser of events."""
+
+    def opened(**channels: Any) -> Serving:
+        told = settings_of(folder).model_copy(update={"public_address": ADDRESS, **channels})
+        return open_server(told)
+
+    return opened
+
+
+def deliver_now(server: Serving, **later: float) -> None:
+    now = server.clock() + timedelta(**later)
+    deliver(server.state.database, server.state.settings, now)
+
+
+def outbox(server: Serving) -> list[Message]:
+    with server.state.database.reading() as session:
+        return list(session.scalars(select(Message).order_by(Message.id)))
+
+
+def test_without_channels_nothing_is_written(server: Serving) -> None:
+    server.upload(OWNER)
+    assert outbox(server) == []
+
+
+def test_an_upload_is_told_by_mail_and_webhook_without_its_scores(
+    telling: Open, mailbox: tuple[Mailbox, int], hook: Hook
+) -> None:
+    box, port = mailbox
+    server = telling(mail=mail_to(port), webhook=hook_at(hook))
+    accepted = server.upload(OWNER, submission_for(PRIVATE), PRIVATE, name="Wälker").json()
+    deliver_now(server)
+    deliver_now(server)
+    (mail,) = box.mails
+    text = f"Blue ({OWNER}) submitted Wälker to {PRIVATE}"
+    link = f"{ADDRESS}/submissions/{accepted['submission']['id']}"
+    assert mail["Subject"] == f"[{server.state.settings.title}] {text}"
+    assert mail["To"] == "olga@lab.example.org"
+    assert mail.get_content().splitlines()[:2] == [text, f"2026-03-02 12:00 UTC, {link}"]
+    ((headers, body),) = hook.requests
+    expected = hmac.new(SECRET.encode(), body, hashlib.sha256).hexdigest()
+    assert headers[SIGNATURE] == f"sha256={expected}"
+    said = json.loads(body)
+    assert (said["event"], said["text"], said["url"]) == ("submission", text, link)
+    score = f"{accepted['submission']['report']['scores']['path_length']}"
+    assert score not in body.decode() + mail.get_content()
+
+
+def test_a_repeat_or_a_refused_file_is_not_told(telling: Open, hook: Hook) -> None:
+    server = telling(webhook=hook_at(hook))
+    for content in (submission_for(OPEN), submission_for(OPEN), b"[]"):
+        server.upload(OWNER, content)
+    deliver_now(server)
+    assert hook.events() == ["submission"]
+
+
+def test_a_request_to_join_is_told_without_addresses(telling: Open, hook: Hook) -> None:
+    server = telling(webhook=hook_at(hook))
+    asked = {
+        "team": "Green",
+        "people": [{"name": "Dora", "email": "dora@example.org"}],
+        "institution": "University of Adelaide",
+    }
+    for _ in range(2):
+        assert server.ask(None, "POST", "/join", json=asked).is_success
+    deliver_now(server)
+    ((_, body),) = hook.requests
+    said = json.loads(body)
+    assert said["text"] == "1 person of University of Adelaide asked to join as Green"
+    assert said["url"] == f"{ADDRESS}/desk/requests"
+
+
+def test_only_the_events_of_a_channel_are_told(telling: Open, hook: Hook) -> None:
+    server = telling(webhook=hook_at(hook, events=["join-request"]))
+    with server.acting() as transaction:
+        announce(transaction, "phase-end", "test ended")
+        announce(transaction, "join-request", "Dora wants to join")
+    deliver_now(server)
+    assert hook.events() == ["join-request"]
+
+
+def test_a_transaction_that_fails_tells_nothing(telling: Open, hook: Hook) -> None:
+    server = telling(webhook=hook_at(hook))
+    with server.state.database.trying() as session:
+        now, log = server.clock(), server.state.audit_log
+        transaction = Transaction(session, "test", now, log, server.state.settings.channels)
+        announce(transaction, "phase-end", "test ended")
+    assert outbox(server) == []
+
+
+def test_a_dead_channel_is_tried_later_and_given_up_and_delays_no_other(
+    telling: Open, hook: Hook, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = telling(mail=mail_to(1), webhook=hook_at(hook))
+    monkeypatch.setattr(delivery, "utc_now", server.clock)
+    assert server.upload(OWNER).status_code == 201
+    for _ in range(40):
+        deliver_now(server)
+        server.clock.turn(hours=3)
+    mail, sent = outbox(server)
+    assert sent.sent_at is not None
+    assert hook.events() == ["submission"]
+    assert "Connection refused" in mail.error
+    assert mail.given_up_at is not None
+    assert timedelta(0) <= PATIENCE - (mail.given_up_at - mail.created_at) < timedelta(hours=10)
+    findings = list(examine(server.state.settings.folder))
+    (note,) = [finding for finding in findings if finding.check == "messages"]
+    assert (note.kind, "1 message to the organiser not sent by mail" in note.what) == ("note", True)
+
+
+def test_a_webhook_that_refuses_is_asked_again(
+    telling: Open, hook: Hook, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = telling(webhook=hook_at(hook))
+    monkeypatch.setattr(delivery, "utc_now", server.clock)
+    hook.status = 500
+    server.upload(OWNER)
+    deliver_now(server)
+    assert outbox(server)[0].error == "DeliveryError: 127.0.0.1 replied with status 500"
+    hook.status = 200
+    deliver_now(server)
+    assert len(hook.requests) == 1  # not yet
+    deliver_now(server, minutes=1)
+    assert outbox(server)[0].sent_at is not None
+
+
+def test_a_digest_is_one_mail_for_each_day(telling: Open, mailbox: tuple[Mailbox, int]) -> None:
+    box, port = mailbox
+    server = telling(mail=mail_to(port, digest="daily"))
+    for _ in range(3):
+        server.upload(OWNER, server.distinct())
+        server.clock.turn(hours=3)
+    deliver_now(server)
+    assert box.mails == []
+    server.clock.now = datetime(2026, 3, 3, tzinfo=UTC)
+    server.upload(OWNER, server.distinct())
+    deliver_now(server)
+    (mail,) = box.mails
+    assert mail["Subject"].endswith("] 3 messages")
+    assert mail.get_content().count("submitted") == 3
+
+
+def test_a_message_is_claimed_by_one_server(database_of_two: Database) -> None:
+    now = datetime(2026, 3, 2, 12, tzinfo=UTC)
+    with database_of_two.writing() as session:
+        assert len(claim(session, now)) == 1
+    with database_of_two.writing() as session:
+        assert claim(session, now) == []
+    with database_of_two.writing() as session:  # whose server was killed
+        assert [each.attempts for each in claim(session, now + LEASE)] == [2]
+
+
+@pytest.fixture
+def database_of_two(empty_database: str) -> Iterator[Database]:
+    """Return a database with a message, of each kind."""
+    database = Database(empty_database)
+    database.upgrade()
+    now = datetime(2026, 3, 2, 12, tzinfo=UTC)
+    told = {"channel": "mail", "event": "submission", "text": "", "path": "/", "error": ""}
+    with database.writing() as session:
+        session.add(Message(**told, created_at=now, due_at=now, attempts=0))
+        session.add(Message(**told, created_at=now, due_at=now + PATIENCE, attempts=0))
+    yield database
+    database.close()
+
+
+def test_a_server_that_is_unwell_says_so_once_an_hour(
+    telling: Open, hook: Hook, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = telling(webhook=hook_at(hook))
+    monkeypatch.setattr(health, "SECONDS_KEPT", 0)
+    uploads = server.state.settings.folder / "uploads"
+    for _ in range(2):
+        uploads.write_text("not a folder")
+        assert server.client.get("/healthz").status_code == 503
+        assert server.client.get("/healthz").status_code == 503
+        uploads.unlink()
+        assert server.client.get("/healthz").status_code == 200
+    deliver_now(server)
+    ((_, body),) = hook.requests
+    assert json.loads(body)["text"] == "the server is unwell: uploads"
+
+
+def written(folder: Path, port: int, hook: Hook) -> Path:
+    """Write channels into the settings of a folder."""
+    file = folder / "reverie-eval.toml"
+    file.write_text(
+        f"""{file.read_text()}
+[mail]
+host = "127.0.0.1"
+port = {port}
+security = "none"
+sender = "reverie@lab.example.org"
+recipients = ["olga@lab.example.org"]
+[webhook]
+url = "http://127.0.0.1:{hook.port}/"
+"""
+    )
+    return file
+
+
+def test_notify_says_whether_the_settings_work(
+    folder: Path, mailbox: tuple[Mailbox, int], hook: Hook, run: Run
+) -> None:
+    assert run("server", "notify", str(folder)).status == 2
+    box, port = mailbox
+    file = written(folder, port, hook)
+    assert run("server", "notify", str(folder)) == (0, "mail: sent\nwebhook: sent\n", "")
+    assert "This is a test" in box.mails[0].get_content()
+    assert SIGNATURE not in hook.requests[0][0]
+    file.write_text(file.read_text().replace('security = "none"', 'user = "reverie"'))
+    outcome = run("server", "notify", str(folder))
+    assert outcome.status == 1
+    assert outcome.out.startswith(f"mail: {smtplib.SMTPNotSupportedError.__name__}: STARTTLS")
+
+
+def test_the_doctor_tells_of_faults(
+    folder: Path, mailbox: tuple[Mailbox, int], hook: Hook, run: Run, server: Serving
+) -> None:
+    server.upload(OWNER)
+    written(folder, mailbox[1], hook)
+    for upload in (folder / "uploads").rglob("*.gz"):
+        upload.unlink()
+    assert run("server", "doctor", str(folder)).status == 1
+    (mail, webhook) = outbox(server)
+    assert {mail.channel, webhook.channel} == {"mail", "webhook"}
+    assert mail.text.startswith("server doctor found 1 fault: uploads: ")
+
+
+def test_a_running_server_sends_by_itself(
+    folder: Path, hook: Hook, open_server: OpenServer, mailbox: tuple[Mailbox, int]
+) -> None:
+    server = open_server(settings_of(folder))
+    written(folder, mailbox[1], hook)
+    with server.state.database.writing() as session:
+        now = datetime.now(UTC)
+        told = {"channel": "webhook", "event": "submission", "text": "x", "path": "/"}
+        session.add(Message(**told, created_at=now, due_at=now, attempts=0, error=""))
+    with running(folder):
+        wait_until(lambda: hook.events() == ["submission"])
+
+
+WRONG: list[tuple[str, str]] = [
+    (
+        '[mail]\nhost = "x"\nsender = "nobody"\nrecipients = ["a@b.org"]',
+        "mail.sender: got 'nobody'",
+    ),
+    ('[mail]\nhost = "x"\nsender = "a@b.org"\nrecipients = []', "mail.recipients"),
+    ('[webhook]\nurl = "ftp://b.org"', "webhook.url"),
+    ('[webhook]\nurl = "https://b.org"\nevents = ["lunch"]', "webhook.events.0: got 'lunch'"),
+]
+
+
+@pytest.mark.parametrize(("section", "message"), WRONG)
+def test_wrong_settings_are_named(section: str, message: str, folder: Path) -> None:
+    file = folder / "reverie-eval.toml"
+    file.write_text(f"{file.read_text()}\n{section}\n")
+    with pytest.raises(SettingsError) as refused:
+        load_settings(folder)
+    assert message in str(refused.value)
+
+
+def test_a_password_comes_from_a_private_file_or_a_variable_and_is_never_shown(
+    folder: Path,
+    mailbox: tuple[Mailbox, int],
+    hook: Hook,
+    monkeypatch: pytest.MonkeyPatch,
+    run: Run,
+) -> None:
+    file = written(folder, mailbox[1], hook)
+    monkeypatch.setenv("REVERIE_EVAL_MAIL__PASSWORD", "hunter2")
+    settings: Settings = load_settings(folder)
+    assert settings.mail_password == "hunter2"
+    assert "hunter2" not in repr(settings)
+    file.write_text(file.read_text().replace("\n[webhook]", '\npassword_file = "pw"\n[webhook]'))
+    assert run("server", "check", str(folder)).status == 1
+    (folder / "pw").write_text("from a file\n")
+    (folder / "pw").chmod(0o600)
+    assert load_settings(folder).mail_password == "from a file"
+    assert run("server", "check", str(folder)).status == 0
+    (folder / "pw").chmod(0o644)
+    assert "other users can read" in " ".join(run("server", "check", str(folder)).out.split())

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.reporting._table import Table, print_table
-from reverie_eval_cli.output import show
+from reverie_eval_cli.output import note, show
 
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
@@ -69,6 +69,18 @@ def checked(model: type[Request], **fields: object) -> Request:
         wrong = [wrong_value(detail) for detail in error.errors()]
         told = "; ".join(f"{each.where}: {each.message}" for each in wrong)
         raise ReverieEvalError(told) from None
+
+
+@contextmanager
+def revoking(folder: Path) -> Iterator["Transaction"]:
+    """Change something as :func:`acting`, and warn if no organiser can sign in any more."""
+    from reverie_eval.server.service.tokens import has_organiser
+
+    with acting(folder) as transaction:
+        had_one = has_organiser(transaction.session, transaction.now)
+        yield transaction
+        if had_one and not has_organiser(transaction.session, transaction.now):
+            note("no organiser has a valid token now; `server token add` makes one")
 
 
 def read_text(file: Path) -> str:

@@ -43,6 +43,24 @@ class TeamReport(WireModel):
     created_at: datetime
 
 
+class NewMerge(WireModel):
+    """Two teams that become one."""
+
+    team: Name = Field(examples=["Blau"])
+    """Its people, submissions and grants go to the other team; its name is not given again."""
+    into: Name = Field(examples=["Blue"])
+
+
+class MergeReport(NewMerge):
+    """Two teams that became one."""
+
+    people: int = Field(examples=[2])
+    submissions: int = Field(examples=[7])
+    """How many the team brought along."""
+    repeats: int = Field(examples=[1])
+    """Submissions of a file that both teams had submitted; the later one uses no quota any more."""
+
+
 class NewPerson(WireModel):
     """A person to be added to a team."""
 

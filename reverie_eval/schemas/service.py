@@ -75,7 +75,7 @@ class Me(WireModel):
     person: PersonName
     team: TeamName
     role: Role
-    email: Email | None
+    email: Email | None = None
     """Only the person and organisers see it."""
 
 
@@ -276,6 +276,8 @@ class SubmissionReport(WireModel):
     published_at: datetime | None
     withdrawn_at: datetime | None
     anonymous_until: datetime | None
+    upload_deleted_at: datetime | None = None
+    """When the file was deleted, as its organiser keeps unpublished ones for some time only."""
 
 
 class Checked(ValidationReport):

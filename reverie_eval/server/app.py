@@ -2,10 +2,12 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 
 from fastapi import Depends, FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
+from reverie_eval.server.http.daily import daily
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.middleware import (
     BodyLimits,
@@ -41,7 +43,8 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        yield
+        with daily(partial(server.retention.tidy, "server")):
+            yield
         server.database.close()
 
     app = FastAPI(

@@ -326,6 +326,8 @@ class Settings(BaseSettings):
     """An SQLite file, or ``postgresql+psycopg://...``."""
     uploads: Annotated[str, AfterValidator(_known_store)] = "uploads"
     """A folder, or ``s3://bucket/prefix``."""
+    keep_uploads_days: PositiveInt | None = None
+    """After so many days, files of submissions that are not published are deleted."""
     signing_key: Path = Path("signing-key.pem")
     """Signs receipts; created by ``server init``. Keep a copy elsewhere."""
     accept_requests_to_join: bool = True

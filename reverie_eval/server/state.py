@@ -21,6 +21,7 @@ from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.rescoring import Rescoring
+from reverie_eval.server.service.retention import Retention
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
@@ -48,6 +49,7 @@ class ServerState:
     intake: Intake
     submissions: SubmissionService
     rescoring: Rescoring
+    retention: Retention
     notices: Notices
     sessions: Sessions
     entries: EntriesCache
@@ -105,6 +107,7 @@ class ServerState:
             intake,
             submissions,
             Rescoring(boards, database, uploads, signer, transactions),
+            Retention(uploads, transactions, settings.keep_uploads_days),
             notices,
             sessions,
             EntriesCache(),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.files import staged_folder
+from reverie_eval.files import replacing_folder, staged_folder
 
 
 def test_a_new_folder_appears_at_once(tmp_path: Path) -> None:
@@ -56,3 +56,24 @@ def test_permissions_of_a_new_folder(mode: int, others: int, tmp_path: Path) -> 
     with staged_folder(place, mode=mode):
         pass
     assert place.stat().st_mode & 0o007 == usual.stat().st_mode & others
+
+
+@pytest.mark.parametrize("is_new", [True, False])
+def test_a_folder_is_replaced_as_a_whole(tmp_path: Path, *, is_new: bool) -> None:
+    place = tmp_path / "deep" / "place"
+    if not is_new:
+        place.mkdir(parents=True)
+        (place / "old").touch()
+    with replacing_folder(place) as staging:
+        (staging / "new").touch()
+        assert (place / "old").exists() is not is_new
+    assert [path.name for path in place.iterdir()] == ["new"]
+    assert [path.name for path in place.parent.iterdir()] == ["place"]
+
+
+def test_a_folder_is_kept_if_its_replacement_is_interrupted(tmp_path: Path) -> None:
+    (tmp_path / "place" / "old").mkdir(parents=True)
+    with pytest.raises(KeyboardInterrupt), replacing_folder(tmp_path / "place") as staging:
+        _begin(staging)
+    assert [path.name for path in (tmp_path / "place").iterdir()] == ["old"]
+    assert [path.name for path in tmp_path.iterdir()] == ["place"]

@@ -85,9 +85,12 @@ POST /desk/requests/{request_id}/accept sign-in 403      403       403       200
 POST /desk/requests/{request_id}/reject sign-in 403      403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
+POST /desk/people/teams/merge       sign-in    403       403       403       303
 GET  /desk/people/import            sign-in    403       403       403       200
 POST /desk/people/import            sign-in    403       403       403       303
 GET  /desk/people/{person_id}       sign-in    403       403       403       200
+GET  /desk/people/{person_id}/data  sign-in    403       403       403       200
+POST /desk/people/{person_id}/delete sign-in   403       403       403       303
 POST /desk/people/{person_id}       sign-in    403       403       403       303
 POST /desk/people/teams             sign-in    403       403       403       303
 POST /desk/people/teams/rename      sign-in    403       403       403       303
@@ -133,6 +136,7 @@ FORMS: Mapping[str, dict[str, str]] = {
     },
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
     "POST /join": {"team": "Green", "people": "Dora, dora@example.org", "institution": "Here"},
+    "POST /desk/people/teams/merge": {"team": "Red", "into": "Organisers"},
     "POST /desk/people/import": {"text": "team,person\nGreen,Dora"},
     "POST /desk/people/{person_id}": {"name": "Adele", "team": "Blue", "email": ""},
     "POST /desk/people/teams": {"name": "Green"},

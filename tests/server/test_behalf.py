@@ -160,7 +160,7 @@ def test_quotas_hold_in_every_window(
         pytest.param({"received": "yesterday"}, "is not a time with a time zone", id="no time"),
         pytest.param({"received": "2999-01-01T00:00:00Z"}, "is in the future", id="future"),
         pytest.param({"team": "Red"}, "the team 'Red' has no person", id="another team"),
-        pytest.param({"person": "Nobody"}, "there is no person 'Nobody'", id="nobody"),
+        pytest.param({"person": "Nobody"}, "the team 'Blue' has no person 'Nobody'", id="nobody"),
         pytest.param({"split": "tset"}, "there is no split 'tset'", id="split"),
     ],
 )

@@ -169,6 +169,42 @@ def test_settings_by_variables_are_used(
 # People and tokens.
 
 
+def test_a_submission_is_reviewed(lab: str, run: Run, tmp_path: Path) -> None:
+    (tmp_path / "walk.json").write_bytes(private_submission())
+    run("server", "team", "add", lab, "Blue")
+    run("server", "person", "add", lab, "Ada", "--team", "Blue")
+    sent = ["--split", "test", "--team", "Blue", "--person", "Ada", "--publish"]
+    run(
+        "server",
+        "submit",
+        lab,
+        str(tmp_path / "walk.json"),
+        *sent,
+        "--received",
+        "2026-06-01T00:00:00Z",
+    )
+    _, row = run("server", "submissions", lab, "--team", "Blue", "--split", "test").out.splitlines()
+    submission, *others = row.split()
+    assert others == ["2026-06-01", "00:00", "test", "Blue", "Ada", "walk", "published"]
+    assert len(run("server", "submissions", lab, "--split", "val_seen").out.splitlines()) == 1
+
+    words = [submission, "disqualified", "--reason", "It read the answers."]
+    assert run("server", "review", "add", lab, *words).out == (
+        f"review 1: {submission} is disqualified\n"
+    )
+    assert run("server", "review", "lift", lab, "1").out == "review 1 lifted\n"
+    _, listed = run("server", "review", "list", lab).out.splitlines()
+    assert listed.split()[3:8] == [submission, "disqualified", "It", "read", "the"]
+    assert len(listed.split()) == 11  # the last two: when it was lifted
+    for wrong, said in (
+        (["add", lab, "none", "flagged", "--reason", "x"], "no submission 'none'"),
+        (["add", lab, submission, "bad", "--reason", "x"], "unknown value 'bad'"),
+        (["lift", lab, "1"], "review 1 was already lifted"),
+    ):
+        outcome = run("server", "review", *wrong)
+        assert (outcome.status, said in outcome.err) == (2, True)
+
+
 def test_people_tokens_and_grants_are_listed(lab: str, run: Run) -> None:
     run("server", "team", "add", lab, "Blue")
     run("server", "person", "add", lab, "Ada", "--team", "Blue")

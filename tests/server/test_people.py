@@ -152,7 +152,7 @@ def test_names_that_look_alike_are_alike(server: Serving) -> None:
 
 
 def test_nobody_is_added_twice_or_to_no_team(server: Serving) -> None:
-    for team, error in (("Red", ConflictError), ("Nobody's", NotFoundError)):
+    for team, error in (("Blue", ConflictError), ("Nobody's", NotFoundError)):
         with pytest.raises(error), server.acting() as transaction:
             add_person(transaction, team, OWNER)
 
@@ -204,7 +204,7 @@ def test_an_organiser_brings_a_team_in_without_the_command_line(server: Serving)
     [
         ("teams", {"name": "Blue"}, 409),
         ("teams", {"name": "a\u202eb"}, 400),
-        ("people", {"team": "Blue", "name": OTHER}, 409),
+        ("people", {"team": "Blue", "name": OWNER}, 409),
         ("people", {"team": "Nobody's", "name": "Dora"}, 404),
         ("people", {"team": "Blue", "name": "Dora", "role": "king"}, 400),
         ("tokens", {"person": "Nobody"}, 404),

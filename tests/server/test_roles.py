@@ -55,7 +55,10 @@ POST   /organiser/teams                           401    403   403    403       
 PATCH  /organiser/teams/{name:path}              401    403   403    403        200      401         401
 GET    /organiser/people                          401    403   403    403        200      401         401
 POST   /organiser/people                          401    403   403    403        201      401         401
+POST   /organiser/teams/merge                     401    403   403    403        200      401         401
 POST   /organiser/people/import                   401    403   403    403        200      401         401
+GET    /organiser/people/{person_id}              401    403   403    403        200      401         401
+DELETE /organiser/people/{person_id}              401    403   403    403        200      401         401
 PATCH  /organiser/people/{person_id}              401    403   403    403        200      401         401
 GET    /organiser/tokens                          401    403   403    403        200      401         401
 POST   /organiser/tokens                          401    403   403    403        201      401         401
@@ -95,6 +98,7 @@ BODIES: Mapping[str, dict[str, Any]] = {
     "PATCH /organiser/teams/{name:path}": {"json": {"name": "Azure"}},
     "POST /join": {"json": REQUEST},
     "POST /organiser/requests/{request_id}/reject": {"json": {}},
+    "POST /organiser/teams/merge": {"json": {"team": "Red", "into": "Blue"}},
     "POST /organiser/people/import": {"json": {"text": "team,person\nGreen,Dora"}},
     "POST /organiser/people": {"json": {"name": "Dora", "team": "Red"}},
     "PATCH /organiser/people/{person_id}": {"json": {"email": "ada@example.org"}},

@@ -99,6 +99,7 @@ def test_a_session_says_whose_it_is_and_when_it_ends(server: Serving) -> None:
     assert said == {
         "person": OWNER,
         "team": "Blue",
+        "email": None,
         "role": "participant",
         "expires_at": "2026-03-03T00:00:00Z",
     }

@@ -188,7 +188,7 @@ def test_every_public_page_is_in_it(lab: Lab) -> None:
 @pytest.mark.parametrize("name", ["index.html", f"boards/{OPEN}.html", "guide/metrics.html"])
 def test_every_page_says_of_what_and_when_it_is_a_copy(name: str, lab: Lab) -> None:
     page = lab.files[name].decode()
-    assert f'A copy of <a href="{ADDRESS}">{ADDRESS}</a> as it was on' in page
+    assert f'This is a copy of <a href="{ADDRESS}">{ADDRESS}</a> from' in page
     assert f"{DATE:%Y-%m-%d %H:%M} UTC" in page
     assert "We moved." in page
 
@@ -258,7 +258,8 @@ def texts(value: Any) -> Iterator[str]:
 
 def private_texts(server: Serving) -> set[str]:
     """Return all texts in the database that a visitor may not see."""
-    public = {"Walkers", ORGANISER, server.state.settings.title, server.state.signer.key_id}
+    signer = server.state.signer
+    public = {"Walkers", ORGANISER, server.state.settings.title, signer.key_id, signer.public_pem}
     everything: set[str] = set()
     for table, row in dump(server.state.database):
         is_shown = (

@@ -139,6 +139,7 @@ def places(twins: Twins, submission_id: str) -> Iterator[str]:
                 submission_id=submission_id,
                 instr_id=instr_id,
                 result_id=1,
+                person_id=1,
             )
 
 

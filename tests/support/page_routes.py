@@ -106,6 +106,7 @@ NO_PAGES = frozenset(
         "/boards/{split}/chart",
         "/boards/{split}/latex",
         "/boards/{split}/bibtex",
+        "/desk/people/{person_id}/data",
     }
 )
 """What leads elsewhere or is a file."""

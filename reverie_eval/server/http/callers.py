@@ -19,7 +19,7 @@ from starlette.datastructures import FormData
 
 from reverie_eval.schemas.service import Role
 from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
-from reverie_eval.server.service.tokens import valid_token
+from reverie_eval.server.service.tokens import check_organiser_left, valid_token
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.state import ServerState, state_of
 from reverie_eval.server.store.tables import BrowserSession, Person
@@ -115,9 +115,18 @@ class Call:
         *given: Given.args,
         **named: Given.kwargs,
     ) -> Report:
-        """Run an action as the caller; also raises the errors of :meth:`snapshot`."""
+        """Run an action as the caller; also raises the errors of :meth:`snapshot`.
+
+        Raises
+        ------
+        ConflictError
+            If no organiser could sign in after an organiser's action.
+        """
         with self.server.transactions.begin(self.person()) as transaction:
-            return action(transaction, *given, **named)
+            report = action(transaction, *given, **named)
+            if self.required == "organiser":
+                check_organiser_left(transaction)
+            return report
 
     def _sender(self, session: Session) -> tuple[BrowserSession | None, Person | None]:
         """Return the sender of the request, which is looked up only once."""

@@ -158,7 +158,7 @@ def _dump(
             )
         for table, columns in dump(database):
             counts[table] += 1
-            if table == "submission":
+            if table == "submission" and columns["upload_deleted_at"] is None:
                 uploads.add(columns["sha256"])
             elif table == "signing_key" and columns["replaced_at"] is None:
                 key_id = columns["key_id"]

@@ -93,7 +93,8 @@ def _at_the_file(database: Database, session: Session) -> Iterator[Finding]:
 
 def _at_submissions(session: Session, state: ServerState, track: Track) -> Iterator[Finding]:
     uploads = open_uploads(state.settings.uploads, state.settings.folder)
-    files = session.scalars(select(Submission.sha256).distinct().order_by(Submission.sha256)).all()
+    kept = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None))
+    files = session.scalars(kept.distinct().order_by(Submission.sha256)).all()
     yield from _at_uploads(session, files, uploads, track)
     yield from _at_strays(files, uploads)
     reports = _Reports(state.boards)

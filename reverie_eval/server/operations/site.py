@@ -16,7 +16,7 @@ from html import unescape
 from os.path import relpath
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from urllib.parse import quote, urljoin, urlsplit
+from urllib.parse import urljoin, urlsplit
 
 import httpx
 from sqlalchemy import func, select
@@ -41,7 +41,8 @@ _LEFT_OUT = ("/episodes",)
 _EXAMPLE = "/submissions/ID"
 """Not a page: scripts replace the id."""
 _UNLIMITED = 1 << 31
-_SUFFIXES = {"text/html": ".html", "application/json": ".json", "text/plain": ".txt"}
+_PAGE = "text/html"
+_SUFFIXES = {_PAGE: ".html", "application/json": ".json", "text/plain": ".txt"}
 _TITLE = re.compile(r"<title>(.*?)</title>")
 _SENDING_FORM = re.compile(r'<form\b[^>]* method="post"')
 
@@ -79,10 +80,11 @@ def export_site(source: Path, output: Path, date: datetime | None = None) -> Sit
         If the source cannot be opened.
     """
     _check_replaceable(output)
-    with _copied(source, date) as state:
-        pages = asyncio.run(_visit(state))
-        with replacing_folder(output) as folder:
-            files = _write(state, pages, folder)
+    with _copied(source, date) as state, replacing_folder(output) as folder:
+        visited = asyncio.run(_visit(state, folder))
+        files = _link_files(visited, state.settings.path_prefix, folder)
+        document = Crate.of(state, files).document()
+        (folder / METADATA).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
         size = sum(file.size for file in files)
         return SiteReport(len(files), size, state.clock(), state.settings.public_address)
 
@@ -147,14 +149,25 @@ def _moment(database: Database, date: datetime | None, made_at: datetime) -> dat
     return date
 
 
-async def _visit(state: ServerState) -> Mapping[str, httpx.Response]:
-    """Follow all links as a visitor, and return the replies by address, redirects as their ends."""
+@dataclass(frozen=True, slots=True)
+class _Visited:
+    """A page or a file that was asked for and written."""
+
+    url: str
+    """Where it was found, after redirects."""
+    media_type: str
+    name: str
+    """Of the file."""
+
+
+async def _visit(state: ServerState, folder: Path) -> Mapping[str, _Visited]:
+    """Follow all links as a visitor, write the replies, and return what was found by address."""
     app = create_app(state)
     app.state.is_copy = True
     prefix = state.settings.path_prefix
     left_out = tuple(prefix + path for path in _LEFT_OUT)
     waiting = [f"{prefix}/"]
-    found: dict[str, httpx.Response | None] = {prefix + _EXAMPLE: None}
+    found: dict[str, _Visited | None] = {prefix + _EXAMPLE: None}
     async with httpx.AsyncClient(
         transport=httpx.ASGITransport(app), base_url=_ORIGIN, follow_redirects=True
     ) as visitor:
@@ -168,67 +181,65 @@ async def _visit(state: ServerState) -> Mapping[str, httpx.Response]:
                     f"the page {address} has an error (status {reply.status_code}); examine the "
                     "data with `reverie-eval server doctor`"
                 )
-            is_page = _type_of(reply) == "text/html"
-            needs_server = is_page and _SENDING_FORM.search(reply.text)
-            found[address] = None if needs_server else reply
-            if is_page and not needs_server:
-                links = (_resolved(reply, link) for link in links_of(reply.text))
-                waiting += (_address(link) for link in links if link.startswith(f"{_ORIGIN}/"))
-    return {address: reply for address, reply in found.items() if reply is not None}
+            media_type = reply.headers["content-type"].partition(";")[0]
+            is_page = media_type == _PAGE
+            if is_page and _SENDING_FORM.search(reply.text):
+                found[address] = None
+                continue
+            visited = _Visited(
+                str(reply.url), media_type, _name(address.removeprefix(prefix), media_type)
+            )
+            found[address] = visited
+            file = folder / visited.name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(reply.content)
+            links = links_of(reply.text) if is_page else ()
+            urls = (_resolved(visited, link) for link in links)
+            waiting += (_address(url) for url in urls if url.startswith(f"{_ORIGIN}/"))
+    return {address: visited for address, visited in found.items() if visited is not None}
 
 
-def _write(state: ServerState, pages: Mapping[str, httpx.Response], folder: Path) -> list[File]:
-    prefix = state.settings.path_prefix
-    names = {
-        address: _name(address.removeprefix(prefix), _type_of(reply))
-        for address, reply in pages.items()
-    }
-    names[prefix + _EXAMPLE] = _name(_EXAMPLE, "text/html")
+def _link_files(found: Mapping[str, _Visited], prefix: str, folder: Path) -> list[File]:
+    """Let the pages link files, and describe all files."""
+    names = {address: visited.name for address, visited in found.items()}
+    names[prefix + _EXAMPLE] = _name(_EXAMPLE, _PAGE)
     files = []
-    for address, reply in sorted(pages.items()):
-        content = reply.content
-        if _type_of(reply) == "text/html":
-            content = _relinked(reply, names[address], names).encode()
-        file = folder / names[address]
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(content)
-        title = _TITLE.search(reply.text) if _type_of(reply) == "text/html" else None
-        about = unescape(title[1]) if title else ""
-        files.append(File(names[address], _type_of(reply), len(content), address, about))
-    crate = Crate.of(state, files)
-    (folder / METADATA).write_text(json.dumps(crate.document(), indent=2) + "\n", encoding="utf-8")
+    for address, visited in sorted(found.items()):
+        file, title = folder / visited.name, ""
+        if visited.media_type == _PAGE:
+            html = _relinked(file.read_text(encoding="utf-8"), visited, names)
+            file.write_text(html, encoding="utf-8", newline="\n")
+            title = unescape(_TITLE.findall(html)[0])
+        size = file.stat().st_size
+        files.append(File(visited.name, visited.media_type, size, address, title))
     return files
 
 
-def _relinked(reply: httpx.Response, name: str, names: Mapping[str, str]) -> str:
+def _relinked(html: str, page: _Visited, names: Mapping[str, str]) -> str:
     """Return a page with links between files; those that need the server become plain text."""
 
     def change(link: str) -> str | None:
-        target = _resolved(reply, link)
-        if link.startswith("#") or not target.startswith(f"{_ORIGIN}/"):
+        url = _resolved(page, link)
+        if link.startswith("#") or not url.startswith(f"{_ORIGIN}/"):
             return link
-        file = names.get(_address(target))
+        file = names.get(_address(url))
         if file is None:
             return None
-        fragment = urlsplit(target).fragment
-        path = quote(relpath(file, PurePosixPath(name).parent), safe="/=,~")
+        fragment = urlsplit(url).fragment
+        path = relpath(file, PurePosixPath(page.name).parent)
         return f"{path}#{fragment}" if fragment else path
 
-    return with_links(reply.text, change)
+    return with_links(html, change)
 
 
-def _resolved(reply: httpx.Response, link: str) -> str:
+def _resolved(page: _Visited, link: str) -> str:
     """Return where a link on a page leads; ``?`` alone leads to the page without its query."""
-    page = str(reply.url)
-    return urljoin(page.partition("?")[0] if link.startswith("?") else page, link)
+    base = page.url.partition("?")[0] if link.startswith("?") else page.url
+    return urljoin(base, link)
 
 
 def _address(url: str) -> str:
     return url.removeprefix(_ORIGIN).partition("#")[0]
-
-
-def _type_of(reply: httpx.Response) -> str:
-    return str(reply.headers.get("content-type", "")).partition(";")[0]
 
 
 def _name(address: str, media_type: str) -> str:

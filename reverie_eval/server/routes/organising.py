@@ -9,9 +9,11 @@ from reverie_eval.schemas.organising import (
     AuditReport,
     GrantReport,
     ImportReport,
+    MergeReport,
     NewCorrection,
     NewGrant,
     NewImport,
+    NewMerge,
     NewNews,
     NewNotice,
     NewPerson,
@@ -30,6 +32,7 @@ from reverie_eval.schemas.organising import (
     TeamReport,
     TokenReport,
 )
+from reverie_eval.schemas.personal_data import PersonalData
 from reverie_eval.schemas.service import NewsReport
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
@@ -39,8 +42,10 @@ from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.service import (
     attempts,
     audit,
+    merging,
     news,
     people,
+    personal_data,
     quotas,
     reported,
     reviews,
@@ -70,6 +75,12 @@ def add_team(new: NewTeam, organiser: Organiser) -> TeamReport:
     return organiser.perform(people.add_team, new)
 
 
+@router.post("/teams/merge", responses=problems("not-found", "conflict"))
+def merge_teams(new: NewMerge, organiser: Organiser) -> MergeReport:
+    """Give one team's people, submissions and grants to another, as if it had always been one."""
+    return organiser.perform(merging.merge_teams, new)
+
+
 @router.patch("/teams/{name:path}", responses=problems("not-found", "conflict"))
 def rename_team(name: TeamName, new: NewTeam, organiser: Organiser) -> TeamReport:
     """Rename a team; its receipts keep the name under which they were signed."""
@@ -87,6 +98,19 @@ def list_people(organiser: Organiser, paging: Paging) -> list[PersonReport]:
 def add_person(new: NewPerson, organiser: Organiser) -> PersonReport:
     """Add a person to a team."""
     return organiser.perform(people.add_person, new)
+
+
+@router.get("/people/{person_id}", responses=problems("not-found"))
+def show_personal_data(person_id: Number, organiser: Organiser) -> PersonalData:
+    """Return all that the server stores about a person."""
+    with organiser.snapshot() as snapshot:
+        return personal_data.personal_data(snapshot.session, person_id)
+
+
+@router.delete("/people/{person_id}", responses=problems("not-found", "conflict"))
+def delete_person(person_id: Number, organiser: Organiser) -> PersonReport:
+    """Remove a person's name and address, and revoke their tokens; results and the log stay."""
+    return organiser.perform(personal_data.delete_person, person_id)
 
 
 @router.patch("/people/{person_id}", responses=problems("not-found", "conflict"))
@@ -108,7 +132,7 @@ def create_token(new: NewToken, organiser: Organiser) -> NewTokenReport:
     return organiser.perform(tokens.create_token, new)
 
 
-@router.delete("/tokens/{hint}", responses=problems("not-found"))
+@router.delete("/tokens/{hint}", responses=problems("not-found", "conflict"))
 def revoke_token(hint: Hint, organiser: Organiser) -> TokenReport:
     """Revoke a token, with the browser sessions that began with it."""
     return organiser.perform(tokens.revoke_token, hint)

@@ -175,8 +175,8 @@ def totals(session: Session) -> Totals:
     """Count teams and people, and add up the sizes of uploads."""
     counted = session.execute(
         select(
-            select(func.count()).select_from(Team).scalar_subquery(),
-            select(func.count()).select_from(Person).scalar_subquery(),
+            select(func.count()).where(Team.merged_at.is_(None)).scalar_subquery(),
+            select(func.count()).where(Person.deleted_at.is_(None)).scalar_subquery(),
             select(func.coalesce(func.sum(Submission.size), 0)).scalar_subquery(),
             select(func.count())
             .select_from(JoinRequest)

@@ -69,7 +69,7 @@ _REPEATABLE = frozenset(
     }
 )
 """Actions that may happen to a row several times; the row shows only the last."""
-_NAMING = ("person added", "person changed")
+_NAMING = ("person added", "person changed", "person deleted")
 """Actions that give a person a name."""
 _PERSON = re.compile(r"person:([0-9]{1,9})")
 _SWITCHES = {
@@ -357,12 +357,18 @@ def _mismatched_keys(session: Session) -> Iterator[str]:
 
 
 def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
-    """Return all names that each team has had, by its current name."""
+    """Return all names that each team and those merged into it have had, by its current name."""
     names = defaultdict(set)
     for row, name in _recorded_names(session):
         names[row].add(name)
-    teams = session.execute(select(Team.id, Team.name))
-    return {name: frozenset(names[f"{Team.__tablename__}:{key}"] | {name}) for key, name in teams}
+    # In the order in which they were merged, so that names pass through every team on their way.
+    teams = session.scalars(select(Team).order_by(Team.merged_at)).all()
+    for team in teams:
+        names[row_name(team)].add(team.name)
+    for team in teams:
+        if team.merged_into is not None:
+            names[row_name(team.merged_into)] |= names[row_name(team)]
+    return {team.name: frozenset(names[row_name(team)]) for team in teams}
 
 
 def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
@@ -382,7 +388,9 @@ def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str, str]]:
 
 _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (Team, select(literal("team added"), Team.id, Team.created_at)),
+    (Team, select(literal("team merged"), Team.id, Team.merged_at)),
     (Person, select(literal("person added"), Person.id, Person.created_at)),
+    (Person, select(literal("person deleted"), Person.id, Person.deleted_at)),
     (JoinRequest, select(JoinRequest.decision, JoinRequest.id, JoinRequest.decided_at)),
     (Token, select(Token.kind.concat(" token created"), Token.id, Token.created_at)),
     # Using an invitation is not logged; creating the token that it was exchanged for is.
@@ -393,6 +401,7 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (Submission, select(literal(_SUBMITTED), Submission.id, null())),
     (Submission, select(literal("changed"), Submission.id, Submission.published_at)),
     (Submission, select(literal("changed"), Submission.id, Submission.withdrawn_at)),
+    (Submission, select(literal("upload deleted"), Submission.id, Submission.upload_deleted_at)),
     (Submission, select(literal("scored again"), Submission.id, Submission.rescored_at)),
     (Grant, select(literal("granted"), Grant.id, Grant.created_at)),
     (Review, select(Review.verdict, Review.id, Review.created_at)),

@@ -13,7 +13,7 @@ from threading import Lock
 from typing import Any
 
 import msgspec
-from sqlalchemy import ColumnElement, Text, cast, func, literal, select
+from sqlalchemy import ColumnElement, Text, cast, exists, func, literal, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE
@@ -150,24 +150,33 @@ class EntriesCache:
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
         """Count the submissions of each team to a split, published or not.
 
-        None is ever deleted, so only new ones have to be counted after the first time.
+        None is ever deleted, so only new ones have to be counted after the first time, unless teams
+        were merged.
         """
         number = _last_recorded(session)
         known, counts = self._counts
+        if known and known < number and _were_teams_merged(session, known):
+            known, counts = 0, {}
         if known < number:
             # Of all splits: asked for one, SQLite would look through all of its submissions.
             chosen = select(Submission.split, Submission.team_id, func.count())
+            chosen = chosen.where(Submission.repeat == "")
+            counts = defaultdict(Counter, {each: Counter(of) for each, of in counts.items()})
             if known:
                 new = select(AuditEntry.subject).where(
                     AuditEntry.id > known, AuditEntry.action == _SUBMITTED
                 )
                 chosen = chosen.where(Submission.id.in_(new))
-            counts = defaultdict(Counter, {each: Counter(of) for each, of in counts.items()})
             grouped = chosen.group_by(Submission.split, Submission.team_id)
             for of_split, team_id, submissions in session.execute(grouped):
                 counts[of_split][team_id] += submissions
             self._counts = number, counts
         return counts.get(split, {})
+
+
+def _were_teams_merged(session: Session, since: int) -> bool:
+    merged = exists().where(AuditEntry.id > since, AuditEntry.action == "team merged")
+    return bool(session.scalar(select(merged)))
 
 
 def _read_entries(session: Session, board: Board, number: int, now: datetime) -> BoardEntries:

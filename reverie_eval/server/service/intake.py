@@ -201,6 +201,7 @@ class Intake:
         """Return the earlier submission that this one repeats, or None."""
         same_file = and_(
             Submission.team_id == person.team_id,
+            Submission.repeat == "",
             Submission.split == split,
             Submission.sha256 == sha256,
         )

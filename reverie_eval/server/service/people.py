@@ -31,7 +31,7 @@ def add_team(transaction: Transaction, new: NewTeam) -> TeamReport:
         If a team has that name.
     """
     team = Team(name=new.name, created_at=transaction.now)
-    _write(transaction, team, f"there is a team {team.name!r} already")
+    _write(transaction, team, _name_is_taken(team.name))
     transaction.record("team added", team, team.name)
     return team_report(team)
 
@@ -48,7 +48,7 @@ def rename_team(transaction: Transaction, name: str, new: NewTeam) -> TeamReport
     """
     team = team_named(transaction.session, name)
     team.name = new.name
-    _write(transaction, team, f"there is a team {team.name!r} already")
+    _write(transaction, team, _name_is_taken(team.name))
     transaction.record("team renamed", team, name, before=name, after=team.name)
     return team_report(team)
 
@@ -109,24 +109,27 @@ def change_person(transaction: Transaction, person_id: int, change: PersonChange
 
 def list_teams(session: Session, page: Page) -> Listed[TeamReport]:
     """List the teams by name."""
-    teams = select(Team).options(selectinload(Team.people))
+    teams = select(Team).where(Team.merged_at.is_(None)).options(selectinload(Team.people))
     return list_page(session, teams, Team.name, page, team_report)
 
 
 def list_people(session: Session, page: Page) -> Listed[PersonReport]:
     """List all people in the order in which they were added."""
-    return list_page(session, select(Person), Person.id, page, person_report)
+    people = select(Person).where(Person.deleted_at.is_(None))
+    return list_page(session, people, Person.id, page, person_report)
 
 
 def names_of_teams(session: Session) -> Sequence[str]:
     """Return the names of all teams."""
-    return session.scalars(select(Team.name).order_by(Team.name)).all()
+    current = select(Team.name).where(Team.merged_at.is_(None))
+    return session.scalars(current.order_by(Team.name)).all()
 
 
 def everybody(session: Session) -> Sequence[PersonReport]:
     """Return all people by name, and by team if several have it."""
-    people = select(Person).join(Team, Person.team_id == Team.id).order_by(Person.name, Team.name)
-    return [person_report(person) for person in session.scalars(people)]
+    people = select(Person).join(Team, Person.team_id == Team.id)
+    current = people.where(Person.deleted_at.is_(None)).order_by(Person.name, Team.name)
+    return [person_report(person) for person in session.scalars(current)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,11 +149,11 @@ def team_of(session: Session, person: Person, most: int, view: View) -> TeamView
     """Return a person's team, with its latest submissions."""
     of_team = Submission.team_id == person.team_id
     latest = select(Submission).where(of_team).order_by(Submission.received_at.desc()).limit(most)
-    members = select(Person).where(Person.team_id == person.team_id).order_by(Person.name)
+    members = select(Person).where(Person.team_id == person.team_id, Person.deleted_at.is_(None))
     tokens = select(Token).where(Token.person_id == person.id).order_by(Token.id.desc())
     counted = select(func.count()).select_from(Submission).where(of_team)
     return TeamView(
-        people=session.scalars(members).all(),
+        people=session.scalars(members.order_by(Person.name)).all(),
         submissions=[view.report(row) for row in session.scalars(latest)],
         submitted=session.scalar(counted) or 0,
         tokens=session.scalars(tokens).all(),
@@ -158,10 +161,12 @@ def team_of(session: Session, person: Person, most: int, view: View) -> TeamView
 
 
 def team_named(session: Session, name: str) -> Team:
-    """Return a team by name; raise NotFoundError if it does not exist."""
+    """Return a team by name; raise NotFoundError if it does not exist, or was merged."""
     team = session.scalars(select(Team).where(Team.name == name)).first()
     if team is None:
         raise NotFoundError(f"there is no team {name!r}")
+    if team.merged_into is not None:
+        raise NotFoundError(f"the team {name!r} was merged into {team.merged_into.name!r}")
     return team
 
 
@@ -175,10 +180,10 @@ def person_named(session: Session, name: str, team: str | None = None) -> Person
     ConflictError
         If several teams have one; names them.
     """
-    chosen = select(Person).where(Person.name == name).order_by(Person.id)
+    chosen = select(Person).where(Person.name == name, Person.deleted_at.is_(None))
     if team is not None:
         chosen = chosen.join(Team, Person.team_id == Team.id).where(Team.name == team)
-    found = session.scalars(chosen).all()
+    found = session.scalars(chosen.order_by(Person.id)).all()
     if not found and team is not None:
         raise NotFoundError(f"the team {team!r} has no person {name!r}")
     if not found:
@@ -195,14 +200,14 @@ def person_named(session: Session, name: str, team: str | None = None) -> Person
 def find_person(session: Session, person_id: int) -> Person:
     """Return a person by number; raise NotFoundError if it does not exist."""
     person = session.get(Person, person_id)
-    if person is None:
+    if person is None or person.deleted_at is not None:
         raise NotFoundError(f"there is no person number {person_id}; the list of people has all")
     return person
 
 
 def team_report(team: Team) -> TeamReport:
     """Return a team as organisers see it."""
-    people = sorted(person.name for person in team.people)
+    people = sorted(person.name for person in team.people if person.deleted_at is None)
     return TeamReport(name=team.name, people=people, created_at=team.created_at)
 
 
@@ -216,6 +221,10 @@ def person_report(person: Person) -> PersonReport:
         role=person.role,
         created_at=person.created_at,
     )
+
+
+def _name_is_taken(name: str) -> str:
+    return f"there is a team {name!r} already, or was one before it was merged with another"
 
 
 def _write(transaction: Transaction, row: Team | Person, taken: str) -> None:

@@ -44,7 +44,7 @@ def quota_usages(
     # Of all splits, or SQLite looks through everybody's submissions to the one that is asked for.
     received = session.execute(
         select(Submission.split, Submission.received_at, Submission.team_id, Submission.person_id)
-        .where(theirs, Submission.received_at > since)
+        .where(theirs, Submission.received_at > since, Submission.repeat == "")
         .order_by(Submission.received_at)
     )
     of_team: defaultdict[str, list[datetime]] = defaultdict(list)

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from typing import NamedTuple, TypeAlias
 
 from sqlalchemy import func, select
@@ -41,6 +42,7 @@ class Job(NamedTuple):
     submission_id: str
     sha256: str
     has_intervals: bool
+    upload_deleted_at: datetime | None
 
 
 Outcome: TypeAlias = ScoreReport | str
@@ -56,6 +58,8 @@ class Scorer:
 
     def __call__(self, job: Job) -> Outcome:
         """Return the new report of a submission, or why it cannot be scored again."""
+        if job.upload_deleted_at is not None:
+            return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
         try:
             return self._score(job)
         except SubmissionError as error:
@@ -178,13 +182,14 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
             Submission.report["signature"].as_string(),
             Submission.report["fingerprint"].as_string(),
             Submission.published_at,
+            Submission.upload_deleted_at,
         )
         .where(Submission.split == board.name)
         .order_by(Submission.received_at, Submission.id)
     )
     return [
-        Job(name, sha256, has_intervals=published is not None and not board.is_private)
-        for name, sha256, signature, fingerprint, published in session.execute(chosen)
+        Job(name, sha256, published is not None and not board.is_private, deleted)
+        for name, sha256, signature, fingerprint, published, deleted in session.execute(chosen)
         if not board.is_current(signature, fingerprint)
     ]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import select, tuple_
 from sqlalchemy.orm import Session
@@ -30,7 +30,7 @@ from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
 from reverie_eval.server.service.reviews import find_submission, standing_reviews
 from reverie_eval.server.service.transactions import Transactions
-from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.database import AT_ONCE, Database
 from reverie_eval.server.store.tables import Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
 
@@ -64,6 +64,18 @@ def list_submissions(
         rows = rows.where(place < tuple_(last.received_at, last.id))
     found = session.scalars(rows.limit(page.limit + 1)).all()
     return cut(found, page, view.report, lambda row: row.id)
+
+
+def all_submissions(
+    session: Session, *, split: str | None, team: str | None
+) -> Iterator[Submission]:
+    """Yield the submissions of all teams, the latest first; only those to a split or of a team."""
+    rows = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
+    if split is not None:
+        rows = rows.where(Submission.split == split)
+    if team is not None:
+        rows = rows.where(Submission.team.has(name=team))
+    yield from session.scalars(rows.execution_options(yield_per=AT_ONCE))
 
 
 def submission_of(
@@ -104,15 +116,19 @@ def submission_report(row: Submission) -> SubmissionReport:
         report=ScoreReport.model_validate(row.report),
         receipt=Receipt.model_validate(row.receipt),
         earlier=list(map(EarlierResult.model_validate, row.earlier)),
-        status="withdrawn"
-        if row.withdrawn_at
-        else "published"
-        if row.published_at
-        else "unpublished",
+        status=status_of(row),
         published_at=row.published_at,
         withdrawn_at=row.withdrawn_at,
         anonymous_until=row.anonymous_until,
+        upload_deleted_at=row.upload_deleted_at,
     )
+
+
+def status_of(row: Submission) -> Literal["unpublished", "published", "withdrawn"]:
+    """Return whether everyone sees a submission."""
+    if row.withdrawn_at:
+        return "withdrawn"
+    return "published" if row.published_at else "unpublished"
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +211,14 @@ class SubmissionService:
         return View(self.embargo, now)
 
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
-        """Return the submitted file, unpacked and otherwise unchanged, in pieces."""
+        """Return the submitted file, unpacked and otherwise unchanged, in pieces.
+
+        Raises
+        ------
+        NotFoundError
+            If it was deleted.
+        """
+        _check_upload(submission)
         return self.uploads.pieces(submission.sha256)
 
     def episodes(self, submission: SubmissionReport) -> Scores:
@@ -204,10 +227,11 @@ class SubmissionService:
         Raises
         ------
         NotFoundError
-            For every submission to a private split; also if the ground truth or the protocol has
-            changed since the submission was scored.
+            For every submission to a private split; also if the file was deleted, or the ground
+            truth or the protocol has changed since the submission was scored.
         """
         board = board_named(self.boards, submission.split)
+        _check_upload(submission)
         if board.is_private:
             raise NotFoundError("per-episode values of private splits are never released")
         if not board.measures_as(submission.report):
@@ -292,7 +316,8 @@ class SubmissionService:
         """
         board = board_named(self.boards, known.split)
         is_drawn = known.report.intervals is not None
-        if board.is_private or is_drawn or not board.measures_as(known.report):
+        is_gone = known.upload_deleted_at is not None
+        if board.is_private or is_drawn or is_gone or not board.measures_as(known.report):
             return None
         scores = board.score(board.read(self.uploads.get(known.sha256)))
         try:
@@ -300,6 +325,15 @@ class SubmissionService:
         except ProtocolError:  # no intervals from a single target
             return None
         return None if drawn is None else drawn.model_dump(mode="json")
+
+
+def _check_upload(submission: SubmissionReport) -> None:
+    if submission.upload_deleted_at is not None:
+        day = f"{submission.upload_deleted_at:%Y-%m-%d}"
+        raise NotFoundError(
+            f"the file was deleted on {day}: this server keeps files of submissions that are not "
+            "published only for some time; scores and receipt stay"
+        )
 
 
 def _row_of(session: Session, person: Person, submission_id: str) -> Submission:

@@ -20,7 +20,13 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewToken, NewTokenReport, TokenKind, TokenReport
 from reverie_eval.schemas.service import Welcome
-from reverie_eval.server.errors import ForgedError, MalformedError, NotFoundError, NotSignedInError
+from reverie_eval.server.errors import (
+    ConflictError,
+    ForgedError,
+    MalformedError,
+    NotFoundError,
+    NotSignedInError,
+)
 from reverie_eval.server.service.paging import Listed, Page, list_page
 from reverie_eval.server.service.people import person_named, team_named
 from reverie_eval.server.service.transactions import Transaction
@@ -96,8 +102,35 @@ def revoke_tokens_of_person(
     transaction: Transaction, name: str, team: str | None = None
 ) -> list[TokenReport]:
     """Revoke all tokens of a person; raises the errors of :func:`person_named`."""
-    person = person_named(transaction.session, name, team)
+    return revoke_all(transaction, person_named(transaction.session, name, team))
+
+
+def revoke_all(transaction: Transaction, person: Person) -> list[TokenReport]:
+    """Revoke all tokens and invitations of a person."""
     return _revoke_valid(transaction, Token.person_id == person.id)
+
+
+def has_organiser(session: Session, now: datetime) -> bool:
+    """Whether an organiser has a valid token."""
+    is_valid = Token.revoked_at.is_(None) & (Token.expires_at.is_(None) | (Token.expires_at > now))
+    tokens = select(Token.id).join(Person, Token.person_id == Person.id)
+    tokens = tokens.where(Person.role == "organiser", Token.kind == "access", is_valid)
+    return session.scalar(select(tokens.exists())) or False
+
+
+def check_organiser_left(transaction: Transaction) -> None:
+    """Make sure that an organiser can still sign in.
+
+    Raises
+    ------
+    ConflictError
+        If none has a valid token.
+    """
+    if not has_organiser(transaction.session, transaction.now):
+        raise ConflictError(
+            "no organiser would have a valid token then; first create a token for an organiser who "
+            "stays, or do this with `reverie-eval server` on the server's machine"
+        )
 
 
 def list_tokens(session: Session, page: Page) -> Listed[TokenReport]:

@@ -50,7 +50,11 @@ class Team(Base):
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(String(100), unique=True)
     created_at: Mapped[datetime]
+    merged_at: Mapped[datetime | None]
+    merged_into_id: Mapped[int | None] = mapped_column(ForeignKey("team.id"))
+    """The team that has had its people, submissions and grants since."""
     people: Mapped[list["Person"]] = relationship(back_populates="team")
+    merged_into: Mapped["Team | None"] = relationship(remote_side="Team.id")
 
 
 class Person(Base):
@@ -66,6 +70,8 @@ class Person(Base):
     """Never shown to others than organisers and the person."""
     role: Mapped[Role]
     created_at: Mapped[datetime]
+    deleted_at: Mapped[datetime | None]
+    """When the person's name and address were removed; what they did stays."""
     team: Mapped[Team] = relationship(back_populates="people", lazy="joined", innerjoin=True)
 
 
@@ -127,7 +133,7 @@ class Submission(Base):
 
     __tablename__ = "submission"
     __table_args__ = (
-        Index("one_per_file", "split", "team_id", "sha256", unique=True),
+        Index("one_per_file", "split", "team_id", "sha256", "repeat", unique=True),
         Index("one_per_key", "person_id", "idempotency_key", unique=True),
         # Quotas, and the lists of a team; with the size, how much a team has sent.
         Index("by_team", "team_id", "received_at", "size"),
@@ -159,6 +165,13 @@ class Submission(Base):
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
     anonymous_until: Mapped[datetime | None]
+    upload_deleted_at: Mapped[datetime | None]
+    """When its file was deleted, because it was old and not published."""
+    repeat: Mapped[str] = mapped_column(String(32), default="")
+    """Its own id if its team has an earlier submission of the file, else empty.
+
+    Only merging two teams makes repeats; they use no quota. Of the others, the index allows one.
+    """
     team: Mapped[Team] = relationship(lazy="joined", innerjoin=True)
     person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)
 

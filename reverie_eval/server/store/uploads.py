@@ -54,6 +54,9 @@ class Uploads(Protocol):
         Nothing stays open between two pieces, so a reader may stop at any time.
         """
 
+    def delete(self, sha256: str) -> None:
+        """Delete an upload; deleting it again changes nothing."""
+
     def names(self) -> Iterator[str]:
         """Return the names of all files; complete uploads are named by :func:`name_of`."""
 
@@ -112,9 +115,7 @@ class FolderUploads:
         path = self._path(sha256)
         with self._making:
             _make_folder(path.parent)
-        if path.exists():
-            yield partial(_sync_folder, path.parent)  # another request may have just renamed it
-            return
+        # Also if the file exists: it may be deleted before this one is kept.
         with NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
             hidden = Path(file.name)
             try:
@@ -139,6 +140,10 @@ class FolderUploads:
         path = self._path(sha256)
         starts = range(0, path.stat().st_size, PIECE)
         return _unpack_pieces(_piece(path, start) for start in starts)
+
+    def delete(self, sha256: str) -> None:
+        """Remove the file."""
+        self._path(sha256).unlink(missing_ok=True)
 
     def names(self) -> Iterator[str]:
         """List the files, including incomplete ones after a crash."""
@@ -231,6 +236,11 @@ class S3Uploads:
         starts = range(0, known["ContentLength"], PIECE)
         ranges = (f"bytes={start}-{start + PIECE - 1}" for start in starts)
         return _unpack_pieces(self._read(sha256, Range=each) for each in ranges)
+
+    def delete(self, sha256: str) -> None:
+        """Remove the object."""
+        with self._asking():
+            self._client.delete_object(Bucket=self._bucket, Key=self._key(sha256))
 
     def names(self) -> Iterator[str]:
         """List the objects."""

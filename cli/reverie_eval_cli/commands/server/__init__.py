@@ -20,12 +20,15 @@ server = LazyGroup(
         },
         "Results": {
             "submit": "submit:submit",
+            "submissions": "review:submissions",
+            "review": "review:review",
             "rescore": "rescore:rescore",
             "import": "reported:import_results",
             "reported": "reported:reported",
         },
         "Keep": {
             "doctor": "folder:doctor",
+            "tidy": "tidy:tidy",
             "audit": "audit:audit",
             "key": "key:key",
             "news": "news:news",

@@ -1,5 +1,6 @@
-"""``reverie-eval server person add|edit|import|list|revoke FOLDER``."""
+"""``reverie-eval server person add|edit|import|list|revoke|export|delete FOLDER``."""
 
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,15 @@ import click
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, minute, print_list, read_text, reading
+from reverie_eval_cli.organising import (
+    acting,
+    checked,
+    minute,
+    print_list,
+    read_text,
+    reading,
+    revoking,
+)
 from reverie_eval_cli.output import note
 
 if TYPE_CHECKING:
@@ -18,7 +27,7 @@ if TYPE_CHECKING:
 
 @click.group(cls=Group)
 def person() -> None:
-    """Add, edit, import and list people, and revoke their tokens."""
+    """Add, edit, import, list, export and delete people, and revoke their tokens."""
 
 
 @person.command()
@@ -137,6 +146,43 @@ def revoke(*, folder: Path, name: str, team: str | None) -> None:
     """
     from reverie_eval.server.service.tokens import revoke_tokens_of_person
 
-    with acting(folder) as transaction:
+    with revoking(folder) as transaction:
         revoked = revoke_tokens_of_person(transaction, name, team)
     print(f"{name}: {count_text(len(revoked), 'token')} revoked")
+
+
+@person.command()
+@options.server_folder
+@click.argument("name")
+@options.of_team
+def export(*, folder: Path, name: str, team: str | None) -> None:
+    """Print all that the server stores about a person, as JSON."""
+    from reverie_eval.server.service.people import person_named
+    from reverie_eval.server.service.personal_data import personal_data
+
+    with reading(folder) as session:
+        data = personal_data(session, person_named(session, name, team).id)
+    print(data.model_dump_json(indent=2))
+
+
+@person.command()
+@options.server_folder
+@click.argument("name")
+@options.of_team
+@click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
+def delete(*, folder: Path, name: str, team: str | None, yes: bool) -> None:
+    """Remove a person's name and address, and revoke their tokens.
+
+    Results and the audit log stay, under a neutral name. There is no way back but a backup.
+    """
+    from reverie_eval.server.service.people import person_named
+    from reverie_eval.server.service.personal_data import delete_person
+
+    if not yes:
+        if not sys.stdin.isatty():
+            raise click.UsageError("deleting a person cannot be undone; confirm it with --yes")
+        click.confirm(f"Delete {name}? This cannot be undone.", abort=True, err=True)
+    with revoking(folder) as transaction:
+        person_id = person_named(transaction.session, name, team).id
+        deleted = delete_person(transaction, person_id)
+    print(f"{name} is {deleted.name} now")

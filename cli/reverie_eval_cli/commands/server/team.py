@@ -1,4 +1,4 @@
-"""``reverie-eval server team add|rename|list|revoke FOLDER``."""
+"""``reverie-eval server team add|rename|merge|list|revoke FOLDER``."""
 
 from functools import partial
 from pathlib import Path
@@ -8,12 +8,12 @@ import click
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
+from reverie_eval_cli.organising import acting, checked, minute, print_list, reading, revoking
 
 
 @click.group(cls=Group)
 def team() -> None:
-    """Add, rename and list teams, and revoke their tokens."""
+    """Add, rename, merge and list teams, and revoke their tokens."""
 
 
 @team.command()
@@ -51,6 +51,29 @@ def rename(*, folder: Path, name: str, new_name: str) -> None:
     print(f"team {name} renamed to {renamed.name}")
 
 
+@team.command()
+@options.server_folder
+@click.argument("name")
+@click.argument("into")
+def merge(*, folder: Path, name: str, into: str) -> None:
+    """Give a team's people, submissions and grants to another.
+
+    Quotas count the submissions of both, as if the team INTO had always been one. There is no way
+    back but a backup. Receipts keep the NAME under which they were signed.
+    """
+    from reverie_eval.schemas.organising import NewMerge
+    from reverie_eval.server.service.merging import merge_teams
+
+    new = checked(NewMerge, team=name, into=into)
+    with acting(folder) as transaction:
+        report = merge_teams(transaction, new)
+    people = count_text(report.people, "person", "people")
+    submissions = count_text(report.submissions, "submission")
+    print(f"{people} and {submissions} of {name} are of {into} now")
+    if report.repeats:
+        print(f"{count_text(report.repeats, 'file')} had been submitted by both")
+
+
 @team.command("list")
 @options.server_folder
 def list_teams(*, folder: Path) -> None:
@@ -74,6 +97,6 @@ def revoke(*, folder: Path, name: str) -> None:
     """
     from reverie_eval.server.service.tokens import revoke_tokens_of_team
 
-    with acting(folder) as transaction:
+    with revoking(folder) as transaction:
         revoked = revoke_tokens_of_team(transaction, name)
     print(f"{name}: {count_text(len(revoked), 'token')} revoked")

@@ -9,7 +9,16 @@ import click
 
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, after, checked, minute, now, print_list, reading
+from reverie_eval_cli.organising import (
+    acting,
+    after,
+    checked,
+    minute,
+    now,
+    print_list,
+    reading,
+    revoking,
+)
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.organising import TokenReport
@@ -73,7 +82,7 @@ def revoke_token(*, folder: Path, begins: str) -> None:
     """
     from reverie_eval.server.service import tokens
 
-    with acting(folder) as transaction:
+    with revoking(folder) as transaction:
         revoked = tokens.revoke_token(transaction, begins)
     print(f"token {revoked.hint} of {revoked.person} revoked")
 

@@ -7,14 +7,14 @@ from fastapi import APIRouter, Path
 from fastapi.responses import Response
 
 from reverie_eval.schemas.joining import NewPeopleImport
-from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken, PersonChange
+from reverie_eval.schemas.organising import NewMerge, NewPerson, NewTeam, NewToken, PersonChange
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.http.callers import Call, Desk, Posted
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.pages.rendering import address_of_site
-from reverie_eval.server.service import people, people_files, tokens
+from reverie_eval.server.service import merging, people, people_files, personal_data, tokens
 
 router = APIRouter()
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
@@ -69,6 +69,22 @@ def rename_team(desk: Desk, form: Posted) -> Response:
     forms.show_faults(desk, {"old_name": team, "new_name": name}, draw)
     desk.perform(people.rename_team, team, read_model(NewTeam, {"name": name}))
     return forms.done(PAGE, "renamed")
+
+
+@router.post(f"{PAGE}/teams/merge")
+def merge_teams(desk: Desk, form: Posted) -> Response:
+    """Merge two teams."""
+    typed = forms.typed_by(desk, form, draw)
+    new = read_model(NewMerge, typed)
+    if not forms.is_confirmed(form):
+        question = f"Merge {new.team} into {new.into}?"
+        remark = (
+            f"All people, submissions and grants of {new.team} go to {new.into}. Quotas count the "
+            "submissions of both. This cannot be undone."
+        )
+        return forms.ask(desk, typed, question=question, remark=remark, yes="Merge", back=PAGE)
+    desk.perform(merging.merge_teams, new)
+    return forms.done(PAGE, "merged")
 
 
 @router.post(PAGE)
@@ -182,3 +198,30 @@ def change_person(person_id: Number, desk: Desk, form: Posted) -> Response:
     change = read_model(PersonChange, {**typed, "email": typed.get("email") or None})
     desk.perform(people.change_person, person_id, change)
     return forms.done(f"{PAGE}/{person_id}", "changed")
+
+
+@router.get(f"{PAGE}/{{person_id}}/data")
+def download_data(person_id: Number, desk: Desk) -> Response:
+    """Return all that the server stores about a person, as a file."""
+    with desk.snapshot() as snapshot:
+        data = personal_data.personal_data(snapshot.session, person_id)
+    headers = {"Content-Disposition": f'attachment; filename="person-{person_id}.json"'}
+    return Response(data.model_dump_json(indent=2), media_type="application/json", headers=headers)
+
+
+@router.post(f"{PAGE}/{{person_id}}/delete")
+def delete_person(person_id: Number, desk: Desk, form: Posted) -> Response:
+    """Remove a person's name and address."""
+    forms.show_faults(desk, {}, partial(draw_person, person_id))
+    if not forms.is_confirmed(form):
+        with desk.snapshot() as snapshot:
+            name = people.find_person(snapshot.session, person_id).name
+        question = f"Delete {name}?"
+        remark = (
+            "Their name and e-mail address are removed everywhere on this server, and their tokens "
+            "are revoked. Results of their team stay. This cannot be undone."
+        )
+        back = f"{PAGE}/{person_id}"
+        return forms.ask(desk, {}, question=question, remark=remark, yes="Delete them", back=back)
+    desk.perform(personal_data.delete_person, person_id)
+    return forms.done(PAGE, "deleted")

@@ -135,6 +135,12 @@ def upgrade() -> None:
         sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("name", sa.String(length=100), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("merged_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("merged_into_id", sa.Integer(), nullable=True),
+        sa.ForeignKeyConstraint(
+            ["merged_into_id"],
+            ["team.id"],
+        ),
         sa.PrimaryKeyConstraint("id"),
         sa.UniqueConstraint("name"),
     )
@@ -146,6 +152,7 @@ def upgrade() -> None:
         sa.Column("email", sa.String(length=254), nullable=True),
         sa.Column("role", sa.String(length=16), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("deleted_at", sa.DateTime(timezone=True), nullable=True),
         sa.ForeignKeyConstraint(
             ["team_id"],
             ["team.id"],
@@ -212,6 +219,8 @@ def upgrade() -> None:
         sa.Column("published_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("withdrawn_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("anonymous_until", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("upload_deleted_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("repeat", sa.String(length=32), nullable=False),
         sa.ForeignKeyConstraint(
             ["person_id"],
             ["person.id"],
@@ -228,7 +237,7 @@ def upgrade() -> None:
         batch_op.create_index("by_split", ["split", "received_at"], unique=False)
         batch_op.create_index("by_team", ["team_id", "received_at", "size"], unique=False)
         batch_op.create_index("by_time", ["received_at"], unique=False)
-        batch_op.create_index("one_per_file", ["split", "team_id", "sha256"], unique=True)
+        batch_op.create_index("one_per_file", ["split", "team_id", "sha256", "repeat"], unique=True)
         batch_op.create_index("one_per_key", ["person_id", "idempotency_key"], unique=True)
         batch_op.create_index(
             "shown",

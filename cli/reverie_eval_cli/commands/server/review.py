@@ -1,0 +1,91 @@
+"""``reverie-eval server submissions FOLDER`` and ``review add|list|lift FOLDER``."""
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+import click
+
+from reverie_eval.schemas.service import Verdict
+from reverie_eval_cli import options
+from reverie_eval_cli.groups import Group
+from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
+
+if TYPE_CHECKING:
+    from reverie_eval.server.store.tables import Submission
+
+
+@click.command()
+@options.server_folder
+@click.option("--split", metavar="NAME", help="Only those to this split.")
+@click.option("--team", metavar="NAME", help="Only those of this team.")
+def submissions(*, folder: Path, split: str | None, team: str | None) -> None:
+    """List the submissions of all teams, the latest first."""
+    from reverie_eval.server.service.submissions import all_submissions
+
+    with reading(folder) as session:
+        rows = [_cells(row) for row in all_submissions(session, split=split, team=team)]
+    headings = ("submission", "received (UTC)", "split", "team", "person", "method", "status")
+    print_list(headings, rows)
+
+
+def _cells(row: "Submission") -> tuple[str, ...]:
+    from reverie_eval.server.service.submissions import status_of
+
+    names = row.team.name, row.person.name, str(row.method["name"])
+    return row.id, minute(row.received_at), row.split, *names, status_of(row)
+
+
+@click.group(cls=Group)
+def review() -> None:
+    """Review submissions: public verdicts on them, each with a reason."""
+
+
+@review.command()
+@options.server_folder
+@click.argument("submission")
+@click.argument("verdict", type=options.Choice(get_args(Verdict)))
+@click.option("--reason", required=True, metavar="TEXT", help="The reason, which is public.")
+def add(*, folder: Path, submission: str, verdict: str, reason: str) -> None:
+    """Review a submission.
+
+    A disqualified result is shown apart, without a rank.
+    """
+    from reverie_eval.schemas.organising import NewReview
+    from reverie_eval.server.service.reviews import review as add_review
+
+    new = checked(NewReview, submission_id=submission, verdict=verdict, reason=reason)
+    with acting(folder) as transaction:
+        added = add_review(transaction, new)
+    print(f"review {added.id}: {submission} is {verdict}")
+
+
+@review.command("list")
+@options.server_folder
+def list_all(*, folder: Path) -> None:
+    """List all reviews with their numbers, the latest first."""
+    from reverie_eval.server.service.paging import all_pages
+    from reverie_eval.server.service.reviews import list_reviews
+
+    with reading(folder) as session:
+        known = list(all_pages(partial(list_reviews, session)))
+    rows = [
+        (
+            *(str(each.id), minute(each.created_at), each.submission_id),
+            *(each.verdict, each.reason, minute(each.lifted_at)),
+        )
+        for each in known
+    ]
+    print_list(("number", "made (UTC)", "submission", "verdict", "reason", "lifted (UTC)"), rows)
+
+
+@review.command()
+@options.server_folder
+@click.argument("number", type=click.IntRange(1))
+def lift(*, folder: Path, number: int) -> None:
+    """Lift a review."""
+    from reverie_eval.server.service.reviews import lift_review
+
+    with acting(folder) as transaction:
+        lift_review(transaction, number)
+    print(f"review {number} lifted")

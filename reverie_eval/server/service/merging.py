@@ -1,0 +1,77 @@
+"""Merging two teams, as if they had always been one.
+
+A team that was merged stays as a row, because receipts and the audit log have its name.
+"""
+
+from sqlalchemy import Update, func, select, update
+from sqlalchemy.orm import Session, aliased
+
+from reverie_eval.schemas.organising import MergeReport, NewMerge
+from reverie_eval.server.errors import ConflictError
+from reverie_eval.server.service.people import team_named
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.store.tables import Grant, Person, Submission, Team
+
+
+def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
+    """Give one team's people, submissions and grants to another.
+
+    Quotas count the submissions of both from then on. Of a file that both have submitted, only the
+    earlier submission counts. Receipts keep the name under which they were signed.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such team.
+    ConflictError
+        If the teams are the same, or have people of the same name.
+    """
+    session = transaction.session
+    team, into = team_named(session, new.team), team_named(session, new.into)
+    if team is into:
+        raise ConflictError("a team cannot be merged into itself; name two teams")
+    _check_names(team, into)
+    report = MergeReport(
+        team=team.name,
+        into=into.name,
+        people=sum(person.deleted_at is None for person in team.people),
+        submissions=_count(session, team),
+        repeats=_mark_repeats(session, team, into),
+    )
+    for table in (Person, Submission, Grant):
+        _run(session, update(table).where(table.team_id == team.id).values(team_id=into.id))
+    session.expire_all()
+    team.merged_into, team.merged_at = into, transaction.now
+    transaction.record("team merged", team, report.team, **report.model_dump(exclude={"team"}))
+    return report
+
+
+def _check_names(team: Team, into: Team) -> None:
+    shared = {person.name for person in team.people} & {person.name for person in into.people}
+    if shared:
+        names = ", ".join(map(repr, sorted(shared)))
+        raise ConflictError(f"both teams have a person called {names}; rename one of them first")
+
+
+def _count(session: Session, team: Team) -> int:
+    counted = select(func.count()).select_from(Submission).where(Submission.team_id == team.id)
+    return session.scalar(counted) or 0
+
+
+def _mark_repeats(session: Session, team: Team, into: Team) -> int:
+    """Mark the later of two submissions of the same file; return how many files both have."""
+    first, second = aliased(Submission), aliased(Submission)
+    pairs = session.execute(
+        select(first.id, first.received_at, second.id, second.received_at)
+        .join(second, (first.split == second.split) & (first.sha256 == second.sha256))
+        .where(first.team_id == into.id, first.repeat == "")
+        .where(second.team_id == team.id, second.repeat == "")
+    ).all()
+    for known, known_at, brought, brought_at in pairs:
+        later = brought if known_at <= brought_at else known
+        _run(session, update(Submission).where(Submission.id == later).values(repeat=later))
+    return len(pairs)
+
+
+def _run(session: Session, statement: Update) -> None:
+    session.execute(statement, execution_options={"synchronize_session": False})

@@ -1,0 +1,112 @@
+"""A person's data: all of it in one report, and its deletion.
+
+The audit log refers to persons by number, so deleting a name changes nothing in it, and the doctor
+finds the log unbroken. Results, and the log of what the person did, stay under a neutral name.
+"""
+
+from sqlalchemy import delete, or_, select, update
+from sqlalchemy.orm import InstrumentedAttribute, Session
+
+from reverie_eval.schemas.organising import PersonReport
+from reverie_eval.schemas.personal_data import PersonalData, SessionRecord, SubmissionRecord
+from reverie_eval.schemas.service import Method
+from reverie_eval.server.service.attempts import attempt_report
+from reverie_eval.server.service.audit import audit_reports, row_name
+from reverie_eval.server.service.people import find_person, person_report
+from reverie_eval.server.service.tokens import revoke_all, token_report
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.store.tables import (
+    Attempt,
+    AuditEntry,
+    Base,
+    BrowserSession,
+    News,
+    Notice,
+    Person,
+    ReportedResult,
+    Review,
+    Submission,
+    Token,
+)
+
+_SIGNED: tuple[tuple[type[Base], InstrumentedAttribute[int], InstrumentedAttribute[str]], ...] = (
+    (Review, Review.id, Review.reviewer),
+    (ReportedResult, ReportedResult.id, ReportedResult.added_by),
+    (Notice, Notice.id, Notice.posted_by),
+    (News, News.id, News.posted_by),
+)
+"""The rows that have the name of the organiser who wrote them: their keys, and where it stands."""
+
+
+def personal_data(session: Session, person_id: int) -> PersonalData:
+    """Return all that is stored about a person; NotFoundError if there is no such person."""
+    person = find_person(session, person_id)
+    tokens = session.scalars(
+        select(Token).where(Token.person_id == person.id).order_by(Token.id)
+    ).all()
+    sessions = select(BrowserSession).where(BrowserSession.token_id.in_([t.id for t in tokens]))
+    submissions = select(Submission).where(Submission.person_id == person.id)
+    attempts = select(Attempt).where(Attempt.person_id == person.id).order_by(Attempt.id)
+    name = row_name(person)
+    entries = select(AuditEntry).where(or_(AuditEntry.actor == name, AuditEntry.subject == name))
+    return PersonalData(
+        person=person_report(person),
+        tokens=list(map(token_report, tokens)),
+        sessions=[
+            SessionRecord.model_validate(row)
+            for row in session.scalars(sessions.order_by(BrowserSession.created_at))
+        ],
+        submissions=[
+            _submission_record(row)
+            for row in session.scalars(submissions.order_by(Submission.received_at))
+        ],
+        attempts=list(map(attempt_report, session.scalars(attempts))),
+        audit=audit_reports(session, session.scalars(entries.order_by(AuditEntry.id)).all()),
+    )
+
+
+def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
+    """Replace a person's name by a neutral one, remove their address, and revoke their tokens.
+
+    Results and the audit log stay.
+
+    Raises
+    ------
+    NotFoundError
+        If there is no such person, or they were deleted before.
+    """
+    session = transaction.session
+    person = find_person(session, person_id)
+    revoke_all(transaction, person)
+    owned = select(Token.id).where(Token.person_id == person.id)
+    session.execute(delete(BrowserSession).where(BrowserSession.token_id.in_(owned)))
+    person.name, person.email = f"deleted person {person.id}", None
+    person.deleted_at = transaction.now
+    _sign_anew(session, person)
+    name = transaction.audit_log.name_digest(person)
+    transaction.record("person deleted", person, person, name_digest=name)
+    return person_report(person)
+
+
+def _sign_anew(session: Session, person: Person) -> None:
+    """Put a person's present name below what they wrote, which the audit log tells."""
+    for table, key, signature in _SIGNED:
+        rows = AuditEntry.row.startswith(f"{table.__tablename__}:", autoescape=True)
+        written = select(AuditEntry.row).where(AuditEntry.actor == row_name(person), rows)
+        numbers = {int(row.partition(":")[2]) for row in session.scalars(written)}
+        changed = update(table).where(key.in_(numbers)).values({signature: person.name})
+        session.execute(changed, execution_options={"synchronize_session": False})
+
+
+def _submission_record(row: Submission) -> SubmissionRecord:
+    return SubmissionRecord(
+        id=row.id,
+        split=row.split,
+        team=row.team.name,
+        sha256=row.sha256,
+        size=row.size,
+        received_at=row.received_at,
+        published_at=row.published_at,
+        withdrawn_at=row.withdrawn_at,
+        method=Method.model_validate(row.method),
+    )

@@ -1,0 +1,92 @@
+"""Deleting files of old submissions that are not published; rows, scores and receipts stay.
+
+A file is deleted in the transaction that marks its submissions, so an upload of the same content
+either comes before and keeps the file, or comes after and stores it again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from sqlalchemy import and_, case, func, select
+from sqlalchemy.orm import Session
+
+from reverie_eval.server.service.transactions import Actor, Transactions
+from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.uploads import Uploads
+
+
+@dataclass(frozen=True, slots=True)
+class Tidied:
+    """What was deleted, or would be."""
+
+    submissions: Sequence[str]
+    """Whose files these were, the oldest first."""
+    files: int
+
+
+@dataclass(frozen=True, slots=True)
+class Retention:
+    """Deletes the files that a server need not keep."""
+
+    uploads: Uploads
+    transactions: Transactions
+    days: int | None
+    """How long files are kept; None for ever."""
+
+    def tidy(self, actor: Actor, *, dry_run: bool = False) -> Tidied:
+        """Delete the files of submissions that are old and not published.
+
+        A file that several submissions have is deleted once this holds for all of them.
+        """
+        if self.days is None:
+            return Tidied([], 0)
+        before = self.transactions.clock() - timedelta(days=self.days)
+        with self.transactions.database.reading() as session:
+            found = _expired(session, before)
+            if dry_run:
+                return Tidied(_names(session, found), len(found))
+        deleted: list[str] = []
+        files = 0
+        for sha256 in found:
+            names = self._delete(actor, sha256, before)
+            deleted += names
+            files += bool(names)
+        return Tidied(deleted, files)
+
+    def _delete(self, actor: Actor, sha256: str, before: datetime) -> Sequence[str]:
+        """Delete a file, unless it was published or sent again meanwhile."""
+        with self.transactions.begin(actor) as transaction:
+            session = transaction.session
+            if not _expired(session, before, sha256):
+                return []
+            chosen = select(Submission).where(
+                Submission.sha256 == sha256, Submission.upload_deleted_at.is_(None)
+            )
+            rows = session.scalars(chosen.order_by(Submission.received_at)).all()
+            for row in rows:
+                row.upload_deleted_at = transaction.now
+                transaction.record("upload deleted", row, row.id)
+            self.uploads.delete(sha256)
+            return [row.id for row in rows]
+
+
+def _expired(session: Session, before: datetime, sha256: str | None = None) -> Sequence[str]:
+    """Return the files of which all submissions came until a time and are not published."""
+    is_published = and_(Submission.published_at.is_not(None), Submission.withdrawn_at.is_(None))
+    chosen = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None))
+    if sha256 is not None:
+        chosen = chosen.where(Submission.sha256 == sha256)
+    latest = func.max(Submission.received_at)
+    published = func.sum(case((is_published, 1), else_=0))
+    grouped = chosen.group_by(Submission.sha256).having(latest <= before, published == 0)
+    return session.scalars(grouped.order_by(latest, Submission.sha256)).all()
+
+
+def _names(session: Session, files: Sequence[str]) -> Sequence[str]:
+    by_file: dict[str, list[str]] = {sha256: [] for sha256 in files}
+    chosen = select(Submission.sha256, Submission.id).where(Submission.upload_deleted_at.is_(None))
+    for sha256, name in session.execute(chosen.order_by(Submission.received_at)):
+        if sha256 in by_file:
+            by_file[sha256].append(name)
+    return [name for names in by_file.values() for name in names]

@@ -1,0 +1,122 @@
+"""Two teams that become one: what they share from then on, and what stays as it was."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from reverie_eval.schemas.organising import NewMerge, NewTeam
+from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.service.audit import all_names_of_teams
+from reverie_eval.server.service.merging import merge_teams
+from reverie_eval.server.service.people import rename_team
+from tests.support.acting import add_person, add_team
+from tests.support.flat import Run
+from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+
+MERGE = {"team": "Red", "into": "Blue"}
+
+
+def merge(server: Serving, **changes: str) -> Any:
+    return server.ask(ORGANISER, "POST", "/organiser/teams/merge", json=MERGE | changes)
+
+
+def used(server: Serving, who: str, split: str = PRIVATE) -> Mapping[str, int]:
+    """Count what was used of each window."""
+    quota = server.ask(who, "GET", f"/splits/{split}").json()["quota"]
+    return {each["name"]: each["limit"] - each["remaining"] for each in quota["windows"]}
+
+
+def test_quotas_are_those_of_one_team(server_on: Serving) -> None:
+    server = server_on
+    shared = server.distinct(PRIVATE)
+    server.upload(OTHER, shared, PRIVATE)
+    server.clock.turn(hours=23)
+    server.upload(OWNER, shared, PRIVATE)
+    server.upload(MATE, server.distinct(PRIVATE), PRIVATE)
+    assert (used(server, OWNER)["month"], used(server, OTHER)["month"]) == (2, 1)
+    report = merge(server).json()
+    assert report == {**MERGE, "people": 1, "submissions": 1, "repeats": 1}
+    assert used(server, OWNER) == used(server, OTHER) == {"day": 2, "month": 2, "year": 2}
+    server.clock.turn(hours=2)  # the earlier of the same file leaves the window
+    assert used(server, OWNER) == {"day": 1, "month": 2, "year": 2}
+    again = server.upload(OTHER, shared, PRIVATE)
+    assert (again.status_code, used(server, OTHER)["month"]) == (200, 2)
+
+
+def test_everything_of_the_team_goes_over_and_nothing_is_amiss(server: Serving) -> None:
+    mine, theirs = (server.upload(who).json()["submission"] for who in (OWNER, OTHER))
+    for who, each in ((OWNER, mine), (OTHER, theirs)):
+        path = f"/submissions/{each['id']}"
+        assert server.ask(who, "PATCH", path, json={"published": True}).status_code == 200
+    board = f"/splits/{OPEN}/leaderboard"
+    assert {row["submissions"] for row in server.ask(None, "GET", board).json()["rows"]} == {1}
+    server.upload(OTHER, server.distinct())
+    assert merge(server).status_code == 200
+    rows = server.ask(None, "GET", board).json()["rows"]
+    assert [(row["team"], row["submissions"]) for row in rows] == 2 * [("Blue", 2)]
+    seen = server.ask(MATE, "GET", f"/submissions/{theirs['id']}").json()
+    assert (seen["team"], seen["receipt"]) == ("Blue", theirs["receipt"])
+    assert seen["receipt"]["team"] == "Red"
+    assert server.ask(OTHER, "GET", "/me").json()["team"] == "Blue"
+    teams = server.ask(ORGANISER, "GET", "/organiser/teams").json()
+    assert [(team["name"], team["people"]) for team in teams] == [
+        ("Blue", ["Ada", "Ben", "Carl"]),
+        ("Organisers", ["Olga"]),
+    ]
+    assert [each for each in examine(server.state.settings.folder) if each.kind == "fault"] == []
+    last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
+    assert (last["action"], last["subject"], last["details"]["into"]) == (
+        "team merged",
+        "Red",
+        "Blue",
+    )
+
+
+def test_grants_go_over(server: Serving) -> None:
+    grant = {"team": "Red", "split": PRIVATE, "extra": 3, "reason": "x"}
+    grant["expires_at"] = "2026-04-01T00:00:00Z"
+    assert server.ask(ORGANISER, "POST", "/organiser/grants", json=grant).status_code == 201
+    merge(server)
+    quota = server.ask(OWNER, "GET", f"/splits/{PRIVATE}").json()["quota"]
+    assert quota["remaining"] == 5
+
+
+def test_names_pass_through_teams_that_were_merged_in_turn(server: Serving) -> None:
+    with server.acting() as transaction:
+        add_team(transaction, "Green")
+        rename_team(transaction, "Red", NewTeam(name="Crimson"))
+        merge_teams(transaction, NewMerge(team="Crimson", into="Green"))
+    server.clock.turn(hours=1)
+    with server.acting() as transaction:
+        merge_teams(transaction, NewMerge(team="Green", into="Blue"))
+        names = all_names_of_teams(transaction.session)
+    assert names["Blue"] == {"Blue", "Green", "Crimson", "Red"}
+    assert names["Green"] == {"Green", "Crimson", "Red"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "status", "told"),
+    [
+        pytest.param({"team": "Nobody's"}, 404, "there is no team", id="no team"),
+        pytest.param({"team": "Blue"}, 409, "into itself", id="itself"),
+        pytest.param({}, 409, "both teams have a person called 'Ada'; rename", id="the same name"),
+    ],
+)
+def test_what_is_not_merged(
+    changes: Mapping[str, str], status: int, told: str, server: Serving
+) -> None:
+    with server.acting() as transaction:
+        add_person(transaction, "Red", OWNER)
+    reply = merge(server, **changes)
+    assert (reply.status_code, told in reply.json()["detail"]) == (status, True)
+
+
+def test_the_name_of_a_merged_team_is_not_given_again(server: Serving, run: Run) -> None:
+    folder = str(server.state.settings.folder)
+    done = run("server", "team", "merge", folder, "Red", "Blue")
+    assert done.out == "1 person and 0 submissions of Red are of Blue now\n"
+    again = run("server", "team", "add", folder, "Red")
+    assert (again.status, "or was one before it was merged" in again.err) == (2, True)
+    person = run("server", "person", "add", folder, "Dora", "--team", "Red")
+    assert "the team 'Red' was merged into 'Blue'" in person.err

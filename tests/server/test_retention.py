@@ -1,0 +1,190 @@
+"""Files of old submissions that are not published: deleted by rule, and what knows of it."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event
+
+import pytest
+
+from reverie_eval.server.http.daily import daily
+from reverie_eval.server.operations.backup import write_backup
+from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.service.rescoring import Scorer, outdated
+from tests.support.flat import Run
+from tests.support.serving import (
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    OpenServer,
+    Serving,
+    replace_answers,
+    running,
+    settings_of,
+)
+from tests.support.visiting import said, signed_in
+
+DAYS = 30
+
+
+@pytest.fixture
+def server(open_server: OpenServer, folder: Path) -> Serving:
+    """Return a server that keeps files for 30 days."""
+    file = folder / "reverie-eval.toml"
+    file.write_text(f"keep_uploads_days = {DAYS}\n{file.read_text()}")
+    return open_server(settings_of(folder))
+
+
+def sent(server: Serving, who: str = OWNER, content: bytes | None = None) -> str:
+    content = server.distinct() if content is None else content
+    return str(server.upload(who, content).json()["submission"]["id"])
+
+
+def publish(server: Serving, who: str, submission: str, **change: bool) -> None:
+    change = change or {"published": True}
+    reply = server.ask(who, "PATCH", f"/submissions/{submission}", json=change)
+    assert reply.status_code == 200
+
+
+def files(server: Serving) -> int:
+    return len(list(server.state.uploads.names()))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [pytest.param(-1, 0, id="a second too young"), pytest.param(0, 1, id="old enough")],
+)
+def test_a_file_is_deleted_after_so_many_days(seconds: int, expected: int, server: Serving) -> None:
+    submission = sent(server)
+    server.clock.turn(days=DAYS, seconds=seconds)
+    assert server.state.retention.tidy("test", dry_run=True).files == expected
+    assert files(server) == 1
+    tidied = server.state.retention.tidy("test")
+    assert (list(tidied.submissions), files(server)) == (expected * [submission], 1 - expected)
+    assert server.state.retention.tidy("test").files == 0
+
+
+def test_what_is_published_stays_and_what_is_withdrawn_does_not(server: Serving) -> None:
+    published, withdrawn = sent(server), sent(server)
+    publish(server, OWNER, published)
+    publish(server, OWNER, withdrawn)
+    publish(server, OWNER, withdrawn, withdrawn=True)
+    server.clock.turn(days=DAYS)
+    assert list(server.state.retention.tidy("test").submissions) == [withdrawn]
+    assert server.ask(OWNER, "GET", f"/submissions/{published}/file").status_code == 200
+
+
+def test_a_file_of_two_teams_stays_until_both_need_it_no_more(server: Serving) -> None:
+    content = server.distinct()
+    first = sent(server, OWNER, content)
+    server.clock.turn(days=1)
+    second = sent(server, OTHER, content)
+    server.clock.turn(days=DAYS - 1)
+    assert server.state.retention.tidy("test").files == 0
+    server.clock.turn(days=1)
+    tidied = server.state.retention.tidy("test")
+    assert (list(tidied.submissions), tidied.files) == ([first, second], 1)
+
+
+def test_the_same_file_is_stored_again_for_another_team(server: Serving) -> None:
+    content = server.distinct()
+    sent(server, OWNER, content)
+    server.clock.turn(days=DAYS)
+    server.state.retention.tidy("test")
+    again = sent(server, OTHER, content)
+    assert server.ask(OTHER, "GET", f"/submissions/{again}/file").content == content
+    assert faults(server) == []
+
+
+def test_a_file_that_is_deleted_while_the_same_arrives_is_not_lost(server: Serving) -> None:
+    content, uploads = server.distinct(), server.state.uploads
+    digest = server.upload(OWNER, content).json()["submission"]["sha256"]
+    with uploads.staged(digest, content) as keep:
+        uploads.delete(digest)
+        keep()
+    assert uploads.get(digest) == content
+
+
+def faults(server: Serving) -> list[str]:
+    found = examine(server.state.settings.folder)
+    return [finding.what for finding in found if finding.kind == "fault"]
+
+
+def test_everything_knows_that_the_file_is_gone(
+    server: Serving, tmp_path: Path, open_server: OpenServer
+) -> None:
+    submission = server.upload(OWNER).json()["submission"]
+    path = f"/submissions/{submission['id']}"
+    server.clock.turn(days=DAYS)
+    server.state.retention.tidy("server")
+    seen = server.ask(OWNER, "GET", path).json()
+    assert seen["upload_deleted_at"] == "2026-04-01T12:00:00Z"
+    assert (seen["receipt"], seen["report"]) == (submission["receipt"], submission["report"])
+    for part in ("file", "episodes"):
+        reply = server.ask(OWNER, "GET", f"{path}/{part}")
+        assert (reply.status_code, "deleted on 2026-04-01" in reply.json()["detail"]) == (404, True)
+    page = signed_in(server, OWNER).get(path)
+    assert "The submitted file was deleted 2026-04-01 12:00 UTC" in said(page)
+    assert f"{path}/file" not in page.text
+    publish(server, OWNER, submission["id"])  # without intervals, which need the file
+    last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-2]
+    assert (last["actor"], last["action"], last["subject"]) == (
+        "server",
+        "upload deleted",
+        submission["id"],
+    )
+    assert faults(server) == []
+    settings = server.state.settings
+    assert write_backup(settings.folder, tmp_path / "backup").manifest.lacking == ()
+    replace_answers(settings.folder, OPEN)
+    corrected = open_server(settings, server.tokens)
+    board = corrected.state.board(OPEN)
+    with corrected.state.database.reading() as session:
+        (job,) = outdated(session, board)
+    told = "its upload was deleted on 2026-04-01 (keep_uploads_days)"
+    assert Scorer(board, corrected.state.uploads)(job) == told
+
+
+def test_files_are_deleted_on_the_command_line(server: Serving, run: Run) -> None:
+    folder, submission = str(server.state.settings.folder), sent(server)
+    tried = run("server", "tidy", folder, "--dry-run")
+    assert tried.out == f"{submission}\n1 file of 1 submission would be deleted\n"
+    assert run("server", "tidy", folder).out == "1 file of 1 submission deleted\n"
+    assert files(server) == 0
+
+
+def test_without_the_setting_everything_is_kept(folder: Path, run: Run) -> None:
+    told = run("server", "tidy", str(folder))
+    assert (told.status, told.out) == (0, "keep_uploads_days is not set: all files are kept\n")
+
+
+def test_daily_work_is_done_at_once_and_again_even_if_it_fails() -> None:
+    done = Event()
+    calls: list[float] = []
+
+    def work() -> None:
+        calls.append(time.monotonic())
+        if len(calls) == 1:
+            raise OSError("the disk is full")
+        done.set()
+
+    with daily(work, seconds=0.01):
+        assert done.wait(60)
+
+
+@pytest.mark.server
+def test_a_running_server_deletes_by_itself(server: Serving) -> None:
+    sent(server)
+    with running(server.state.settings.folder):
+        wait_for(lambda: files(server) == 0)
+    assert faults(server) == []
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until a condition holds, a minute at most."""
+    for _ in range(600):
+        if condition():
+            return
+        time.sleep(0.1)
+    raise AssertionError("it never came to pass")

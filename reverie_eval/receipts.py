@@ -12,6 +12,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
@@ -19,7 +20,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_public_key
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.schemas.service import KeyReport, Receipt
+from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
 from reverie_eval.text import printable
 
 _KEY_ID_LENGTH = 16
@@ -33,12 +34,12 @@ class NotGenuineError(ReceiptError):
     """A receipt was not signed with this key while it counted, or was changed afterwards."""
 
 
-def verify(receipt: Receipt, public_pem: str) -> None:
-    """Check that a receipt was signed with a key and has not been changed.
+def verify(receipt: Receipt | Snapshot, public_pem: str) -> None:
+    """Check that a receipt, or a snapshot, was signed with a key and has not been changed.
 
     Parameters
     ----------
-    receipt : Receipt
+    receipt : Receipt or Snapshot
         As issued by the server; the layout of its JSON file does not matter.
     public_pem : str
         The server's public key in PEM form, as :meth:`reverie_eval.client.Client.key` returns it.
@@ -63,12 +64,12 @@ def verify(receipt: Receipt, public_pem: str) -> None:
         raise NotGenuineError("the signature does not match: the receipt was changed") from None
 
 
-def verify_by_history(receipt: Receipt, keys: Sequence[KeyReport]) -> KeyReport:
+def verify_by_history(receipt: Receipt | Snapshot, keys: Sequence[KeyReport]) -> KeyReport:
     """Check a receipt with all keys that a server has had, and return the one that signed it.
 
     Parameters
     ----------
-    receipt : Receipt
+    receipt : Receipt or Snapshot
         As issued by the server.
     keys : sequence of KeyReport
         As :meth:`reverie_eval.client.Client.keys` returns them.
@@ -87,16 +88,24 @@ def verify_by_history(receipt: Receipt, keys: Sequence[KeyReport]) -> KeyReport:
             "receipt is from another server, was changed, or is newer than the list"
         )
     verify(receipt, key.public_key)
-    if key.valid_until is not None and receipt.received_at > key.valid_until:
+    at, claim, remedy = _claim(receipt)
+    if key.valid_until is not None and at > key.valid_until:
         raise NotGenuineError(
             f"key {key.key_id} counts until {key.valid_until.isoformat()} "
-            f"({printable(key.reason)}), but the receipt says that the submission came at "
-            f"{receipt.received_at.isoformat()}; if it is yours, download its receipt again"
+            f"({printable(key.reason)}), but {claim} {at.isoformat()}; {remedy}"
         )
     return key
 
 
-def canonical(receipt: Receipt) -> bytes:
+def _claim(signed: Receipt | Snapshot) -> tuple[datetime, str, str]:
+    """Return the time by which a key must have counted, what says so, and what to do if not."""
+    if isinstance(signed, Snapshot):
+        return signed.as_of, "the snapshot is as of", "download it again"
+    remedy = "if it is yours, download its receipt again"
+    return signed.received_at, "the receipt says that the submission came at", remedy
+
+
+def canonical(receipt: Receipt | Snapshot) -> bytes:
     """Return the bytes that are signed: the receipt without its proof, in canonical JSON."""
     fields: dict[str, Any] = receipt.model_dump(mode="json", exclude={"proof"})
     text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from reverie_eval import ReverieEvalError
 
 if TYPE_CHECKING:
-    from reverie_eval.schemas.service import Receipt
+    from reverie_eval.schemas.service import Receipt, Snapshot
 
 
 def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
@@ -53,29 +53,34 @@ def keep_receipt(receipt: "Receipt", place: str | None, submission: str) -> Path
     raise FileExistsError(errno.EEXIST, "already exists", place)
 
 
-def read_receipt(path: Path) -> "Receipt":
-    """Read a receipt.
+def read_signed(path: Path) -> "Receipt | Snapshot":
+    """Read a receipt, or a snapshot of a leaderboard.
 
     Raises
     ------
     ReverieEvalError
-        If the file is not a receipt.
+        If the file is neither.
     """
-    from pydantic import ValidationError
+    from pydantic import TypeAdapter, ValidationError
 
-    from reverie_eval.schemas.service import Receipt
+    from reverie_eval.schemas.service import Receipt, Snapshot
 
+    either: TypeAdapter[Receipt | Snapshot] = TypeAdapter(Receipt | Snapshot)
     try:
-        return Receipt.model_validate_json(path.read_bytes())
+        return either.validate_json(path.read_bytes())
     except ValidationError:
-        raise ReverieEvalError(f"{path} is not a receipt that this version can read") from None
+        message = f"{path} is not a receipt or a snapshot that this version can read"
+        raise ReverieEvalError(message) from None
 
 
 def _receipt_in(path: Path) -> "Receipt | None":
+    from reverie_eval.schemas.service import Receipt
+
     try:
-        return read_receipt(path)
+        signed = read_signed(path)
     except (ReverieEvalError, OSError):
         return None
+    return signed if isinstance(signed, Receipt) else None
 
 
 def _names(submission: str, receipt: "Receipt") -> Iterator[Path]:

@@ -6,7 +6,7 @@ from reverie_eval.ground_truth import DEMO_DATASET
 from reverie_eval.metrics import CATALOGUE, table_metrics
 from reverie_eval.reporting._table import MISSING, Table
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import QuotaReport, Receipt, SubmissionReport
+from reverie_eval.schemas.service import QuotaReport, Receipt, Snapshot, SubmissionReport
 from reverie_eval.text import earliest_time_text, printable, time_text
 
 _LENGTHS = {"day": "24 hours", "month": "30 days", "year": "365 days"}
@@ -78,3 +78,17 @@ def receipt_lines(receipt: Receipt) -> Iterator[str]:
             yield f"  {metric.heading:8}{metric.display(value):>7}"
     yield printable(receipt.signature)
     yield printable(f"submission {receipt.submission_id}, file sha256 {receipt.sha256}")
+
+
+def snapshot_lines(snapshot: Snapshot) -> Iterator[str]:
+    """Yield what a snapshot proves."""
+    board = snapshot.leaderboard
+    state = f"as of {time_text(snapshot.as_of)}: {snapshot.title}"
+    yield printable(f"proven: the server's leaderboard of {snapshot.split} {state}")
+    metric = CATALOGUE.get(board.metric)
+    for row in board.rows:
+        rank = MISSING if row.rank is None else str(row.rank)
+        value = row.scores.get(board.metric)
+        score = MISSING if metric is None or value is None else metric.display(value)
+        yield printable(f"  {rank:>3}  {score:>6}  {row.method.name}, {row.team or 'anonymous'}")
+    yield printable(board.signature)

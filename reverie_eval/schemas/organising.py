@@ -1,12 +1,20 @@
 """Messages between organisers and the server."""
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from reverie_eval.schemas.report import SplitName
-from reverie_eval.schemas.service import MethodDescription, PublicReview, Role, Verdict
+from reverie_eval.schemas.service import (
+    MethodDescription,
+    Phases,
+    PublicReview,
+    ReleaseScores,
+    Role,
+    Schedule,
+    Verdict,
+)
 from reverie_eval.schemas.wire import (
     EXAMPLE_INVITATION,
     OMITTED,
@@ -376,6 +384,43 @@ class NoticeReport(WireModel):
     posted_by: OrganiserName | None
     """Null if only the settings apply."""
     created_at: datetime | None = Field(examples=["2027-06-01T12:00:00Z"])
+
+
+class NewSchedule(WireModel):
+    """What the desk sets for a split, in place of all that it has set before."""
+
+    phases: Phases | None = None
+    """Null: the phases of the settings file, and when it releases scores."""
+    release_scores: ReleaseScores | None = Field(None, examples=["phase-end"])
+    """Set together with phases. Scores that were shown before stay visible."""
+    paused: bool = Field(default=False, examples=[True])
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Self:
+        if (self.phases is None) is not (self.release_scores is None):
+            raise ValueError("set phases and release_scores together, or neither")
+        return self
+
+
+class ScheduleReport(WireModel):
+    """When a split accepts submissions: by the settings file, by the desk, and in effect."""
+
+    split: SplitName
+    settings: Schedule
+    """Of the settings file."""
+    desk: NewSchedule | None
+    """Null if nothing was set."""
+    in_effect: Schedule
+    set_by: OrganiserName | None
+    """Who set what the desk says; null if nothing was set."""
+    set_at: datetime | None
+
+
+class NewSnapshot(WireModel):
+    """A snapshot to be taken of a leaderboard."""
+
+    split: Name = Field(examples=["test"])
+    title: Name = Field(examples=["CVPR 2027 challenge"])
 
 
 class AttemptReport(WireModel):

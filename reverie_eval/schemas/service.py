@@ -1,9 +1,10 @@
 """Messages between the evaluation server and its clients."""
 
-from datetime import datetime
-from typing import Literal
+import re
+from datetime import date, datetime
+from typing import Annotated, Literal, Self
 
-from pydantic import AwareDatetime, Field
+from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, model_validator
 
 from reverie_eval.schemas.report import (
     DatasetName,
@@ -38,6 +39,21 @@ Verdict = Literal["verified", "baseline", "flagged", "disqualified"]
 Standing = Literal["ranked", "reported", "other-dataset", "other-rules", "disqualified"]
 """Of a leaderboard's row: whether it takes part in the ranking, and if not, why."""
 WindowName = Literal["day", "month", "year"]
+
+_DAY = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
+
+
+def _first_second(value: object) -> object:
+    return f"{value}T00:00:00Z" if _is_day(value) else value
+
+
+def _last_second(value: object) -> object:
+    return f"{value}T23:59:59Z" if _is_day(value) else value
+
+
+def _is_day(value: object) -> bool:
+    is_date = isinstance(value, date) and not isinstance(value, datetime)
+    return is_date or (isinstance(value, str) and _DAY.fullmatch(value) is not None)
 
 
 class ServerReport(WireModel):
@@ -175,6 +191,64 @@ class QuotaReport(WireModel):
     windows: list[QuotaWindow]
 
 
+class Phase(WireModel):
+    """A period in which a split accepts submissions; a day alone begins or ends it in UTC."""
+
+    name: Name = Field(examples=["challenge 2027"])
+    opens: Annotated[Instant | None, BeforeValidator(_first_second)] = Field(
+        None, examples=["2027-01-01T00:00:00Z"]
+    )
+    closes: Annotated[Instant | None, BeforeValidator(_last_second)] = Field(
+        None, examples=["2027-06-01T23:59:59Z"]
+    )
+    """The last second of the phase, included."""
+
+    @model_validator(mode="after")
+    def _opens_before_it_closes(self) -> Self:
+        if self.opens and self.closes and self.opens >= self.closes:
+            raise ValueError("a phase must open before it closes")
+        return self
+
+    def is_open(self, now: datetime) -> bool:
+        """Whether submissions are accepted at this time."""
+        has_begun = self.opens is None or self.opens <= now
+        return has_begun and (self.closes is None or now.replace(microsecond=0) <= self.closes)
+
+
+def _some_phases(phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
+    if not phases:
+        raise ValueError("add a phase, or leave phases out to accept submissions at any time")
+    return phases
+
+
+Phases = Annotated[tuple[Phase, ...], AfterValidator(_some_phases)]
+ReleaseScores = Literal["at-once", "phase-end"]
+
+
+class Schedule(WireModel):
+    """When a split accepts submissions and shows their scores."""
+
+    phases: Phases
+    release_scores: ReleaseScores = "at-once"
+    """Phase-end: scores are held back until the phase in which a submission came has ended."""
+    paused: bool = False
+    """Whether submissions are refused for now, whatever the phases say."""
+
+    def is_open(self, now: datetime) -> bool:
+        """Whether a phase is open at a time; the split may be paused nevertheless."""
+        return any(phase.is_open(now) for phase in self.phases)
+
+    def held_until(self, received_at: datetime) -> datetime | None:
+        """Return the end of the phase in which a submission came; None if scores are not held back.
+
+        Of several phases, the last one to end counts.
+        """
+        if self.release_scores == "at-once":
+            return None
+        ends = [phase.closes for phase in self.phases if phase.is_open(received_at)]
+        return max((end for end in ends if end is not None), default=None)
+
+
 class PhaseReport(WireModel):
     """A period in which submissions are accepted."""
 
@@ -203,8 +277,12 @@ class SplitReport(WireModel):
     )
     """The same for its public bundle, with which participants check submissions themselves."""
     phases: list[PhaseReport]
-    release_scores: Literal["at-once", "phase-end"] = "at-once"
+    release_scores: ReleaseScores = "at-once"
     """Phase-end: scores are held back until the phase in which a submission came has ended."""
+    paused: bool = False
+    """Whether the organiser has paused submissions to this split."""
+    one_per_team: bool = False
+    """Whether publishing a submission takes the team's earlier one off the leaderboard."""
     quota: QuotaReport | None
     """Yours; null if you are not signed in."""
 
@@ -377,6 +455,30 @@ class Leaderboard(WireModel):
     """Rows that are not comparable with the others, or disqualified."""
     corrections: list[CorrectionReport] = Field(default_factory=list)
     """The latest first."""
+
+
+class SnapshotEntry(WireModel):
+    """A snapshot of a leaderboard, without its results."""
+
+    split: SplitName
+    number: int = Field(examples=[1])
+    """From 1, by split."""
+    title: str = Field(examples=["CVPR 2027 challenge"])
+    as_of: AwareDatetime
+    """The instant at which the leaderboard was in this state."""
+
+
+class Snapshot(SnapshotEntry):
+    """A signed state of a leaderboard, which never changes: every field but the last is signed."""
+
+    schema_version: Literal[1] = 1
+    server: str = Field(examples=["REVERIE evaluation server"])
+    """The server's title."""
+    leaderboard: Leaderboard
+    key_id: KeyId
+    """The first letters of the SHA-256 of the server's public key."""
+    proof: str = Field(examples=["p2l5c2JhZGx5IHNpZ25lZA=="])
+    """Ed25519 over the canonical JSON of the other fields, in base64."""
 
 
 class ProblemDocument(WireModel):

@@ -4,6 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 
+from anyio import create_task_group
 from fastapi import Depends, FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
@@ -23,6 +24,7 @@ from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
+from reverie_eval.server.http.upkeep import take_snapshots
 from reverie_eval.server.http.workers import ALONE, Workers
 from reverie_eval.server.pages import add_pages
 from reverie_eval.server.pages.rendering import fault_page
@@ -44,7 +46,10 @@ def create_app(
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         with daily(partial(server.retention.tidy, "server")):
-            yield
+            async with create_task_group() as tasks:
+                tasks.start_soon(take_snapshots, server)
+                yield
+                tasks.cancel_scope.cancel()
         server.database.close()
 
     app = FastAPI(

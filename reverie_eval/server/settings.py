@@ -16,7 +16,6 @@ from urllib.parse import urlsplit
 
 from pydantic import (
     AfterValidator,
-    AwareDatetime,
     BaseModel,
     ConfigDict,
     Field,
@@ -36,6 +35,7 @@ from sqlalchemy.exc import ArgumentError
 from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
+from reverie_eval.schemas.service import Phase, Phases, ReleaseScores
 from reverie_eval.schemas.wire import Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 
@@ -152,32 +152,6 @@ OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
 """For splits with public answers: limits scripts, not people."""
 
 
-class Phase(_Section):
-    """A period in which a split accepts submissions."""
-
-    name: Name
-    opens: AwareDatetime | None = None
-    closes: AwareDatetime | None = None
-    """The last second of the phase, included."""
-
-    @model_validator(mode="after")
-    def _opens_before_it_closes(self) -> Self:
-        if self.opens and self.closes and self.opens >= self.closes:
-            raise ValueError("a phase must open before it closes")
-        return self
-
-    def is_open(self, now: datetime) -> bool:
-        """Whether submissions are accepted at this time."""
-        has_begun = self.opens is None or self.opens <= now
-        return has_begun and (self.closes is None or now.replace(microsecond=0) <= self.closes)
-
-
-def _some(phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
-    if not phases:
-        raise ValueError("add a phase, or leave phases out to accept submissions at any time")
-    return phases
-
-
 class Split(_Section):
     """A split that accepts submissions."""
 
@@ -189,34 +163,32 @@ class Split(_Section):
     track: Track = "full"
     """Grounding: answers alone are scored, with the agent placed at the goal."""
     quota: Quota | None = None
-    phases: Annotated[tuple[Phase, ...], AfterValidator(_some)] = (Phase(name="always"),)
-    release_scores: Literal["at-once", "phase-end"] = "at-once"
+    phases: Phases = (Phase(name="always"),)
+    """Until other phases are set at the desk."""
+    release_scores: ReleaseScores = "at-once"
     """Phase-end: nobody sees the scores of a private split before the phase ends."""
+    one_per_team: bool = False
+    """Publishing a submission takes the team's earlier one off the leaderboard."""
 
     @model_validator(mode="after")
     def _can_hold_scores(self) -> Self:
-        if self.release_scores == "at-once":
-            return self
-        if self.visibility == "open":
-            raise ValueError("scores of an open split cannot be held back; its answers are public")
-        if any(phase.closes is None for phase in self.phases):
-            raise ValueError("scores that are held back need phases that all have `closes`")
+        self.check_release(self.phases, self.release_scores)
         return self
 
-    def scores_held_until(self, received_at: datetime, now: datetime) -> datetime | None:
-        """Return the end of the phase in which a submission came; None if its scores are released.
+    def check_release(self, phases: Sequence[Phase], release_scores: ReleaseScores) -> None:
+        """Check that scores can be held back as long as they should be.
 
-        Of several phases, the last one to end counts.
+        Raises
+        ------
+        ValueError
+            If the answers are public, or a phase has no end.
         """
-        if self.release_scores == "at-once":
-            return None
-        ends = [
-            phase.closes
-            for phase in self.phases
-            if phase.closes is not None and phase.is_open(received_at)
-        ]
-        until = max(ends, default=None)
-        return until if until is not None and now.replace(microsecond=0) <= until else None
+        if release_scores == "at-once":
+            return
+        if self.visibility == "open":
+            raise ValueError("scores of an open split cannot be held back; its answers are public")
+        if any(phase.closes is None for phase in phases):
+            raise ValueError("scores that are held back need phases that all have `closes`")
 
     @property
     def effective_quota(self) -> Quota:

@@ -12,7 +12,6 @@ from reverie_eval.errors import Problem
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, board_named, load_boards
-from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
 from reverie_eval.server.service.intake import Clock, Intake
@@ -22,6 +21,8 @@ from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.rescoring import Rescoring
 from reverie_eval.server.service.retention import Retention
+from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.snapshots import Snapshots
 from reverie_eval.server.service.submissions import SubmissionService
 from reverie_eval.server.service.tokens import Sessions
 from reverie_eval.server.service.transactions import Transactions
@@ -51,6 +52,8 @@ class ServerState:
     rescoring: Rescoring
     retention: Retention
     notices: Notices
+    schedules: Schedules
+    snapshots: Snapshots
     sessions: Sessions
     entries: EntriesCache
     episodes: EpisodeService
@@ -76,8 +79,11 @@ class ServerState:
         uploads = open_uploads(settings.uploads, settings.folder)
         notices = Notices(settings.banner, paused=settings.paused)
         audit_log = AuditLog(signer)
-        transactions = Transactions(database, audit_log, clock, settings.channels)
-        embargo = Embargo(boards, signer)
+        schedules = Schedules(settings.splits)
+        snapshots = Snapshots(lambda: boards, schedules)
+        transactions = Transactions(
+            database, audit_log, clock, settings.channels, snapshots.take_due
+        )
         intake = Intake(
             boards,
             database,
@@ -87,13 +93,19 @@ class ServerState:
             transactions,
             notices,
             Attempts(database, clock),
-            embargo,
+            schedules,
             settings.required_metadata,
             most_bytes=settings.limits.unpacked_mebibytes << 20,
             mebibytes_per_day=settings.limits.mebibytes_per_day,
         )
         submissions = SubmissionService(
-            boards, database, uploads, transactions, embargo, settings.required_metadata
+            boards,
+            database,
+            uploads,
+            transactions,
+            schedules,
+            signer,
+            settings.required_metadata,
         )
         sessions = Sessions(signer.secret_for("browser sessions"))
         return cls(
@@ -109,8 +121,10 @@ class ServerState:
             Rescoring(boards, database, uploads, signer, transactions),
             Retention(uploads, transactions, settings.keep_uploads_days),
             notices,
+            schedules,
+            snapshots,
             sessions,
-            EntriesCache(),
+            EntriesCache(schedules),
             EpisodeService(boards, submissions),
             clock,
         )

@@ -380,6 +380,6 @@ def test_another_file_or_another_key(receipt: Path, run: Run) -> None:
 
 def test_what_is_no_receipt(receipt: Path, run: Run) -> None:
     outcome = run("verify", "submit.json")
-    said = "submit.json is not a receipt that this version can read"
+    said = "submit.json is not a receipt or a snapshot that this version can read"
     assert outcome == (2, "", f"reverie-eval: {said}\n")
     assert run("verify", "missing.json").status == 2

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import httpx
 import pytest
 
-from reverie_eval.schemas.organising import NewNews
+from reverie_eval.schemas.organising import NewNews, NewSnapshot
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.app import create_app
 from reverie_eval.server.service.news import add_news
@@ -38,6 +38,7 @@ TABLE = """
                                     anonymous  other     mate      owner     organiser
 GET  /                              307        307       307       307       307
 GET  /boards/{split}                200        200       200       200       200
+GET  /boards/{split}/snapshots/{number} 200     200       200       200       200
 GET  /boards/{split}/chart          200        200       200       200       200
 GET  /boards/{split}/latex          200        200       200       200       200
 GET  /boards/{split}/bibtex         200        200       200       200       200
@@ -80,6 +81,10 @@ GET  /desk/corrections              sign-in    403       403       403       200
 POST /desk/corrections              sign-in    403       403       403       409
 GET  /desk/quotas                   sign-in    403       403       403       200
 POST /desk/quotas                   sign-in    403       403       403       303
+GET  /desk/phases                   sign-in    403       403       403       200
+POST /desk/phases                   sign-in    403       403       403       303
+GET  /desk/snapshots                sign-in    403       403       403       200
+POST /desk/snapshots                sign-in    403       403       403       303
 GET  /desk/requests                 sign-in    403       403       403       200
 POST /desk/requests/{request_id}/accept sign-in 403      403       403       200
 POST /desk/requests/{request_id}/reject sign-in 403      403       403       303
@@ -134,6 +139,8 @@ FORMS: Mapping[str, dict[str, str]] = {
         "reason": "disk",
         "until": "2026-04-01",
     },
+    "POST /desk/phases": {"split": OPEN, "what": "pause"},
+    "POST /desk/snapshots": {"split": OPEN, "title": "CVPR 2027"},
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
     "POST /join": {"team": "Green", "people": "Dora, dora@example.org", "institution": "Here"},
     "POST /desk/people/teams/merge": {"team": "Red", "into": "Organisers"},
@@ -172,6 +179,7 @@ def parts(server: Serving) -> Mapping[str, str]:
             created_at=NOON,
         )
         transaction.add(result)
+        taken = server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
     return {
         "hint": spare,
         "person_id": "1",
@@ -179,6 +187,7 @@ def parts(server: Serving) -> Mapping[str, str]:
         "review_id": str(said),
         "news_id": str(news),
         "result_id": str(result.id),
+        "number": str(taken.number),
         "split": OPEN,
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],

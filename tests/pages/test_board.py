@@ -362,8 +362,8 @@ def test_intervals_of_open_splits_alone(server: Serving) -> None:
 def test_intervals_are_those_of_the_command_line(server: Serving) -> None:
     submission = entered(server)
     report = server.ask(OWNER, "GET", f"/submissions/{submission}").json()["report"]
-    view = server.state.submissions.view(server.clock())
     with server.state.database.reading() as session:
+        view = server.state.submissions.view(session, server.clock())
         known = submission_of(session, server.person(OWNER), submission, view)
     scores = server.state.submissions.episodes(known)
     expected = scores.with_intervals().intervals

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from datetime import timedelta
 from pathlib import Path
 
 import httpx
@@ -9,6 +10,8 @@ import pytest
 from sqlalchemy import update
 
 from reverie_eval.ground_truth import Bundle
+from reverie_eval.schemas.organising import NewSchedule
+from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.health import Canary, UnhealthyError
 from reverie_eval.server.pages.desk.overview import ON_A_PAGE
 from reverie_eval.server.service.attempts import list_attempts
@@ -20,6 +23,7 @@ from reverie_eval.server.service.reported import list_reported
 from reverie_eval.server.service.reviews import standing_reviews
 from reverie_eval.server.service.tokens import list_tokens
 from reverie_eval.server.store.tables import AuditEntry
+from tests.support.acting import NOON
 from tests.support.serving import (
     BROKEN,
     OPEN,
@@ -31,6 +35,7 @@ from tests.support.serving import (
     Serving,
     adjusted,
     settings_of,
+    submission_for,
     with_arrays,
 )
 from tests.support.visiting import Visitor, said, signed_in
@@ -47,6 +52,8 @@ PAGES = (
     "/desk/people",
     "/desk/requests",
     "/desk/quotas",
+    "/desk/phases",
+    "/desk/snapshots",
     "/desk/news",
     "/desk/notice",
     "/desk/audit",
@@ -114,6 +121,8 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/people/tokens",
         "/desk/people/tokens/rv_12345678/revoke",
         "/desk/quotas",
+        "/desk/phases",
+        "/desk/snapshots",
         "/desk/news",
         "/desk/news/1/remove",
         "/desk/notice",
@@ -316,6 +325,54 @@ def test_a_notice_is_looked_at_before_it_is_posted(desk: Visitor) -> None:
     assert f"Down {MARKUP}" in said(desk.server.client.get("/sign-in"))
     assert "Submissions will be accepted again." in said(sending(desk, "/desk/notice", banner=""))
     assert "Submissions are accepted" in told(desk, "/desk/notice", banner="", **YES)
+
+
+def test_phases_are_looked_at_before_they_are_changed(desk: Visitor) -> None:
+    form = {"split": PRIVATE, "release_scores": "phase-end"}
+    form |= {"name-0": "always", "opens-0": "", "closes-0": "2026-04-01"}
+    form |= {"name-1": MARKUP, "opens-1": "2026-05-01", "closes-1": "2026-06-01"}
+    asked = sending(desk, "/desk/phases", **form)
+    assert MARKUP not in asked.text
+    assert "Scores that are shown now stay visible." in said(asked)
+    assert "will be shown at once" not in said(asked)
+    words = told(desk, "/desk/phases", **form, **YES)
+    assert f"{MARKUP}: from 2026-05-01 00:00 UTC until 2026-06-01 23:59 UTC" in words
+    assert "always: until 2026-04-01 23:59 UTC open" in words
+    again = sending(desk, "/desk/phases", split=PRIVATE, **{"name-0": "a", "closes-0": "soon"})
+    assert again.status_code == 400
+    assert 'value="soon"' in again.text
+    assert "is paused" not in said(desk.get("/desk"))
+    for what, outcome in {
+        "pause": "always: until 2026-04-01 23:59 UTC paused",
+        "resume": "always: until 2026-04-01 23:59 UTC open",
+        "close": "always: until 2026-03-02 12:00 UTC",
+        "reset": "test always - always open",
+    }.items():
+        assert outcome in told(desk, "/desk/phases", split=PRIVATE, what=what, **YES)
+
+
+def test_it_is_said_that_scores_will_be_shown(desk: Visitor) -> None:
+    server = desk.server
+    with server.acting() as transaction:
+        until = Phase(name="a", closes=NOON + timedelta(days=1))
+        new = NewSchedule(phases=(until,), release_scores="phase-end")
+        server.state.schedules.set(transaction, PRIVATE, new)
+    server.upload(OWNER, submission_for(PRIVATE), PRIVATE)
+    asked = said(sending(desk, "/desk/phases", split=PRIVATE, what="reset"))
+    assert "The scores of 1 submission will be shown at once. This cannot be undone." in asked
+
+
+def test_a_snapshot_is_taken_after_a_question(desk: Visitor) -> None:
+    form = {"split": OPEN, "title": f"CVPR {MARKUP}"}
+    asked = sending(desk, "/desk/snapshots", **form)
+    assert "can be neither changed nor removed" in said(asked)
+    words = told(desk, "/desk/snapshots", **form, **YES)
+    assert f"{OPEN} 1 CVPR {MARKUP} 2026-03-02 12:00 UTC" in words
+    assert f"CVPR {MARKUP}, as of" in said(desk.get(f"/boards/{OPEN}"))
+    shown = desk.server.client.get(f"/boards/{OPEN}/snapshots/1")
+    assert MARKUP not in shown.text
+    assert "Nothing had been published." in said(shown)
+    assert sending(desk, "/desk/snapshots", split="none", title="x").status_code == 404
 
 
 def test_a_team_and_its_people_are_added(desk: Visitor) -> None:

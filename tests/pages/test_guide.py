@@ -12,11 +12,11 @@ from jsonschema import Draft202012Validator
 
 from reverie_eval import CATALOGUE, PROTOCOLS
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
-from reverie_eval.schemas.service import Method
+from reverie_eval.schemas.service import Method, Phase
 from reverie_eval.server.errors import ERRORS
 from reverie_eval.server.pages.boards import BoardQuery
 from reverie_eval.server.pages.guide import in_words
-from reverie_eval.server.settings import Limits, Phase, Quota
+from reverie_eval.server.settings import Limits, Quota
 from reverie_eval.submissions import submission_schema
 from tests.support.acting import NOON
 from tests.support.serving import (

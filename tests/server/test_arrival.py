@@ -11,8 +11,8 @@ import pytest
 from anyio.from_thread import BlockingPortal
 
 from reverie_eval.schemas.organising import NewNotice
+from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http.runtime import Admission
-from reverie_eval.server.settings import Phase
 from tests.support.acting import NOON
 from tests.support.serving import (
     MATE,

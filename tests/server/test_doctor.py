@@ -19,6 +19,8 @@ from reverie_eval.schemas.organising import (
     NewNews,
     NewNotice,
     NewReported,
+    NewSchedule,
+    NewSnapshot,
     NewTeam,
     ReportedChange,
 )
@@ -252,6 +254,8 @@ ACTIONS = [
     "reported result added",
     "reported result removed",
     "notice posted",
+    "schedule set",
+    "snapshot taken",
     "news added",
     "news removed",
 ]
@@ -294,6 +298,8 @@ def do_everything(server: Serving) -> None:
     later(change_reported, result.id, ReportedChange(team="They all"))
     later(remove_reported, result.id)
     later(server.state.notices.post, NewNotice(banner="Hello"))
+    later(server.state.schedules.set, PRIVATE, NewSchedule(paused=True))
+    later(server.state.snapshots.take, NewSnapshot(split=PRIVATE, title="2026"))
     later(remove_news, later(add_news, NewNews(text="Hello")).id)
 
 

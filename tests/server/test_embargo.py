@@ -8,10 +8,10 @@ import pytest
 from pydantic import ValidationError
 
 from reverie_eval.receipts import verify
-from reverie_eval.schemas.service import Receipt
+from reverie_eval.schemas.service import Phase, Receipt
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.reviews import any_submission
-from reverie_eval.server.settings import Phase, Split
+from reverie_eval.server.settings import Split
 from tests.support.acting import NOON
 from tests.support.serving import (
     ORGANISER,
@@ -146,13 +146,16 @@ def test_a_receipt_without_scores_is_genuine_and_so_is_the_later_one(held: Servi
 
 
 def test_what_was_released_or_is_of_a_split_that_is_gone_keeps_its_scores(held: Serving) -> None:
-    submission, embargo = submit(held), Embargo(held.state.boards, held.state.signer)
+    submission = submit(held)
     with held.state.database.reading() as session:
         row = any_submission(session, submission)
-        assert embargo.report(row, CLOSES).scores == {}
-        assert embargo.report(row, CLOSES + timedelta(seconds=1)).scores["success"] > 0
+        timetables, signer = held.state.schedules.read(session), held.state.signer
+        embargo = Embargo(timetables, signer, CLOSES)
+        assert embargo.report(row).scores == {}
+        after = Embargo(timetables, signer, CLOSES + timedelta(seconds=1))
+        assert after.report(row).scores["success"] > 0
         row.split = "gone"
-        assert embargo.until(row, CLOSES) is None
+        assert embargo.until(row) is None
 
 
 def test_a_later_phase_holds_back_its_own_submissions_alone(held: Serving) -> None:

@@ -182,8 +182,8 @@ def test_who_is_sent_away_is_not_even_read(limited: Callable[..., Serving]) -> N
     for _ in range(PER_MINUTE):
         me(server, OWNER)
     assert server.upload(OWNER).status_code == 429
-    view = server.state.submissions.view(server.clock())
     with server.state.database.reading() as session:
+        view = server.state.submissions.view(session, server.clock())
         assert list_submissions(session, server.person(OWNER), Page(), view).rows == []
 
 

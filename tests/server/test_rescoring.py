@@ -11,13 +11,12 @@ import pytest
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import Receipt
+from reverie_eval.schemas.service import Phase, Receipt
 from reverie_eval.server.operations import rescoring
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import audit_reports, entries, mismatches
 from reverie_eval.server.service.rescoring import Outcome, Scorer, changes, outdated
-from reverie_eval.server.settings import Phase
 from tests.support.acting import review
 from tests.support.flat import Run
 from tests.support.serving import (

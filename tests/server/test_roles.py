@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from reverie_eval.schemas.organising import NewNews, NewReported
+from reverie_eval.schemas.organising import NewNews, NewReported, NewSnapshot
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.app import create_app
 from reverie_eval.server.service.news import add_news
@@ -37,6 +37,9 @@ GET    /splits                                    200    200   200    200       
 GET    /splits/{split}                            200    200   200    200        200      401         401
 GET    /splits/{split}/leaderboard                200    200   200    200        200      200         200
 GET    /splits/{split}/leaderboard.csv            200    200   200    200        200      200         200
+GET    /splits/{split}/snapshots                  200    200   200    200        200      200         200
+GET    /splits/{split}/snapshots/{number}         200    200   200    200        200      200         200
+GET    /splits/{split}/snapshots/{number}.csv     200    200   200    200        200      200         200
 POST   /splits/{split}/validate                   401    200   200    200        200      401         401
 POST   /splits/{split}/submissions                401    201   200    200        201      401         401
 GET    /submissions                               401    200   200    200        200      401         401
@@ -79,6 +82,9 @@ DELETE /organiser/news/{news_id}                  401    403   403    403       
 POST   /organiser/corrections                     401    403   403    403        409      401         401
 GET    /organiser/notice                          401    403   403    403        200      401         401
 PUT    /organiser/notice                          401    403   403    403        200      401         401
+GET    /organiser/schedules                       401    403   403    403        200      401         401
+PUT    /organiser/schedules/{split}               401    403   403    403        200      401         401
+POST   /organiser/snapshots                       401    403   403    403        201      401         401
 GET    /organiser/attempts                        401    403   403    403        200      401         401
 """  # noqa: E501  # a row is a line
 OUTSIDE = ("/healthz", "/metrics")
@@ -126,6 +132,8 @@ BODIES: Mapping[str, dict[str, Any]] = {
         "json": {"split": PRIVATE, "source": "Qi et al.", "text": "team,SR\nQi et al.,10\n"}
     },
     "PATCH /organiser/reported/{result_id}": {"json": {"team": "Qi et al., 2020"}},
+    "PUT /organiser/schedules/{split}": {"json": {"paused": True}},
+    "POST /organiser/snapshots": {"json": {"split": OPEN, "title": "CVPR 2027"}},
     "POST /organiser/news": {"json": {"text": "See you at the workshop."}},
     "PUT /organiser/notice": {"json": {"banner": "Back at noon."}},
 }
@@ -161,6 +169,7 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         spare = create_token(transaction, OWNER)
         said = review(transaction, ids[OPEN], "verified")
         result = add_reported(transaction, reported, [OPEN])
+        taken = server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
         told = add_news(transaction, NewNews(text="The workshop is on 12 June."))
     return {
         "split": OPEN,
@@ -172,6 +181,7 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         "request_id": str(ask_to_join(server.state.transactions)),
         "review_id": str(said.id),
         "result_id": str(result.id),
+        "number": str(taken.number),
         "news_id": str(told.id),
     }
 

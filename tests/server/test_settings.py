@@ -9,11 +9,11 @@ import pytest
 from sqlalchemy import make_url
 
 from reverie_eval.ground_truth import Bundle
+from reverie_eval.schemas.service import Phase
 from reverie_eval.server.operations.checks import check_sound
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
     Metadata,
-    Phase,
     Quota,
     Settings,
     SettingsError,
@@ -409,7 +409,7 @@ PAST = NOON - timedelta(seconds=1)
         pytest.param(NOON + timedelta(microseconds=1), None, False, id="opens in a moment"),
         pytest.param(None, NOON, True, id="closes with this second"),
         pytest.param(None, NOON - timedelta(microseconds=1), False, id="closed with the last one"),
-        pytest.param(None, datetime.max.replace(tzinfo=UTC), True, id="closes with time itself"),
+        pytest.param(None, datetime(2999, 12, 31, tzinfo=UTC), True, id="closes in an age"),
         pytest.param(NOON - HOUR, NOON + HOUR, True, id="in its midst"),
         pytest.param(NOON - 2 * HOUR, NOON - HOUR, False, id="over"),
     ],

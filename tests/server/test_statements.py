@@ -11,7 +11,7 @@ from sqlalchemy import event
 from tests.support.serving import OPEN, ORGANISER, OWNER, PRIVATE, Serving, submission_for
 from tests.support.visiting import Visitor, signed_in
 
-PAGE, READ, UPLOAD = 8, 6, 15
+PAGE, READ, UPLOAD = 10, 6, 18
 """The most statements of a page, of a read of the API, and of an upload that is scored."""
 
 
@@ -61,6 +61,8 @@ PAGES = {
     "the desk": (ORGANISER, "/desk"),
     "people": (ORGANISER, "/desk/people"),
     "quotas": (ORGANISER, "/desk/quotas"),
+    "snapshots": (ORGANISER, "/desk/snapshots"),
+    "phases": (ORGANISER, "/desk/phases"),
     "reviews": (ORGANISER, "/desk/reviews?submission={submission_id}"),
     "reported results": (ORGANISER, "/desk/reported"),
     "the notice": (ORGANISER, "/desk/notice"),
@@ -111,6 +113,7 @@ READS = (
     "/organiser/reviews",
     "/organiser/reported",
     "/organiser/notice",
+    "/organiser/schedules",
     "/organiser/attempts",
     "/organiser/audit",
 )

@@ -15,9 +15,9 @@ import pytest
 
 from reverie_eval import CATALOGUE, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.schemas.service import Phase
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.settings import Phase
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON
 from tests.support.serving import (

@@ -140,6 +140,7 @@ def places(twins: Twins, submission_id: str) -> Iterator[str]:
                 instr_id=instr_id,
                 result_id=1,
                 person_id=1,
+                number=1,
             )
 
 

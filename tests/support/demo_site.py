@@ -129,6 +129,8 @@ def furnish(url: str, folder: Path) -> Site:
             session.add_all([*_reviews(ids, now), _reported(now)])
             ada = session.get_one(Person, 1)
             session.add_all(_attempts(ada, now))
+        taken = {"split": OPEN, "title": "The first month"}
+        site.ask(ORGANISER, "POST", "/organiser/snapshots", json=taken)
     return Site(url, folder, site.tokens, ids)
 
 

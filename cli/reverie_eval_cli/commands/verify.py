@@ -14,7 +14,7 @@ from reverie_eval_cli.servers import ServerOptions, server_options
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from reverie_eval.schemas.service import KeyReport, Receipt
+    from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
 
 
 @click.command()
@@ -32,30 +32,37 @@ if TYPE_CHECKING:
 def verify(
     *, receipt: Path, server: ServerOptions, key: Path | None, submission: str | None
 ) -> int:
-    """Check that a receipt was signed by a server.
+    """Check that a receipt, or a snapshot of a leaderboard, was signed by a server.
 
-    RECEIPT is what `reverie-eval submit` wrote. Exit status: 0 genuine, 1 not genuine, 2 usage or
-    system error.
+    RECEIPT is what `reverie-eval submit` wrote, or a snapshot's JSON.
+
+    Exit status: 0 genuine, 1 not genuine, 2 usage or system error.
     """
     from reverie_eval.receipts import NotGenuineError
-    from reverie_eval.reporting._submission import receipt_lines
+    from reverie_eval.reporting._submission import receipt_lines, snapshot_lines
+    from reverie_eval.schemas.service import Snapshot
     from reverie_eval.submissions import read_bytes
-    from reverie_eval_cli.receipts import read_receipt
+    from reverie_eval_cli.receipts import read_signed
 
     if key is not None and server.named:
         raise click.UsageError("give --key or --server, not both")
-    signed = read_receipt(receipt)
+    signed = read_signed(receipt)
+    if submission and isinstance(signed, Snapshot):
+        raise click.UsageError("--submission is for receipts; a snapshot has many submissions")
     keys, owner = _keys(server, key)
     try:
         in_use = _verified(signed, keys)
     except NotGenuineError as error:
         print(f"{receipt}: not genuine by the keys of {owner}: {error}", file=sys.stderr)
         return 1
+    genuine = f"{receipt}: genuine, signed with the key of {owner} ({signed.key_id}{in_use})"
+    if isinstance(signed, Snapshot):
+        print(genuine, *snapshot_lines(signed), sep="\n")
+        return 0
     if submission and hashlib.sha256(read_bytes(submission)).hexdigest() != signed.sha256:
         print(f"{submission}: not the file that the receipt is for", file=sys.stderr)
         return 1
-    print(f"{receipt}: genuine, signed with the key of {owner} ({signed.key_id}{in_use})")
-    print(*receipt_lines(signed), sep="\n")
+    print(genuine, *receipt_lines(signed), sep="\n")
     if submission:
         print(f"{submission}: the file that was scored")
     return 0
@@ -79,8 +86,8 @@ def _keys(server: ServerOptions, file: Path | None) -> "tuple[Sequence[KeyReport
         raise ReverieEvalError(f"{file} is not a list of keys from /api/v1/keys") from None
 
 
-def _verified(receipt: "Receipt", keys: "Sequence[KeyReport] | str") -> str:
-    """Verify a receipt, and return when its key was in use, as far as that is known."""
+def _verified(receipt: "Receipt | Snapshot", keys: "Sequence[KeyReport] | str") -> str:
+    """Verify a receipt or a snapshot, and return when its key was in use, if that is known."""
     from reverie_eval.receipts import verify, verify_by_history
 
     if isinstance(keys, str):

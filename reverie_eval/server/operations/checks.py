@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -23,6 +23,8 @@ from reverie_eval.server.service.keys import current_key, open_key
 from reverie_eval.server.service.receipts import KeyMissingError, load_key, public_pem_of
 from reverie_eval.server.service.rescoring import count_outdated
 from reverie_eval.server.service.rules import LastRules, different, rules_of
+from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.snapshots import Snapshots
 from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.settings import (
     SETTINGS_FILE,
@@ -75,6 +77,7 @@ def check_folder(folder: Path) -> Sequence[Finding]:
         _at_signing_key,
         _at_database,
         _at_rules,
+        _at_schedules,
         _at_results,
         _at_uploads,
     )
@@ -202,8 +205,11 @@ def acting(
         If the signing key, which the audit log's is derived from, is not the one in use.
     """
     with opened(settings) as database:
+        snapshots = Snapshots(lambda: load_boards(settings), Schedules(settings.splits))
         audit_log = AuditLog(signer_of(settings, database))
-        transactions = Transactions(database, audit_log, clock, settings.channels)
+        transactions = Transactions(
+            database, audit_log, clock, settings.channels, snapshots.take_due
+        )
         with transactions.begin(actor) as transaction:
             yield transaction
 
@@ -337,6 +343,28 @@ def _at_rules(settings: Settings) -> Iterator[Finding]:
             yield Finding("rules", "note", message)
 
 
+def _at_schedules(settings: Settings) -> Iterator[Finding]:
+    """Look for splits whose phases or pauses the desk has set."""
+    if database_fault(settings) is not None:
+        return
+    with closing(Database(settings.database_url)) as database, database.reading() as session:
+        reports = Schedules(settings.splits).list_all(session)
+    for report in filter(lambda report: report.desk, reports):
+        now = report.in_effect
+        try:
+            settings.splits[report.split].check_release(now.phases, now.release_scores)
+        except ValueError as error:
+            remedy = f"run `reverie-eval server phase reset {settings.folder} {report.split}`"
+            message = f"{report.split}, as set at the desk: {error}; {remedy}"
+            yield Finding("phases", "fault", message)
+        else:
+            message = (
+                f"{report.split}: the desk has set phases or a pause in place of the settings; "
+                f"`reverie-eval server diff {settings.folder}` compares them"
+            )
+            yield Finding("phases", "note", message)
+
+
 def _at_results(settings: Settings) -> Iterator[Finding]:
     """Look for stored exact values of private splits, and for results that are not ranked."""
     for boards, session in _boards_and_data(settings):
@@ -344,6 +372,8 @@ def _at_results(settings: Settings) -> Iterator[Finding]:
             for board in filter(lambda board: board.is_private, boards.values()):
                 yield from _at_exact_values(session, board)
             yield from _at_outdated(session, boards, settings.folder)
+            for board in filter(lambda board: board.split.one_per_team, boards.values()):
+                yield from _at_several(session, board)
         except REFUSALS:
             message = "some results cannot be read; run `reverie-eval server doctor`"
             yield Finding("results", "note", message)
@@ -373,6 +403,26 @@ def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
             "stored while it was open; make it open again, and give the private split another name"
         )
         yield Finding("secrets", "fault", message)
+
+
+def _at_several(session: Session, board: Board) -> Iterator[Finding]:
+    """Look for teams with several results on a leaderboard that shows one of each."""
+    shown = (
+        Submission.split == board.name,
+        Submission.published_at.is_not(None),
+        Submission.withdrawn_at.is_(None),
+    )
+    several = (select(Submission.team_id).where(*shown).group_by(Submission.team_id)).having(
+        func.count() > 1
+    )
+    number = len(session.scalars(several).all())
+    if number:
+        message = (
+            f"{count_text(number, 'team')} with several published results on {board.name}, which "
+            "shows one per team: published before that was so, or disqualified; they stay until "
+            "the team publishes the next one or unpublishes them"
+        )
+        yield Finding("results", "note", message)
 
 
 def _at_outdated(session: Session, boards: Mapping[str, Board], folder: Path) -> Iterator[Finding]:

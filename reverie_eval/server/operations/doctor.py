@@ -7,12 +7,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import closing, suppress
 from pathlib import Path
 
+from pydantic import ValidationError
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.receipts import ReceiptError, verify_by_history
-from reverie_eval.schemas.service import KeyReport, SubmissionReport
+from reverie_eval.schemas.service import KeyReport, Snapshot, SnapshotEntry, SubmissionReport
 from reverie_eval.server.operations.checks import REFUSALS, Finding, acting, check_folder, said_by
 from reverie_eval.server.service.audit import (
     AuditLog,
@@ -28,7 +29,7 @@ from reverie_eval.server.service.submissions import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database
-from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.tables import StoredSnapshot, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
 
@@ -51,6 +52,7 @@ def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Fin
     with closing(state.database), state.database.reading() as session:
         yield from _guarded("database", _at_the_file(state.database, session))
         yield from _guarded("submissions", _at_submissions(session, state, track))
+        yield from _guarded("snapshots", _at_snapshots(session))
         yield from _guarded("audit log", _at_audit_log(session, state.audit_log))
         yield from _at_messages(session)
     yield from _at_disk(state.settings.folder)
@@ -234,6 +236,27 @@ def _matches_row(kept: SubmissionReport, names: Collection[str]) -> bool:
         and (said.sha256, said.received_at) == (kept.sha256, kept.received_at)
         and (said.signature, said.scores) == (kept.report.signature, kept.report.scores)
     )
+
+
+def _at_snapshots(session: Session) -> Iterator[Finding]:
+    keys, sound = list_keys(session), 0
+    for row in session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)):
+        name = f"snapshot {row.number} of {row.split}"
+        try:
+            snapshot = Snapshot.model_validate(row.content)
+            verify_by_history(snapshot, keys)
+        except (ReceiptError, ValidationError):
+            trouble = "it was changed, or signed with another key"
+        else:
+            is_of_row = SnapshotEntry.model_validate(row) == SnapshotEntry.model_validate(
+                snapshot.model_dump(include=set(SnapshotEntry.model_fields))
+            )
+            trouble = "" if is_of_row else "it differs from its row"
+        sound += not trouble
+        if trouble:
+            remedy = "restore the key or the database from the last backup"
+            yield Finding("snapshots", "fault", f"{name}: {trouble}; {remedy}")
+    yield Finding("snapshots", "ok", f"{count_text(sound, 'snapshot')} verified")
 
 
 def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:

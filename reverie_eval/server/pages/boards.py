@@ -17,12 +17,14 @@ from starlette.types import Receive, Scope, Send
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.http.callers import Server, Visitor
+from reverie_eval.server.http.paging import Number
 from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import SORTABLE, Filter, Ranking, as_bibtex, as_latex
 from reverie_eval.server.service.news import latest_news
+from reverie_eval.server.service.snapshots import snapshot_of
 
 PER_PAGE = 100
 NEWS_SHOWN = 5
@@ -200,6 +202,24 @@ def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown)
     rows = [row for row in _part(ranking, query).rows if row.entry.standing == "ranked"]
     title, site = server.settings.title, address_of_site(request)
     return PlainTextResponse(as_bibtex(ranking, rows, title, site, _address(request, query)))
+
+
+@router.get("/boards/{split}/snapshots/{number}")
+def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
+    """Show a snapshot of a leaderboard, which never changes."""
+    with visitor.snapshot() as snapshot:
+        shown = snapshot_of(snapshot.session, split, number)
+        rows = [*shown.leaderboard.rows, *shown.leaderboard.apart]
+        scored = {key for row in rows for key in row.scores}
+        return page(
+            visitor.request,
+            "snapshot.html",
+            snapshot,
+            shown=shown,
+            columns=[
+                metric for key, metric in CATALOGUE.items() if metric.headline and key in scored
+            ],
+        )
 
 
 def _scored(ranking: Ranking, query: BoardQuery) -> Sequence[Row]:

@@ -76,14 +76,18 @@ def show_protocols(visitor: Visitor) -> Response:
 @router.get("/rules")
 def show_rules(visitor: Visitor) -> Response:
     """Show this server's splits, quotas and phases."""
-    return _page(
-        visitor,
-        "guide/rules.html",
-        boards=visitor.server.boards,
-        now=visitor.server.clock(),
-        required=visitor.server.settings.required_metadata,
-        method_fields=Method.model_fields,
-    )
+    server = visitor.server
+    with visitor.snapshot() as snapshot:
+        return page(
+            visitor.request,
+            "guide/rules.html",
+            snapshot,
+            boards=server.boards,
+            schedules=server.schedules.in_effect(snapshot.session),
+            now=snapshot.now,
+            required=server.settings.required_metadata,
+            method_fields=Method.model_fields,
+        )
 
 
 @router.get("/api")

@@ -35,7 +35,9 @@ def show_submission(
             except NotFoundError:
                 pass  # it may be published
         shown = publication(
-            snapshot.session, submission_id, visitor.server.submissions.view(snapshot.now)
+            snapshot.session,
+            submission_id,
+            visitor.server.submissions.view(snapshot.session, snapshot.now),
         )
         return page(
             visitor.request,
@@ -52,7 +54,7 @@ def change_submission(submission_id: str, member: Member, form: Posted, _: Scori
     """Apply one of the forms on the page; each sends only its own fields."""
     typed = {name: value for name, value in form.items() if isinstance(value, str)}
     with member.snapshot() as snapshot:
-        view = member.server.submissions.view(snapshot.now)
+        view = member.server.submissions.view(snapshot.session, snapshot.now)
         submission_of(snapshot.session, snapshot.person, submission_id, view)
 
     def draw(problem: ProblemDocument) -> Response:
@@ -82,7 +84,9 @@ def _own_page(
         If it does not exist, or belongs to another team.
     """
     server, session, person = visit.server, snapshot.session, snapshot.person
-    shown = submission_of(session, person, submission_id, server.submissions.view(snapshot.now))
+    shown = submission_of(
+        session, person, submission_id, server.submissions.view(snapshot.session, snapshot.now)
+    )
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
     # Episodes may be shown, and would be scored in the same way now.
@@ -95,6 +99,7 @@ def _own_page(
         shown=shown,
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
         has_episodes=has_episodes,
+        one_per_team=board is not None and board.split.one_per_team,
         events=history(session, shown.id),
         reviews=standing_reviews(session, shown.id),
         now=snapshot.now,

@@ -9,7 +9,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
-from reverie_eval.schemas.service import QuotaReport
+from reverie_eval.schemas.service import QuotaReport, Schedule
 from reverie_eval.server.http.callers import Member, Snapshot
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.boards import Board
@@ -42,7 +42,7 @@ def show_team(member: Member) -> Response:
     """Show the team's people, quotas, submissions and tokens."""
     server = member.server
     with member.snapshot() as snapshot:
-        person, view = snapshot.person, server.submissions.view(snapshot.now)
+        person, view = snapshot.person, server.submissions.view(snapshot.session, snapshot.now)
         team = team_of(snapshot.session, person, MOST_SUBMISSIONS, view)
         left = [(each.board.name, each.quota) for each in split_quotas(server, snapshot)]
         return page(
@@ -67,6 +67,8 @@ class SplitQuota:
     board: Board
     quota: QuotaReport
     is_open: bool
+    is_paused: bool
+    """Whether submissions to this split are paused."""
     opens_at: datetime | None
     """When the next phase begins, or None."""
     closes_at: datetime | None
@@ -76,20 +78,23 @@ class SplitQuota:
 def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota]:
     """Return the quota of every split for the visitor."""
     quotas = server.intake.quotas(snapshot.session, snapshot.person)
+    schedules = server.schedules.in_effect(snapshot.session)
     return [
-        _split_quota(board, quotas[name], snapshot.now) for name, board in server.boards.items()
+        _split_quota(board, schedules[name], quotas[name], snapshot.now)
+        for name, board in server.boards.items()
     ]
 
 
-def _split_quota(board: Board, quota: QuotaReport, now: datetime) -> SplitQuota:
-    phases = board.split.phases
+def _split_quota(board: Board, schedule: Schedule, quota: QuotaReport, now: datetime) -> SplitQuota:
+    phases = schedule.phases
     coming = [phase.opens for phase in phases if phase.opens and phase.opens > now]
     ending = [phase.closes for phase in phases if phase.is_open(now)]
     closing = [closes for closes in ending if closes is not None]
     return SplitQuota(
         board=board,
         quota=quota,
-        is_open=board.is_open(now),
+        is_open=schedule.is_open(now),
+        is_paused=schedule.paused,
         opens_at=min(coming, default=None),
         closes_at=max(closing) if closing and len(closing) == len(ending) else None,
     )

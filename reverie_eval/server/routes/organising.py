@@ -19,6 +19,8 @@ from reverie_eval.schemas.organising import (
     NewPerson,
     NewReported,
     NewReview,
+    NewSchedule,
+    NewSnapshot,
     NewTeam,
     NewToken,
     NewTokenReport,
@@ -29,11 +31,12 @@ from reverie_eval.schemas.organising import (
     ReportedEntry,
     RescoringReport,
     ReviewEntry,
+    ScheduleReport,
     TeamReport,
     TokenReport,
 )
 from reverie_eval.schemas.personal_data import PersonalData
-from reverie_eval.schemas.service import NewsReport
+from reverie_eval.schemas.service import NewsReport, SnapshotEntry
 from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
@@ -59,6 +62,7 @@ router = APIRouter(
 )
 
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
+SplitName = Annotated[str, Path(examples=["test"])]
 TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
 
 
@@ -223,6 +227,28 @@ def show_notice(organiser: Organiser) -> NoticeReport:
 def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
     """Set the banner, and pause or resume submissions; takes effect immediately."""
     return organiser.perform(organiser.server.notices.post, new)
+
+
+@router.get("/schedules")
+def list_schedules(organiser: Organiser) -> list[ScheduleReport]:
+    """Compare when splits accept submissions by the settings, by the desk, and in effect."""
+    with organiser.snapshot() as snapshot:
+        return organiser.server.schedules.list_all(snapshot.session)
+
+
+@router.put("/schedules/{split}", responses=problems("not-found", "conflict"))
+def set_schedule(split: SplitName, new: NewSchedule, organiser: Organiser) -> ScheduleReport:
+    """Set a split's phases, when scores are released, and whether it is paused; empty, unset them.
+
+    What is left out is taken from the settings file. It takes effect immediately.
+    """
+    return organiser.perform(organiser.server.schedules.set, split, new)
+
+
+@router.post("/snapshots", status_code=201, responses=problems("not-found"))
+def take_snapshot(new: NewSnapshot, organiser: Organiser) -> SnapshotEntry:
+    """Take a signed snapshot of a leaderboard, which never changes."""
+    return organiser.perform(organiser.server.snapshots.take, new)
 
 
 @router.post("/news", status_code=201)

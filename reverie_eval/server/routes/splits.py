@@ -13,10 +13,14 @@ from reverie_eval.schemas.service import (
     Leaderboard,
     PhaseReport,
     QuotaReport,
+    Schedule,
+    Snapshot,
+    SnapshotEntry,
     SplitReport,
 )
 from reverie_eval.server.http.callers import Anybody, Call, Server
 from reverie_eval.server.http.openapi import problems
+from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import (
     FILE_BODY,
     METHOD_PARAMETERS,
@@ -27,7 +31,9 @@ from reverie_eval.server.http.uploads import (
     SentMethod,
 )
 from reverie_eval.server.service.boards import Board
-from reverie_eval.server.service.leaderboard import SORTABLE, as_csv, as_json
+from reverie_eval.server.service.entries import list_snapshots
+from reverie_eval.server.service.leaderboard import SORTABLE, as_csv, as_json, csv_of
+from reverie_eval.server.service.snapshots import snapshot_of
 
 router = APIRouter(prefix="/splits", tags=["splits"])
 
@@ -143,6 +149,36 @@ def download_leaderboard(split: SplitName, server: Server, metric: SortedBy = No
     return PlainTextResponse(as_csv(ranking), media_type="text/csv")
 
 
+@router.get("/{split}/snapshots", responses=problems("not-found"))
+def list_split_snapshots(split: SplitName, server: Server) -> list[SnapshotEntry]:
+    """List the snapshots of the leaderboard, the latest first."""
+    with server.database.reading() as session:
+        return list(list_snapshots(session, server.board(split).name))
+
+
+@router.get(
+    "/{split}/snapshots/{number}.csv",
+    response_class=Response,
+    responses={
+        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
+        **problems("not-found"),
+    },
+)
+def download_snapshot(split: SplitName, number: Number, server: Server) -> Response:
+    """Return a snapshot as CSV; its signature is that of the JSON."""
+    with server.database.reading() as session:
+        snapshot = snapshot_of(session, split, number)
+    text = csv_of(snapshot.leaderboard.model_dump(mode="json"))
+    return PlainTextResponse(text, media_type="text/csv")
+
+
+@router.get("/{split}/snapshots/{number}", responses=problems("not-found"))
+def show_snapshot(split: SplitName, number: Number, server: Server) -> Snapshot:
+    """Return a snapshot of the leaderboard, signed; it never changes."""
+    with server.database.reading() as session:
+        return snapshot_of(session, split, number)
+
+
 def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
     with call.snapshot() as snapshot:
         names = [board.name for board in boards]
@@ -151,15 +187,21 @@ def _reports(call: Call, boards: Collection[Board]) -> list[SplitReport]:
             if snapshot.caller
             else {}
         )
-        return [_report(board, quotas.get(board.name), snapshot.now) for board in boards]
+        schedules = call.server.schedules.in_effect(snapshot.session)
+        return [
+            _report(board, schedules[board.name], quotas.get(board.name), snapshot.now)
+            for board in boards
+        ]
 
 
-def _report(board: Board, quota: QuotaReport | None, now: datetime) -> SplitReport:
+def _report(
+    board: Board, schedule: Schedule, quota: QuotaReport | None, now: datetime
+) -> SplitReport:
     phases = [
         PhaseReport(
             name=phase.name, opens=phase.opens, closes=phase.closes, is_open=phase.is_open(now)
         )
-        for phase in board.split.phases
+        for phase in schedule.phases
     ]
     return SplitReport(
         name=board.name,
@@ -171,6 +213,8 @@ def _report(board: Board, quota: QuotaReport | None, now: datetime) -> SplitRepo
         fingerprint=board.truth.fingerprint,
         public_fingerprint=board.public_fingerprint,
         phases=phases,
-        release_scores=board.split.release_scores,
+        release_scores=schedule.release_scores,
+        paused=schedule.paused,
+        one_per_team=board.split.one_per_team,
         quota=quota,
     )

@@ -26,7 +26,7 @@ _CSV = "instr_id,path_length,success,...\n4774_267_1,12.5,1.0,...\n"
 def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
     """List your team's submissions, the newest first; the organiser sees all teams'."""
     with caller.snapshot() as snapshot:
-        view = caller.server.submissions.view(snapshot.now)
+        view = caller.server.submissions.view(snapshot.session, snapshot.now)
         return paging.reply(list_submissions(snapshot.session, snapshot.person, paging.page, view))
 
 
@@ -34,7 +34,7 @@ def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
 def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionReport:
     """Show a submission of your team."""
     with caller.snapshot() as snapshot:
-        view = caller.server.submissions.view(snapshot.now)
+        view = caller.server.submissions.view(snapshot.session, snapshot.now)
         return submission_of(snapshot.session, snapshot.person, submission_id, view)
 
 

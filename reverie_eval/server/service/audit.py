@@ -46,7 +46,9 @@ from reverie_eval.server.store.tables import (
     Person,
     ReportedResult,
     Review,
+    SetSchedule,
     SigningKey,
+    StoredSnapshot,
     Submission,
     Team,
     Token,
@@ -422,6 +424,11 @@ _VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
     (News, select(literal("news added"), News.id, News.created_at)),
     (News, select(literal("news removed"), News.id, News.removed_at)),
     (Notice, select(literal("notice posted"), Notice.id, Notice.created_at)),
+    (SetSchedule, select(literal("schedule set"), SetSchedule.id, SetSchedule.created_at)),
+    (
+        StoredSnapshot,
+        select(literal("snapshot taken"), StoredSnapshot.id, StoredSnapshot.created_at),
+    ),
     (Correction, select(literal("correction announced"), Correction.id, Correction.created_at)),
 )
 """For each table, the actions that its rows show: name, key of the row, time or None."""

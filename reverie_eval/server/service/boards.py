@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
 
@@ -75,10 +74,6 @@ class Board:
             _BENCHMARK.sub("", name.lower()) for name in (self.truth.header.dataset, dataset)
         )
         return other in {own, ""}
-
-    def is_open(self, now: datetime) -> bool:
-        """Whether the split accepts submissions at a time."""
-        return any(phase.is_open(now) for phase in self.split.phases)
 
     def read(self, content: bytes) -> PreparedSubmission:
         """Read a submission's JSON text and align it with the split.

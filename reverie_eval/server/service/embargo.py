@@ -2,8 +2,8 @@
 
 They are computed and kept when a submission arrives, as always. Until they are released, everything
 that leaves the server is worded without them, the receipt included, which is signed without scores
-each time. The end of a phase is read from the settings: if it is extended, scores are held back for
-as long.
+each time. If a phase is extended before it ends, scores are held back for as long. Scores that were
+shown stay visible.
 """
 
 from collections.abc import Mapping
@@ -12,31 +12,32 @@ from datetime import datetime
 
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import SubmissionReport
-from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.schedules import Timetable
 from reverie_eval.server.store.tables import Submission
 
 
 @dataclass(frozen=True, slots=True)
 class Embargo:
-    """Words submissions for their teams and for readers, without scores that are held back."""
+    """Words submissions for their teams and for readers, without scores held back at a moment."""
 
-    boards: Mapping[str, Board]
+    timetables: Mapping[str, Timetable]
     signer: Signer
+    now: datetime
 
-    def until(self, row: Submission, now: datetime) -> datetime | None:
+    def until(self, row: Submission) -> datetime | None:
         """Return the last second in which a submission's scores are held back, if they are now."""
-        board = self.boards.get(row.split)
-        return None if board is None else board.split.scores_held_until(row.received_at, now)
+        timetable = self.timetables.get(row.split)
+        return None if timetable is None else timetable.held_until(row.received_at, self.now)
 
-    def report(self, row: Submission, now: datetime) -> ScoreReport:
+    def report(self, row: Submission) -> ScoreReport:
         """Return what a submission scored, as far as it may be seen."""
         known = ScoreReport.model_validate(row.report)
-        return known if self.until(row, now) is None else without_scores(known)
+        return known if self.until(row) is None else without_scores(known)
 
-    def word(self, known: SubmissionReport, row: Submission, now: datetime) -> SubmissionReport:
+    def word(self, known: SubmissionReport, row: Submission) -> SubmissionReport:
         """Return a submission as its team may see it."""
-        until = self.until(row, now)
+        until = self.until(row)
         if until is None:
             return known
         return known.model_copy(

@@ -17,11 +17,18 @@ from sqlalchemy import ColumnElement, Text, cast, exists, func, literal, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE
-from reverie_eval.schemas.service import CorrectionReport, Standing, Verdict
+from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing, Verdict
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import reviews_of
-from reverie_eval.server.store.tables import AuditEntry, Correction, Submission, Team
+from reverie_eval.server.service.schedules import Schedules, Timetable
+from reverie_eval.server.store.tables import (
+    AuditEntry,
+    Correction,
+    StoredSnapshot,
+    Submission,
+    Team,
+)
 
 _SUBMITTED = literal("submitted", literal_execute=True)
 """The most frequent action; it changes no leaderboard, because it publishes nothing. It is written
@@ -118,6 +125,8 @@ class BoardEntries:
     """All metrics of the entries that are not apart."""
     corrections: Sequence[CorrectionReport] = ()
     """The latest first."""
+    snapshots: Sequence[SnapshotEntry] = ()
+    """The latest first."""
     held_until: datetime | None = None
     """When scores are released next, if any are held back."""
     ranked: dict[str, Sequence[Row]] = field(default_factory=dict)
@@ -131,7 +140,8 @@ class BoardEntries:
 class EntriesCache:
     """The entries of every leaderboard, always as recent as the last commit."""
 
-    def __init__(self) -> None:
+    def __init__(self, schedules: Schedules) -> None:
+        self._schedules = schedules
         self._cached: dict[str, BoardEntries] = {}
         self._counts: tuple[int, Mapping[str, Counter[int]]] = (0, {})
         """As of an entry of the audit log: the submissions of each team, by split."""
@@ -144,7 +154,9 @@ class EntriesCache:
         with self._lock:
             cached = self._cached.get(board.name)
             if cached is None or cached.number < number or cached.is_over(now):
-                cached = self._cached[board.name] = _read_entries(session, board, number, now)
+                timetable = self._schedules.read(session)[board.name]
+                cached = _read_entries(session, board, timetable, number, now)
+                self._cached[board.name] = cached
             return cached
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
@@ -179,14 +191,23 @@ def _were_teams_merged(session: Session, since: int) -> bool:
     return bool(session.scalar(select(merged)))
 
 
-def _read_entries(session: Session, board: Board, number: int, now: datetime) -> BoardEntries:
-    entries = [*_scored(session, board, now), *_reported(session, board)]
+def _read_entries(
+    session: Session, board: Board, timetable: Timetable, number: int, now: datetime
+) -> BoardEntries:
+    entries = [*_scored(session, board, timetable, now), *_reported(session, board)]
     listed = [entry for entry in entries if entry.standing in _LISTED]
     apart = [Row(None, entry) for entry in entries if entry.standing not in _LISTED]
     metrics = frozenset(key for entry in listed for key in entry.scores)
     held = [entry.scores_held_until for entry in entries if entry.scores_held_until is not None]
-    corrections = corrections_of(session, board.name)
-    return BoardEntries(number, listed, apart, metrics, corrections, min(held, default=None))
+    return BoardEntries(
+        number,
+        listed,
+        apart,
+        metrics,
+        corrections=corrections_of(session, board.name),
+        snapshots=list_snapshots(session, board.name),
+        held_until=min(held, default=None),
+    )
 
 
 def corrections_of(session: Session, split: str) -> Sequence[CorrectionReport]:
@@ -195,12 +216,20 @@ def corrections_of(session: Session, split: str) -> Sequence[CorrectionReport]:
     return [CorrectionReport.model_validate(row) for row in session.scalars(chosen)]
 
 
+def list_snapshots(session: Session, split: str | None = None) -> Sequence[SnapshotEntry]:
+    """List the snapshots of a split, or of all; the latest first."""
+    chosen = select(StoredSnapshot).order_by(StoredSnapshot.id.desc())
+    if split is not None:
+        chosen = chosen.where(StoredSnapshot.split == split)
+    return [SnapshotEntry.model_validate(row) for row in session.scalars(chosen)]
+
+
 def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:
     chosen = select(AuditEntry.id).where(*kinds).order_by(AuditEntry.id.desc())
     return session.scalar(chosen.limit(1)) or 0
 
 
-def _scored(session: Session, board: Board, now: datetime) -> Sequence[Entry]:
+def _scored(session: Session, board: Board, timetable: Timetable, now: datetime) -> Sequence[Entry]:
     chosen = (
         select(
             Submission.id,
@@ -229,7 +258,7 @@ def _scored(session: Session, board: Board, now: datetime) -> Sequence[Entry]:
             row,
             reviews.get(row.id, ()),
             rules,
-            board.split.scores_held_until(row.received_at, now),
+            timetable.held_until(row.received_at, now),
         )
         for row in session.execute(chosen)
     ]

@@ -194,10 +194,10 @@ class EpisodeService:
         """Return the submissions to an open split that a person may see, the newest first."""
         if person is None:
             return []
-        return list_submissions(session, person, Page(MOST_LISTED), self._view(), split).rows
+        return list_submissions(session, person, Page(MOST_LISTED), self._view(session), split).rows
 
-    def _view(self) -> View:
-        return self._submissions.view(self._submissions.transactions.clock())
+    def _view(self, session: Session) -> View:
+        return self._submissions.view(session, self._submissions.transactions.clock())
 
     def _board(self, split: str) -> Board:
         board = next((board for board in self.boards if board.name == split), None)
@@ -211,7 +211,7 @@ class EpisodeService:
     def _run(self, session: Session, person: Person | None, split: str, submission_id: str) -> Run:
         if person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
-        report = submission_of(session, person, submission_id, self._view())
+        report = submission_of(session, person, submission_id, self._view(session))
         if report.split != split:
             raise NotFoundError(f"your team has no submission {submission_id!r}")
         return Run(report, self._submissions.episodes(report))

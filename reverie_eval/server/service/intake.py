@@ -15,11 +15,13 @@ from datetime import datetime
 from sqlalchemy import and_, or_, select
 from sqlalchemy.orm import Session
 
+from reverie_eval.schemas.organising import NoticeReport
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,
     Method,
     QuotaReport,
+    Schedule,
     SubmissionReport,
 )
 from reverie_eval.server.errors import ConflictError, NotOpenError, QuotaSpentError
@@ -30,6 +32,7 @@ from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.quotas import QuotaUsage, check_bytes, quota_usages
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.submissions import View, check_metadata
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.database import Database
@@ -57,7 +60,7 @@ class Intake:
     transactions: Transactions
     notices: Notices
     attempts: Attempts
-    embargo: Embargo
+    schedules: Schedules
     required_metadata: Collection[str]
     most_bytes: int
     mebibytes_per_day: int
@@ -146,9 +149,10 @@ class Intake:
             if earlier is not None:
                 return self._repeated(session, earlier, board, person)
             check_metadata(method, self.required_metadata)
+            schedule = self.schedules.of(session, split).at(arrived)
             if not organiser:
-                self._check_paused(session, arrived)
-            self._check_open(board, arrived)
+                self._check_paused(self.notices.at(session, arrived), board, schedule)
+            self._check_open(board, schedule, arrived)
             self._check_quota(session, person, board, arrived, in_the_past=bool(organiser))
         reading = board.read(content)
         is_navigation_only = reading.submission.is_navigation_only
@@ -193,7 +197,7 @@ class Intake:
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {split}"
             announce(transaction, "submission", said, f"/submissions/{row.id}")
             keep()
-            return Accepted(submission=self._worded(row), quota=quota, is_repeat=False)
+            return Accepted(submission=self._worded(session, row), quota=quota, is_repeat=False)
 
     def _earlier(
         self, session: Session, person: Person, split: str, sha256: str, key: str | None
@@ -224,20 +228,22 @@ class Intake:
         self, session: Session, row: Submission, board: Board, person: Person
     ) -> Accepted:
         quota = self.quotas(session, person, board.name)[board.name]
-        return Accepted(submission=self._worded(row), quota=quota, is_repeat=True)
+        return Accepted(submission=self._worded(session, row), quota=quota, is_repeat=True)
 
-    def _worded(self, row: Submission) -> SubmissionReport:
-        return View(self.embargo, self.clock()).report(row)
+    def _worded(self, session: Session, row: Submission) -> SubmissionReport:
+        embargo = Embargo(self.schedules.read(session), self.signer, self.clock())
+        return View(embargo).report(row)
 
-    def _check_paused(self, session: Session, now: datetime) -> None:
-        notice = self.notices.at(session, now)
+    def _check_paused(self, notice: NoticeReport, board: Board, schedule: Schedule) -> None:
+        why = f": {notice.banner}" if notice.banner else ""
         if notice.paused:
-            why = f": {notice.banner}" if notice.banner else ""
             raise NotOpenError(f"the organiser has paused submissions{why}")
+        if schedule.paused:
+            raise NotOpenError(f"the organiser has paused submissions to {board.name}{why}")
 
-    def _check_open(self, board: Board, now: datetime) -> None:
-        if not board.is_open(now):
-            opening = [p.opens for p in board.split.phases if p.opens and p.opens > now]
+    def _check_open(self, board: Board, schedule: Schedule, now: datetime) -> None:
+        if not schedule.is_open(now):
+            opening = [p.opens for p in schedule.phases if p.opens and p.opens > now]
             after = f"; the next phase opens {min(opening).isoformat()}" if opening else ""
             raise NotOpenError(f"{board.name} accepts no submissions now{after}")
 

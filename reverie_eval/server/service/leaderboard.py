@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._results import methods_table
 from reverie_eval.reporting._table import latex_comments, latex_text
-from reverie_eval.schemas.service import CorrectionReport, Method
+from reverie_eval.schemas.service import CorrectionReport, Method, SnapshotEntry
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import spreadsheet_cell
@@ -53,6 +53,8 @@ class Ranking:
     counts: Mapping[int, int]
     """Number of submissions to the split, by team."""
     corrections: Sequence[CorrectionReport] = ()
+    """The latest first."""
+    snapshots: Sequence[SnapshotEntry] = ()
     """The latest first."""
 
     def team(self, entry: Entry) -> str:
@@ -136,6 +138,7 @@ def leaderboard(
         now=now,
         counts=counts,
         corrections=cached.corrections,
+        snapshots=cached.snapshots,
     )
 
 
@@ -166,19 +169,21 @@ def _cost(value: float | None, metric: Metric) -> float:
 
 def as_json(ranking: Ranking) -> bytes:
     """Return a leaderboard as JSON, as :class:`~reverie_eval.schemas.service.Leaderboard`."""
+    return msgspec.json.encode(_content(ranking))
+
+
+def _content(ranking: Ranking) -> Mapping[str, Any]:
     board = ranking.board
-    return msgspec.json.encode(
-        {
-            "split": board.name,
-            "protocol": board.split.protocol,
-            "metric": ranking.metric,
-            "fingerprint": board.truth.fingerprint,
-            "signature": board.signature,
-            "rows": [_row_json(ranking, row) for row in ranking.rows],
-            "apart": [_row_json(ranking, row) for row in ranking.apart],
-            "corrections": [each.model_dump(mode="json") for each in ranking.corrections],
-        }
-    )
+    return {
+        "split": board.name,
+        "protocol": board.split.protocol,
+        "metric": ranking.metric,
+        "fingerprint": board.truth.fingerprint,
+        "signature": board.signature,
+        "rows": [_row_json(ranking, row) for row in ranking.rows],
+        "apart": [_row_json(ranking, row) for row in ranking.apart],
+        "corrections": [each.model_dump(mode="json") for each in ranking.corrections],
+    }
 
 
 def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
@@ -202,7 +207,12 @@ def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
 
 
 def as_csv(ranking: Ranking) -> str:
-    """Return a leaderboard as CSV: a row per result, a column per metric.
+    """Return a leaderboard as CSV; see :func:`csv_of`."""
+    return csv_of(msgspec.to_builtins(_content(ranking)))
+
+
+def csv_of(leaderboard: Mapping[str, Any]) -> str:
+    """Return the JSON of a leaderboard as CSV: a row per result, a column per metric.
 
     Results that are not ranked come last. A cell that a spreadsheet would read as a formula begins
     with an apostrophe.
@@ -211,25 +221,21 @@ def as_csv(ranking: Ranking) -> str:
     ----------
     OWASP, "CSV Injection".
     """
-    rows = [*ranking.rows, *ranking.apart]
-    present: set[str] = set().union(*(row.entry.scores for row in rows))
+    rows = [*leaderboard["rows"], *leaderboard["apart"]]
+    present: set[str] = set().union(*(row["scores"] for row in rows))
     shown = [key for key in CATALOGUE if key in present]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     headings = ["method" if name == "name" else name for name in _OF_METHOD]
     writer.writerow([*_ABOUT, *headings, *_STANDING, *shown])
     for row in rows:
-        entry = row.entry
-        published = entry.published_at.isoformat().replace("+00:00", "Z")
-        reviews = "; ".join(f"{review.verdict}: {review.reason}" for review in entry.reviews)
+        reviews = "; ".join(f"{each['verdict']}: {each['reason']}" for each in row["reviews"])
         words = [
-            *(row.rank, entry.submission_id, ranking.team(entry), published),
-            ranking.submissions(entry),
-            *(entry.method.get(name) for name in _OF_METHOD),
-            *(entry.standing, reviews, entry.source, entry.reported_date, entry.dataset),
-            entry.signature,
+            *(row[name] for name in _ABOUT),
+            *(row["method"].get(name) for name in _OF_METHOD),
+            *({**row, "reviews": reviews}[name] for name in _STANDING),
         ]
-        writer.writerow([*map(spreadsheet_cell, words), *(entry.scores.get(key) for key in shown)])
+        writer.writerow([*map(spreadsheet_cell, words), *(row["scores"].get(key) for key in shown)])
     return text.getvalue()
 
 

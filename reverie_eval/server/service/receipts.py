@@ -4,7 +4,7 @@ import base64
 import os
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes
@@ -19,7 +19,9 @@ from cryptography.hazmat.primitives.serialization import (
 
 from reverie_eval import receipts
 from reverie_eval.receipts import ReceiptError, canonical, key_id_of
-from reverie_eval.schemas.service import QuotaReport, Receipt
+from reverie_eval.schemas.service import Leaderboard, QuotaReport, Receipt, Snapshot
+
+Signed = TypeVar("Signed", Receipt, Snapshot)
 
 
 class KeyMissingError(ReceiptError):
@@ -73,11 +75,27 @@ class Signer:
         )
         return self._signed(unsigned)
 
-    def sign_again(self, receipt: Receipt, **changed: Any) -> Receipt:
-        """Return a receipt with some fields changed, signed with this key."""
+    def sign_snapshot(
+        self, *, split: str, number: int, title: str, as_of: datetime, leaderboard: Leaderboard
+    ) -> Snapshot:
+        """Return a signed state of a leaderboard."""
+        unsigned = Snapshot(
+            server=self.server,
+            split=split,
+            number=number,
+            title=title,
+            as_of=as_of,
+            leaderboard=leaderboard,
+            key_id=self.key_id,
+            proof="",
+        )
+        return self._signed(unsigned)
+
+    def sign_again(self, receipt: Signed, **changed: Any) -> Signed:
+        """Return a receipt or a snapshot with some fields changed, signed with this key."""
         return self._signed(receipt.model_copy(update={**changed, "key_id": self.key_id}))
 
-    def _signed(self, receipt: Receipt) -> Receipt:
+    def _signed(self, receipt: Signed) -> Signed:
         proof = base64.b64encode(self._key.sign(canonical(receipt))).decode()
         return receipt.model_copy(update={"proof": proof})
 

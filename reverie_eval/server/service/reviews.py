@@ -70,6 +70,12 @@ def standing_reviews(session: Session, submission_id: str) -> Sequence[Review]:
     return session.scalars(chosen.where(Review.lifted_at.is_(None)).order_by(Review.id)).all()
 
 
+def is_disqualified(session: Session, submission_id: str) -> bool:
+    """Whether the organiser has disqualified a submission, and not lifted that."""
+    standing = standing_reviews(session, submission_id)
+    return any(review.verdict == "disqualified" for review in standing)
+
+
 def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
     """Return the current reviews of a split's submissions by id, the earliest first."""
     # Not a join, which SQLite may begin with all submissions: there are few reviews.

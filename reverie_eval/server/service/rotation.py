@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import select
 
 from reverie_eval.schemas.organising import KeyRevocation
-from reverie_eval.schemas.service import KeyReport, Receipt
+from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
 from reverie_eval.server.errors import ConflictError, NotFoundError
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.keys import (
@@ -18,7 +18,7 @@ from reverie_eval.server.service.keys import (
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import AT_ONCE
-from reverie_eval.server.store.tables import SigningKey, Submission
+from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submission
 
 
 def replace_key(
@@ -61,7 +61,8 @@ def replace_key(
 def revoke_key(transaction: Transaction, key_id: str, revocation: KeyRevocation) -> int:
     """Let a replaced key's signatures of later submissions not count.
 
-    Their stored receipts are signed again with the key in use, and their number is returned.
+    Their stored receipts, and later snapshots, are signed again with the key in use. The number of
+    these is returned.
 
     Raises
     ------
@@ -86,6 +87,13 @@ def revoke_key(transaction: Transaction, key_id: str, revocation: KeyRevocation)
     chosen = select(Submission).where(Submission.received_at > since)
     for row in session.scalars(chosen.execution_options(yield_per=AT_ONCE)):
         signed += _sign_again(row, key_id, transaction.audit_log.signer)
+    snapshots = select(StoredSnapshot).where(StoredSnapshot.as_of > since)
+    for stored in session.scalars(snapshots):
+        snapshot = Snapshot.model_validate(stored.content)
+        if snapshot.key_id == key_id:
+            again = transaction.audit_log.signer.sign_again(snapshot)
+            stored.content = again.model_dump(mode="json")
+            signed += 1
     transaction.record(
         "signing key revoked",
         key,

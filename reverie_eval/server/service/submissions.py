@@ -28,8 +28,10 @@ from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundEr
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
-from reverie_eval.server.service.reviews import find_submission, standing_reviews
-from reverie_eval.server.service.transactions import Transactions
+from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.reviews import find_submission, is_disqualified, standing_reviews
+from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.database import AT_ONCE, Database
 from reverie_eval.server.store.tables import Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
@@ -96,11 +98,10 @@ class View:
     """What may be seen of submissions at a moment."""
 
     embargo: Embargo
-    now: datetime
 
     def report(self, row: Submission) -> SubmissionReport:
         """Word a submission for its team."""
-        return self.embargo.word(submission_report(row), row, self.now)
+        return self.embargo.word(submission_report(row), row)
 
 
 def submission_report(row: Submission) -> SubmissionReport:
@@ -160,14 +161,14 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
     row = find_submission(session, submission_id)
     if row is None or row.published_at is None or row.withdrawn_at is not None:
         raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
-    held_until = view.embargo.until(row, view.now)
-    is_anonymous = row.anonymous_until is not None and row.anonymous_until > view.now
+    held_until = view.embargo.until(row)
+    is_anonymous = row.anonymous_until is not None and row.anonymous_until > view.embargo.now
     return Publication(
         id=row.id,
         split=row.split,
         team="" if is_anonymous else row.team.name,
         method=Method.model_validate(row.method),
-        report=view.embargo.report(row, view.now),
+        report=view.embargo.report(row),
         scores_held_until=held_until,
         published_at=row.published_at,
         reviews=standing_reviews(session, row.id),
@@ -199,16 +200,17 @@ class SubmissionService:
     database: Database
     uploads: Uploads
     transactions: Transactions
-    embargo: Embargo
+    schedules: Schedules
+    signer: Signer
     required_metadata: Collection[str]
 
     def __post_init__(self) -> None:
         """Create the cache of scores."""
         self._scored = lru_cache(RECENT)(self._score_again)
 
-    def view(self, now: datetime) -> View:
+    def view(self, session: Session, now: datetime) -> View:
         """Return what may be seen at a moment."""
-        return View(self.embargo, now)
+        return View(Embargo(self.schedules.read(session), self.signer, now))
 
     def file(self, submission: SubmissionReport) -> Iterator[bytes]:
         """Return the submitted file, unpacked and otherwise unchanged, in pieces.
@@ -269,19 +271,17 @@ class SubmissionService:
         with self.database.reading() as session:
             known = submission_report(_row_of(session, person, submission_id))
             if not change.model_fields_set:
-                return submission_of(
-                    session, person, submission_id, self.view(self.transactions.clock())
-                )
+                view = self.view(session, self.transactions.clock())
+                return submission_of(session, person, submission_id, view)
         intervals = self._intervals(known) if change.published else None
         with self.transactions.begin(organiser or person) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
-            if change.withdrawn or change.published is False:
-                standing = standing_reviews(transaction.session, row.id)
-                if any(review.verdict == "disqualified" for review in standing):
-                    raise ConflictError(
-                        "the organiser has disqualified this submission; until that is lifted, it "
-                        "cannot be unpublished or withdrawn"
-                    )
+            is_removed = change.withdrawn or change.published is False
+            if is_removed and is_disqualified(transaction.session, row.id):
+                raise ConflictError(
+                    "the organiser has disqualified this submission; until that is lifted, it "
+                    "cannot be unpublished or withdrawn"
+                )
             if intervals is not None:
                 row.report = {**row.report, "intervals": intervals}
             if change.method is not None:
@@ -296,7 +296,31 @@ class SubmissionService:
                 raise ConflictError("a withdrawn submission cannot be published; restore it first")
             changed = change.model_dump(mode="json", exclude_unset=True)
             transaction.record("changed", row, row.id, **changed)
-            return self.view(now).report(row)
+            self._replace_earlier(transaction, row, change)
+            return self.view(transaction.session, now).report(row)
+
+    def _replace_earlier(
+        self, transaction: Transaction, row: Submission, change: SubmissionChange
+    ) -> None:
+        """Take the team's other results off the leaderboard, if the split shows one per team.
+
+        A disqualified one stays.
+        """
+        board = self.boards.get(row.split)
+        is_shown = row.published_at is not None and (change.published or change.withdrawn is False)
+        if board is None or not board.split.one_per_team or not is_shown:
+            return
+        chosen = select(Submission).where(
+            Submission.split == row.split,
+            Submission.team_id == row.team_id,
+            Submission.id != row.id,
+            Submission.published_at.is_not(None),
+            Submission.withdrawn_at.is_(None),
+        )
+        for earlier in transaction.session.scalars(chosen).all():
+            if not is_disqualified(transaction.session, earlier.id):
+                earlier.published_at = None
+                transaction.record("changed", earlier, earlier.id, published=False)
 
     def _edited(self, row: Submission, change: MethodChange) -> Method:
         edited = change.model_dump(mode="json", exclude_unset=True)

@@ -74,6 +74,8 @@ class Transactions:
     audit_log: AuditLog
     clock: Callable[[], datetime]
     channels: Mapping[str, Channel] = field(default_factory=dict)
+    begins: Callable[[Transaction], None] = lambda _: None
+    """Called at the beginning of each transaction, before anything is changed."""
 
     @contextmanager
     def begin(self, actor: Actor) -> Iterator[Transaction]:
@@ -87,7 +89,9 @@ class Transactions:
         with self.database.writing() as session:
             now = self.clock()
             admit(session, self.audit_log.signer, now)
-            yield Transaction(session, actor, now, self.audit_log, self.channels)
+            transaction = Transaction(session, actor, now, self.audit_log, self.channels)
+            self.begins(transaction)
+            yield transaction
 
 
 def _logged(name: Person | str) -> str:

@@ -7,7 +7,7 @@ from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeD
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 from reverie_eval.schemas.organising import TokenKind
-from reverie_eval.schemas.service import Role, Verdict
+from reverie_eval.schemas.service import ReleaseScores, Role, Verdict
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -39,6 +39,7 @@ class Base(DeclarativeBase):
         Role: String(16),
         TokenKind: String(16),
         Verdict: String(16),
+        ReleaseScores: String(16),
     }
 
 
@@ -298,6 +299,42 @@ class Notice(Base):
     banner: Mapped[str] = mapped_column(String(500))
     paused: Mapped[bool]
     posted_by: Mapped[str] = mapped_column(String(100))
+    created_at: Mapped[datetime]
+
+
+class SetSchedule(Base):
+    """When a split accepts submissions and shows scores, as set at the desk; the latest applies."""
+
+    __tablename__ = "schedule"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    split: Mapped[str] = mapped_column(String(64), index=True)
+    phases: Mapped[list[dict[str, Any]] | None]
+    """None: those of the settings."""
+    release_scores: Mapped[ReleaseScores | None]
+    paused: Mapped[bool]
+    set_by: Mapped[str] = mapped_column(String(200))
+    created_at: Mapped[datetime]
+
+
+class StoredSnapshot(Base):
+    """A state of a leaderboard, which never changes."""
+
+    __tablename__ = "snapshot"
+    __table_args__ = (
+        Index("one_per_number", "split", "number", unique=True),
+        Index("one_per_closing", "split", "phase", "as_of", unique=True),
+    )
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    split: Mapped[str] = mapped_column(String(64))
+    number: Mapped[int]
+    title: Mapped[str] = mapped_column(String(100))
+    phase: Mapped[str | None] = mapped_column(String(100))
+    """The phase after which it was taken; None if the organiser took it."""
+    as_of: Mapped[datetime]
+    content: Mapped[dict[str, Any]]
+    """The signed snapshot."""
     created_at: Mapped[datetime]
 
 

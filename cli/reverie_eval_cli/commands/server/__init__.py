@@ -26,6 +26,11 @@ server = LazyGroup(
             "import": "reported:import_results",
             "reported": "reported:reported",
         },
+        "Phases": {
+            "phase": "phase:phase",
+            "diff": "phase:diff",
+            "snapshot": "snapshot:snapshot",
+        },
         "Keep": {
             "doctor": "folder:doctor",
             "tidy": "tidy:tidy",

@@ -8,12 +8,26 @@ from reverie_eval.server.pages.desk import (
     notice,
     overview,
     people,
+    phases,
     quotas,
     reported,
     requests,
     reviews,
+    snapshots,
 )
 
 router = APIRouter()
-for part in (overview, people, requests, quotas, reviews, reported, corrections, news, notice):
+for part in (
+    overview,
+    people,
+    requests,
+    quotas,
+    phases,
+    snapshots,
+    reviews,
+    reported,
+    corrections,
+    news,
+    notice,
+):
     router.include_router(part.router)

@@ -50,6 +50,7 @@ def show_desk(desk: Desk, health: Annotated[HealthReport, Depends(examined)]) ->
             totals=totals(session),
             day=last_day(session, snapshot.now),
             standing=server.notices.current(session),
+            schedules=server.schedules.in_effect(session),
             disk=shutil.disk_usage(server.settings.folder),
         )
 

@@ -36,7 +36,8 @@ def draw(
     """Show the reviews, and the form to review a submission."""
     with desk.snapshot() as snapshot:
         session = snapshot.session
-        chosen, embargo = _chosen(session, typed), desk.server.submissions.embargo
+        chosen = _chosen(session, typed)
+        embargo = desk.server.submissions.view(session, snapshot.now).embargo
         standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
         return forms.desk_page(
             desk,
@@ -47,7 +48,7 @@ def draw(
             lifted=reviews.review_rows(session, lifted, standing=False),
             latest=reviews.latest_submissions(session, A_FEW),
             chosen=chosen,
-            scores={} if chosen is None else embargo.report(chosen, snapshot.now).scores,
+            scores={} if chosen is None else embargo.report(chosen).scores,
             verdicts=VERDICTS,
             typed=typed,
             done=what,

@@ -113,6 +113,36 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id"),
     )
     op.create_table(
+        "schedule",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("split", sa.String(length=64), nullable=False),
+        sa.Column("phases", sa.JSON(), nullable=True),
+        sa.Column("release_scores", sa.String(length=16), nullable=True),
+        sa.Column("paused", sa.Boolean(), nullable=False),
+        sa.Column("set_by", sa.String(length=200), nullable=False),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.PrimaryKeyConstraint("id"),
+    )
+    with op.batch_alter_table("schedule", schema=None) as batch_op:
+        batch_op.create_index(batch_op.f("ix_schedule_split"), ["split"], unique=False)
+
+    op.create_table(
+        "snapshot",
+        sa.Column("id", sa.Integer(), nullable=False),
+        sa.Column("split", sa.String(length=64), nullable=False),
+        sa.Column("number", sa.Integer(), nullable=False),
+        sa.Column("title", sa.String(length=100), nullable=False),
+        sa.Column("phase", sa.String(length=100), nullable=True),
+        sa.Column("as_of", sa.DateTime(timezone=True), nullable=False),
+        sa.Column("content", sa.JSON(), nullable=False),
+        sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
+        sa.PrimaryKeyConstraint("id"),
+    )
+    with op.batch_alter_table("snapshot", schema=None) as batch_op:
+        batch_op.create_index("one_per_closing", ["split", "phase", "as_of"], unique=True)
+        batch_op.create_index("one_per_number", ["split", "number"], unique=True)
+
+    op.create_table(
         "reported_result",
         sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("split", sa.String(length=64), nullable=False),

@@ -1,0 +1,180 @@
+"""``reverie-eval server phase set|close|reset|pause|resume FOLDER``, and ``server diff FOLDER``."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from reverie_eval_cli import options
+from reverie_eval_cli.groups import Group
+from reverie_eval_cli.organising import acting, checked, print_list, reading
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from datetime import datetime
+
+    from reverie_eval.schemas.organising import NewSchedule, NoticeReport
+    from reverie_eval.schemas.service import ReleaseScores, Schedule
+    from reverie_eval.server.service.schedules import Timetable
+
+split = click.argument("split")
+
+
+@click.group(cls=Group)
+def phase() -> None:
+    """Open, close and extend phases, and pause splits, without a restart.
+
+    `server diff` shows what applies. Each change is in the audit log.
+    """
+
+
+@phase.command("set")
+@options.server_folder
+@split
+@click.argument("name")
+@click.option(
+    "--opens",
+    metavar="TIME",
+    help="Its first second: 2027-01-01T00:00:00Z, or a day in UTC.",
+)
+@click.option(
+    "--closes",
+    metavar="TIME",
+    help="Its last second: 2027-06-01T23:59:59Z, or a day in UTC, of which the whole counts.",
+)
+@click.option(
+    "--release-scores",
+    type=options.Choice(["at-once", "phase-end"]),
+    help="When scores of the split are shown. Those that are shown already stay visible.",
+)
+def set_phase(
+    *,
+    folder: Path,
+    split: str,
+    name: str,
+    opens: str | None,
+    closes: str | None,
+    release_scores: "ReleaseScores | None",
+) -> None:
+    """Add a phase, or open or extend the phase of that NAME.
+
+    What you leave out stays as it is. From then on, the phases of SPLIT in the settings file do not
+    apply, until `server phase reset`.
+    """
+    from reverie_eval.schemas.organising import NewSchedule
+    from reverie_eval.server.service.schedules import with_phase
+
+    def change(timetable: "Timetable", _: "datetime") -> NewSchedule:
+        fields = with_phase(timetable.latest, name, opens, closes, release_scores)
+        return checked(NewSchedule, **fields)
+
+    _set(folder, split, change)
+
+
+@phase.command()
+@options.server_folder
+@split
+def close(*, folder: Path, split: str) -> None:
+    """End the open phases of a split now."""
+    from reverie_eval.server.service.schedules import closed
+
+    _set(folder, split, lambda timetable, now: closed(timetable.latest, now))
+
+
+@phase.command()
+@options.server_folder
+@split
+def reset(*, folder: Path, split: str) -> None:
+    """Use the phases and `release_scores` of the settings file again."""
+    unset = {"phases": None, "release_scores": None}
+    _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update=unset))
+
+
+@phase.command()
+@options.server_folder
+@split
+def pause(*, folder: Path, split: str) -> None:
+    """Accept no submissions to a split, whatever its phases say."""
+    _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update={"paused": True}))
+
+
+@phase.command()
+@options.server_folder
+@split
+def resume(*, folder: Path, split: str) -> None:
+    """Accept submissions to a split again."""
+    _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update={"paused": False}))
+
+
+def _set(folder: Path, split: str, change: "Callable[[Timetable, datetime], NewSchedule]") -> None:
+    """Change the schedule of a split, and print what applies now."""
+    from reverie_eval.server.service.schedules import Schedules
+    from reverie_eval.server.settings import load_settings
+
+    schedules = Schedules(load_settings(folder).splits)
+    with acting(folder) as transaction:
+        timetable = schedules.of(transaction.session, split)
+        new = change(timetable, transaction.now)
+        _, shown = schedules.if_set(transaction.session, split, new, transaction.now)
+        report = schedules.set(transaction, split, new)
+    print(f"{split}: {_text(report.in_effect)}")
+    if shown:
+        print(f"{split}: scores held back until now are shown: {shown}")
+
+
+@click.command()
+@options.server_folder
+def diff(*, folder: Path) -> None:
+    """Compare the settings file with what the desk has set.
+
+    Shows phases, the release of scores and pauses, and what is in effect.
+    """
+    from reverie_eval.server.service.notices import Notices
+    from reverie_eval.server.service.schedules import Schedules
+    from reverie_eval.server.settings import load_settings
+
+    settings = load_settings(folder)
+    notices = Notices(settings.banner, paused=settings.paused)
+    with reading(folder) as session:
+        reports = Schedules(settings.splits).list_all(session)
+        notice = notices.current(session)
+    rows = [
+        (each.split, _text(each.settings), _text(each.desk), _text(each.in_effect))
+        for each in reports
+    ]
+    posted = notice if notice.posted_by else None
+    standing = [_of_server(each) for each in (notices.of_settings, posted, notice)]
+    print_list(("of", "settings file", "desk", "in effect"), [("all splits", *standing), *rows])
+
+
+def _of_server(notice: "NoticeReport | None") -> str:
+    if notice is None:
+        return "-"
+    banner = f"; banner: {notice.banner}" if notice.banner else ""
+    return f"{'paused' if notice.paused else 'not paused'}{banner}"
+
+
+def _time(instant: "datetime") -> str:
+    """Write a time as the options take it."""
+    return f"{instant:%Y-%m-%dT%H:%M:%SZ}"
+
+
+def _text(schedule: "Schedule | NewSchedule | None") -> str:
+    """Write a schedule on one line."""
+    if schedule is None:
+        return "-"
+    words = [
+        " ".join(
+            [
+                each.name,
+                *([f"from {_time(each.opens)}"] if each.opens else []),
+                *([f"until {_time(each.closes)}"] if each.closes else []),
+            ]
+        )
+        for each in schedule.phases or ()
+    ]
+    if schedule.release_scores == "phase-end":
+        words.append("scores shown when the phase ends")
+    if schedule.paused:
+        words.append("paused")
+    return ", ".join(words)

@@ -1,0 +1,57 @@
+"""``/desk/snapshots``: signed states of leaderboards, which never change."""
+
+from fastapi import APIRouter
+from fastapi.responses import Response
+
+from reverie_eval.schemas.organising import NewSnapshot
+from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.pages.desk import forms
+from reverie_eval.server.service.entries import list_snapshots
+
+router = APIRouter()
+
+PAGE = "/desk/snapshots"
+
+
+def draw(
+    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
+) -> Response:
+    """Show all snapshots, and the form to take one."""
+    with desk.snapshot() as snapshot:
+        return forms.desk_page(
+            desk,
+            snapshot,
+            "snapshots.html",
+            problem,
+            snapshots=list_snapshots(snapshot.session),
+            splits=list(desk.server.boards),
+            typed=typed,
+            done=what,
+        )
+
+
+@router.get(PAGE)
+def show_snapshots(desk: Desk, done: forms.Done = "") -> Response:
+    """Show the snapshots."""
+    return draw(desk, {}, what=done)
+
+
+@router.post(PAGE)
+def take_snapshot(desk: Desk, form: Posted) -> Response:
+    """Take a snapshot, if that was confirmed: it cannot be removed."""
+    typed = forms.typed_by(desk, form, draw)
+    new = read_model(NewSnapshot, {name: typed.get(name, "") for name in NewSnapshot.model_fields})
+    desk.server.board(new.split)
+    if not forms.is_confirmed(form):
+        return forms.ask(
+            desk,
+            typed,
+            question=f"Take a snapshot of {new.split}?",
+            remark="It is public at once, and can be neither changed nor removed.",
+            yes="Take it",
+            back=PAGE,
+        )
+    desk.perform(desk.server.snapshots.take, new)
+    return forms.done(PAGE, "taken")

@@ -1,0 +1,226 @@
+"""When splits accept submissions and show scores: by the settings, or as set at the desk.
+
+What is set at the desk applies at once on all workers and machines, because each request reads it
+with everything else. The latest setting of a split applies. The earlier ones tell what applied when
+a submission arrived, and whether its scores have been shown since: what was shown stays visible.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from reverie_eval.schemas.organising import NewSchedule, ScheduleReport
+from reverie_eval.schemas.service import Phase, ReleaseScores, Schedule
+from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.settings import Split
+from reverie_eval.server.store.tables import SetSchedule, Submission
+
+_SECOND = timedelta(seconds=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Timetable:
+    """All schedules that a split has had, the earliest first."""
+
+    settings: Schedule
+    """That of the settings, before any was set."""
+    rows: Sequence[SetSchedule]
+
+    def at(self, moment: datetime) -> Schedule:
+        """Return the schedule that applied at a moment."""
+        earlier = [row for row in self.rows if row.created_at <= moment]
+        return self._of(earlier[-1]) if earlier else self.settings
+
+    @property
+    def latest(self) -> Schedule:
+        """The schedule that applies now."""
+        return self._of(self.rows[-1]) if self.rows else self.settings
+
+    @property
+    def desk(self) -> NewSchedule:
+        """What the desk has set."""
+        return NewSchedule.model_validate(self.rows[-1]) if self.rows else NewSchedule()
+
+    def held_until(self, received_at: datetime, now: datetime) -> datetime | None:
+        """Return the last second in which scores of a submission are held back.
+
+        None if they are shown, or have been at any time since it was received.
+        """
+        until = None
+        for schedule, ends in self._periods(received_at, now):
+            until = schedule.held_until(received_at)
+            if until is None or ends.replace(microsecond=0) > until:
+                return None
+        return until
+
+    def _periods(self, since: datetime, now: datetime) -> Iterator[tuple[Schedule, datetime]]:
+        """Yield each schedule that has applied since a moment, and until when it did."""
+        changes = [row.created_at for row in self.rows if since < row.created_at <= now]
+        for begins, ends in pairwise([since, *changes, now]):
+            yield self.at(begins), ends
+
+    def with_one_more(self, row: SetSchedule) -> "Timetable":
+        """Return what the timetable would be."""
+        return Timetable(self.settings, [*self.rows, row])
+
+    def report(self, split: str) -> ScheduleReport:
+        """Compare what the settings and the desk say, and what is in effect."""
+        row = self.rows[-1] if self.rows else None
+        return ScheduleReport(
+            split=split,
+            settings=self.settings,
+            desk=None if self.desk == NewSchedule() else self.desk,
+            in_effect=self.latest,
+            set_by=row and row.set_by,
+            set_at=row and row.created_at,
+        )
+
+    def _of(self, row: SetSchedule) -> Schedule:
+        if row.phases is None:
+            return self.settings.model_copy(update={"paused": row.paused})
+        return Schedule.model_validate(row)
+
+
+class Schedules:
+    """The schedules of all splits."""
+
+    def __init__(self, splits: Mapping[str, Split]) -> None:
+        self._splits = splits
+
+    def read(self, session: Session) -> Mapping[str, Timetable]:
+        """Return the timetable of every split."""
+        rows = defaultdict(list)
+        for row in session.scalars(select(SetSchedule).order_by(SetSchedule.id)):
+            rows[row.split].append(row)
+        return {
+            name: Timetable(
+                # Not validated again: the settings are.
+                Schedule.model_construct(
+                    phases=split.phases, release_scores=split.release_scores, paused=False
+                ),
+                rows[name],
+            )
+            for name, split in self._splits.items()
+        }
+
+    def in_effect(self, session: Session) -> Mapping[str, Schedule]:
+        """Return the schedule of every split that applies now."""
+        return {name: timetable.latest for name, timetable in self.read(session).items()}
+
+    def list_all(self, session: Session) -> list[ScheduleReport]:
+        """Compare settings, desk and what is in effect, for every split."""
+        return [timetable.report(name) for name, timetable in self.read(session).items()]
+
+    def of(self, session: Session, split: str) -> Timetable:
+        """Return the timetable of a split.
+
+        Raises
+        ------
+        NotFoundError
+            If the server has no such split.
+        """
+        timetable = self.read(session).get(split)
+        if timetable is None:
+            known = ", ".join(self._splits)
+            raise NotFoundError(f"there is no split {split!r} here; there are: {known}")
+        return timetable
+
+    def set(self, transaction: Transaction, split: str, new: NewSchedule) -> ScheduleReport:
+        """Set when a split accepts submissions and shows scores; or use the settings again.
+
+        Raises
+        ------
+        NotFoundError
+            If the server has no such split.
+        ConflictError
+            If scores would be held back for ever, or those of public answers.
+        """
+        timetable = self.of(transaction.session, split)
+        row = self._row(split, new, transaction.actor, transaction.now)
+        transaction.add(row)
+        transaction.record("schedule set", row, split, **new.model_dump(mode="json"))
+        return timetable.with_one_more(row).report(split)
+
+    def if_set(
+        self, session: Session, split: str, new: NewSchedule, now: datetime
+    ) -> tuple[Schedule, int]:
+        """Return what would be in effect, and of how many submissions scores would be shown by it.
+
+        Raises the errors of :meth:`set`.
+        """
+        timetable = self.of(session, split)
+        changed = timetable.with_one_more(self._row(split, new, "", now))
+        received = session.scalars(select(Submission.received_at).where(Submission.split == split))
+        shown = [
+            timetable.held_until(moment, now) is not None
+            and changed.held_until(moment, now) is None
+            for moment in received
+        ]
+        return changed.latest, sum(shown)
+
+    def _row(self, split: str, new: NewSchedule, actor: str, now: datetime) -> SetSchedule:
+        if new.phases is not None and new.release_scores is not None:
+            try:
+                self._splits[split].check_release(new.phases, new.release_scores)
+            except ValueError as error:
+                raise ConflictError(f"{error}") from None
+        fields = new.model_dump(mode="json")
+        return SetSchedule(split=split, **fields, set_by=actor, created_at=now)
+
+
+def with_phase(
+    schedule: Schedule,
+    name: str,
+    opens: str | None,
+    closes: str | None,
+    release_scores: ReleaseScores | None,
+) -> Mapping[str, Any]:
+    """Return the fields of a schedule with a phase added, or changed if there is one of this name.
+
+    What is None stays as it was.
+    """
+    phases = {phase.name: phase.model_dump() for phase in schedule.phases}
+    given = {"opens": opens, "closes": closes}
+    phases[name] = {
+        **phases.get(name, {"name": name}),
+        **{side: moment for side, moment in given.items() if moment is not None},
+    }
+    return {
+        "phases": list(phases.values()),
+        "release_scores": release_scores or schedule.release_scores,
+        "paused": schedule.paused,
+    }
+
+
+def closed(schedule: Schedule, now: datetime) -> NewSchedule:
+    """Return a schedule whose open phases end with this second.
+
+    Raises
+    ------
+    ConflictError
+        If no phase is open.
+    """
+    if not schedule.is_open(now):
+        raise ConflictError("no phase is open")
+    end = now.replace(microsecond=0)
+    phases = [
+        phase.model_copy(update={"closes": max(end, _second_of(phase))})
+        if phase.is_open(now)
+        else phase
+        for phase in schedule.phases
+    ]
+    return NewSchedule(
+        phases=tuple(phases), release_scores=schedule.release_scores, paused=schedule.paused
+    )
+
+
+def _second_of(phase: Phase) -> datetime:
+    """Return the earliest end that a phase may have."""
+    return datetime.min.replace(tzinfo=UTC) if phase.opens is None else phase.opens + _SECOND

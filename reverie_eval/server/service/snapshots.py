@@ -1,0 +1,172 @@
+"""Snapshots: numbered, signed states of a leaderboard, which never change.
+
+The organiser takes one at any time. When a phase has ended, one is taken by the server before
+anything else is written, so it has the leaderboard exactly as it was when the phase ended, whenever
+that is. A phase in which nothing had been received leaves none, nor does a phase whose end was set
+afterwards: the leaderboard has changed since.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from reverie_eval.schemas.organising import NewSnapshot
+from reverie_eval.schemas.service import Leaderboard, Snapshot, SnapshotEntry
+from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.service.boards import Board, board_named
+from reverie_eval.server.service.entries import EntriesCache
+from reverie_eval.server.service.leaderboard import as_json, leaderboard
+from reverie_eval.server.service.schedules import Schedules
+from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
+
+SERVER = "server"
+"""Who takes a snapshot when a phase has ended."""
+_SECOND = timedelta(seconds=1)
+_CHANGES_NOTHING = ("submitted", "snapshot taken")
+"""Actions that leave what leaderboards show as it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Closing:
+    """A phase that has ended."""
+
+    split: str
+    phase: str
+    at: datetime
+    """The first instant after it."""
+
+
+@dataclass(frozen=True)
+class Snapshots:
+    """Takes and finds snapshots."""
+
+    boards: Callable[[], Mapping[str, Board]]
+    """Loads the ground truth, if it is needed at all."""
+    schedules: Schedules
+    _done: set[Closing] = field(default_factory=set, init=False)
+    """Closings whose snapshots are stored, or will never be taken."""
+
+    def take(self, transaction: Transaction, new: NewSnapshot) -> SnapshotEntry:
+        """Take a snapshot of a leaderboard as it is now.
+
+        Raises
+        ------
+        NotFoundError
+            If the server has no such split.
+        """
+        return self._take(transaction, new.split, new.title, transaction.now)
+
+    def take_due(self, transaction: Transaction) -> None:
+        """Take the snapshots of all phases that have ended, before anything else is changed."""
+        session, actor = transaction.session, transaction.as_actor(SERVER)
+        for closing in self.due(session, transaction.now):
+            self._take(actor, closing.split, closing.phase, closing.at, closing)
+
+    def take_if_due(self, transactions: Transactions) -> None:
+        """Take the snapshots of all phases that have ended, if any are still to be taken."""
+        with transactions.database.reading() as session:
+            is_due = bool(self.due(session, transactions.clock()))
+        if is_due:
+            with transactions.begin(SERVER):
+                pass  # they are taken first
+
+    def due(self, session: Session, now: datetime) -> Sequence[Closing]:
+        """Return the closings whose snapshots are still to be taken, the earliest first."""
+        ended = {each for each in self._ended(session, now) if each not in self._done}
+        if not ended:
+            return []
+        due = ended - _taken(session)
+        if due:
+            changed_at, received = _last_change(session), _first_received(session)
+            due = {
+                closing
+                for closing in due
+                if (changed_at is None or changed_at < closing.at)
+                and closing.split in received
+                and received[closing.split] < closing.at
+            }
+        self._done.update(ended - due)
+        return sorted(due, key=lambda closing: (closing.at, closing.split))
+
+    def _ended(self, session: Session, now: datetime) -> Iterator[Closing]:
+        for split, schedule in self.schedules.in_effect(session).items():
+            for phase in schedule.phases:
+                if phase.closes is not None and phase.closes + _SECOND <= now:
+                    end = phase.closes.replace(microsecond=0) + _SECOND
+                    yield Closing(split, phase.name, end)
+
+    def _take(
+        self,
+        transaction: Transaction,
+        split: str,
+        title: str,
+        as_of: datetime,
+        closing: Closing | None = None,
+    ) -> SnapshotEntry:
+        session, board = transaction.session, board_named(self.boards(), split)
+        ranking = leaderboard(
+            session, EntriesCache(self.schedules), board, board.primary.key, as_of
+        )
+        last = select(func.max(StoredSnapshot.number)).where(StoredSnapshot.split == split)
+        snapshot = transaction.audit_log.signer.sign_snapshot(
+            split=split,
+            number=(session.scalar(last) or 0) + 1,
+            title=title,
+            as_of=as_of,
+            leaderboard=Leaderboard.model_validate_json(as_json(ranking)),
+        )
+        row = StoredSnapshot(
+            split=split,
+            number=snapshot.number,
+            title=title,
+            phase=closing and closing.phase,
+            as_of=as_of,
+            content=snapshot.model_dump(mode="json"),
+            created_at=transaction.now,
+        )
+        transaction.add(row)
+        transaction.record(
+            "snapshot taken", row, split, number=row.number, title=title, as_of=as_of.isoformat()
+        )
+        return SnapshotEntry.model_validate(row)
+
+
+def _taken(session: Session) -> set[Closing]:
+    """Return the closings that have a snapshot."""
+    chosen = select(StoredSnapshot.split, StoredSnapshot.phase, StoredSnapshot.as_of)
+    rows = session.execute(chosen.where(StoredSnapshot.phase.is_not(None)))
+    return {Closing(split, phase or "", as_of) for split, phase, as_of in rows}
+
+
+def _last_change(session: Session) -> datetime | None:
+    """Return when something was last changed that leaderboards may show."""
+    changes = select(AuditEntry.at).where(AuditEntry.action.not_in(_CHANGES_NOTHING))
+    return session.scalar(changes.order_by(AuditEntry.id.desc()).limit(1))
+
+
+def _first_received(session: Session) -> Mapping[str, datetime]:
+    """Return when the first submission to each split was received."""
+    first = select(Submission.split, func.min(Submission.received_at)).group_by(Submission.split)
+    rows = session.execute(first)
+    return {split: moment for split, moment in rows}  # noqa: C416  # mypy does not accept rows as pairs
+
+
+def snapshot_of(session: Session, split: str, number: int) -> Snapshot:
+    """Return a snapshot.
+
+    Raises
+    ------
+    NotFoundError
+        If there is none of this number.
+    """
+    chosen = select(StoredSnapshot.content).where(
+        StoredSnapshot.split == split, StoredSnapshot.number == number
+    )
+    content = session.scalar(chosen)
+    if content is None:
+        raise NotFoundError(f"there is no snapshot {number} of {split!r}")
+    return Snapshot.model_validate(content)

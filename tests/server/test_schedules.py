@@ -1,0 +1,279 @@
+"""Phases, pauses and the release of scores, changed while the server runs."""
+
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from reverie_eval.schemas.organising import NewSchedule
+from reverie_eval.schemas.service import Method, Phase, Schedule
+from reverie_eval.server.errors import NotOpenError
+from reverie_eval.server.operations.checks import check_folder
+from reverie_eval.server.service.schedules import Timetable
+from reverie_eval.server.store.tables import SetSchedule
+from tests.support.acting import NOON
+from tests.support.flat import Run
+from tests.support.serving import (
+    GOOD,
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+    submission_for,
+)
+
+SPLITS = ("test", "val_seen", "val_unseen")
+METHOD = Method(name="Walker")
+HOUR = timedelta(hours=1)
+ENDED = {"name": "first", "closes": "2026-03-02T11:00:00Z"}
+RUNNING = {"name": "second", "opens": "2026-03-02T11:30:00Z", "closes": "2026-03-02T13:00:00Z"}
+
+
+def put(server: Serving, split: str = OPEN, **schedule: Any) -> httpx.Response:
+    return server.ask(ORGANISER, "PUT", f"/organiser/schedules/{split}", json=schedule)
+
+
+def shown(server: Serving, split: str = OPEN) -> dict[str, Any]:
+    told: dict[str, Any] = server.ask(None, "GET", f"/splits/{split}").json()
+    return told
+
+
+# In effect.
+
+
+def test_what_the_desk_sets_applies_at_once_and_until_it_is_taken_back(server_on: Serving) -> None:
+    put(server_on, phases=[ENDED], release_scores="at-once")
+    assert [(each["name"], each["is_open"]) for each in shown(server_on)["phases"]] == [
+        ("first", False)
+    ]
+    refused = server_on.upload(OWNER)
+    assert (refused.status_code, refused.json()["code"]) == (409, "not-open")
+    put(server_on, phases=[ENDED, RUNNING], release_scores="at-once")
+    assert server_on.upload(OWNER).status_code == 201
+    report = put(server_on).json()
+    assert report["desk"] is None
+    assert report["in_effect"] == report["settings"]
+    assert [each["name"] for each in shown(server_on)["phases"]] == ["always"]
+
+
+def test_other_workers_and_a_restart_follow(
+    server: Serving, folder: Path, open_server: OpenServer
+) -> None:
+    twin = open_server(settings_of(folder), server.tokens)
+    assert twin.upload(OWNER).status_code == 201
+    put(server, phases=[ENDED], release_scores="at-once", paused=True)
+    assert twin.upload(OTHER).status_code == 409
+    assert shown(open_server(settings_of(folder), server.tokens))["paused"] is True
+
+
+def test_a_pause_is_one_split_s(server: Serving) -> None:
+    put(server, paused=True)
+    refused = server.upload(OWNER)
+    assert refused.json()["detail"] == f"the organiser has paused submissions to {OPEN}"
+    assert server.upload(OWNER, submission_for(PRIVATE), PRIVATE).status_code == 201
+    assert server.ask(OWNER, "POST", f"/splits/{OPEN}/validate", content=GOOD).status_code == 200
+    assert [each["name"] for each in shown(server)["phases"]] == ["always"]
+    put(server, paused=False)
+    assert server.upload(OWNER).status_code == 201
+
+
+def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None:
+    arrived = server.clock()
+    server.clock.turn(seconds=1)
+    put(server, phases=[ENDED], release_scores="at-once", paused=True)
+    server.clock.turn(seconds=1)
+
+    def submit(at: datetime, person: str) -> str:
+        accepted = server.state.intake.submit(
+            server.person(person), OPEN, GOOD, METHOD, key=None, arrived=at
+        )
+        return accepted.submission.status
+
+    assert submit(arrived, OWNER) == "unpublished"
+    with pytest.raises(NotOpenError, match="paused"):
+        submit(server.clock(), OTHER)
+
+
+@pytest.mark.parametrize(
+    ("schedule", "split", "status", "why"),
+    [
+        pytest.param({"paused": True}, "none", 404, "no split 'none'", id="no such split"),
+        pytest.param({"phases": [ENDED]}, PRIVATE, 400, "together, or neither", id="half"),
+        pytest.param({"phases": [], "release_scores": "at-once"}, PRIVATE, 400, "add a", id="none"),
+        pytest.param(
+            {"phases": [{"name": "a", "closes": "soon"}], "release_scores": "at-once"},
+            PRIVATE,
+            400,
+            "a time with its time zone",
+            id="not a time",
+        ),
+        pytest.param(
+            {"phases": [{"name": "a"}], "release_scores": "phase-end"},
+            PRIVATE,
+            409,
+            "all have `closes`",
+            id="held back for ever",
+        ),
+        pytest.param(
+            {"phases": [RUNNING], "release_scores": "phase-end"},
+            OPEN,
+            409,
+            "answers are public",
+            id="public answers held back",
+        ),
+    ],
+)
+def test_what_cannot_apply_is_refused(
+    schedule: dict[str, Any], split: str, status: int, why: str, server: Serving
+) -> None:
+    reply = put(server, split, **schedule)
+    assert reply.status_code == status
+    assert why in reply.text
+    assert server.ask(ORGANISER, "GET", "/organiser/schedules").json()[0]["desk"] is None
+
+
+@pytest.mark.parametrize(
+    ("given", "opens", "closes"),
+    [
+        pytest.param("2027-06-01", "2027-06-01T00:00:00Z", "2027-06-01T23:59:59Z", id="a day"),
+        pytest.param(
+            "2027-06-01T12:00:00-12:00", *2 * ["2027-06-02T00:00:00Z"], id="anywhere on earth"
+        ),
+    ],
+)
+def test_a_day_alone_counts_whole(given: str, opens: str, closes: str) -> None:
+    first = Phase.model_validate({"name": "a", "opens": given})
+    last = Phase.model_validate({"name": "a", "closes": given})
+    told = first.model_dump(mode="json")["opens"], last.model_dump(mode="json")["closes"]
+    assert told == (opens, closes)
+
+
+# Scores held back.
+
+
+def held(closes: datetime | None) -> dict[str, Any]:
+    """Return a schedule that holds scores back until a time, or not at all."""
+    phases = (Phase(name="a", closes=closes or NOON + 9 * HOUR),)
+    return {"phases": phases, "release_scores": "phase-end" if closes else "at-once"}
+
+
+@pytest.mark.parametrize(
+    ("settings", "changes", "at", "expected"),
+    [
+        pytest.param(None, [], 1, None, id="never held back"),
+        pytest.param(2, [], 1, 2, id="held back"),
+        pytest.param(2, [], 2, 2, id="in the last second"),
+        pytest.param(2, [], 3, None, id="after the end"),
+        pytest.param(2, [(1, 4)], 3, 4, id="extended before the end"),
+        pytest.param(2, [(3, 5)], 4, None, id="extended after the end: shown before"),
+        pytest.param(2, [(2, 5)], 4, 5, id="extended in the last second"),
+        pytest.param(None, [(1, 5)], 2, None, id="held back after it was shown"),
+        pytest.param(5, [(1, None)], 2, None, id="released at once"),
+        pytest.param(5, [(1, None), (2, 6)], 3, None, id="released, and held back again"),
+        pytest.param(5, [(1, None), (2, 6)], 1, None, id="what comes later does not count yet"),
+        pytest.param(2, [(-1, 4)], 3, 4, id="changed before it came"),
+    ],
+)
+def test_scores_that_were_shown_stay_visible(
+    settings: int | None, changes: list[tuple[int, int | None]], at: int, expected: int | None
+) -> None:
+    """Hours after a submission came, of schedules that hold scores back until an hour."""
+
+    def hour(number: int | None) -> datetime | None:
+        return None if number is None else NOON + number * HOUR
+
+    rows = [
+        SetSchedule(split=PRIVATE, paused=False, created_at=NOON + when * HOUR, **held(hour(until)))
+        for when, until in changes
+    ]
+    timetable = Timetable(Schedule(**held(hour(settings))), rows)
+    assert timetable.held_until(NOON, NOON + at * HOUR) == hour(expected)
+
+
+def test_a_leaderboard_follows_the_phase_in_effect(folder: Path, open_server: OpenServer) -> None:
+    phase = Phase(name="a", closes=NOON + HOUR)
+    settings = adjusted(settings_of(folder), phases=(phase,), release_scores="phase-end")
+    server = open_server(settings)
+    submission = server.upload(OWNER, submission_for(PRIVATE), PRIVATE).json()["submission"]["id"]
+    server.ask(OWNER, "PATCH", f"/submissions/{submission}", json={"published": True})
+
+    def scores() -> bool:
+        board = server.ask(None, "GET", f"/splits/{PRIVATE}/leaderboard").json()
+        own = server.ask(OWNER, "GET", f"/submissions/{submission}").json()
+        assert bool(board["rows"][0]["scores"]) is bool(own["report"]["scores"])
+        return bool(own["report"]["scores"])
+
+    assert not scores()
+    later = [{"name": "a", "closes": "2026-03-02T15:00:00Z"}]
+    server.clock.turn(minutes=59)
+    put(server, PRIVATE, phases=later, release_scores="phase-end")
+    server.clock.turn(hours=2)
+    assert not scores()
+    with server.state.database.reading() as session:
+        asked = NewSchedule(phases=(phase,), release_scores="at-once")
+        _, released = server.state.schedules.if_set(session, PRIVATE, asked, server.clock())
+    assert released == 1
+    put(server, PRIVATE, phases=later, release_scores="at-once")
+    assert scores()
+    server.clock.turn(minutes=1)
+    put(server, PRIVATE, phases=later, release_scores="phase-end")
+    assert scores()
+
+
+# Commands.
+
+
+def test_commands_open_extend_close_and_reset(server: Serving, folder: Path, run: Run) -> None:
+    def phase(*words: str) -> str:
+        outcome = run("server", "phase", words[0], str(folder), PRIVATE, *words[1:])
+        assert outcome.status == 0, outcome.err
+        return outcome.out
+
+    told = phase("set", "always", "--closes", "2999-06-01", "--release-scores", "phase-end")
+    assert told == ("test: always until 2999-06-01T23:59:59Z, scores shown when the phase ends\n")
+    told = phase("set", "CVPR 2999", "--opens", "2999-07-01", "--closes", "2999-07-02")
+    assert "always until 2999-06-01T23:59:59Z, CVPR 2999 from 2999-07-01T00:00:00Z" in told
+    assert phase("pause").endswith(", scores shown when the phase ends, paused\n")
+    diff = run("server", "diff", str(folder)).out
+    assert [line.split()[0] for line in diff.splitlines()] == ["of", "all", *SPLITS]
+    assert shown(server, PRIVATE)["paused"]
+    told = phase("close")
+    assert "paused" in told
+    assert "2999-06-01" not in told
+    phase("resume")
+    assert phase("reset") == "test: always\n"
+    assert shown(server, PRIVATE)["phases"][0]["closes"] is None
+
+
+def test_a_wrong_time_is_refused_in_a_line(server: Serving, folder: Path, run: Run) -> None:
+    words = ["server", "phase", "set", str(folder), OPEN]
+    wrong = run(*words, "always", "--closes", "tomorrow")
+    assert wrong.status == 2
+    assert "phases.0.closes: must be a time with its time zone" in wrong.err
+    assert run(*words[:-1], "none", "a").status == 2
+    assert shown(server)["phases"][0]["closes"] is None
+
+
+def test_a_check_notes_what_the_desk_has_set(server: Serving, folder: Path) -> None:
+    def found() -> list[tuple[str, str]]:
+        return [(each.kind, each.what) for each in check_folder(folder) if each.check == "phases"]
+
+    assert found() == []
+    put(server, PRIVATE, phases=[RUNNING], release_scores="phase-end")
+    ((kind, what),) = found()
+    assert kind == "note"
+    assert f"reverie-eval server diff {folder}" in what
+    settings = (folder / "reverie-eval.toml").read_text()
+    head, split, rest = settings.partition(f"[splits.{PRIVATE}]\n")
+    opened = rest.replace('visibility = "private"', 'visibility = "open"')
+    (folder / "reverie-eval.toml").write_text(head + split + opened)
+    ((kind, what),) = found()
+    assert kind == "fault"
+    assert f"reverie-eval server phase reset {folder} {PRIVATE}" in what

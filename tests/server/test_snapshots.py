@@ -1,0 +1,248 @@
+"""Snapshots: signed states of a leaderboard, taken by the organiser or when a phase has ended."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+
+from reverie_eval.receipts import NotGenuineError, verify
+from reverie_eval.schemas.organising import NewSchedule
+from reverie_eval.schemas.service import Phase, Snapshot
+from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.settings import Settings
+from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
+from tests.support.acting import NOON, add_team, review
+from tests.support.flat import Run
+from tests.support.serving import (
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
+
+CLOSES = NOON + timedelta(hours=1)
+END = CLOSES + timedelta(seconds=1)
+TITLE = "CVPR 2027"
+
+
+def take(server: Serving, split: str = OPEN, title: str = TITLE) -> dict[str, Any]:
+    body = {"split": split, "title": title}
+    reply = server.ask(ORGANISER, "POST", "/organiser/snapshots", json=body)
+    assert reply.status_code == 201
+    taken: dict[str, Any] = reply.json()
+    return taken
+
+
+def publish(server: Serving, who: str, split: str = PRIVATE) -> str:
+    reply = server.upload(who, server.distinct(split), split)
+    submission: str = reply.json()["submission"]["id"]
+    path = f"/submissions/{submission}"
+    assert server.ask(who, "PATCH", path, json={"published": True}).status_code == 200
+    return submission
+
+
+def snapshots(server: Serving, split: str = PRIVATE) -> list[Snapshot]:
+    """Return all snapshots of a split, as anybody gets them, the earliest first."""
+    listed = server.ask(None, "GET", f"/splits/{split}/snapshots").json()
+    paths = [f"/splits/{split}/snapshots/{each['number']}" for each in reversed(listed)]
+    return [Snapshot.model_validate(server.ask(None, "GET", path).json()) for path in paths]
+
+
+@pytest.fixture
+def closing_settings(folder: Path) -> Settings:
+    """Return settings with a phase that ends in an hour, and scores held back until then."""
+    phase = Phase(name="challenge", closes=CLOSES)
+    return adjusted(settings_of(folder), phases=(phase,), release_scores="phase-end")
+
+
+# The organiser's.
+
+
+def test_a_snapshot_stays_as_it_is(server_on: Serving) -> None:
+    first = publish(server_on, OWNER, OPEN)
+    board = server_on.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()
+    text = server_on.ask(None, "GET", f"/splits/{OPEN}/leaderboard.csv").text
+    assert take(server_on) == {
+        "split": OPEN,
+        "number": 1,
+        "title": TITLE,
+        "as_of": "2026-03-02T12:00:00Z",
+    }
+    publish(server_on, OTHER, OPEN)
+    with server_on.acting() as transaction:
+        review(transaction, first, "disqualified")
+    (kept,) = snapshots(server_on, OPEN)
+    assert kept.leaderboard.model_dump(mode="json") == board
+    assert server_on.ask(None, "GET", f"/splits/{OPEN}/snapshots/1.csv").text == text
+    verify(kept, server_on.state.signer.public_pem)
+    assert take(server_on, title="again")["number"] == 2
+    assert len(snapshots(server_on, OPEN)[1].leaderboard.apart) == 1
+
+
+def test_a_changed_one_is_not_genuine(server: Serving) -> None:
+    publish(server, OWNER, OPEN)
+    take(server)
+    (kept,) = snapshots(server, OPEN)
+    told = kept.model_dump(mode="json")
+    told["leaderboard"]["rows"][0]["scores"]["spl"] += 0.01
+    with pytest.raises(NotGenuineError):
+        verify(Snapshot.model_validate(told), server.state.signer.public_pem)
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        pytest.param(f"/splits/{OPEN}/snapshots/1", 404, id="none yet"),
+        pytest.param("/splits/none/snapshots", 404, id="no such split"),
+        pytest.param(f"/splits/{OPEN}/snapshots/first", 400, id="not a number"),
+    ],
+)
+def test_what_is_not_there(path: str, status: int, server: Serving) -> None:
+    assert server.ask(None, "GET", path).status_code == status
+
+
+# At the end of a phase.
+
+
+def test_a_phase_leaves_what_stood_when_it_ended(
+    closing_settings: Settings, open_server: OpenServer
+) -> None:
+    server = open_server(closing_settings)
+    early, late = publish(server, OWNER), server.upload(OTHER, server.distinct(PRIVATE), PRIVATE)
+    server.clock.now = CLOSES
+    server.ask(ORGANISER, "PUT", "/organiser/notice", json={"banner": "one second left"})
+    assert snapshots(server) == []
+    server.clock.now = END + timedelta(days=3)
+    path = f"/submissions/{late.json()['submission']['id']}"
+    assert server.ask(OTHER, "PATCH", path, json={"published": True}).status_code == 200
+    (kept,) = snapshots(server)
+    assert (kept.title, kept.as_of) == ("challenge", END)
+    assert [row.submission_id for row in kept.leaderboard.rows] == [early]
+    assert kept.leaderboard.rows[0].scores["success"] > 0, "they are released by then"
+    assert len(server.ask(None, "GET", f"/splits/{PRIVATE}/leaderboard").json()["rows"]) == 2
+    server.clock.turn(days=1)
+    publish(server, OWNER, OPEN)
+    assert len(snapshots(server)) == 1
+
+
+def test_it_is_taken_with_nobody_there(closing_settings: Settings, open_server: OpenServer) -> None:
+    server = open_server(closing_settings)
+    publish(server, OWNER)
+
+    def look() -> None:
+        server.state.snapshots.take_if_due(server.state.transactions)
+
+    server.clock.now = CLOSES
+    look()
+    assert snapshots(server) == []
+    server.clock.now = END
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda _: look(), range(8)))
+    twin = open_server(closing_settings, server.tokens)
+    twin.clock.now = END + timedelta(minutes=1)
+    twin.state.snapshots.take_if_due(twin.state.transactions)
+    assert [each.title for each in snapshots(server)] == ["challenge"]
+    with server.state.database.reading() as session:
+        taken = AuditEntry.action == "snapshot taken"
+        assert session.scalars(select(AuditEntry.actor).where(taken)).all() == ["server"]
+
+
+def test_one_that_is_rolled_back_is_taken_again(
+    closing_settings: Settings, open_server: OpenServer
+) -> None:
+    server = open_server(closing_settings)
+    publish(server, OWNER)
+    server.clock.now = END
+    taken = server.ask(ORGANISER, "POST", "/organiser/teams", json={"name": "Blue"})
+    assert taken.status_code == 409
+    assert snapshots(server) == []
+    server.ask(ORGANISER, "POST", "/organiser/teams", json={"name": "Green"})
+    assert len(snapshots(server)) == 1
+
+
+@pytest.mark.parametrize(
+    ("uploads", "set_late", "expected"),
+    [
+        pytest.param(True, False, ["challenge"], id="a phase that ended"),
+        pytest.param(False, False, [], id="nothing was received"),
+        pytest.param(True, True, [], id="its end was set after it: the board may have changed"),
+    ],
+)
+def test_which_phases_leave_one(
+    uploads: bool,  # noqa: FBT001
+    set_late: bool,  # noqa: FBT001
+    expected: list[str],
+    server: Serving,
+) -> None:
+    if uploads:
+        publish(server, OWNER)
+    server.clock.now = END if set_late else CLOSES
+    new = NewSchedule(phases=(Phase(name="challenge", closes=CLOSES),), release_scores="at-once")
+    with server.acting() as transaction:
+        server.state.schedules.set(transaction, PRIVATE, new)
+    server.clock.turn(hours=1)
+    with server.acting() as transaction:
+        add_team(transaction, "Green")
+    assert [each.title for each in snapshots(server)] == expected
+
+
+def test_a_command_takes_one(server: Serving, folder: Path, run: Run) -> None:
+    publish(server, OWNER)
+    ends = {"name": "challenge", "closes": "2026-03-02T12:00:01Z"}
+    schedule = {"phases": [ends], "release_scores": "at-once"}
+    server.ask(ORGANISER, "PUT", f"/organiser/schedules/{PRIVATE}", json=schedule)
+    outcome = run("server", "snapshot", str(folder), PRIVATE, "--title", TITLE)
+    assert outcome.out.startswith(f"{PRIVATE}: snapshot 2, {TITLE}, as of 20"), outcome.err
+    assert [each.title for each in snapshots(server)] == ["challenge", TITLE]
+
+
+# Afterwards.
+
+
+def test_a_download_is_verified(server: Serving, tmp_path: Path, run: Run) -> None:
+    publish(server, OWNER, OPEN)
+    take(server)
+    key, file = tmp_path / "key.pem", tmp_path / "snapshot.json"
+    key.write_text(server.state.signer.public_pem)
+    told = server.ask(None, "GET", f"/splits/{OPEN}/snapshots/1").json()
+    file.write_text(json.dumps(told, indent=1))
+    outcome = run("verify", str(file), "--key", str(key))
+    assert (outcome.status, outcome.err) == (0, "")
+    assert f"the server's leaderboard of {OPEN} as of " in outcome.out
+    assert "  1   57.22  Walker, Blue\n" in outcome.out
+    file.write_text(json.dumps({**told, "title": "another"}))
+    assert run("verify", str(file), "--key", str(key)).status == 1
+    wrong = run("verify", str(file), "--key", str(key), "--submission", str(file))
+    assert (wrong.status, "--submission is for receipts" in wrong.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        pytest.param(None, "1 snapshot verified", id="none"),
+        pytest.param("content", "snapshot 1 of val_unseen: it was changed", id="changed"),
+        pytest.param("title", "snapshot 1 of val_unseen: it differs from its row", id="its row"),
+    ],
+)
+def test_the_doctor_verifies_them(
+    damage: str | None, told: str, server: Serving, folder: Path
+) -> None:
+    take(server)
+    with server.state.database.writing() as session:
+        row = session.scalars(select(StoredSnapshot)).one()
+        if damage == "content":
+            row.content = {**row.content, "title": "another"}
+        if damage == "title":
+            row.title = "another"
+    found = [each for each in examine(folder) if each.check == "snapshots"]
+    assert any(told in each.what for each in found)
+    assert [each.kind for each in found] == (["ok"] if damage is None else ["fault", "ok"])

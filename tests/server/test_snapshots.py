@@ -9,10 +9,12 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from reverie_eval.receipts import NotGenuineError, verify
-from reverie_eval.schemas.organising import NewSchedule
-from reverie_eval.schemas.service import Phase, Snapshot
+from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
+from reverie_eval.schemas.organising import KeyRevocation, NewSchedule
+from reverie_eval.schemas.service import KeyReport, Phase, Snapshot
 from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.operations.keys import rotate_key
+from reverie_eval.server.service.rotation import revoke_key
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
 from tests.support.acting import NOON, add_team, review
@@ -223,6 +225,26 @@ def test_a_download_is_verified(server: Serving, tmp_path: Path, run: Run) -> No
     assert run("verify", str(file), "--key", str(key)).status == 1
     wrong = run("verify", str(file), "--key", str(key), "--submission", str(file))
     assert (wrong.status, "--submission is for receipts" in wrong.err) == (2, True)
+
+
+def test_those_of_a_revoked_key_are_signed_again(
+    server: Serving, folder: Path, open_server: OpenServer
+) -> None:
+    take(server, title="before")
+    server.clock.turn(hours=1)
+    take(server, title="after")
+    rotate_key(settings_of(folder), "test", "the yearly change")
+    after = open_server(settings_of(folder), server.tokens)
+    revocation = KeyRevocation(since=NOON + timedelta(minutes=30), reason="stolen")
+    with after.acting() as transaction:
+        assert revoke_key(transaction, server.state.signer.key_id, revocation) == 1
+    keys = [KeyReport.model_validate(key) for key in after.ask(None, "GET", "/keys").json()]
+    kept = snapshots(after, OPEN)
+    assert [verify_by_history(each, keys).key_id for each in kept] == [key.key_id for key in keys]
+    stolen = server.state.signer.sign_again(kept[1])
+    with pytest.raises(NotGenuineError, match="but the snapshot is as of"):
+        verify_by_history(stolen, keys)
+    assert [each.kind for each in examine(folder) if each.check == "snapshots"] == ["ok"]
 
 
 @pytest.mark.parametrize(

@@ -136,6 +136,17 @@ def test_a_phase_leaves_what_stood_when_it_ended(
     assert len(snapshots(server)) == 1
 
 
+def test_one_that_is_taken_before_the_end_holds_scores_back(
+    closing_settings: Settings, open_server: OpenServer
+) -> None:
+    server = open_server(closing_settings)
+    publish(server, OWNER)
+    take(server, PRIVATE)
+    server.clock.now = END
+    (kept,) = snapshots(server)
+    assert [(row.scores, row.rank) for row in kept.leaderboard.rows] == [({}, None)]
+
+
 def test_it_is_taken_with_nobody_there(closing_settings: Settings, open_server: OpenServer) -> None:
     server = open_server(closing_settings)
     publish(server, OWNER)

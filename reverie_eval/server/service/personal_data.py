@@ -25,6 +25,7 @@ from reverie_eval.server.store.tables import (
     Person,
     ReportedResult,
     Review,
+    SetSchedule,
     Submission,
     Token,
 )
@@ -34,6 +35,7 @@ _SIGNED: tuple[tuple[type[Base], InstrumentedAttribute[int], InstrumentedAttribu
     (ReportedResult, ReportedResult.id, ReportedResult.added_by),
     (Notice, Notice.id, Notice.posted_by),
     (News, News.id, News.posted_by),
+    (SetSchedule, SetSchedule.id, SetSchedule.set_by),
 )
 """The rows that have the name of the organiser who wrote them: their keys, and where it stands."""
 

@@ -1,5 +1,6 @@
 """Snapshots: signed states of a leaderboard, taken by the organiser or when a phase has ended."""
 
+import asyncio
 import json
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
@@ -12,6 +13,7 @@ from sqlalchemy import select
 from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
 from reverie_eval.schemas.organising import KeyRevocation, NewSchedule
 from reverie_eval.schemas.service import KeyReport, Phase, Snapshot
+from reverie_eval.server.app import create_app
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import rotate_key
 from reverie_eval.server.service.rotation import revoke_key
@@ -30,6 +32,7 @@ from tests.support.serving import (
     adjusted,
     settings_of,
 )
+from tests.support.waiting import wait_until
 
 CLOSES = NOON + timedelta(hours=1)
 END = CLOSES + timedelta(seconds=1)
@@ -167,6 +170,22 @@ def test_it_is_taken_with_nobody_there(closing_settings: Settings, open_server: 
     with server.state.database.reading() as session:
         taken = AuditEntry.action == "snapshot taken"
         assert session.scalars(select(AuditEntry.actor).where(taken)).all() == ["server"]
+
+
+def test_a_running_server_takes_it_by_itself(
+    closing_settings: Settings, open_server: OpenServer
+) -> None:
+    server = open_server(closing_settings)
+    publish(server, OWNER)
+    twin = open_server(closing_settings, server.tokens)
+    server.clock.now = twin.clock.now = END
+
+    async def serve() -> None:
+        app = create_app(twin.state)
+        async with app.router.lifespan_context(app):
+            await asyncio.to_thread(wait_until, lambda: snapshots(server))
+
+    asyncio.run(serve())
 
 
 def test_one_that_is_rolled_back_is_taken_again(

@@ -419,8 +419,8 @@ def _at_several(session: Session, board: Board) -> Iterator[Finding]:
     if number:
         message = (
             f"{count_text(number, 'team')} with several published results on {board.name}, which "
-            "shows one per team: published before that was so, or disqualified; they stay until "
-            "the team publishes the next one or unpublishes them"
+            "shows one per team; they stay until the team publishes its next one or unpublishes "
+            "them"
         )
         yield Finding("results", "note", message)
 

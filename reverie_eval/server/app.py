@@ -4,11 +4,9 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 
-from anyio import create_task_group
 from fastapi import Depends, FastAPI
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from reverie_eval.server.http.daily import daily
 from reverie_eval.server.http.exchange import API
 from reverie_eval.server.http.middleware import (
     BodyLimits,
@@ -22,9 +20,9 @@ from reverie_eval.server.http.middleware import (
 from reverie_eval.server.http.openapi import describe
 from reverie_eval.server.http.paging import known_query
 from reverie_eval.server.http.problems import add_error_handlers
+from reverie_eval.server.http.repeated import DAY, MINUTE, repeatedly
 from reverie_eval.server.http.runtime import RuntimeState
 from reverie_eval.server.http.telemetry import RequestTelemetry
-from reverie_eval.server.http.upkeep import take_snapshots
 from reverie_eval.server.http.workers import ALONE, Workers
 from reverie_eval.server.pages import add_pages
 from reverie_eval.server.pages.rendering import fault_page
@@ -53,11 +51,11 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        with daily(partial(server.retention.tidy, "server")):
-            async with create_task_group() as tasks:
-                tasks.start_soon(take_snapshots, server)
-                yield
-                tasks.cancel_scope.cancel()
+        with (
+            repeatedly(partial(server.retention.tidy, "server"), DAY),
+            repeatedly(partial(server.snapshots.take_if_due, server.transactions), MINUTE),
+        ):
+            yield
         server.database.close()
 
     app = FastAPI(

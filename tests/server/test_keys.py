@@ -19,6 +19,7 @@ from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import rotate_key
 from reverie_eval.server.operations.restore import restore_backup
 from reverie_eval.server.service.audit import entries, mismatches
+from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from tests.server.test_doctor import sql
@@ -188,10 +189,17 @@ def test_a_key_that_is_there_is_not_lost(folder: Path, run: Run) -> None:
 
 
 def test_another_file_in_the_place_of_a_lost_key_is_not_overwritten(lost: Path, run: Run) -> None:
-    (lost / "signing-key.pem").write_text("precious")
+    make_key(lost / "signing-key.pem")
+    before = (lost / "signing-key.pem").read_bytes()
     outcome = run("server", "key", "rotate", str(lost), "--lost")
     assert (outcome.status, "move it to another place" in outcome.err) == (2, True)
-    assert (lost / "signing-key.pem").read_text() == "precious"
+    assert (lost / "signing-key.pem").read_bytes() == before
+
+
+def test_a_key_that_others_can_read_is_not_lost(folder: Path, run: Run) -> None:
+    (folder / "signing-key.pem").chmod(0o644)
+    outcome = run("server", "key", "rotate", str(folder), "--lost")
+    assert (outcome.status, "run `chmod 600" in outcome.err) == (2, True)
 
 
 def test_a_stolen_key_is_revoked_and_honest_receipts_are_signed_again(

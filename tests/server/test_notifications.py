@@ -19,6 +19,7 @@ import pytest
 from aiosmtpd.controller import Controller
 from sqlalchemy import select
 
+from reverie_eval.schemas.service import Phase
 from reverie_eval.server.http import health
 from reverie_eval.server.operations import delivery
 from reverie_eval.server.operations.delivery import SIGNATURE, deliver
@@ -28,6 +29,7 @@ from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Mail, Settings, SettingsError, Webhook, load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Message
+from tests.support.acting import NOON
 from tests.support.flat import Run
 from tests.support.serving import (
     OPEN,
@@ -35,6 +37,7 @@ from tests.support.serving import (
     PRIVATE,
     OpenServer,
     Serving,
+    adjusted,
     running,
     settings_of,
     submission_for,
@@ -42,6 +45,7 @@ from tests.support.serving import (
 from tests.support.waiting import wait_until
 
 SECRET = "of the webhook"
+DAYS = timedelta(days=1)
 ADDRESS = "https://eval.example.org"
 
 
@@ -200,6 +204,20 @@ def test_a_request_to_join_is_told_without_addresses(telling: Open, hook: Hook) 
     said = json.loads(body)
     assert said["text"] == "1 person of University of Adelaide asked to join as Green"
     assert said["url"] == f"{ADDRESS}/desk/requests"
+
+
+def test_the_end_of_a_phase_is_told_once(folder: Path, open_server: OpenServer, hook: Hook) -> None:
+    phases = (Phase(name="challenge", closes=NOON), Phase(name="old", closes=NOON - DAYS * 2))
+    told = settings_of(folder).model_copy(update={"webhook": hook_at(hook)})
+    server = open_server(adjusted(told, phases=phases))
+    deliver_now(server)  # in the last second of the phase
+    assert hook.events() == []
+    for _ in range(2):
+        server.clock.turn(seconds=1)
+        deliver_now(server)
+    ((_, body),) = hook.requests
+    text = f"the phase challenge of {PRIVATE} ended at 2026-03-02 12:00 UTC"
+    assert (json.loads(body)["event"], json.loads(body)["text"]) == ("phase-end", text)
 
 
 def test_only_the_events_of_a_channel_are_told(telling: Open, hook: Hook) -> None:

@@ -2,11 +2,20 @@
 
 import json
 import sqlite3
+from dataclasses import replace
 from datetime import timedelta
 
+from sqlalchemy import delete
+
+from reverie_eval.schemas.joining import Rejection
+from reverie_eval.schemas.organising import NewMerge
 from reverie_eval.server.operations.doctor import examine
-from reverie_eval.server.store.tables import Person
-from tests.support.acting import add_person, create_token
+from reverie_eval.server.service.audit import entries, mismatches, swapped_names
+from reverie_eval.server.service.joining import accept_request, reject_request
+from reverie_eval.server.service.merging import merge_teams
+from reverie_eval.server.service.personal_data import delete_person
+from reverie_eval.server.store.tables import AuditEntry, Person
+from tests.support.acting import add_person, ask_to_join, create_token
 from tests.support.flat import Run
 from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
 from tests.support.visiting import said, signed_in
@@ -94,6 +103,28 @@ def test_results_of_a_deleted_person_stay(server: Serving) -> None:
         add_person(transaction, "Blue", OWNER)  # the name is free
 
 
+def test_actions_on_people_that_are_cut_off_the_log_are_seen(server: Serving) -> None:
+    """By the rows that they left; the last name of a person is one of them."""
+    server.upload(OWNER)
+    for team in ("Green", "Spam"):
+        ask_to_join(server.state.transactions, team)
+    with server.acting() as transaction:
+        first = len(entries(transaction.session))
+        accept_request(transaction, 1)
+        reject_request(transaction, 2, Rejection())
+        merge_teams(transaction, NewMerge(team="Red", into="Green"))
+        delete_person(transaction, 1)
+    server.clock.turn(days=1)
+    replace(server.state.retention, days=1).tidy("test")
+    assert faults(server) == []
+    with server.state.database.writing() as session:
+        session.execute(delete(AuditEntry).where(AuditEntry.id > first))
+        told = " ".join(mismatches(session))
+    expected = ("request accepted", "request rejected", "team merged", "person deleted")
+    for action in (*expected, "upload deleted"):
+        assert f"{action} (" in told
+
+
 def test_the_last_organiser_keeps_a_token(server: Serving) -> None:
     own = f"/organiser/people/{server.person(ORGANISER).id}"
     token = f"/organiser/tokens/{server.tokens[ORGANISER][:11]}"
@@ -153,3 +184,28 @@ def test_a_name_that_was_put_back_is_found(server: Serving) -> None:
     assert faults(server) == [
         "person:1 is called 'Ada'; the audit log has another name; compare with a backup"
     ]
+
+
+def test_people_are_looked_after_on_both_databases(server_on: Serving) -> None:
+    server = server_on
+    for who in (OWNER, OTHER):
+        server.upload(who)
+
+    def do(method: str, path: str, **fields: object) -> int:
+        return server.ask(ORGANISER, method, f"/organiser/{path}", json=fields).status_code
+
+    ask_to_join(server.state.transactions)
+    statuses = [
+        do("POST", "requests/1/accept"),
+        do("POST", "people/import", text="team,person\nLime,Zoe", invite=True),
+        do("GET", "people/1"),
+        do("DELETE", "people/1"),
+        do("POST", "teams/merge", team="Red", into="Blue"),
+        do("PATCH", "people/2", name="Bert", team="Lime"),
+    ]
+    assert statuses == 6 * [200]
+    server.clock.turn(days=1)
+    assert replace(server.state.retention, days=1).tidy("test").files == 1
+    with server.state.database.reading() as session:
+        assert list(mismatches(session)) == []
+        assert list(swapped_names(session, server.state.audit_log)) == []

@@ -4,9 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
+from markupsafe import escape
 
 from reverie_eval.server.http.callers import COOKIE
 from tests.support.crawling import crawl, links_of
+from tests.support.entries import entered
 from tests.support.serving import (
     OPEN,
     ORGANISER,
@@ -85,6 +87,15 @@ def test_copied_addresses_have_the_path(server: Serving) -> None:
     assert rf"\url{{{ADDRESS}/submissions/" in bibtex
     description = server.client.get(f"{PREFIX}/api/v1/openapi.json").json()
     assert description["servers"] == [{"url": PREFIX}]
+
+
+def test_names_that_look_like_links_stay_as_they_are(server: Serving) -> None:
+    name = 'Walker" href="/evil" src="/evil'
+    entered(server, method={"name": name})
+    for path in (f"/boards/{OPEN}", "/team"):
+        page = signed_in(server, OWNER).get(f"{PREFIX}{path}").text
+        assert escape(name) in page
+        assert f"{PREFIX}/evil" not in page
 
 
 def test_lists_link_their_next_page_below_the_path(server: Serving) -> None:

@@ -7,7 +7,7 @@ from threading import Event
 
 import pytest
 
-from reverie_eval.server.http.daily import daily
+from reverie_eval.server.http.repeated import repeatedly
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.rescoring import Scorer, outdated
@@ -127,6 +127,8 @@ def test_everything_knows_that_the_file_is_gone(
     page = signed_in(server, OWNER).get(path)
     assert "The submitted file was deleted 2026-04-01 12:00 UTC" in said(page)
     assert f"{path}/file" not in page.text
+    privacy = said(server.client.get("/guide/privacy"))
+    assert "30 days, unless the submission is published" in privacy
     publish(server, OWNER, submission["id"])  # without intervals, which need the file
     last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-2]
     assert (last["actor"], last["action"], last["subject"]) == (
@@ -159,7 +161,7 @@ def test_without_the_setting_everything_is_kept(folder: Path, run: Run) -> None:
     assert (told.status, told.out) == (0, "keep_uploads_days is not set: all files are kept\n")
 
 
-def test_daily_work_is_done_at_once_and_again_even_if_it_fails() -> None:
+def test_repeated_work_is_done_at_once_and_again_even_if_it_fails() -> None:
     done = Event()
     calls: list[float] = []
 
@@ -169,7 +171,7 @@ def test_daily_work_is_done_at_once_and_again_even_if_it_fails() -> None:
             raise OSError("the disk is full")
         done.set()
 
-    with daily(work, seconds=0.01):
+    with repeatedly(work, seconds=0.01):
         assert done.wait(60)
 
 

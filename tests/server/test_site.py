@@ -140,6 +140,8 @@ def fill(server: Serving) -> None:
     assert server.ask(ORGANISER, "POST", "/organiser/grants", json=grant).status_code == 201
     server.ask(ORGANISER, "PUT", "/organiser/notice", json={"banner": "An earlier banner."})
     server.ask(ORGANISER, "PUT", "/organiser/notice", json={"banner": "We moved."})
+    taken = {"split": OPEN, "title": "Challenge of the year"}
+    assert server.ask(ORGANISER, "POST", "/organiser/snapshots", json=taken).status_code == 201
     server.clock.turn(hours=1)
 
 
@@ -180,7 +182,8 @@ def test_every_public_page_is_in_it(lab: Lab) -> None:
     assert {f"guide/{page}.html" for page in guide} <= names
     for query in ("metric=success", "metric=path_length", "metric=success,columns=all"):
         assert f"boards/{OPEN},{query}.html" in names
-    assert {"api/v1/key.txt", "api/v1/openapi.json"} <= names
+    assert {"api/v1/keys.json", "api/v1/openapi.json", "feed.atom"} <= names
+    assert f"boards/{OPEN}/snapshots/1.html" in names
     assert len([name for name in names if name.startswith("submissions/")]) == 3
     assert not [name for name in names if re.match(r"sign-in|submit|team|episodes|desk", name)]
 
@@ -213,7 +216,7 @@ def test_files_for_programs_are_those_of_the_server(split: str, lab: Lab) -> Non
             f"{board},{query}.csv": f"/{board}.csv?{query}",
             f"{board},{query}.json": f"/{board}?{query}",
             DESCRIPTION: f"/{DESCRIPTION}",
-            "api/v1/key.txt": "/api/v1/key",
+            "api/v1/keys.json": "/api/v1/keys",
             f"boards/{split}/latex,{query}.txt": f"/boards/{split}/latex?{query}",
             f"boards/{split}/bibtex,{query}.txt": f"/boards/{split}/bibtex?{query}",
         }
@@ -235,6 +238,7 @@ PUBLIC = {
     "submission": ("id", "split", "method", "report", "published_at"),
     "review": ("verdict", "reason", "reviewer", "submission_id"),
     "notice": ("banner",),
+    "snapshot": ("title", "content"),
 }
 """Columns that everybody may see, of rows that are shown."""
 WORDS = {"role", "kind", "action", "row", "outcome", "split", "verdict"}
@@ -266,6 +270,7 @@ def private_texts(server: Serving) -> set[str]:
             (table == "submission" and row["published_at"] and not row["withdrawn_at"])
             or (table == "review" and not row["lifted_at"])
             or (table == "notice" and row["banner"] == "We moved.")
+            or table == "snapshot"
         )
         for column, value in row.items():
             found = set(texts(value))

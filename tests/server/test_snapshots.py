@@ -1,5 +1,6 @@
 """Snapshots: signed states of a leaderboard, taken by the organiser or when a phase has ended."""
 
+import asyncio
 import json
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
@@ -9,10 +10,13 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from reverie_eval.receipts import NotGenuineError, verify
-from reverie_eval.schemas.organising import NewSchedule
-from reverie_eval.schemas.service import Phase, Snapshot
+from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
+from reverie_eval.schemas.organising import KeyRevocation, NewSchedule
+from reverie_eval.schemas.service import KeyReport, Phase, Snapshot
+from reverie_eval.server.app import create_app
 from reverie_eval.server.operations.doctor import examine
+from reverie_eval.server.operations.keys import rotate_key
+from reverie_eval.server.service.rotation import revoke_key
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
 from tests.support.acting import NOON, add_team, review
@@ -28,6 +32,7 @@ from tests.support.serving import (
     adjusted,
     settings_of,
 )
+from tests.support.waiting import wait_until
 
 CLOSES = NOON + timedelta(hours=1)
 END = CLOSES + timedelta(seconds=1)
@@ -134,6 +139,17 @@ def test_a_phase_leaves_what_stood_when_it_ended(
     assert len(snapshots(server)) == 1
 
 
+def test_one_that_is_taken_before_the_end_holds_scores_back(
+    closing_settings: Settings, open_server: OpenServer
+) -> None:
+    server = open_server(closing_settings)
+    publish(server, OWNER)
+    take(server, PRIVATE)
+    server.clock.now = END
+    (kept,) = snapshots(server)
+    assert [(row.scores, row.rank) for row in kept.leaderboard.rows] == [({}, None)]
+
+
 def test_it_is_taken_with_nobody_there(closing_settings: Settings, open_server: OpenServer) -> None:
     server = open_server(closing_settings)
     publish(server, OWNER)
@@ -154,6 +170,22 @@ def test_it_is_taken_with_nobody_there(closing_settings: Settings, open_server: 
     with server.state.database.reading() as session:
         taken = AuditEntry.action == "snapshot taken"
         assert session.scalars(select(AuditEntry.actor).where(taken)).all() == ["server"]
+
+
+def test_a_running_server_takes_it_by_itself(
+    closing_settings: Settings, open_server: OpenServer
+) -> None:
+    server = open_server(closing_settings)
+    publish(server, OWNER)
+    twin = open_server(closing_settings, server.tokens)
+    server.clock.now = twin.clock.now = END
+
+    async def serve() -> None:
+        app = create_app(twin.state)
+        async with app.router.lifespan_context(app):
+            await asyncio.to_thread(wait_until, lambda: snapshots(server))
+
+    asyncio.run(serve())
 
 
 def test_one_that_is_rolled_back_is_taken_again(
@@ -223,6 +255,26 @@ def test_a_download_is_verified(server: Serving, tmp_path: Path, run: Run) -> No
     assert run("verify", str(file), "--key", str(key)).status == 1
     wrong = run("verify", str(file), "--key", str(key), "--submission", str(file))
     assert (wrong.status, "--submission is for receipts" in wrong.err) == (2, True)
+
+
+def test_those_of_a_revoked_key_are_signed_again(
+    server: Serving, folder: Path, open_server: OpenServer
+) -> None:
+    take(server, title="before")
+    server.clock.turn(hours=1)
+    take(server, title="after")
+    rotate_key(settings_of(folder), "test", "the yearly change")
+    after = open_server(settings_of(folder), server.tokens)
+    revocation = KeyRevocation(since=NOON + timedelta(minutes=30), reason="stolen")
+    with after.acting() as transaction:
+        assert revoke_key(transaction, server.state.signer.key_id, revocation) == 1
+    keys = [KeyReport.model_validate(key) for key in after.ask(None, "GET", "/keys").json()]
+    kept = snapshots(after, OPEN)
+    assert [verify_by_history(each, keys).key_id for each in kept] == [key.key_id for key in keys]
+    stolen = server.state.signer.sign_again(kept[1])
+    with pytest.raises(NotGenuineError, match="but the snapshot is as of"):
+        verify_by_history(stolen, keys)
+    assert [each.kind for each in examine(folder) if each.check == "snapshots"] == ["ok"]
 
 
 @pytest.mark.parametrize(

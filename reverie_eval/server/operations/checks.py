@@ -20,7 +20,7 @@ from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, load_boards
 from reverie_eval.server.service.keys import current_key, open_key
-from reverie_eval.server.service.receipts import load_key, public_pem_of
+from reverie_eval.server.service.receipts import KeyMissingError, load_key, public_pem_of
 from reverie_eval.server.service.rescoring import count_outdated
 from reverie_eval.server.service.rules import LastRules, different, rules_of
 from reverie_eval.server.service.schedules import Schedules
@@ -296,10 +296,12 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
 def _at_signing_key(settings: Settings) -> Iterator[Finding]:
     try:
         key = _key_of(settings)
-    except ReceiptError as error:
+    except KeyMissingError as error:
         lost = f"reverie-eval server key rotate {settings.folder} --lost"
         message = f"{error}; if it is lost for ever: `{lost}`"
         yield Finding("signing key", "fault", message)
+    except ReceiptError as error:
+        yield Finding("signing key", "fault", str(error))
     else:
         yield Finding("signing key", "ok", key_id_of(public_pem_of(key)))
 
@@ -417,8 +419,8 @@ def _at_several(session: Session, board: Board) -> Iterator[Finding]:
     if number:
         message = (
             f"{count_text(number, 'team')} with several published results on {board.name}, which "
-            "shows one per team: published before that was so, or disqualified; they stay until "
-            "the team publishes the next one or unpublishes them"
+            "shows one per team; they stay until the team publishes its next one or unpublishes "
+            "them"
         )
         yield Finding("results", "note", message)
 

@@ -24,6 +24,7 @@ _KINDS = {
     "text/html": "Page",
     "text/csv": "Leaderboard as a table, one row for each result",
     "application/json": "Data for programs",
+    "application/atom+xml": "Feed of news and results",
     "text/plain": "Text for papers and tools",
 }
 _REVERIE = {

@@ -19,7 +19,8 @@ import httpx
 import msgspec
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.server.service.outbox import claim, is_any_due, settle
+from reverie_eval.server.service.outbox import announce_ends, claim, is_any_due, settle, untold_ends
+from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.settings import Mail, Settings, Webhook
 from reverie_eval.server.state import utc_now
 from reverie_eval.server.store.database import Database
@@ -67,11 +68,13 @@ def send_test(settings: Settings) -> Iterator[tuple[str, str]]:
 
 
 def deliver(database: Database, settings: Settings, now: datetime) -> None:
-    """Send all messages that are due; those of one channel together, if it can."""
+    """Announce phases that have ended, and send all messages that are due."""
+    schedules, channels = Schedules(settings.splits), settings.channels
     with database.reading() as session:
-        if not is_any_due(session, now):
+        if not (is_any_due(session, now) or untold_ends(session, schedules, channels, now)):
             return
     with database.writing() as session:
+        announce_ends(session, schedules, channels, now)
         claimed = claim(session, now)
     for name, send in senders(settings).items():
         for messages in _parcels(name, [each for each in claimed if each.channel == name]):

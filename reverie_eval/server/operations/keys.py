@@ -8,12 +8,11 @@ the next process that opens the server takes the third (:func:`open_key`).
 from pathlib import Path
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.receipts import ReceiptError
 from reverie_eval.schemas.service import KeyReport
 from reverie_eval.server.operations.checks import acting, opened
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.keys import pending_path
-from reverie_eval.server.service.receipts import Signer, load_key, make_key
+from reverie_eval.server.service.receipts import KeyMissingError, Signer, load_key, make_key
 from reverie_eval.server.service.rotation import replace_key
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import Settings
@@ -42,14 +41,16 @@ def replace_lost_key(settings: Settings, actor: str, reason: str) -> KeyReport:
 
     Raises
     ------
+    ReceiptError
+        If its file is there, but cannot be used as it is.
     ReverieEvalError
-        If the key is not lost, or another file is in its place.
+        If the key is not lost, or another key is in its place.
     """
     path = settings.path(settings.signing_key)
     with opened(settings) as database:
         try:
             signer_of(settings, database)
-        except ReceiptError:
+        except KeyMissingError:
             pass
         else:
             raise ReverieEvalError(f"{path} is the key in use, so it is not lost; omit --lost")

@@ -115,6 +115,7 @@ def show_privacy(visitor: Visitor) -> Response:
         boards=visitor.server.boards,
         hours=int(LIFETIME.total_seconds()) // 3600,
         days=DAYS_KEPT,
+        keep_uploads_days=visitor.server.settings.keep_uploads_days,
     )
 
 

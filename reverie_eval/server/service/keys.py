@@ -26,7 +26,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.service import KeyReport
 from reverie_eval.server.errors import KeyReplacedError
-from reverie_eval.server.service.receipts import Signer, load_key, public_pem_of
+from reverie_eval.server.service.receipts import KeyMissingError, Signer, load_key, public_pem_of
 from reverie_eval.server.store.tables import SigningKey
 
 _AUDIT_LOG = "audit log"
@@ -127,7 +127,7 @@ def file_of_key(path: Path, key_id: str | None) -> Path:
         return pending
     found = key_id_of(public_pem_of(load_key(path)))
     if found != key_id:
-        raise ReceiptError(
+        raise KeyMissingError(
             f"{path} is key {found}, but the database says that {key_id} is in use: copy its file "
             "here, from the machine on which the key was rotated or from a backup; or, if it was "
             "rotated a moment ago, try again"

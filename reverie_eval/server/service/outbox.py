@@ -7,14 +7,16 @@ a database one does. A row whose server was killed meanwhile is claimed again la
 may come twice, but is not lost.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
+from urllib.parse import quote
 
 from sqlalchemy import Select, delete, func, select
 from sqlalchemy.orm import Session
 
+from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.settings import Event
+from reverie_eval.server.settings import Channel, Event
 from reverie_eval.server.store.tables import Message
 
 LEASE = timedelta(hours=1)
@@ -25,6 +27,8 @@ KEPT = timedelta(days=30)
 """How long messages stay in the database after they were sent or given up."""
 _FIRST_DELAY = timedelta(minutes=1)
 _LONGEST_DELAY = timedelta(hours=6)
+_NEWS = timedelta(days=1)
+"""For how long the end of a phase is told, by a server that was off when it came."""
 _QUIET = timedelta(hours=1)
 """In which a fault is not told again."""
 _AT_ONCE = 200
@@ -45,20 +49,8 @@ def announce(transaction: Transaction, event: Event, text: str, path: str = "/")
     path : str
         The page of the server that has more about it.
     """
-    for name, channel in transaction.channels.items():
-        if channel.wants(event):
-            transaction.session.add(
-                Message(
-                    channel=name,
-                    event=event,
-                    text=text[:_LONGEST_LINE],
-                    path=path,
-                    created_at=transaction.now,
-                    due_at=channel.due(transaction.now),
-                    attempts=0,
-                    error="",
-                )
-            )
+    messages = _messages(transaction.channels, transaction.now, event, text, path)
+    transaction.session.add_all(messages)
 
 
 def announce_fault(transaction: Transaction, text: str) -> None:
@@ -68,6 +60,37 @@ def announce_fault(transaction: Transaction, text: str) -> None:
     )
     if transaction.session.scalars(recent.limit(1)).first() is None:
         announce(transaction, "unhealthy", text, "/desk")
+
+
+def untold_ends(
+    session: Session, schedules: Schedules, channels: Mapping[str, Channel], now: datetime
+) -> Mapping[str, str]:
+    """Return what has to be told of phases that ended in the last day, each with its split.
+
+    A phase ends without anybody's doing, so there is no transaction that could announce it.
+    """
+    if not any(channel.wants("phase-end") for channel in channels.values()):
+        return {}
+    ends = {
+        f"the phase {phase.name} of {split} ended at {phase.closes:%Y-%m-%d %H:%M} UTC": split
+        for split, schedule in schedules.in_effect(session).items()
+        for phase in schedule.phases
+        if phase.closes is not None and phase.closes < now.replace(microsecond=0)
+        if now - phase.closes < _NEWS
+    }
+    told = select(Message.text).where(Message.event == "phase-end", Message.text.in_(ends))
+    known = set(session.scalars(told))
+    return {text: split for text, split in ends.items() if text not in known}
+
+
+def announce_ends(
+    session: Session, schedules: Schedules, channels: Mapping[str, Channel], now: datetime
+) -> None:
+    """Tell the organiser of phases that have ended."""
+    for text, split in untold_ends(session, schedules, channels, now).items():
+        path = f"/boards/{quote(split)}"
+        session.add_all(_messages(channels, now, "phase-end", text, path))
+    session.flush()
 
 
 def is_any_due(session: Session, now: datetime) -> bool:
@@ -103,6 +126,24 @@ def given_up(session: Session) -> Sequence[tuple[str, int, str]]:
     chosen = select(Message.channel, func.count(), func.max(Message.error))
     rows = session.execute(chosen.where(Message.given_up_at.is_not(None)).group_by(Message.channel))
     return [(channel, number, error) for channel, number, error in rows]
+
+
+def _messages(
+    channels: Mapping[str, Channel], now: datetime, event: Event, text: str, path: str
+) -> Iterator[Message]:
+    """Yield a message for each channel that tells of an event."""
+    for name, channel in channels.items():
+        if channel.wants(event):
+            yield Message(
+                channel=name,
+                event=event,
+                text=text[:_LONGEST_LINE],
+                path=path,
+                created_at=now,
+                due_at=channel.due(now),
+                attempts=0,
+                error="",
+            )
 
 
 def _due(now: datetime) -> Select[Message]:

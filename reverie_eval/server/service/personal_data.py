@@ -20,11 +20,13 @@ from reverie_eval.server.store.tables import (
     AuditEntry,
     Base,
     BrowserSession,
+    Message,
     News,
     Notice,
     Person,
     ReportedResult,
     Review,
+    SetSchedule,
     Submission,
     Token,
 )
@@ -34,6 +36,7 @@ _SIGNED: tuple[tuple[type[Base], InstrumentedAttribute[int], InstrumentedAttribu
     (ReportedResult, ReportedResult.id, ReportedResult.added_by),
     (Notice, Notice.id, Notice.posted_by),
     (News, News.id, News.posted_by),
+    (SetSchedule, SetSchedule.id, SetSchedule.set_by),
 )
 """The rows that have the name of the organiser who wrote them: their keys, and where it stands."""
 
@@ -80,9 +83,13 @@ def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
     revoke_all(transaction, person)
     owned = select(Token.id).where(Token.person_id == person.id)
     session.execute(delete(BrowserSession).where(BrowserSession.token_id.in_(owned)))
-    person.name, person.email = f"deleted person {person.id}", None
+    old_name, person.name = person.name, f"deleted person {person.id}"
+    person.email = None
     person.deleted_at = transaction.now
     _sign_anew(session, person)
+    # Messages about submissions name the person in brackets.
+    for message in session.scalars(select(Message).where(Message.path.startswith("/submissions/"))):
+        message.text = message.text.replace(f"({old_name})", f"({person.name})")
     name = transaction.audit_log.name_digest(person)
     transaction.record("person deleted", person, person, name_digest=name)
     return person_report(person)

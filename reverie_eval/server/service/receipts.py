@@ -24,6 +24,10 @@ from reverie_eval.schemas.service import Leaderboard, QuotaReport, Receipt, Snap
 Signed = TypeVar("Signed", Receipt, Snapshot)
 
 
+class KeyMissingError(ReceiptError):
+    """The file of the signing key is not there, or is another key."""
+
+
 class Signer:
     """Signs receipts with a server's key."""
 
@@ -119,7 +123,8 @@ def load_key(path: Path) -> Ed25519PrivateKey:
             raise ReceiptError(f"other users can read {path}; run `chmod 600 {path}`")
         key = load_pem_private_key(path.read_bytes(), password=None)
     except FileNotFoundError:
-        raise ReceiptError(f"{path} is missing; restore it from the backup of the server") from None
+        message = f"{path} is missing; restore it from the backup of the server"
+        raise KeyMissingError(message) from None
     except OSError as error:
         raise ReceiptError(f"{path} cannot be read: {error.strerror}") from None
     except (ValueError, UnsupportedAlgorithm):

@@ -48,20 +48,21 @@ def list_requests(*, folder: Path) -> None:
 
 @request.command()
 @options.server_folder
-@click.argument("number", type=click.IntRange(1))
-def accept(*, folder: Path, number: int) -> None:
-    """Add a request's people to its team.
+@click.argument("numbers", metavar="NUMBER...", type=click.IntRange(1), nargs=-1, required=True)
+def accept(*, folder: Path, numbers: "Sequence[int]") -> None:
+    """Add the people of requests to their teams.
 
-    Prints an invitation for each, as CSV. They cannot be shown again.
+    Prints an invitation for each person, as CSV. They cannot be shown again.
     """
     from reverie_eval.server.service.joining import accept_request
     from reverie_eval.server.service.people_files import invitations_csv
 
     with acting(folder) as transaction:
-        accepted = accept_request(transaction, number)
-    print(invitations_csv(accepted.invitations), end="")
-    added = count_text(len(accepted.invitations), "person", "people")
-    print(f"{added} added to {accepted.team}", file=sys.stderr)
+        accepted = [accept_request(transaction, number) for number in dict.fromkeys(numbers)]
+    invitations = [each for one in accepted for each in one.invitations]
+    print(invitations_csv(invitations), end="")
+    added = count_text(len(invitations), "person", "people")
+    print(f"{added} added to {', '.join(one.team for one in accepted)}", file=sys.stderr)
 
 
 @request.command()

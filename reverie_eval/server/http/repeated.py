@@ -1,17 +1,18 @@
-"""Work that a running server does once a day, in a thread of its own."""
+"""Work that a running server does again and again, each in a thread of its own."""
 
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
 
-_DAY = 24 * 60 * 60
+MINUTE, DAY = 60, 24 * 60 * 60
+"""In seconds."""
 _LOGGER = logging.getLogger("reverie_eval.server")
 
 
 @contextmanager
-def daily(work: Callable[[], object], seconds: float = _DAY) -> Iterator[None]:
-    """Do some work now and once a day until the end; if it fails, log that and try again later."""
+def repeatedly(work: Callable[[], object], seconds: float) -> Iterator[None]:
+    """Do some work now and every so often until the end; if it fails, log that and try again."""
     is_over = Event()
 
     def repeat() -> None:
@@ -19,11 +20,11 @@ def daily(work: Callable[[], object], seconds: float = _DAY) -> Iterator[None]:
             try:
                 work()
             except Exception:
-                _LOGGER.exception("the daily work failed")
+                _LOGGER.exception("repeated work failed")
             if is_over.wait(seconds):
                 return
 
-    thread = Thread(target=repeat, name="daily", daemon=True)
+    thread = Thread(target=repeat, name="repeated", daemon=True)
     thread.start()
     try:
         yield

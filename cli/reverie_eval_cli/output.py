@@ -67,13 +67,16 @@ def check_outputs(
 
 
 @contextmanager
-def open_output(path: str) -> Iterator[TextIO]:
-    """Open a text file that appears complete or not at all, or standard output."""
+def open_output(path: str, *, mode: int = 0o666) -> Iterator[TextIO]:
+    """Open a text file that appears complete or not at all, or standard output.
+
+    ``mode`` has the permissions of a new file, before the process's umask.
+    """
     if path == STANDARD_OUTPUT:
         yield sys.stdout
         return
     with (
-        staged_file(Path(path)) as file,
+        staged_file(Path(path), mode=mode) as file,
         io.TextIOWrapper(file, "utf-8", errors="backslashreplace", newline="") as text,
     ):
         yield text

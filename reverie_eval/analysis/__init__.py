@@ -1,4 +1,4 @@
-"""The analysis of scores: comparisons, breakdowns, near misses and single episodes."""
+"""The analysis of scores, and of how submissions came about."""
 
 from reverie_eval.analysis._breakdown import GROUPINGS, Grouping, breakdown, find_grouping
 from reverie_eval.analysis._comparison import (
@@ -12,24 +12,42 @@ from reverie_eval.analysis._comparison import (
     score_all,
 )
 from reverie_eval.analysis._episode import Episode, episode
+from reverie_eval.analysis._evidence import (
+    FEWEST_FILES,
+    HONEST_SPREAD,
+    SAMPLED_EPISODES,
+    Spread,
+    gap_between,
+    most_similar,
+    nearest_earlier,
+    spread_of_changes,
+)
 from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_different_routes
 
 __all__ = [
+    "FEWEST_FILES",
     "GROUPINGS",
+    "HONEST_SPREAD",
+    "SAMPLED_EPISODES",
     "SMALLEST_SHOWN_P",
     "ComparedSubmissionsError",
     "Comparison",
     "Difference",
     "Episode",
     "Grouping",
+    "Spread",
     "breakdown",
     "check_comparable",
     "compare",
     "episode",
     "episodes_won",
     "find_grouping",
+    "gap_between",
+    "most_similar",
     "near_misses",
+    "nearest_earlier",
     "p_text",
     "score_all",
+    "spread_of_changes",
     "with_different_routes",
 ]

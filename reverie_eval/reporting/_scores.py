@@ -154,6 +154,30 @@ def write_episodes(scores: Scores, file: TextIO) -> None:
     writer.writerows(zip(scores.instr_ids, *columns.values(), strict=True))
 
 
+def episode_table(scores: Scores) -> Table:
+    """Return the score table's metrics for every episode, a row each."""
+    metrics = [metric for metric in table_metrics(scores.keys()) if metric.key in scores]
+    columns = [map(metric.display, scores.episodes[metric.key].tolist()) for metric in metrics]
+    return Table(
+        headings=["instr_id", *(metric.heading for metric in metrics)],
+        rows=list(zip(scores.instr_ids, *columns, strict=True)),
+        text_columns=frozenset({0}),
+        notes=[scores.signature],
+    )
+
+
+def episodes_json(scores: Scores) -> str:
+    """Return every metric of every episode as JSON, unrounded, with the signature."""
+    import json
+
+    columns = {key: column.tolist() for key, column in scores.episodes.items()}
+    episodes = [
+        dict(zip(("instr_id", *columns), row, strict=True))
+        for row in zip(scores.instr_ids, *columns.values(), strict=True)
+    ]
+    return json.dumps({"signature": scores.signature, "episodes": episodes}, indent=1)
+
+
 def _rows(scores: Scores, first: Scores, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
     """Yield the named row of the means and, if there are intervals, those of their bounds."""
     yield [_name(scores), *(_mean(metric, scores, first) for metric in metrics)]

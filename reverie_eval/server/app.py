@@ -26,7 +26,15 @@ from reverie_eval.server.http.telemetry import RequestTelemetry
 from reverie_eval.server.http.workers import ALONE, Workers
 from reverie_eval.server.pages import add_pages
 from reverie_eval.server.pages.rendering import fault_page
-from reverie_eval.server.routes import access, joining, operations, organising, splits, submissions
+from reverie_eval.server.routes import (
+    access,
+    evidence,
+    joining,
+    operations,
+    organising,
+    splits,
+    submissions,
+)
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.version import __version__
@@ -65,7 +73,7 @@ def create_app(
     app.state.address = server.settings.public_address or address
     app.state.is_copy = False
     app.state.runtime = RuntimeState.of(server, workers)
-    for part in (access, joining, splits, submissions, organising):
+    for part in (access, joining, splits, submissions, organising, evidence):
         app.include_router(part.router, prefix=API, dependencies=[Depends(known_query)])
     app.include_router(operations.router)
     add_pages(app)

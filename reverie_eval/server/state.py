@@ -14,6 +14,7 @@ from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, board_named, load_boards
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
+from reverie_eval.server.service.evidence import EvidenceService
 from reverie_eval.server.service.intake import Clock, Intake
 from reverie_eval.server.service.keys import current_key, open_key
 from reverie_eval.server.service.leaderboard import Ranking, leaderboard
@@ -50,6 +51,7 @@ class ServerState:
     intake: Intake
     submissions: SubmissionService
     rescoring: Rescoring
+    evidence: EvidenceService
     retention: Retention
     notices: Notices
     schedules: Schedules
@@ -119,6 +121,7 @@ class ServerState:
             intake,
             submissions,
             Rescoring(boards, database, uploads, signer, transactions),
+            EvidenceService(boards, database, uploads, signer),
             Retention(uploads, transactions, settings.keep_uploads_days),
             notices,
             schedules,

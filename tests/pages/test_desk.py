@@ -49,6 +49,7 @@ PAGES = (
     "/desk/reviews",
     "/desk/reported",
     "/desk/corrections",
+    "/desk/evidence",
     "/desk/people",
     "/desk/requests",
     "/desk/quotas",

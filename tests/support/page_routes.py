@@ -88,6 +88,8 @@ EXAMPLES = (
     Example("/desk/reviews", ORGANISER, "?submission={wordy_id}"),
     Example("/desk/reported", ORGANISER),
     Example("/desk/corrections", ORGANISER),
+    Example("/desk/evidence", ORGANISER),
+    Example("/desk/evidence", ORGANISER, "?split={split}"),
     Example("/desk/reported/import", ORGANISER),
     Example("/desk/reported/{result_id}", ORGANISER),
     Example("/desk/quotas", ORGANISER),

@@ -58,7 +58,10 @@ _BEFORE_THE_FIRST = "0" * 64
 _SUBMITTED = "submitted"
 _ENDS_OF_KEYS = ("signing key replaced", "signing key revoked")
 RULES = "rules recorded"
-"""The action of a server that starts with other rules than the last one; no row shows it."""
+"""The action of a server that starts with other rules than the last one."""
+INSPECTED = "inspected"
+"""The action of an organiser who reads the values of a submission's episodes."""
+_SHOWN_BY_NO_ROW = frozenset({RULES, INSPECTED})
 _REPEATABLE = frozenset(
     {
         "changed",
@@ -251,9 +254,14 @@ class Event:
 
 
 def history(session: Session, submission_id: str) -> Sequence[Event]:
-    """Return what happened to a submission, the earliest first."""
-    chosen = select(AuditEntry).where(AuditEntry.subject == submission_id).order_by(AuditEntry.id)
-    found = session.scalars(chosen).all()
+    """Return what happened to a submission, the earliest first.
+
+    Its team sees this, so it does not say that an organiser inspected it.
+    """
+    chosen = select(AuditEntry).where(
+        AuditEntry.subject == submission_id, AuditEntry.action != INSPECTED
+    )
+    found = session.scalars(chosen.order_by(AuditEntry.id)).all()
     names = names_in(session, found)
     return [_event(entry, names.get(entry.actor, entry.actor)) for entry in found]
 
@@ -307,7 +315,7 @@ def mismatches(session: Session) -> Iterator[str]:
         if at is not None or name == _SUBMITTED
     }
     for action in sorted(logged - visible, key=str):
-        if action.name not in {*_REPEATABLE, RULES}:
+        if action.name not in _REPEATABLE | _SHOWN_BY_NO_ROW:
             yield f"{action}: logged, but no longer in the database"
     for action in sorted(visible - logged, key=str):
         yield f"{action}: in the database, but not logged"

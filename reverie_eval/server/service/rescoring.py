@@ -30,7 +30,7 @@ from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Correction, Review, Submission
-from reverie_eval.server.store.uploads import Uploads, UploadsError
+from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
 
 AT_ONCE = 20
 """Submissions that are scored in a request; the next request continues."""
@@ -64,13 +64,11 @@ class Scorer:
             return self._score(job)
         except SubmissionError as error:
             return f"rejected: {error.problems[0]}"
-        except FileNotFoundError:
-            return "its upload is missing; run `reverie-eval server doctor`"
-        except (OSError, UploadsError) as error:
-            return f"its upload cannot be read ({error}); run `reverie-eval server doctor`"
+        except UploadsError as error:
+            return str(error)
 
     def _score(self, job: Job) -> ScoreReport:
-        reading = self.board.read(self.uploads.get(job.sha256))
+        reading = self.board.read(stored_upload(self.uploads, job.sha256))
         scores = self.board.score(reading)
         if job.has_intervals:
             with suppress(ProtocolError):  # no intervals from a single target

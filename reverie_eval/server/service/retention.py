@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from sqlalchemy import and_, case, func, select
+from sqlalchemy import and_, case, delete, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.transactions import Actor, Transactions
-from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.store.tables import Fingerprint, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 
@@ -67,6 +67,7 @@ class Retention:
             for row in rows:
                 row.upload_deleted_at = transaction.now
                 transaction.record("upload deleted", row, row.id)
+            session.execute(delete(Fingerprint).where(Fingerprint.sha256 == sha256))
             self.uploads.delete(sha256)
             return [row.id for row in rows]
 

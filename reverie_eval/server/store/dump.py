@@ -14,7 +14,8 @@ from sqlalchemy import Connection, DateTime, MetaData, Table, func, insert, sele
 
 from reverie_eval.server.store.database import AT_ONCE, Database, migrate
 
-_ALEMBIC_TABLE = "alembic_version"
+_LEFT_OUT = frozenset({"alembic_version", "fingerprint"})
+"""Tables that are made again: by a migration, and from the uploads."""
 
 
 Row = Sequence[Any]
@@ -49,7 +50,7 @@ def load(database: Database, revision: str, rows: Iterable[Row]) -> None:
 
 def _tables(connection: Connection) -> list[Table]:
     metadata = MetaData()
-    metadata.reflect(connection, only=lambda name, _: name != _ALEMBIC_TABLE)
+    metadata.reflect(connection, only=lambda name, _: name not in _LEFT_OUT)
     return metadata.sorted_tables
 
 

@@ -177,6 +177,18 @@ class Submission(Base):
     person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)
 
 
+class Fingerprint(Base):
+    """What an upload predicts, in numbers; computed from it when needed, and again when lost."""
+
+    __tablename__ = "fingerprint"
+
+    split: Mapped[str] = mapped_column(String(64), primary_key=True)
+    sha256: Mapped[str] = mapped_column(String(64), primary_key=True)
+    basis: Mapped[str] = mapped_column(String(100))
+    """What it was computed with: of others, the numbers mean something else."""
+    content: Mapped[bytes]
+
+
 class Correction(Base):
     """A change of a split's ground truth or rules, for which its submissions are scored again."""
 

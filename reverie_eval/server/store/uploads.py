@@ -33,7 +33,7 @@ Keep: TypeAlias = Callable[[], None]
 
 
 class UploadsError(ReverieEvalError):
-    """The S3-compatible store cannot be used; says why, and what to do."""
+    """Uploads, or the store that has them, cannot be read; says why, and what to do."""
 
 
 class Uploads(Protocol):
@@ -70,6 +70,24 @@ def open_uploads(place: str, folder: Path) -> Uploads:
     if address.scheme == "s3":
         return S3Uploads(address.netloc, address.path.strip("/"))
     return FolderUploads(folder / place)
+
+
+def stored_upload(uploads: Uploads, sha256: str) -> bytes:
+    """Return an upload that a row of the database refers to.
+
+    Raises
+    ------
+    UploadsError
+        If it is missing or cannot be read.
+    """
+    try:
+        return uploads.get(sha256)
+    except FileNotFoundError:
+        raise UploadsError("its upload is missing; run `reverie-eval server doctor`") from None
+    except (OSError, UploadsError) as error:
+        raise UploadsError(
+            f"its upload cannot be read ({error}); run `reverie-eval server doctor`"
+        ) from error
 
 
 def name_of(sha256: str) -> str:

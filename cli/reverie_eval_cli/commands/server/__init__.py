@@ -26,6 +26,12 @@ server = LazyGroup(
             "import": "reported:import_results",
             "reported": "reported:reported",
         },
+        "Look into submissions": {
+            "inspect": "inspect:inspect",
+            "evidence": "evidence:evidence",
+            "download": "download:download",
+            "export": "export:export_tables",
+        },
         "Phases": {
             "phase": "phase:phase",
             "diff": "phase:diff",

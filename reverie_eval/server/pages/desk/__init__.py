@@ -4,6 +4,7 @@ from fastapi import APIRouter
 
 from reverie_eval.server.pages.desk import (
     corrections,
+    evidence,
     news,
     notice,
     overview,
@@ -27,6 +28,7 @@ for part in (
     reviews,
     reported,
     corrections,
+    evidence,
     news,
     notice,
 ):

@@ -1,0 +1,282 @@
+"""Numbers that help an organiser to judge how submissions came about; never a verdict.
+
+All are functions of codes: one integer per file and episode, equal if and only if two files predict
+the same there. Episodes with the same target depend on each other, so that standard errors are over
+clusters of episodes.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+
+MOST_CHANGED = 0.5
+"""The largest share of episodes in which a file that counts for :func:`spread_of_changes` differs
+from the most frequent predictions. Others are another method, not a small change."""
+FEWEST_FILES = 15
+"""Files that :func:`spread_of_changes` needs."""
+HONEST_SPREAD = 1.5
+"""The smallest spread of changes that is assumed of a team that does not probe."""
+SAMPLED_EPISODES = 512
+"""Episodes in which all files are compared to find the most similar pairs."""
+
+_GROUPS = 10
+"""Groups of files that the jackknife leaves out one by one."""
+_ALMOST = 1e-6
+_STEP = 1e-3
+"""Of the derivative of the usual variance, relative to what the mean exceeds 1 by."""
+
+
+class Spread(NamedTuple):
+    """How unevenly a team's changes are spread over the episodes that changed."""
+
+    files: int
+    """Files that were compared."""
+    value: float
+    """Variance of the number of changes of an episode, in units of what changes at random have."""
+    standard_error: float
+    p_value: float
+    """Probability of a value as low as this, if the true one is at least ``HONEST_SPREAD``."""
+
+
+class Estimate(NamedTuple):
+    """A value with its standard error."""
+
+    value: float
+    standard_error: float
+
+
+class Pair(NamedTuple):
+    """Two files, by their rows."""
+
+    first: int
+    second: int
+    equal: float
+    """Share of the compared episodes with equal predictions."""
+
+
+class Likeness(NamedTuple):
+    """The most similar pairs of files from different groups, and what is usual."""
+
+    pairs: Sequence[Pair]
+    """At most one for each pair of groups, the most similar first."""
+    median: float
+    """Of the most similar pairs of all pairs of groups."""
+
+
+def most_frequent(codes: IntArray) -> IntArray:
+    """Return the most frequent code of each episode; the smallest of several.
+
+    Parameters
+    ----------
+    codes : int array of shape (n_files, n_episodes)
+
+    Returns
+    -------
+    int array of shape (n_episodes,)
+
+    >>> most_frequent(np.array([[3, 1], [2, 1], [3, 0], [2, 4]]))
+    array([2, 1])
+    """
+    ordered = np.sort(codes, axis=0)
+    found: IntArray = ordered[0].copy()
+    run = np.ones(codes.shape[1], dtype=np.int64)
+    longest = run.copy()
+    for previous, row in pairwise(ordered):
+        run = np.where(row == previous, run + 1, 1)
+        is_longer = run > longest
+        longest[is_longer], found[is_longer] = run[is_longer], row[is_longer]
+    return found
+
+
+def nearest_earlier(codes: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the earlier file that each file differs least from, and in how many episodes.
+
+    Parameters
+    ----------
+    codes : int array of shape (n_files, n_episodes)
+        The earliest file first.
+
+    Returns
+    -------
+    tuple of int arrays of shape (n_files,)
+        Rows, the earliest of several, and numbers of episodes; -1 for the first file.
+
+    >>> nearest_earlier(np.array([[1, 1, 1], [2, 2, 2], [2, 2, 1]]))
+    (array([-1,  0,  1]), array([-1,  3,  1]))
+    """
+    nearest, changed = np.full(len(codes), -1), np.full(len(codes), -1)
+    for row in range(1, len(codes)):
+        differing = np.count_nonzero(codes[:row] != codes[row], axis=1)
+        nearest[row] = np.argmin(differing)
+        changed[row] = differing[nearest[row]]
+    return nearest, changed
+
+
+def spread_of_changes(codes: IntArray, cluster: IntArray) -> Spread | None:
+    """Test whether a team's changes return to the same episodes, as those of a method do.
+
+    Between the files of one method, predictions change where the method is uncertain: the same
+    episodes change again and again, others never. Who probes a leaderboard changes episodes
+    without regard to that, at random or in turn. So it is counted in how many files each episode
+    differs from the team's most frequent prediction. Among the episodes that ever do, the variance
+    of these counts is compared with what it is if every file changes each of them with the same
+    probability: the index of dispersion.
+
+    The standard error is over clusters of episodes, and over files by a jackknife in ten groups.
+
+    Parameters
+    ----------
+    codes : int array of shape (n_files, n_episodes)
+        The earliest file first.
+    cluster : int array of shape (n_episodes,)
+
+    Returns
+    -------
+    Spread or None
+        None with fewer than ``FEWEST_FILES`` files that differ from the most frequent predictions
+        in at most ``MOST_CHANGED`` of the episodes, or without any change.
+
+    References
+    ----------
+    Cox and Lewis, "The Statistical Analysis of Series of Events", 1966, on the index of dispersion.
+    """
+    from scipy.stats import norm
+
+    share = (codes != most_frequent(codes)).mean(axis=1)
+    codes = codes[share <= MOST_CHANGED]
+    files = len(codes)
+    whole = _dispersion(codes, cluster) if files >= FEWEST_FILES else None
+    if whole is None:
+        return None
+    parts = []
+    for group in range(_GROUPS):
+        kept = np.arange(files) % _GROUPS != group
+        part = _dispersion(codes[kept], cluster)
+        if part is not None:
+            # Dispersion beyond 1 grows with the number of files.
+            parts.append(1 + (part.value - 1) * (files - 1) / (kept.sum() - 1))
+    over_files = np.sqrt((len(parts) - 1) * np.var(parts)) if parts else 0.0
+    error = float(np.hypot(whole.standard_error, over_files))
+    return Spread(files, whole.value, error, float(norm.cdf((whole.value - HONEST_SPREAD) / error)))
+
+
+def _dispersion(codes: IntArray, cluster: IntArray) -> Estimate | None:
+    """Return the index of dispersion of the changes; None if there is no change."""
+    changes = codes != most_frequent(codes)
+    is_changed = changes.any(axis=0)
+    if not is_changed.any():
+        return None
+    changes, of = changes[:, is_changed], cluster[is_changed]
+    count, share = changes.sum(axis=0), changes.mean(axis=1)
+    clusters, index = np.unique(of, return_inverse=True)
+    least = float(np.sqrt(2 / len(clusters)))  # of independent counts
+    mean = float(count.mean())
+    if mean < 1 + _ALMOST:  # no episode has changed twice
+        return Estimate(1.0, least)
+    usual = _usual_variance(share)
+    if usual < _ALMOST:  # files change all of these episodes or none
+        return None
+    step = _STEP * (mean - 1) / mean
+    more, fewer = (_usual_variance(share * scale) for scale in (1, 1 - step))
+    slope = (more - fewer) / (step * mean)
+    value = count.var() / usual
+    # The delta method: what an episode adds to the variance, and by the mean to the usual one.
+    influence = ((count - mean) ** 2 - count.var() - value * slope * (count - mean)) / usual
+    error = np.sqrt((np.bincount(index, influence) ** 2).sum()) / len(count)
+    return Estimate(float(value), max(float(error), least))
+
+
+def _usual_variance(share: FloatArray) -> float:
+    """Return the variance of the number of changes if files change episodes independently.
+
+    Each file changes an episode with a probability of its own; episodes that no file changes are
+    not counted. ``share`` has the share of the others that each file changes.
+    """
+    from scipy.optimize import brentq
+
+    def surplus(counted: float) -> float:
+        """Return how much more is changed than counted, if that is the share that is counted."""
+        return float(1 - np.prod(1 - counted * share) - counted)
+
+    counted = 1.0 if surplus(1.0) >= 0 else float(brentq(surplus, 1e-9, 1.0))
+    probability = counted * share
+    square = (probability * (1 - probability)).sum() + probability.sum() ** 2
+    return float(square / counted - share.sum() ** 2)
+
+
+def gap_between(values: FloatArray, is_first: BoolArray, cluster: IntArray) -> Estimate:
+    """Return by how much the mean over some episodes exceeds that over the others.
+
+    Parameters
+    ----------
+    values : float array of shape (n_episodes,)
+    is_first : bool array of shape (n_episodes,)
+        Equal within a cluster; some true, some false.
+    cluster : int array of shape (n_episodes,)
+
+    Returns
+    -------
+    Estimate
+        In units of ``values``; the standard error is over clusters.
+
+    >>> gap_between(np.array([1.0, 1.0, 0.0]), np.array([True, False, False]), np.arange(3)).value
+    0.5
+    """
+    variance, means = 0.0, []
+    for part in (is_first, ~is_first):
+        chosen = values[part]
+        _, index = np.unique(cluster[part], return_inverse=True)
+        means.append(chosen.mean())
+        sums = np.bincount(index, chosen - chosen.mean())
+        variance += (sums**2).sum() / len(chosen) ** 2
+    return Estimate(float(means[0] - means[1]), float(np.sqrt(variance)))
+
+
+def most_similar(codes: IntArray, group: IntArray, number: int) -> Likeness | None:
+    """Find the most similar files of different groups.
+
+    Parameters
+    ----------
+    codes : int array of shape (n_files, n_episodes)
+    group : int array of shape (n_files,)
+        Who sent each file, ascending.
+    number : int
+        The largest number of pairs to return.
+
+    Returns
+    -------
+    Likeness or None
+        None with fewer than two groups.
+
+    >>> most_similar(np.array([[1, 1], [1, 2], [1, 2], [3, 2]]), np.array([0, 0, 1, 2]), 1)
+    Likeness(pairs=[Pair(first=1, second=2, equal=1.0)], median=0.5)
+    """
+    groups, first = np.unique(group, return_index=True)
+    ends = np.append(first[1:], len(group))
+    best = []
+    for place, (begin, end) in enumerate(zip(first, ends, strict=True)):
+        later = ends[place]
+        if later == len(codes):
+            break
+        highest = np.full(len(groups), -1.0)
+        row_of, column_of = np.zeros(len(groups), int), np.zeros(len(groups), int)
+        for row in range(begin, end):
+            equal = np.count_nonzero(codes[later:] == codes[row], axis=1) / codes.shape[1]
+            in_group = np.maximum.reduceat(equal, first[place + 1 :] - later)
+            is_better = in_group > highest[place + 1 :]
+            for other in np.flatnonzero(is_better) + place + 1:
+                highest[other], row_of[other] = in_group[other - place - 1], row
+                part = slice(first[other] - later, ends[other] - later)
+                column_of[other] = first[other] + np.argmax(equal[part])
+        best += [
+            Pair(int(row_of[other]), int(column_of[other]), float(highest[other]))
+            for other in range(place + 1, len(groups))
+        ]
+    if not best:
+        return None
+    ordered = sorted(best, key=lambda pair: -pair.equal)
+    return Likeness(ordered[:number], float(np.median([pair.equal for pair in best])))

@@ -1,0 +1,128 @@
+"""Messages to organisers about how submissions came about: numbers, and no verdict."""
+
+from datetime import datetime
+from typing import Annotated
+
+from pydantic import Field
+
+from reverie_eval.schemas.report import SplitName
+from reverie_eval.schemas.wire import Sha256, SubmissionId, TeamName, WireModel
+
+Share = Annotated[float, Field(examples=[0.42])]
+"""A fraction in [0, 1]."""
+
+
+class NamedSubmission(WireModel):
+    """A submission, and whose it is."""
+
+    id: SubmissionId
+    team: TeamName
+    method: str = Field(examples=["Walker"])
+
+
+class SameFile(WireModel):
+    """A file that several teams have sent."""
+
+    sha256: Sha256
+    submissions: list[NamedSubmission]
+
+
+class SimilarPair(WireModel):
+    """The most similar files of two teams."""
+
+    first: NamedSubmission
+    second: NamedSubmission
+    equal: Share
+    """Of the episodes: both predict the same answer and stop at the same viewpoint."""
+    equal_answers: Share
+    equal_stops: Share
+    equal_paths: Share
+
+
+class SpreadReport(WireModel):
+    """How unevenly a team's changes are spread over the episodes that changed."""
+
+    files: int = Field(examples=[20])
+    """Files that change at most half of the team's most frequent predictions."""
+    value: float = Field(examples=[3.1])
+    """1 if the changes ignore where the method is uncertain; those of methods are above 1.5."""
+    standard_error: float = Field(examples=[0.1])
+    p_value: float = Field(examples=[0.99])
+    """Of a value as low as this, if the true one is at least 1.5."""
+
+
+class GapReport(WireModel):
+    """By how much the mean over the open half of the episodes exceeds that over the secret half."""
+
+    metric: str = Field(examples=["rgs"])
+    value: float = Field(examples=[0.004])
+    """A difference of fractions."""
+    standard_error: float = Field(examples=[0.011])
+
+
+class WalkReport(WireModel):
+    """What is unusual in the trajectories of a submission."""
+
+    jumps: int = Field(examples=[0])
+    """Moves between viewpoints without an edge between them."""
+    episodes_with_jumps: int = Field(examples=[0])
+    longest_jump: float = Field(examples=[0.0])
+    """Metres along the graph."""
+    mean_viewpoints: float = Field(examples=[6.4])
+    """Different viewpoints in a trajectory, on average."""
+    most_viewpoints: int = Field(examples=[16])
+    longest_walk: float = Field(examples=[48.2])
+    """Metres."""
+    exact_stops: Share | None
+    """Of the successful episodes: those that stop at the last viewpoint of the annotated path."""
+    exact_by_chance: Share | None
+    """The same if each of them had stopped at any of its goal viewpoints."""
+
+
+class SubmissionEvidence(NamedSubmission):
+    """The evidence about one submission."""
+
+    received_at: datetime
+    nearest: SubmissionId | None
+    """The team's earlier submission that it differs least from."""
+    changed: int | None = Field(examples=[120])
+    """Episodes in which it differs from that in answer or stop."""
+    gap: GapReport | None
+    walks: WalkReport
+
+
+class TeamEvidence(WireModel):
+    """The evidence about all files of a team."""
+
+    team: TeamName
+    submissions: int = Field(examples=[20])
+    median_changed: float | None = Field(examples=[410.0])
+    """Episodes in which a file differs from the nearest earlier one, the median over its files."""
+    spread: SpreadReport | None
+    """Null with fewer than 15 files that can be compared."""
+    gap: GapReport | None
+    """Of the latest file."""
+    gap_growth: GapReport | None
+    """From the first file to the latest."""
+    jumps: int = Field(examples=[0])
+    """The largest number in one of its files."""
+
+
+class EvidenceReport(WireModel):
+    """The evidence about the submissions to a split; nobody but the organiser sees it."""
+
+    split: SplitName
+    submissions: int = Field(examples=[200])
+    left: int = Field(examples=[0])
+    """Submissions that were not read yet; the next request reads more."""
+    unreadable: dict[str, str]
+    """Submissions that cannot be read, and why."""
+    same_files: list[SameFile]
+    usual_similarity: Share | None
+    """The median of the most similar files of all pairs of teams."""
+    similar: list[SimilarPair]
+    """The pairs of teams with the most similar files, the most similar first."""
+    teams: list[TeamEvidence]
+    """The lowest p-value first."""
+    history: list[SubmissionEvidence]
+    """The submissions of the requested team, the earliest first."""

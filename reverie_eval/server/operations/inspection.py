@@ -1,0 +1,59 @@
+"""Look at the episodes of one submission, on the server's own machine.
+
+Values of single episodes of a private split never leave the server by the network. Here they are
+given to a user who can read the ground truth anyway, and the audit log records it.
+"""
+
+from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.scoring import Scores
+from reverie_eval.server.errors import ConflictError
+from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.service.audit import INSPECTED
+from reverie_eval.server.service.reviews import any_submission
+from reverie_eval.server.service.submissions import submission_report
+from reverie_eval.server.settings import Settings
+from reverie_eval.server.store.uploads import stored_upload
+
+
+def inspect(
+    settings: Settings, submission_id: str, *, actor: str
+) -> tuple[SubmissionReport, Scores]:
+    """Return a submission, and the value of every episode, scored again from its upload.
+
+    Raises
+    ------
+    SettingsError, ReceiptError
+        If the server cannot be opened.
+    NotFoundError
+        If there is no such submission, or its split is no longer served.
+    UploadsError
+        If its upload is missing or damaged.
+    ConflictError
+        If the means are not the stored scores, or the file was deleted for its age.
+    """
+    with opened_server(settings) as state:
+        with state.database.reading() as session:
+            row = any_submission(session, submission_id)
+            if row.upload_deleted_at is not None:
+                raise ConflictError(
+                    f"the file of {submission_id} was deleted on {row.upload_deleted_at:%Y-%m-%d}, "
+                    "because it was old and not published"
+                )
+            known = submission_report(row)
+        board = state.board(known.split)
+        if not board.measures_as(known.report):
+            raise ConflictError(
+                f"{submission_id} was scored with other ground truth or rules than the current "
+                f"ones; run `reverie-eval server rescore {settings.folder} {board.name}` first"
+            )
+        reading = board.read(stored_upload(state.uploads, known.sha256))
+        scores = board.score(reading)
+        if board.report(scores, reading).scores != known.report.scores:
+            raise ConflictError(
+                f"{submission_id}: the upload does not score what is stored; run `reverie-eval "
+                f"server doctor {settings.folder}`"
+            )
+        with state.transactions.begin(actor) as transaction:
+            row = any_submission(transaction.session, submission_id)
+            transaction.record(INSPECTED, row, submission_id)
+    return known, scores

@@ -1,0 +1,277 @@
+"""Evidence about how submissions came about: numbers for the organiser, and no verdict.
+
+Nothing of it may be in a reply to participants, on a public page, or in an export: anyone who knew
+how they look to the organiser, or which half of the episodes is secret, could work around it.
+"""
+
+import hashlib
+import hmac
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from reverie_eval.analysis import (
+    SAMPLED_EPISODES,
+    gap_between,
+    most_similar,
+    nearest_earlier,
+    spread_of_changes,
+)
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, row_of
+from reverie_eval.schemas.evidence import (
+    EvidenceReport,
+    GapReport,
+    NamedSubmission,
+    SameFile,
+    SimilarPair,
+    SpreadReport,
+    SubmissionEvidence,
+    TeamEvidence,
+    WalkReport,
+)
+from reverie_eval.scoring import clusters_of, find_protocol, is_goal
+from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.service.boards import Board, board_named
+from reverie_eval.server.service.fingerprints import Fingerprint, Fingerprints
+from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Submission, Team
+from reverie_eval.server.store.uploads import Uploads
+
+AT_ONCE = 100
+"""Submissions that are read in a request; the next request continues."""
+PAIRS = 10
+"""Pairs of teams that are listed."""
+
+
+class _Sent(NamedTuple):
+    team: str
+    id: str
+    sha256: str
+    received_at: Any
+    method: Mapping[str, Any]
+
+    @property
+    def named(self) -> NamedSubmission:
+        return NamedSubmission(id=self.id, team=self.team, method=self.method["name"])
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceService:
+    """Gathers the evidence about the submissions to a split."""
+
+    boards: Mapping[str, Board]
+    database: Database
+    uploads: Uploads
+    signer: Signer
+
+    def report(
+        self, split: str, team: str | None = None, *, most: int | None = AT_ONCE
+    ) -> EvidenceReport:
+        """Report the evidence about a split, after reading at most so many further submissions.
+
+        With a team, also about each of its submissions.
+
+        Raises
+        ------
+        NotFoundError
+            If the server has no such split, or no submission of such a team to it.
+        """
+        board = board_named(self.boards, split)
+        fingerprints = Fingerprints(board, self.database, self.uploads)
+        with self.database.reading() as session:
+            sent = _all_sent(session, split)
+            missing = fingerprints.missing(session, [each.sha256 for each in sent])
+        if team is not None and team not in {each.team for each in sent}:
+            raise NotFoundError(f"there is no submission of a team {team!r} to {split}")
+        unread, unreadable, read = set(missing), {}, 0
+        for sha256 in missing:
+            if read == most:
+                break
+            reason = fingerprints.compute(sha256)
+            if reason:
+                unreadable[sha256] = reason
+            else:
+                unread.discard(sha256)
+                read += 1
+        examined = _Examined.of(board, self.signer)
+        with self.database.reading() as session:
+            known = [each for each in sent if each.sha256 not in unread]
+            return EvidenceReport(
+                split=split,
+                submissions=len(sent),
+                left=sum(each.sha256 in unread - unreadable.keys() for each in sent),
+                unreadable={
+                    each.id: unreadable[each.sha256] for each in sent if each.sha256 in unreadable
+                },
+                same_files=_same_files(sent),
+                **examined.compare(session, fingerprints, known, team),
+            )
+
+
+def _all_sent(session: Session, split: str) -> Sequence[_Sent]:
+    """Return all submissions to a split whose files are kept, by team, the earliest first."""
+    columns = (
+        *(Team.name, Submission.id, Submission.sha256, Submission.received_at),
+        Submission.method,
+    )
+    chosen = (
+        select(*columns)
+        .join(Team)
+        .where(Submission.split == split, Submission.upload_deleted_at.is_(None))
+    )
+    ordered = chosen.order_by(Submission.team_id, Submission.received_at, Submission.id)
+    return [_Sent(*row) for row in session.execute(ordered)]
+
+
+def _same_files(sent: Sequence[_Sent]) -> list[SameFile]:
+    by_file = defaultdict(list)
+    for each in sent:
+        by_file[each.sha256].append(each.named)
+    # A team cannot send a file twice.
+    return [
+        SameFile(sha256=sha256, submissions=found)
+        for sha256, found in by_file.items()
+        if len(found) > 1
+    ]
+
+
+@dataclass(frozen=True)
+class _Examined:
+    """A split, as far as the evidence needs it."""
+
+    board: Board
+    cluster: IntArray
+    """Shape (n_episodes,): episodes with the same target."""
+    is_open: BoolArray
+    """Shape (n_episodes,): whether an episode is not in the secret half."""
+
+    @classmethod
+    def of(cls, board: Board, signer: Signer) -> "_Examined":
+        """Draw the secret half by a key that only the server has; a target is in one half."""
+        cluster = clusters_of(board.truth, "target")
+        _, first, index = np.unique(cluster, return_index=True, return_inverse=True)
+        key, names = signer.secret_for("secret half"), board.truth.episodes.instr_ids
+        digests = (hmac.digest(key, names[row].encode(), hashlib.sha256) for row in first)
+        return cls(board, cluster, np.array([digest[0] < 128 for digest in digests])[index])
+
+    def compare(
+        self, session: Session, fingerprints: Fingerprints, sent: Sequence[_Sent], team: str | None
+    ) -> Mapping[str, Any]:
+        """Return the parts of the report that need the files, of which one team's are in memory."""
+        episodes = len(self.cluster)
+        sample = np.random.default_rng(0).permutation(episodes)[:SAMPLED_EPISODES]
+        sampled, teams, history = [], [], []
+        for name, files in groupby(sent, itemgetter(0)):
+            own = list(files)
+            loaded = fingerprints.load(session, [each.sha256 for each in own])
+            codes = np.array([each.codes for each in loaded])
+            sampled.append(codes[:, sample])
+            nearest, changed = nearest_earlier(codes)
+            teams.append(self._team(name, loaded, codes, changed))
+            if name == team:
+                rows = zip(own, loaded, nearest.tolist(), changed.tolist(), strict=True)
+                history = [
+                    self._submission(each, one, own[row].id if row >= 0 else None, number)
+                    for each, one, row, number in rows
+                ]
+        sizes = [len(each) for each in sampled]
+        group = row_of(offsets_of(np.array(sizes, dtype=np.int64)))
+        found = most_similar(np.concatenate(sampled), group, PAIRS) if sampled else None
+        return {
+            "usual_similarity": None if found is None else round(found.median, 4),
+            "similar": [
+                _pair(session, fingerprints, sent[pair.first], sent[pair.second])
+                for pair in (found.pairs if found else ())
+            ],
+            "teams": sorted(teams, key=lambda each: each.spread.p_value if each.spread else 2),
+            "history": history,
+        }
+
+    def _team(
+        self, name: str, loaded: Sequence[Fingerprint], codes: IntArray, changed: IntArray
+    ) -> TeamEvidence:
+        spread = spread_of_changes(codes, self.board.truth.episodes.task)
+        first, latest = loaded[0], loaded[-1]
+        return TeamEvidence(
+            team=name,
+            submissions=len(loaded),
+            median_changed=float(np.median(changed[1:])) if len(changed) > 1 else None,
+            spread=spread and SpreadReport(**spread._asdict()),
+            gap=self._gap(latest),
+            gap_growth=self._gap(latest, first) if len(loaded) > 1 else None,
+            jumps=max(each.walks.jumps for each in loaded),
+        )
+
+    def _submission(
+        self, sent: _Sent, fingerprint: Fingerprint, nearest: str | None, changed: int
+    ) -> SubmissionEvidence:
+        return SubmissionEvidence(
+            **sent.named.model_dump(),
+            received_at=sent.received_at,
+            nearest=nearest,
+            changed=None if nearest is None else changed,
+            gap=self._gap(fingerprint),
+            walks=self._walks(fingerprint),
+        )
+
+    def _gap(self, latest: Fingerprint, first: Fingerprint | None = None) -> GapReport | None:
+        """Return the gap of a file, or by how much it exceeds that of the first one."""
+        if self.is_open.all() or not self.is_open.any():
+            return None
+        for metric in ("rgs", "success"):
+            values = [each.values(self.board, metric) for each in (latest, first) if each]
+            if all(each is not None for each in values):
+                gap = gap_between(_difference(values), self.is_open, self.cluster)
+                return GapReport(metric=metric, **gap._asdict())
+        return None
+
+    def _walks(self, fingerprint: Fingerprint) -> WalkReport:
+        exact = by_chance = None
+        success = fingerprint.values(self.board, "success")
+        if success is not None and success.any():
+            is_success = success > 0
+            goal = self.board.truth.require_answers().goal
+            exact = float((fingerprint.episodes["stop"] == goal)[is_success].mean())
+            by_chance = float((1 / self._goals[is_success]).mean())
+        return WalkReport(
+            **fingerprint.walks._asdict(), exact_stops=exact, exact_by_chance=by_chance
+        )
+
+    @cached_property
+    def _goals(self) -> IntArray:
+        """Shape (n_episodes,): the number of viewpoints at which each episode is a success."""
+        truth = self.board.truth
+        scan = truth.graph.viewpoint_scan
+        own = scan[truth.episodes.start]
+        begin, end = np.searchsorted(scan, own), np.searchsorted(scan, own, side="right")
+        offsets = offsets_of(end - begin)
+        episode = row_of(offsets)
+        viewpoint = np.arange(len(episode)) - (offsets[:-1] - begin)[episode]
+        rule = find_protocol(self.board.split.protocol).goal
+        return np.bincount(episode, is_goal(rule, truth, episode, viewpoint))
+
+
+def _difference(values: Sequence[FloatArray | None]) -> FloatArray:
+    latest, *first = (each for each in values if each is not None)
+    return latest - first[0] if first else latest
+
+
+def _pair(session: Session, fingerprints: Fingerprints, first: _Sent, second: _Sent) -> SimilarPair:
+    one, other = fingerprints.load(session, [first.sha256, second.sha256])
+    return SimilarPair(
+        first=first.named,
+        second=second.named,
+        equal=one.equal(other, "answer", "stop"),
+        equal_answers=one.equal(other, "answer"),
+        equal_stops=one.equal(other, "stop"),
+        equal_paths=one.equal(other, "path"),
+    )

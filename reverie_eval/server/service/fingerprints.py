@@ -1,0 +1,199 @@
+"""Fingerprints: what an upload predicts in each episode, in numbers that are quick to compare.
+
+They are computed without the answers, and contain nothing but what the upload itself says. Each is
+stored when it is first needed, so an upload takes no longer because of them.
+"""
+
+import gzip
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import msgspec
+import numpy as np
+from isal import igzip
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from reverie_eval.arrays import Array, FloatArray, IntArray, last_of, row_of
+from reverie_eval.errors import SubmissionError
+from reverie_eval.metrics import jumps
+from reverie_eval.scoring import Lookups, PreparedSubmission, find_protocol
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Fingerprint as Row
+from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
+from reverie_eval.submissions import NO_BOXES, AlignedSubmission
+
+_EPISODE = np.dtype(
+    [
+        ("answer", "<i8"),
+        ("stop", "<i4"),
+        ("path", "<u4"),
+        ("is_text", "?"),
+        ("has_leading_zeros", "?"),
+        ("is_box", "?"),
+    ]
+)
+_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
+"""An odd number without a pattern: 2^64 divided by the golden ratio."""
+
+
+class Walks(NamedTuple):
+    """What is unusual in the trajectories of a submission."""
+
+    jumps: int
+    """Moves between viewpoints without an edge between them."""
+    episodes_with_jumps: int
+    longest_jump: float
+    """Metres along the graph."""
+    mean_viewpoints: float
+    """Different viewpoints in a trajectory, on average."""
+    most_viewpoints: int
+    longest_walk: float
+    """Metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fingerprint:
+    """The predictions of an upload."""
+
+    episodes: Array
+    """Shape (n_episodes,): the answer, the stop and the path of each, as numbers."""
+    walks: Walks
+
+    @classmethod
+    def of(cls, board: Board, content: bytes) -> Self:
+        """Compute the fingerprint of a submission's JSON text.
+
+        Raises
+        ------
+        SubmissionError
+            If it does not fit the split.
+        """
+        aligned = board.check(content).submission
+        episodes = np.zeros(len(aligned.predicted_object), dtype=_EPISODE)
+        episodes["answer"] = aligned.predicted_object
+        episodes["is_text"] = aligned.answer_is_text
+        episodes["has_leading_zeros"] = aligned.has_leading_zeros
+        boxes = aligned.boxes
+        drawn = np.column_stack([boxes.xywh, boxes.camera])
+        episodes["answer"][boxes.row] = [zlib.crc32(row.tobytes()) for row in drawn]
+        episodes["is_box"][boxes.row] = True
+        episodes["stop"] = aligned.viewpoint[last_of(aligned.offsets)]
+        episodes["path"] = _path_codes(aligned)
+        return cls(episodes, _walks(aligned, Lookups(aligned, board.truth)))
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> Self:
+        """Unpack a fingerprint."""
+        walks, episodes = msgspec.msgpack.decode(gzip.decompress(content), type=tuple[Walks, bytes])
+        return cls(np.frombuffer(episodes, dtype=_EPISODE), walks)
+
+    def to_bytes(self) -> bytes:
+        """Pack the fingerprint."""
+        return igzip.compress(msgspec.msgpack.encode((self.walks, self.episodes.tobytes())))
+
+    def equal(self, other: Self, *fields: str) -> float:
+        """Return the share of episodes in which all of these fields are equal."""
+        alike = [self.episodes[name] == other.episodes[name] for name in fields]
+        return float(np.logical_and.reduce(alike).mean())
+
+    @property
+    def codes(self) -> IntArray:
+        """Shape (n_episodes,): equal if answer and stop are equal."""
+        mixed = self.episodes["answer"].astype(np.uint64) * _MULTIPLIER
+        mixed = (mixed ^ self.episodes["stop"].astype(np.uint64)) * _MULTIPLIER
+        return (mixed >> np.uint64(32)).astype(np.uint32)
+
+    def values(self, board: Board, metric: str) -> FloatArray | None:
+        """Return ``success`` or ``rgs`` of every episode; None if it cannot be computed from this.
+
+        Boxes cannot be scored without their views.
+        """
+        truth, track = board.truth, board.split.track
+        if metric == "rgs" and self.episodes["is_box"].any():
+            return None
+        stop = truth.require_answers().goal if track == "grounding" else self.episodes["stop"]
+        answer = self.episodes["answer"]
+        aligned = AlignedSubmission(
+            viewpoint=stop.astype(np.int64),
+            offsets=np.arange(len(stop) + 1),
+            predicted_object=answer,
+            answer_is_text=self.episodes["is_text"],
+            has_leading_zeros=self.episodes["has_leading_zeros"],
+            boxes=NO_BOXES,
+            is_navigation_only=bool((answer == -1).all()),
+        )
+        reading = PreparedSubmission(aligned, truth, track)
+        return reading.score(find_protocol(board.split.protocol)).episodes.get(metric)
+
+
+def _path_codes(aligned: AlignedSubmission) -> IntArray:
+    """Return a number for each trajectory; different ones have different numbers, nearly always."""
+    begin = aligned.offsets[:-1]
+    step = np.arange(len(aligned.viewpoint)) - begin[row_of(aligned.offsets)]
+    mixed = (aligned.viewpoint.astype(np.uint64) + np.uint64(1)) * _MULTIPLIER
+    mixed = (mixed ^ (mixed >> np.uint64(29))) * (2 * step.astype(np.uint64) + np.uint64(3))
+    return np.add.reduceat(mixed * _MULTIPLIER, begin) >> np.uint64(32)
+
+
+def _walks(aligned: AlignedSubmission, lookups: Lookups) -> Walks:
+    is_jump, row = lookups.is_jump, row_of(aligned.offsets)
+    number = jumps(is_jump, aligned.offsets)
+    pairs = np.unique(np.column_stack([row, aligned.viewpoint]), axis=0)
+    different = np.bincount(pairs[:, 0])
+    return Walks(
+        jumps=int(number.sum()),
+        episodes_with_jumps=int((number > 0).sum()),
+        longest_jump=float(lookups.leg_length[is_jump].max(initial=0.0)),
+        mean_viewpoints=float(different.mean()),
+        most_viewpoints=int(different.max()),
+        longest_walk=float(np.bincount(row, lookups.leg_length).max()),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Fingerprints:
+    """The stored fingerprints of a split."""
+
+    board: Board
+    database: Database
+    uploads: Uploads
+
+    @property
+    def basis(self) -> str:
+        """What the numbers in a fingerprint depend on."""
+        return f"{self.board.split.track}:{self.board.public_fingerprint}"
+
+    def missing(self, session: Session, digests: Sequence[str]) -> Sequence[str]:
+        """Return the uploads without a fingerprint, in their order."""
+        known = set(
+            session.scalars(
+                select(Row.sha256).where(Row.split == self.board.name, Row.basis == self.basis)
+            )
+        )
+        return [sha256 for sha256 in dict.fromkeys(digests) if sha256 not in known]
+
+    def compute(self, sha256: str) -> str:
+        """Compute and store the fingerprint of an upload; return why not, or an empty text."""
+        try:
+            content = Fingerprint.of(self.board, stored_upload(self.uploads, sha256)).to_bytes()
+        except SubmissionError as error:
+            return f"rejected: {error.problems[0]}"
+        except UploadsError as error:
+            return str(error)
+        with self.database.writing() as session:
+            session.merge(
+                Row(split=self.board.name, sha256=sha256, basis=self.basis, content=content)
+            )
+        return ""
+
+    def load(self, session: Session, digests: Sequence[str]) -> Sequence[Fingerprint]:
+        """Return the fingerprints of uploads that are not missing, in their order."""
+        chosen = select(Row.sha256, Row.content).where(
+            Row.split == self.board.name, Row.sha256.in_(digests)
+        )
+        contents = {row.sha256: row.content for row in session.execute(chosen)}
+        return [Fingerprint.from_bytes(contents[sha256]) for sha256 in digests]

@@ -1,0 +1,166 @@
+"""Numbers about how submissions came about: worked by hand, by slow oracles, and simulated."""
+
+from collections import Counter
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from fixtures.answer_histories import HONEST, PROBING
+from reverie_eval import GroundTruth
+from reverie_eval.analysis import (
+    FEWEST_FILES,
+    gap_between,
+    most_similar,
+    nearest_earlier,
+    spread_of_changes,
+)
+from reverie_eval.analysis._evidence import most_frequent
+from reverie_eval.arrays import IntArray
+
+FILES = 30
+
+
+def random_codes(seed: int, files: int = 9, episodes: int = 40) -> IntArray:
+    return np.random.default_rng(seed).integers(0, 3, (files, episodes))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_most_frequent_code_is_that_of_a_counter(seed: int) -> None:
+    codes = random_codes(seed)
+    for column, found in zip(codes.T.tolist(), most_frequent(codes).tolist(), strict=True):
+        counts = Counter(column)
+        assert found == min(code for code in counts if counts[code] == max(counts.values()))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_nearest_earlier_file_is_that_of_a_search(seed: int) -> None:
+    codes = random_codes(seed)
+    nearest, changed = nearest_earlier(codes)
+    for row in range(1, len(codes)):
+        differing = [int((codes[row] != codes[earlier]).sum()) for earlier in range(row)]
+        assert changed[row] == min(differing)
+        assert nearest[row] == differing.index(min(differing))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_most_similar_pairs_are_those_of_a_search(seed: int) -> None:
+    codes, group = random_codes(seed), np.array([0, 0, 2, 2, 2, 5, 6, 6, 6])
+    best: dict[tuple[int, int], float] = {}
+    for one, other in combinations(range(len(codes)), 2):
+        if group[one] != group[other]:
+            teams = int(group[one]), int(group[other])
+            equal = float((codes[one] == codes[other]).mean())
+            best[teams] = max(best.get(teams, 0.0), equal)
+    found = most_similar(codes, group, 4)
+    assert found is not None
+    assert found.median == pytest.approx(np.median(list(best.values())))
+    assert [pair.equal for pair in found.pairs] == sorted(best.values(), reverse=True)[:4]
+    for pair in found.pairs:
+        assert pair.equal == (codes[pair.first] == codes[pair.second]).mean()
+        assert group[pair.first] < group[pair.second]
+
+
+def test_files_of_one_group_are_not_compared() -> None:
+    assert most_similar(random_codes(0), np.zeros(9, dtype=int), 4) is None
+
+
+def test_the_gap_between_halves_worked_by_hand() -> None:
+    values = np.array([1.0, 0.0, 1.0, 1.0, 0.0, 0.0])
+    is_first = np.array([True, True, True, False, False, False])
+    cluster = np.array([0, 0, 1, 2, 3, 3])
+    gap = gap_between(values, is_first, cluster)
+    assert gap.value == pytest.approx(1 / 3)
+    # By cluster, sums of deviations: -1/3 and 1/3 in the first part, 2/3 and -2/3 in the second.
+    assert gap.standard_error == pytest.approx(np.sqrt(2 / 9 / 9 + 8 / 9 / 9))
+
+
+@pytest.mark.parametrize("episodes", [3, 1])
+def test_the_standard_error_of_a_gap_is_its_spread(episodes: int) -> None:
+    random, cluster = np.random.default_rng(0), np.repeat(np.arange(200), episodes)
+    is_first = cluster % 2 == 0
+    draws = [np.repeat(random.random(200) < 0.4, episodes).astype(float) for _ in range(200)]
+    gaps = [gap_between(values, is_first, cluster) for values in draws]
+    spread = np.std([gap.value for gap in gaps])
+    assert spread == pytest.approx(np.mean([gap.standard_error for gap in gaps]), rel=0.12)
+
+
+def changes_at_random(seed: int, rates: IntArray, episodes: int = 3000) -> IntArray:
+    """Return files that each change episodes independently, at a rate of their own."""
+    draws = np.random.default_rng(seed).random((len(rates), episodes))
+    return (draws < rates[:, None]).astype(np.int64)
+
+
+@pytest.mark.parametrize(
+    "rates",
+    [np.full(20, 0.1), np.linspace(0.01, 0.3, 20)],
+    ids=["the same rate", "different rates"],
+)
+def test_changes_at_random_have_a_spread_of_1(rates: IntArray) -> None:
+    found = [
+        spread_of_changes(changes_at_random(seed, rates), np.arange(3000)) for seed in range(8)
+    ]
+    spreads = [spread for spread in found if spread is not None]
+    assert len(spreads) == len(found)
+    assert np.mean([spread.value for spread in spreads]) == pytest.approx(1, abs=0.05)
+    assert all(abs(spread.value - 1) < 4 * spread.standard_error for spread in spreads)
+    assert all(spread.p_value < 0.001 for spread in spreads)
+
+
+def test_changes_of_the_same_episodes_have_a_large_spread() -> None:
+    rate = np.where(np.arange(3000) < 300, 0.4, 0.02)
+    codes = (np.random.default_rng(0).random((20, 3000)) < rate).astype(np.int64)
+    spread = spread_of_changes(codes, np.arange(3000))
+    assert spread is not None
+    assert spread.value > 2
+    assert spread.p_value > 0.99
+
+
+def test_dependent_episodes_count_once() -> None:
+    codes = changes_at_random(0, np.full(20, 0.1), 500)
+    alone = spread_of_changes(codes, np.arange(500))
+    thrice = spread_of_changes(np.repeat(codes, 3, axis=1), np.repeat(np.arange(500), 3))
+    assert alone is not None
+    assert thrice is not None
+    assert thrice.value == pytest.approx(alone.value)
+    assert thrice.standard_error == pytest.approx(alone.standard_error)
+
+
+@pytest.mark.parametrize(
+    "codes",
+    [
+        pytest.param(changes_at_random(0, np.full(FEWEST_FILES - 1, 0.1)), id="too few files"),
+        pytest.param(np.zeros((20, 3000), dtype=int), id="no change"),
+        pytest.param(
+            np.random.default_rng(0).integers(0, 50, (20, 3000)), id="files without a common base"
+        ),
+    ],
+)
+def test_what_cannot_be_tested_has_no_spread(codes: IntArray) -> None:
+    assert spread_of_changes(codes, np.arange(3000)) is None
+
+
+@pytest.mark.parametrize("name", PROBING)
+def test_probing_the_demo_world_is_seen(name: str, demo: GroundTruth) -> None:
+    answers = PROBING[name](demo.episodes.task, FILES, np.random.default_rng(0))
+    spread = spread_of_changes(answers, demo.episodes.task)
+    assert spread is not None
+    assert spread.value < 1.3
+    assert spread.p_value < 0.2
+
+
+@pytest.mark.parametrize("name", HONEST)
+def test_honest_work_on_a_larger_split_is_not(name: str) -> None:
+    task = np.repeat(np.arange(400), 3)
+    answers = HONEST[name](task, FILES, np.random.default_rng(1))
+    spread = spread_of_changes(answers, task)
+    assert spread is None or spread.p_value > 0.5
+
+
+@pytest.mark.parametrize("name", PROBING)
+def test_probing_a_larger_split_is(name: str) -> None:
+    task = np.repeat(np.arange(400), 3)
+    answers = PROBING[name](task, FILES, np.random.default_rng(1))
+    spread = spread_of_changes(answers, task)
+    assert spread is not None
+    assert spread.p_value < 0.001

@@ -1,0 +1,87 @@
+"""The leaderboards as tables: what they show, the same numbers, and nothing else."""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from pyarrow import parquet
+
+from reverie_eval.schemas.organising import NewReported
+from reverie_eval.server.service.reported import add_reported
+from tests.server.test_roles import BODIES
+from tests.support.acting import review
+from tests.support.entries import entered, named
+from tests.support.flat import Run
+from tests.support.serving import GOOD, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+
+SECRET = "an unpublished method"
+
+
+@pytest.fixture
+def busy(server: Serving) -> Serving:
+    first = entered(server, who=OWNER, **named("=Walker", extra_data=True))
+    entered(server, who=OTHER, anonymous_until="2100-01-01T00:00:00Z")
+    entered(server, who=OWNER, split=PRIVATE)
+    server.upload(OWNER, GOOD + b"\n\n", name=SECRET)
+    with server.acting(ORGANISER) as transaction:
+        review(transaction, first, "verified", "we ran its code")
+        new = NewReported.model_validate(BODIES["POST /organiser/reported"]["json"])
+        add_reported(transaction, new, [PRIVATE])
+    return server
+
+
+def test_results_are_those_of_the_leaderboard_s_csv(busy: Serving, folder: Path, run: Run) -> None:
+    outcome = run("server", "export", str(folder), "-o", str(folder.parent / "out"))
+    assert outcome.status == 0, outcome.err
+    with (folder.parent / "out" / "results.csv").open(newline="") as file:
+        results = list(csv.DictReader(file))
+    for split in (OPEN, PRIVATE):
+        text = busy.client.get(f"/api/v1/splits/{split}/leaderboard.csv").text
+        shown = list(csv.DictReader(text.splitlines()))
+        own = [row for row in results if row["split"] == split]
+        assert len(own) == len(shown) > 0
+        for row, expected in zip(own, shown, strict=True):
+            common = row.keys() & expected.keys() - {"reviews"}
+            assert {"spl", "team", "rank", "method"} <= common
+            assert {name: row[name] for name in common} == {name: expected[name] for name in common}
+
+
+def test_parquet_has_the_same_values_with_units(busy: Serving, folder: Path, run: Run) -> None:
+    out = folder.parent / "out"
+    assert run("server", "export", str(folder), "-o", str(out), "--format", "parquet").status == 0
+    table = parquet.read_table(out / "results.parquet")
+    rows = [row for row in table.to_pylist() if row["split"] == OPEN]
+    shown = busy.client.get(f"/api/v1/splits/{OPEN}/leaderboard").json()["rows"]
+    for row, expected in zip(rows, shown, strict=True):
+        assert {key: row[key] for key in expected["scores"]} == expected["scores"]
+        assert (row["team"], row["rank"]) == (expected["team"], expected["rank"])
+        assert row["method"] == expected["method"]["name"]
+    assert table.schema.field("spl").metadata == {b"unit": b"fraction"}
+    assert table.schema.field("path_length").metadata == {b"unit": b"metres"}
+    described = json.loads((out / "datapackage.json").read_text())
+    fields = {each["name"]: each for each in described["resources"][1]["schema"]["fields"]}
+    assert fields["spl"]["unit"] == "fraction"
+    assert list(fields) == table.schema.names
+
+
+def test_nothing_is_there_that_is_not_public(busy: Serving, folder: Path, run: Run) -> None:
+    out = folder.parent / "out"
+    run("server", "export", str(folder), "-o", str(out))
+    text = "".join(path.read_text() for path in out.iterdir())
+    assert "we ran its code" in text
+    for private in (SECRET, "Red", OWNER, OTHER, "sha256"):
+        assert private not in text
+
+
+def test_it_says_what_it_cannot_do(
+    busy: Serving, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "is not empty" in run("server", "export", str(folder), "-o", str(folder)).err
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    out = folder.parent / "out"
+    outcome = run("server", "export", str(folder), "-o", str(out), "--format", "parquet")
+    assert outcome.status == 2
+    assert "pip install 'reverie-eval[parquet]'" in outcome.err
+    assert not out.exists()

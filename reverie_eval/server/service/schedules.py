@@ -23,6 +23,8 @@ from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import SetSchedule, Submission
 
 _SECOND = timedelta(seconds=1)
+_ROWS = "schedules"
+"""Where a session keeps what it has read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,16 +98,14 @@ class Schedules:
 
     def read(self, session: Session) -> Mapping[str, Timetable]:
         """Return the timetable of every split."""
-        rows = defaultdict(list)
-        for row in session.scalars(select(SetSchedule).order_by(SetSchedule.id)):
-            rows[row.split].append(row)
+        rows = _rows(session)
         return {
             name: Timetable(
                 # Not validated again: the settings are.
                 Schedule.model_construct(
                     phases=split.phases, release_scores=split.release_scores, paused=False
                 ),
-                rows[name],
+                rows.get(name, ()),
             )
             for name, split in self._splits.items()
         }
@@ -145,6 +145,7 @@ class Schedules:
         timetable = self.of(transaction.session, split)
         row = self._row(split, new, transaction.actor, transaction.now)
         transaction.add(row)
+        transaction.session.info.pop(_ROWS, None)
         transaction.record("schedule set", row, split, **new.model_dump(mode="json"))
         return timetable.with_one_more(row).report(split)
 
@@ -173,6 +174,16 @@ class Schedules:
                 raise ConflictError(f"{error}") from None
         fields = new.model_dump(mode="json")
         return SetSchedule(split=split, **fields, set_by=actor, created_at=now)
+
+
+def _rows(session: Session) -> Mapping[str, Sequence[SetSchedule]]:
+    """Return the schedules of each split, the earliest first; read once in a transaction."""
+    if _ROWS not in session.info:
+        rows = defaultdict(list)
+        for row in session.scalars(select(SetSchedule).order_by(SetSchedule.id)):
+            rows[row.split].append(row)
+        session.info[_ROWS] = rows
+    return session.info[_ROWS]  # type: ignore[no-any-return]
 
 
 def with_phase(

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, get_args
@@ -14,6 +15,7 @@ from pydantic_core import PydanticUndefined
 from reverie_eval.server.settings import Settings
 from tests.conftest import REPOSITORY
 from tests.support.processes import COMMAND, Laptop
+from tests.support.sharing import shared_folder
 
 DOCS = REPOSITORY / "docs"
 TUTORIAL = DOCS / "server.md"
@@ -51,35 +53,41 @@ class Reader:
             self._laptop.shell(command, variables=self._variables)
 
 
-@pytest.fixture
-def reader(tmp_path: Path, demo_world: Path, request: pytest.FixtureRequest) -> Reader:
-    (tmp_path / "REVERIE").symlink_to(demo_world)
-    (tmp_path / "private").symlink_to(demo_world / "private")
+def commands(page: Path) -> list[str]:
+    """List the commands of a page."""
+    return "".join(re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)).splitlines()
 
+
+@pytest.fixture(scope="session")
+def after_tutorial(tmp_path_factory: pytest.TempPathFactory, demo_world: Path) -> Path:
+    """Follow the tutorial, and return the folder that it was followed in."""
+
+    def follow(folder: Path) -> None:
+        (folder / "REVERIE").symlink_to(demo_world)
+        (folder / "private").symlink_to(demo_world / "private")
+        reader = Reader(folder, str)
+        for command in commands(TUTORIAL):
+            reader.types(command)
+
+    return shared_folder(tmp_path_factory, "tutorial", follow)
+
+
+def test_the_tutorial_leads_to_a_checked_server(after_tutorial: Path) -> None:
+    assert (after_tutorial / "lab-backup.tar.gz").is_file()
+
+
+@pytest.mark.parametrize("page", [p for p in TASKS if commands(p)], ids=lambda page: page.stem)
+def test_a_task_can_be_done_after_the_tutorial(
+    page: Path, after_tutorial: Path, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     def elsewhere(name: str) -> str:
         if name == "REVERIE_EVAL_DATABASE":
             database: Callable[[], str] = request.getfixturevalue("postgresql")
             return database()
         return f"s3://{request.getfixturevalue('bucket')}/u"
 
-    return Reader(tmp_path, elsewhere)
-
-
-def commands(page: Path) -> list[str]:
-    """List the commands of a page."""
-    return "".join(re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)).splitlines()
-
-
-def test_the_tutorial_leads_to_a_checked_server(reader: Reader) -> None:
-    for command in commands(TUTORIAL):
-        reader.types(command)
-
-
-@pytest.mark.parametrize("page", [p for p in TASKS if commands(p)], ids=lambda page: page.stem)
-def test_a_task_can_be_done_after_the_tutorial(reader: Reader, page: Path) -> None:
-    for command in commands(TUTORIAL):
-        if shlex.split(command)[1] != "serve":
-            reader.types(command)
+    folder = Path(shutil.copytree(after_tutorial, tmp_path / "followed", symlinks=True))
+    reader = Reader(folder, elsewhere)
     for command in commands(page):
         reader.types(command)
 

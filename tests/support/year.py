@@ -38,6 +38,8 @@ from tests.support.waiting import PATIENCE, wait_until
 TEAMS = [f"Team {number:02}" for number in range(1, 31)]
 QUOTA = {"day": (1, 2), "month": (30, 10), "year": (365, 40)}
 """Days of each window, and submissions to a private split in it, as in a new settings file."""
+SUBMISSIONS = 44
+"""That are scored: one of each team, and more of some."""
 CHALLENGE = "challenge 2027"
 CORRECTION = "The targets of 10 tasks were corrected."
 LEGACY = "https://eval.ai/web/challenges/challenge-page/606"
@@ -336,6 +338,7 @@ def check(year: Year, folder: Path) -> None:
 def check_submissions(year: Year, found: Stored) -> None:
     """Check that every acknowledged submission is there once, and nothing else is."""
     kept = Counter(each.id for each in found.submissions)
+    assert len(kept) == SUBMISSIONS
     assert set(kept) == {each.id for each in year.acknowledged}
     assert set(kept.values()) == {1}
     assert Counter(each.action for each in found.audit)["submitted"] == len(kept)

@@ -154,9 +154,10 @@ def evaluate_many(
     --------
     >>> files = [f"fixtures/submissions/{name}.json" for name in ("mediocre", "good", "broken")]
     >>> scored = evaluate_many(files, split="val_unseen")
-    >>> list(scored), list(scored.failures)
-    (['fixtures/submissions/good.json', 'fixtures/submissions/mediocre.json'],
-     ['fixtures/submissions/broken.json'])
+    >>> list(scored)
+    ['fixtures/submissions/good.json', 'fixtures/submissions/mediocre.json']
+    >>> list(scored.failures)
+    ['fixtures/submissions/broken.json']
     """
     evaluator = Evaluator(split=split, ground_truth=ground_truth, protocol=protocol, track=track)
     names = list(dict.fromkeys(os.fspath(path) for path in paths))

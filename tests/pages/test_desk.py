@@ -146,7 +146,7 @@ def test_the_overview_says_that_all_is_well(desk: Visitor) -> None:
     words = said(desk.get("/desk"))
     assert "All checks passed." in words
     assert "Uploads, 24 hours 2 Not scored 1" in words
-    assert re.search(rf"{OPEN} open always open 1 0 2026-03-02 12:00 UTC", words)
+    assert re.search(rf"{OPEN} open always open 1 Download 0 2026-03-02 12:00 UTC", words)
     assert "submission-rejected Carl, Red" in words
     assert re.search(r"Free disk space [\d.]+ \w+ of [\d.]+ \w+", words)
 

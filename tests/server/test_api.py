@@ -52,6 +52,8 @@ def test_the_server_says_what_it_is(open_server: OpenServer, folder: Any) -> Non
         "banner": "Back at noon.",
         "paused": True,
         "required_metadata": ["code"],
+        "contact": "",
+        "links": {},
     }
     assert receipt_key == server.state.signer.key_id
 
@@ -70,7 +72,9 @@ def test_a_split_says_what_is_needed_to_score_alike(server: Serving) -> None:
         "fingerprint": truth.fingerprint,
         "public_fingerprint": public.fingerprint,
         "phases": [{"name": "always", "opens": None, "closes": None, "is_open": True}],
+        "paused": False,
         "release_scores": "at-once",
+        "one_per_team": False,
         "quota": None,
     }
     assert said in server.ask(None, "GET", "/splits").json()

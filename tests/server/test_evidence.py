@@ -159,7 +159,7 @@ def test_stops_at_the_path_s_end_are_compared_with_chance(server: Serving) -> No
         target = np.full(len(own), answers.target_object[episode])
         chances.append(1 / answers.is_visible(target, own).sum())
     assert walks["exact_stops"] == 1
-    assert walks["exact_by_chance"] == pytest.approx(np.mean(chances))
+    assert walks["exact_by_chance"] == pytest.approx(np.mean(chances), abs=5e-5)
 
 
 def test_the_secret_half_follows_from_the_server_s_key(server: Serving) -> None:
@@ -176,7 +176,7 @@ def test_the_secret_half_follows_from_the_server_s_key(server: Serving) -> None:
     expected = rgs[np.array(is_open)].mean() - rgs[~np.array(is_open)].mean()
     (team,) = shown(server)["teams"]
     assert team["gap"]["metric"] == "rgs"
-    assert team["gap"]["value"] == pytest.approx(expected)
+    assert team["gap"]["value"] == pytest.approx(expected, abs=5e-5)
     assert team["gap_growth"] is None
 
 
@@ -187,7 +187,7 @@ def test_the_growth_of_the_gap_is_that_of_the_latest_file(server: Serving) -> No
     (team,), (before, after) = report["teams"], report["history"]
     growth = after["gap"]["value"] - before["gap"]["value"]
     assert team["gap"] == after["gap"]
-    assert team["gap_growth"]["value"] == pytest.approx(growth)
+    assert team["gap_growth"]["value"] == pytest.approx(growth, abs=2e-4)
 
 
 def test_uploads_are_read_some_at_a_time_and_only_once(

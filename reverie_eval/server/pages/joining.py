@@ -51,7 +51,7 @@ def people_in(text: str) -> Sequence[Mapping[str, str]]:
     [{'name': 'Ada', 'email': 'ada@example.org'}]
     """
     lines = [line.rpartition(",") for line in text.splitlines() if line.strip()]
-    return [{"name": name, "email": email} for name, _, email in lines]
+    return [{"name": name.strip(), "email": email.strip()} for name, _, email in lines]
 
 
 def _draw(

@@ -26,6 +26,7 @@ from reverie_eval.analysis import (
     spread_of_changes,
 )
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, row_of
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.evidence import (
     EvidenceReport,
     GapReport,
@@ -50,6 +51,9 @@ AT_ONCE = 100
 """Submissions that are read in a request; the next request continues."""
 PAIRS = 10
 """Pairs of teams that are listed."""
+
+_rounded = CATALOGUE["success"].rounded
+"""Rounds a mean as scores of private splits are: an exact one could tell of single episodes."""
 
 
 class _Sent(NamedTuple):
@@ -231,7 +235,8 @@ class _Examined:
             values = [each.values(self.board, metric) for each in (latest, first) if each]
             if all(each is not None for each in values):
                 gap = gap_between(_difference(values), self.is_open, self.cluster)
-                return GapReport(metric=metric, **gap._asdict())
+                rounded = {name: _rounded(value) for name, value in gap._asdict().items()}
+                return GapReport(metric=metric, **rounded)
         return None
 
     def _walks(self, fingerprint: Fingerprint) -> WalkReport:
@@ -240,8 +245,8 @@ class _Examined:
         if success is not None and success.any():
             is_success = success > 0
             goal = self.board.truth.require_answers().goal
-            exact = float((fingerprint.episodes["stop"] == goal)[is_success].mean())
-            by_chance = float((1 / self._goals[is_success]).mean())
+            exact = _rounded(float((fingerprint.episodes["stop"] == goal)[is_success].mean()))
+            by_chance = _rounded(float((1 / self._goals[is_success]).mean()))
         return WalkReport(
             **fingerprint.walks._asdict(), exact_stops=exact, exact_by_chance=by_chance
         )

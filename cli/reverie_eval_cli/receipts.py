@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from reverie_eval import ReverieEvalError
+from reverie_eval.submissions import RECEIPT_ENDING
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Receipt, Snapshot
@@ -87,6 +88,6 @@ def _names(submission: str, receipt: "Receipt") -> Iterator[Path]:
     """Return ``FILE.receipt.json``, then names with a number, for when it is taken."""
     letters = "".join(filter(str.isalnum, receipt.submission_id))  # it comes from the server
     base = f"submission-{letters}" if submission == "-" else submission
-    yield Path(f"{base}.receipt.json")
+    yield Path(f"{base}{RECEIPT_ENDING}")
     for number in itertools.count(2):
-        yield Path(f"{base}.{number}.receipt.json")
+        yield Path(f"{base}.{number}{RECEIPT_ENDING}")

@@ -25,6 +25,8 @@ MAX_BYTES = 128 << 20
 
 _JSON_BRACKETS = (("[", "]"), ("{", "}"))
 _ENDINGS = (".json", ".json.gz", ".zip")
+RECEIPT_ENDING = ".receipt.json"
+"""Of the receipts that are written beside submissions."""
 _JSON_SUFFIX = re.compile(r"(?<=.)(\.json)?(\.gz|\.zip)?$")
 
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -162,7 +164,8 @@ def _is_system_file(member: ZipInfo) -> bool:
 def find_files(names: Sequence[str]) -> list[str]:
     """Put the files of a folder in the place of the folder, and those that fit in a pattern's.
 
-    A folder's files are those that end as submissions do; the folders in it are not searched.
+    A folder's files are those that end as submissions do, and are no receipts; the folders in it
+    are not searched.
 
     Raises
     ------
@@ -175,7 +178,7 @@ def find_files(names: Sequence[str]) -> list[str]:
 def _files(name: str) -> Sequence[str]:
     path = Path(name)
     if path.is_dir():
-        found = [str(file) for file in path.iterdir() if file.name.endswith(_ENDINGS)]
+        found = [str(file) for file in path.iterdir() if _is_submission(file)]
     elif has_magic(name) and not path.exists():
         found = glob(name, recursive=True)  # noqa: PTH207  # a pattern may begin with /
     else:
@@ -183,6 +186,11 @@ def _files(name: str) -> Sequence[str]:
     if not found:
         raise ProtocolError(f"{name}: there is no submission; they end in {', '.join(_ENDINGS)}")
     return sorted(found)
+
+
+def _is_submission(file: Path) -> bool:
+    ends_so = file.name.endswith(_ENDINGS) and not file.name.endswith(RECEIPT_ENDING)
+    return ends_so and file.is_file()
 
 
 def source_name(path: str | PathLike[str]) -> str:

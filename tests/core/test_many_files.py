@@ -150,11 +150,12 @@ def test_the_ranking(run: Run, files: list[str], tmp_path: Path) -> None:
     assert missing == f"{files[4]}: No such file or directory"
 
 
-@pytest.mark.parametrize("words", [["runs"], ["runs/*.json"], ["**/go*.json"]])
+@pytest.mark.parametrize("words", [["runs"], ["runs/go*d.json"], ["**/go*d.json"]])
 def test_a_folder_or_a_pattern(run: Run, here: Path, words: list[str]) -> None:
     (here / "runs").mkdir()
     shutil.copy(SAMPLES / "good.json", here / "runs")
-    (here / "runs" / "notes.txt").write_text("not a submission")
+    for name in ("notes.txt", "good.json.receipt.json"):
+        (here / "runs" / name).write_text("not a submission")
     outcome = run(*words, "--split", SPLIT, "--format", "csv")
     assert outcome.status == 0
     heading, row = outcome.out.splitlines()

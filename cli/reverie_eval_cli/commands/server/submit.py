@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from reverie_eval import ReverieEvalError, SubmissionError
+from reverie_eval.submissions import find_files
 from reverie_eval.text import printable, time_text
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submit import MethodOptions, method_options
@@ -16,9 +17,6 @@ from reverie_eval_cli.receipts import keep_receipt
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Accepted
-
-_ENDINGS = (".json", ".json.gz", ".gz", ".zip")
-_RECEIPT = ".receipt.json"
 
 
 @click.command()
@@ -58,9 +56,7 @@ def submit(
     from reverie_eval.server.operations.checks import opened_server
     from reverie_eval.server.settings import load_settings
 
-    chosen = [files] if files.is_file() else sorted(filter(_is_submission, files.iterdir()))
-    if not chosen:
-        raise ReverieEvalError(f"{files} has no files that end in {', '.join(_ENDINGS)}")
+    chosen = list(map(Path, find_files([str(files)])))
     described = [method.method(str(path)) for path in chosen]
     failed = False
     with opened_server(load_settings(folder)) as state:
@@ -80,10 +76,6 @@ def submit(
             print(*(["", "-" * 72, ""] if number else []), f"Dear {printable(team)},", "", sep="\n")
             print(*lines, sep="\n")
     return 1 if failed else 0
-
-
-def _is_submission(path: Path) -> bool:
-    return path.is_file() and path.name.endswith(_ENDINGS) and not path.name.endswith(_RECEIPT)
 
 
 def _reason(error: ReverieEvalError) -> str:

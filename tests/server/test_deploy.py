@@ -97,7 +97,7 @@ def test_participants_submit_below_a_path_of_nginx(folder: Path, tmp_path: Path)
     with laptop.serving(folder, variables={"REVERIE_EVAL_PUBLIC_ADDRESS": address}) as server:
         location = location.replace("http://127.0.0.1:8000", server.url)
         with nginx_with(f"server {{ listen 127.0.0.1:{port}; {location} }}", port, tmp_path):
-            laptop.shell(f"echo {token} | {COMMAND} login --server {address}")
+            laptop.shell(f"echo {token} | '{COMMAND}' login --server {address}")
             words = ["submit", "submit.json", "--split", OPEN, "--method", "Walker", "--publish"]
             laptop.run(*words)
             assert "Walker" in laptop.run("leaderboard", "--split", OPEN).out

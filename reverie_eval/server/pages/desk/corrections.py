@@ -1,11 +1,13 @@
 """``/desk/corrections``: scoring again after the ground truth or the rules were corrected."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewCorrection
-from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.desk import forms
@@ -16,24 +18,16 @@ router = APIRouter()
 PAGE = "/desk/corrections"
 
 
-def draw(
-    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("corrections.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     """Show the splits with submissions to score again, and all corrections."""
-    with desk.snapshot() as snapshot:
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "corrections.html",
-            problem,
-            outdated=rescoring.count_outdated(snapshot.session, desk.server.boards),
-            corrections=rescoring.list_corrections(
-                snapshot.session, forms.page_at(desk, "corrections")
-            ),
-            at_once=rescoring.AT_ONCE,
-            typed=typed,
-            done=what,
-        )
+    return {
+        "outdated": rescoring.count_outdated(snapshot.session, desk.server.boards),
+        "corrections": rescoring.list_corrections(
+            snapshot.session, forms.page_at(desk, "corrections")
+        ),
+        "at_once": rescoring.AT_ONCE,
+    }
 
 
 @router.get(PAGE)

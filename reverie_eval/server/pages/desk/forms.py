@@ -5,7 +5,8 @@ form with the same fields to confirm it.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, TypeAlias
+from functools import wraps
+from typing import Annotated, Any, Protocol, TypeAlias
 
 from fastapi import Query
 from fastapi.responses import Response
@@ -27,6 +28,8 @@ Typed: TypeAlias = Mapping[str, str]
 """The input of a form, by the names of its fields."""
 Draw: TypeAlias = Callable[[Call, Typed, ProblemDocument], Response]
 """Shows a page again, with the input of its form and a problem."""
+Content: TypeAlias = Callable[[Call, Snapshot, Typed], Mapping[str, Any]]
+"""Returns what is on a page, given the input of its form."""
 Done = Annotated[str, Query(max_length=20)]
 """The outcome of a form, by which the page chooses a message."""
 
@@ -42,6 +45,32 @@ def desk_page(
     status = problem.status if problem else 200
     content |= {"problem": problem, "now": snapshot.now}
     return page(desk.request, f"desk/{template}", snapshot, status, **content)
+
+
+class FormPage(Protocol):
+    """A page with forms."""
+
+    def __call__(
+        self, desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+    ) -> Response:
+        """Show the page, with the input of a form, a problem, and what was done."""
+
+
+def shown_by(template: str) -> Callable[[Content], FormPage]:
+    """Make a page with forms out of a function that returns what a template needs besides."""
+
+    def page_of(content: Content) -> FormPage:
+        @wraps(content)
+        def draw(
+            desk: Call, typed: Typed, problem: ProblemDocument | None = None, what: str = ""
+        ) -> Response:
+            with desk.snapshot() as snapshot:
+                shown = {"typed": typed, "done": what, **content(desk, snapshot, typed)}
+                return desk_page(desk, snapshot, template, problem, **shown)
+
+        return draw
+
+    return page_of
 
 
 def show_faults(desk: Call, typed: Typed, draw: Draw) -> None:

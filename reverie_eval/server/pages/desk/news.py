@@ -1,11 +1,13 @@
 """``/desk/news``: short dated entries for the leaderboards and their feeds."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewNews
-from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
@@ -16,20 +18,12 @@ router = APIRouter()
 PAGE = "/desk/news"
 
 
-def draw(
-    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("news.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     """Show all entries, and the form to add one."""
-    with desk.snapshot() as snapshot:
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "news.html",
-            problem,
-            entries=news.list_news(snapshot.session, forms.page_at(desk, "entries")),
-            typed=typed,
-            done=what,
-        )
+    return {
+        "entries": news.list_news(snapshot.session, forms.page_at(desk, "entries")),
+    }
 
 
 @router.get(PAGE)

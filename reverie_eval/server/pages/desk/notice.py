@@ -1,47 +1,45 @@
 """``/desk/notice``: the banner, and pausing submissions."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewNotice
-from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service.notices import latest_notice
+from reverie_eval.server.store.tables import Notice
 
 router = APIRouter()
 
 PAGE = "/desk/notice"
 
 
-def draw(
-    desk: Call, typed: forms.Typed | None, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("notice.html")
+def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any]:
     """Show the current notice, and the form to change it, with its input or the posted notice."""
-    notices = desk.server.notices
-    with desk.snapshot() as snapshot:
-        posted = latest_notice(snapshot.session)
-        if typed is None:
-            typed = {"banner": posted.banner if posted else ""}
-            typed |= {"paused": "true"} if posted and posted.paused else {}
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "notice.html",
-            problem,
-            posted=posted,
-            standing=notices.current(snapshot.session),
-            settled=notices.of_settings,
-            typed=typed,
-            done=what,
-        )
+    notices, posted = desk.server.notices, latest_notice(snapshot.session)
+    standing = notices.current(snapshot.session)
+    of_posted = {} if posted is None else _typed_of(posted)
+    return {
+        "posted": posted,
+        "standing": standing,
+        "settled": notices.of_settings,
+        "typed": typed or of_posted,
+    }
+
+
+def _typed_of(posted: Notice) -> forms.Typed:
+    return {"banner": posted.banner, **({"paused": "true"} if posted.paused else {})}
 
 
 @router.get(PAGE)
 def show_notice(desk: Desk, done: forms.Done = "") -> Response:
     """Show the current notice and the form to change it."""
-    return draw(desk, None, what=done)
+    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)

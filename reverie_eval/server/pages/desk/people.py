@@ -1,7 +1,8 @@
 """``/desk/people``: teams, people and their tokens; ``/desk/people/3``: a person."""
 
+from collections.abc import Mapping
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path
 from fastapi.responses import Response
@@ -9,7 +10,7 @@ from fastapi.responses import Response
 from reverie_eval.schemas.joining import NewPeopleImport
 from reverie_eval.schemas.organising import NewMerge, NewPerson, NewTeam, NewToken, PersonChange
 from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
@@ -22,28 +23,20 @@ Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
 PAGE = "/desk/people"
 
 
-def draw(
-    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("people.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     """Show all teams, people and tokens, and the forms to add more."""
-    with desk.snapshot() as snapshot:
-        session, browser = snapshot.session, snapshot.browser
-        everybody = people.everybody(session)
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "people.html",
-            problem,
-            teams=people.list_teams(session, forms.page_at(desk, "teams")),
-            team_names=people.names_of_teams(session),
-            everybody=everybody,
-            known={(person.team, person.name): person for person in everybody},
-            person_names={str(person.id): f"{person.name}, {person.team}" for person in everybody},
-            tokens=tokens.list_tokens(session, forms.page_at(desk, "tokens")),
-            own=browser and browser.token.hint,
-            typed=typed,
-            done=what,
-        )
+    session, browser = snapshot.session, snapshot.browser
+    everybody = people.everybody(session)
+    return {
+        "teams": people.list_teams(session, forms.page_at(desk, "teams")),
+        "team_names": people.names_of_teams(session),
+        "everybody": everybody,
+        "known": {(person.team, person.name): person for person in everybody},
+        "person_names": {str(person.id): f"{person.name}, {person.team}" for person in everybody},
+        "tokens": tokens.list_tokens(session, forms.page_at(desk, "tokens")),
+        "own": browser and browser.token.hint,
+    }
 
 
 @router.get(PAGE)
@@ -126,10 +119,10 @@ def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
     return forms.done(PAGE, "revoked")
 
 
-def draw_import(desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None) -> Response:
+@forms.shown_by("people-import.html")
+def draw_import(*_: object) -> Mapping[str, Any]:
     """Show the form to import a file of people."""
-    with desk.snapshot() as snapshot:
-        return forms.desk_page(desk, snapshot, "people-import.html", problem, typed=typed)
+    return {}
 
 
 @router.get(f"{PAGE}/import")

@@ -1,15 +1,15 @@
 """``/desk/phases``: when splits accept submissions and show scores."""
 
 import re
+from collections.abc import Mapping
 from datetime import datetime
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewSchedule
-from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service.schedules import Timetable, closed
@@ -22,25 +22,18 @@ _NAME = re.compile(r"name-([0-9]{1,3})")
 """The form has a row of fields for each phase."""
 
 
-def draw(
-    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("phases.html")
+def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any]:
     """Compare settings and desk, and show the form of a split, with its input or what applies."""
-    with desk.snapshot() as snapshot:
-        timetables = desk.server.schedules.read(snapshot.session)
-        chosen = typed.get("split", "")
-        split = chosen if chosen in timetables else next(iter(timetables))
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "phases.html",
-            problem,
-            reports=[timetable.report(name) for name, timetable in timetables.items()],
-            split=split,
-            is_private=desk.server.board(split).is_private,
-            typed={**_written(timetables[split]), **typed},
-            done=what,
-        )
+    timetables = desk.server.schedules.read(snapshot.session)
+    chosen = typed.get("split", "")
+    split = chosen if chosen in timetables else next(iter(timetables))
+    return {
+        "reports": [timetable.report(name) for name, timetable in timetables.items()],
+        "split": split,
+        "is_private": desk.server.board(split).is_private,
+        "typed": {**_written(timetables[split]), **typed},
+    }
 
 
 @router.get(PAGE)

@@ -1,11 +1,13 @@
 """``/desk/quotas``: quotas, and granting extra submissions."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewGrant
-from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service import people, quotas
@@ -15,22 +17,14 @@ router = APIRouter()
 PAGE = "/desk/quotas"
 
 
-def draw(
-    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("quotas.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     """Show the quotas of splits, all grants, and the form to grant more."""
-    with desk.snapshot() as snapshot:
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "quotas.html",
-            problem,
-            given=quotas.list_grants(snapshot.session, forms.page_at(desk, "given")),
-            team_names=people.names_of_teams(snapshot.session),
-            boards=desk.server.boards.values(),
-            typed=typed,
-            done=what,
-        )
+    return {
+        "given": quotas.list_grants(snapshot.session, forms.page_at(desk, "given")),
+        "team_names": people.names_of_teams(snapshot.session),
+        "boards": desk.server.boards.values(),
+    }
 
 
 @router.get(PAGE)

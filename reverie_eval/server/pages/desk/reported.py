@@ -12,7 +12,7 @@ from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import NewImport, NewReported, ReportedChange, ReportedEntry
 from reverie_eval.schemas.service import MethodDescription, ProblemDocument
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
@@ -24,32 +24,21 @@ router = APIRouter()
 PAGE = "/desk/reported"
 
 
-def draw(
-    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("reported.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     """Show the reported results, and the form to add one."""
-    with desk.snapshot() as snapshot:
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "reported.html",
-            problem,
-            results=reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
-            splits=list(desk.server.boards),
-            catalogue=CATALOGUE.values(),
-            method_fields=MethodDescription.model_fields,
-            typed=typed,
-            done=what,
-        )
+    return {
+        "results": reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
+        "splits": list(desk.server.boards),
+        "catalogue": CATALOGUE.values(),
+        "method_fields": MethodDescription.model_fields,
+    }
 
 
-def draw_import(desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None) -> Response:
+@forms.shown_by("reported-import.html")
+def draw_import(desk: Call, _snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     """Show the form to import a file."""
-    with desk.snapshot() as snapshot:
-        splits = list(desk.server.boards)
-        return forms.desk_page(
-            desk, snapshot, "reported-import.html", problem, splits=splits, typed=typed
-        )
+    return {"splits": list(desk.server.boards)}
 
 
 def draw_result(

@@ -1,11 +1,13 @@
 """``/desk/requests``: requests to join."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.schemas.joining import Rejection
-from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
@@ -17,21 +19,13 @@ router = APIRouter()
 PAGE = "/desk/requests"
 
 
-def draw(
-    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("requests.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     """Show the open requests."""
-    with desk.snapshot() as snapshot:
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "requests.html",
-            problem,
-            requests=joining.list_requests(snapshot.session, forms.page_at(desk, "requests")),
-            are_accepted=desk.server.settings.accept_requests_to_join,
-            typed=typed,
-            done=what,
-        )
+    return {
+        "requests": joining.list_requests(snapshot.session, forms.page_at(desk, "requests")),
+        "are_accepted": desk.server.settings.accept_requests_to_join,
+    }
 
 
 @router.get(PAGE)

@@ -1,16 +1,15 @@
 """``/desk/reviews``: public reviews of submissions."""
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NewReview
-from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import NotFoundError
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
@@ -30,29 +29,21 @@ VERDICTS: Mapping[str, str] = {
 _HARMFUL = frozenset({"flagged", "disqualified"})
 
 
-def draw(
-    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("reviews.html")
+def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any]:
     """Show the reviews, and the form to review a submission."""
-    with desk.snapshot() as snapshot:
-        session = snapshot.session
-        chosen = _chosen(session, typed)
-        embargo = desk.server.submissions.view(session, snapshot.now).embargo
-        standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "reviews.html",
-            problem,
-            standing=reviews.review_rows(session, standing, standing=True),
-            lifted=reviews.review_rows(session, lifted, standing=False),
-            latest=reviews.latest_submissions(session, A_FEW),
-            chosen=chosen,
-            scores={} if chosen is None else embargo.report(chosen).scores,
-            verdicts=VERDICTS,
-            typed=typed,
-            done=what,
-        )
+    session = snapshot.session
+    chosen = _chosen(session, typed)
+    embargo = desk.server.submissions.view(session, snapshot.now).embargo
+    standing, lifted = forms.page_at(desk, "standing"), forms.page_at(desk, "lifted")
+    return {
+        "standing": reviews.review_rows(session, standing, standing=True),
+        "lifted": reviews.review_rows(session, lifted, standing=False),
+        "latest": reviews.latest_submissions(session, A_FEW),
+        "chosen": chosen,
+        "scores": {} if chosen is None else embargo.report(chosen).scores,
+        "verdicts": VERDICTS,
+    }
 
 
 @router.get(PAGE)

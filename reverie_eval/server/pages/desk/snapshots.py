@@ -1,11 +1,13 @@
 """``/desk/snapshots``: signed states of leaderboards, which never change."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.schemas.organising import NewSnapshot
-from reverie_eval.schemas.service import ProblemDocument
-from reverie_eval.server.http.callers import Call, Desk, Posted
+from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service.entries import list_snapshots
@@ -15,21 +17,13 @@ router = APIRouter()
 PAGE = "/desk/snapshots"
 
 
-def draw(
-    desk: Call, typed: forms.Typed, problem: ProblemDocument | None = None, what: str = ""
-) -> Response:
+@forms.shown_by("snapshots.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     """Show all snapshots, and the form to take one."""
-    with desk.snapshot() as snapshot:
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "snapshots.html",
-            problem,
-            snapshots=list_snapshots(snapshot.session),
-            splits=list(desk.server.boards),
-            typed=typed,
-            done=what,
-        )
+    return {
+        "snapshots": list_snapshots(snapshot.session),
+        "splits": list(desk.server.boards),
+    }
 
 
 @router.get(PAGE)

@@ -60,6 +60,8 @@ class RequestError(ReverieEvalError):
     """When to try again."""
     quota: QuotaReport | None = None
     """The submissions left, if the quota is why the request was refused."""
+    reply: str | None = None
+    """To the sender of a file that an organiser submitted."""
     request_id: str | None = None
 
     @classmethod
@@ -76,6 +78,7 @@ class RequestError(ReverieEvalError):
             code=self.code,
             problems=[ProblemReport.model_validate(problem) for problem in self.problems],
             quota=self.quota,
+            reply=self.reply,
             request_id=self.request_id,
         )
 

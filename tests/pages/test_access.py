@@ -70,6 +70,8 @@ GET  /desk/uploads                  sign-in    403       403       403       200
 GET  /desk/reviews                  sign-in    403       403       403       200
 POST /desk/reviews                  sign-in    403       403       403       303
 POST /desk/reviews/{review_id}/lift sign-in    403       403       403       303
+GET  /desk/emailed-files            sign-in    403       403       403       200
+POST /desk/emailed-files            sign-in    403       403       403       200
 GET  /desk/reported                 sign-in    403       403       403       200
 POST /desk/reported                 sign-in    403       403       403       303
 GET  /desk/reported/import          sign-in    403       403       403       200
@@ -133,6 +135,12 @@ FORMS: Mapping[str, dict[str, str]] = {
         "source": "https://example.org/",
         "spl": "7",
     },
+    "POST /desk/emailed-files": {
+        "person": "1",
+        "split": OPEN,
+        "received_at": "2026-03-02T12:00:00Z",
+        "name": "Walker",
+    },
     "POST /desk/quotas": {
         "team": "Blue",
         "split": OPEN,
@@ -154,7 +162,9 @@ FORMS: Mapping[str, dict[str, str]] = {
     "POST /desk/notice": {"banner": "Soon"},
 }
 """What a form's own fields hold."""
-FILES = {"POST /submit": {"file": ("answers.json", GOOD)}}
+FILES = {
+    form: {"file": ("answers.json", GOOD)} for form in ("POST /submit", "POST /desk/emailed-files")
+}
 FIELD = re.compile(r'name="csrf_token" value="([^"]+)"')
 
 

@@ -48,6 +48,7 @@ PAGES = (
     "/desk/uploads",
     "/desk/reviews",
     "/desk/reported",
+    "/desk/emailed-files",
     "/desk/corrections",
     "/desk/evidence",
     "/desk/people",

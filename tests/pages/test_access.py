@@ -89,8 +89,7 @@ POST /desk/phases                   sign-in    403       403       403       303
 GET  /desk/snapshots                sign-in    403       403       403       200
 POST /desk/snapshots                sign-in    403       403       403       303
 GET  /desk/requests                 sign-in    403       403       403       200
-POST /desk/requests/{request_id}/accept sign-in 403      403       403       200
-POST /desk/requests/{request_id}/reject sign-in 403      403       403       303
+POST /desk/requests                 sign-in    403       403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
 POST /desk/people/teams/merge       sign-in    403       403       403       303
@@ -150,6 +149,7 @@ FORMS: Mapping[str, dict[str, str]] = {
     },
     "POST /desk/phases": {"split": OPEN, "what": "pause"},
     "POST /desk/snapshots": {"split": OPEN, "title": "CVPR 2027"},
+    "POST /desk/requests": {"request": "{request_id}", "what": "reject"},
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
     "POST /join": {"team": "Green", "people": "Dora, dora@example.org", "institution": "Here"},
     "POST /desk/people/teams/merge": {"team": "Red", "into": "Organisers"},

@@ -2,9 +2,12 @@
 
 import csv
 import io
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from html import unescape
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import httpx
 import pytest
@@ -143,11 +146,56 @@ def test_the_form_and_the_desk(server: Serving) -> None:
     assert "1 request to join." in said(desk.get("/desk"))
     words = said(desk.get("/desk/requests"))
     assert "<b> new team Dora, dora@example.org Emil, of Adelaide, emil@example.org" in words
-    shown = desk.send("/desk/requests/1/accept", {})
-    assert (shown.status_code, shown.text.count("rv_")) == (200, 2)
+    shown = desk.send("/desk/requests", {"request": "1", "what": "accept"})
+    assert (shown.status_code, shown.text.count('id="secret-')) == (200, 2)
     assert "No request is open." in said(desk.get("/desk/requests"))
+
+
+def test_several_requests_are_answered_at_once_at_the_desk(server: Serving) -> None:
+    for team in ("A", "B", "Blue", "Spam", "More spam"):
+        ask_to_join(server.state.transactions, team, OWNER if team == "Blue" else "Dora")
+    desk, place = signed_in(server, ORGANISER), "/desk/requests"
+    assert "checked" not in desk.get(place).text
+    assert desk.get(f"{place}?tick=all").text.count(" checked") == 5
+    taken = desk.send(place, {"request": ["1", "2", "3"], "what": "accept"})
+    assert (taken.status_code, "has a person 'Ada' already" in unescape(taken.text)) == (409, True)
+    assert taken.text.count(" checked") == 3  # what was ticked stays, and nobody was added
+    assert [each["id"] for each in open_requests(server)] == [1, 2, 3, 4, 5]
+    shown = desk.send(place, {"request": ["1", "2"], "what": "accept"})
+    written = re.search(r'<code id="csv">(.*?)</code>', shown.text, re.DOTALL)
+    linked = re.search(r'href="data:text/csv;charset=utf-8,([^"]*)" download', shown.text)
+    assert written is not None
+    assert linked is not None
+    assert unquote(linked[1]) == unescape(written[1])
+    rows = list(csv.DictReader(io.StringIO(unescape(written[1]))))
+    assert [(row["team"], row["email"]) for row in rows] == [
+        ("A", "Dora@example.org"),
+        ("B", "Dora@example.org"),
+    ]
+    assert re.findall(r'<code id="secret-\d">(.*?)<', shown.text) == [r["invitation"] for r in rows]
+    spam = {"request": ["4", "5"], "what": "reject", "reason": "spam"}
+    assert desk.send(place, spam).status_code == 303
+    assert [each["id"] for each in open_requests(server)] == [3]
+
+
+@pytest.mark.parametrize(
+    ("form", "status", "told"),
+    [
+        pytest.param({}, 400, "Tick the requests that you want to answer first.", id="none"),
+        pytest.param({"request": "7"}, 404, "There is no open request number 7.", id="unknown"),
+        pytest.param({"request": "x"}, 404, "There is no open request number 0.", id="no number"),
+        pytest.param(
+            {"request": "1", "reason": "x" * 501}, 400, "at most 500 characters", id="a long reason"
+        ),
+    ],
+)
+def test_a_wrong_answer_at_the_desk(
+    form: Mapping[str, str], status: int, told: str, server: Serving
+) -> None:
     ask(server)
-    assert desk.send("/desk/requests/2/reject", {"reason": "spam"}).status_code == 303
+    reply = signed_in(server, ORGANISER).send("/desk/requests", {"what": "reject", **form})
+    assert (reply.status_code, told in said(reply)) == (status, True)
+    assert len(open_requests(server)) == 1
 
 
 def test_requests_are_answered_on_the_command_line(server: Serving, run: Run) -> None:

@@ -6,6 +6,7 @@ names, addresses and texts are removed.
 """
 
 import hashlib
+from collections.abc import Iterable, Sequence
 
 import msgspec
 from sqlalchemy import exists, func, select
@@ -118,10 +119,25 @@ def accept_request(transaction: Transaction, request_id: int) -> AcceptedRequest
     return AcceptedRequest(team=team, invitations=invitations)
 
 
+def accept_requests(
+    transaction: Transaction, request_ids: Iterable[int]
+) -> Sequence[AcceptedRequest]:
+    """Accept several requests, as :func:`accept_request` does; after an error, none."""
+    return [accept_request(transaction, each) for each in dict.fromkeys(request_ids)]
+
+
 def reject_request(transaction: Transaction, request_id: int, rejection: Rejection) -> None:
     """Reject a request; NotFoundError if there is no such open request."""
     request = _open_request(transaction.session, request_id)
     _answer(transaction, request, "request rejected", reason=rejection.reason)
+
+
+def reject_requests(
+    transaction: Transaction, request_ids: Iterable[int], rejection: Rejection
+) -> None:
+    """Reject several requests; with an unknown one, none."""
+    for each in dict.fromkeys(request_ids):
+        reject_request(transaction, each, rejection)
 
 
 def invite(transaction: Transaction, person: NewPerson) -> PersonInvitation:

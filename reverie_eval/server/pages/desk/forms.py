@@ -4,7 +4,7 @@ Actions that are hard to undo need confirmation: the first reply describes the a
 form with the same fields to confirm it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from typing import Annotated, Any, Protocol, TypeAlias
 
@@ -12,11 +12,18 @@ from fastapi import Query
 from fastapi.responses import Response
 from starlette.datastructures import FormData, UploadFile
 
+from reverie_eval.schemas.joining import PersonInvitation
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Snapshot
-from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
+from reverie_eval.server.pages.rendering import (
+    address_of_site,
+    page,
+    see_other,
+    show_faults_with,
+)
 from reverie_eval.server.service.paging import Page
+from reverie_eval.server.service.people_files import invitations_csv
 
 ON_A_PAGE = 100
 """The number of rows on a page of a list."""
@@ -84,6 +91,20 @@ def ask(desk: Call, typed: Typed, template: str = "confirm.html", **content: Any
     with desk.snapshot() as snapshot:
         action = desk.request.url.path
         return desk_page(desk, snapshot, template, fields=typed, action=action, **content)
+
+
+def show_invitations(desk: Call, invitations: Sequence[PersonInvitation], back: str) -> Response:
+    """Show invitations that can be shown only once, and a link back."""
+    with desk.snapshot() as snapshot:
+        return desk_page(
+            desk,
+            snapshot,
+            "invitations.html",
+            invitations=invitations,
+            table=invitations_csv(invitations),
+            sign_in=address_of_site(desk.request, "/sign-in"),
+            back=back,
+        )
 
 
 def page_at(desk: Call, name: str) -> Page:

@@ -238,16 +238,16 @@ class BytesSpentError(RequestError):
 
 
 class TooManyError(RequestError):
-    """More requests in a minute than an address, a token or a session may make."""
+    """More requests than an address, a token or a session may make."""
 
     status = HTTPStatus.TOO_MANY_REQUESTS
     code = "too-many-requests"
     heading = "Too many requests"
     example_arguments = (7,)
 
-    def __init__(self, seconds: int) -> None:
+    def __init__(self, seconds: int, message: str = "") -> None:
         self.seconds = seconds
-        super().__init__(f"too many requests; try again in {seconds} seconds")
+        super().__init__(message or f"too many requests; try again in {seconds} seconds")
 
 
 class TooLargeError(RequestError):

@@ -4,19 +4,24 @@ import csv
 import io
 import re
 from collections.abc import Mapping, Sequence
+from datetime import timedelta
 from html import unescape
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 import httpx
 import pytest
+import time_machine
+from limits.storage import MemoryStorage
 from sqlalchemy import select
 
+from reverie_eval.server.http.runtime import Joining
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service import joining
 from reverie_eval.server.store.tables import JoinRequest
-from tests.support.acting import ask_to_join
+from tests.support.acting import NOON, ask_to_join
 from tests.support.flat import Run
 from tests.support.serving import OPEN, ORGANISER, OWNER, OpenServer, Serving, settings_of
 from tests.support.visiting import said, signed_in
@@ -25,8 +30,14 @@ DORA = {"name": "Dora", "email": "dora@example.org"}
 NEW = {"team": "Green", "people": [DORA], "institution": "University of Adelaide"}
 
 
-def ask(server: Serving, **changes: Any) -> httpx.Response:
-    return server.ask(None, "POST", "/join", json={**NEW, **changes})
+PROXIES = [ip_network("127.0.0.1/32")]
+FORM = {"team": "Last", "people": "Dora, dora@example.org", "institution": "The last one"}
+
+
+def ask(
+    server: Serving, headers: Mapping[str, str] | None = None, **changes: Any
+) -> httpx.Response:
+    return server.ask(None, "POST", "/join", json={**NEW, **changes}, headers=headers or {})
 
 
 def open_requests(server: Serving) -> Sequence[Any]:
@@ -97,6 +108,34 @@ def test_only_so_many_requests_wait(server: Serving, monkeypatch: pytest.MonkeyP
     assert ask(server, team="A").status_code == 202  # as it waits already
     server.ask(ORGANISER, "POST", "/organiser/requests/1/reject", json={})
     assert ask(server, team="C").status_code == 202
+
+
+def test_an_address_sends_only_so_many_in_a_day(open_server: OpenServer, folder: Path) -> None:
+    server = open_server(settings_of(folder).model_copy(update={"trusted_proxies": PROXIES}))
+
+    def status(team: str, address: str) -> int:
+        return ask(server, headers={"X-Forwarded-For": address}, team=team).status_code
+
+    teams = [f"Team {number}" for number in range(6)]
+    with time_machine.travel(NOON, tick=False) as time:
+        assert ask(server, team="x" * 101).status_code == 400  # does not count
+        assert [status(team, "192.0.2.7") for team in teams] == [*5 * [202], 429]
+        assert status(teams[0], "192.0.2.7") == 202  # as it waits already
+        assert status(teams[5], "192.0.2.8") == 202
+        page = server.client.post("/join", data=FORM, headers={"X-Forwarded-For": "192.0.2.7"})
+        assert page.status_code == 429
+        assert page.headers["retry-after"] == "86400"
+        assert "5 requests to join came from your address in the last 24 hours" in said(page)
+        assert FORM["institution"] in page.text  # what was typed stays
+        time.shift(timedelta(days=1, seconds=1))
+        assert status("Team 6", "192.0.2.7") == 202
+
+
+def test_addresses_are_counted_by_their_digests() -> None:
+    counts = MemoryStorage()
+    Joining(counts, b"key").count({"client": ("192.0.2.7", 1)})
+    assert "LIMITER/join/" in str(counts.storage)
+    assert "192.0.2.7" not in str(counts.storage)
 
 
 def test_an_answer_removes_what_the_request_said_of_people(server: Serving) -> None:

@@ -6,7 +6,7 @@ names, addresses and texts are removed.
 """
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
 from sqlalchemy import exists, func, select
@@ -38,11 +38,16 @@ RECEIVED = JoinReply(message="Your request was received. The organiser will answ
 
 
 def receive_request(
-    transactions: Transactions, new: NewJoinRequest, *, are_accepted: bool
+    transactions: Transactions,
+    new: NewJoinRequest,
+    *,
+    are_accepted: bool,
+    count: Callable[[], None],
 ) -> JoinReply:
     """Keep a request for the organiser; the same one again changes nothing.
 
-    The audit log has no entry of it before it is answered, so that strangers cannot fill the log.
+    ``count`` is called before one is kept, and may refuse it. The audit log has no entry of a
+    request before it is answered, so that strangers cannot fill the log.
 
     Raises
     ------
@@ -61,6 +66,7 @@ def receive_request(
             return RECEIVED
         if count_open(session) >= MOST_OPEN:
             raise ConflictError("too many requests to join wait for an answer; try again next week")
+        count()
         session.add(JoinRequest(**content, digest=digest, created_at=transaction.now))
         who = count_text(len(new.people), "person", "people")
         text = f"{who} of {new.institution} asked to join as {new.team}"

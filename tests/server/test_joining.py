@@ -221,8 +221,8 @@ def test_several_requests_are_answered_at_once_at_the_desk(server: Serving) -> N
     ("form", "status", "told"),
     [
         pytest.param({}, 400, "Tick the requests that you want to answer first.", id="none"),
-        pytest.param({"request": "7"}, 404, "There is no open request number 7.", id="unknown"),
-        pytest.param({"request": "x"}, 404, "There is no open request number 0.", id="no number"),
+        pytest.param({"request": "7"}, 404, "There is no open request number 7;", id="unknown"),
+        pytest.param({"request": "x"}, 404, "There is no open request number 0;", id="no number"),
         pytest.param(
             {"request": "1", "reason": "x" * 501}, 400, "at most 500 characters", id="a long reason"
         ),

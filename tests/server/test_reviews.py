@@ -87,7 +87,7 @@ def test_a_lifted_review_does_not_stand_and_is_not_lifted_twice(server: Serving)
     twice = f"^review {number} was already lifted$"
     with pytest.raises(ConflictError, match=twice), server.acting() as transaction:
         lift_review(transaction, number)
-    missing = f"^there is no review {number + 1}$"
+    missing = f"^there is no review {number + 1};"
     with pytest.raises(NotFoundError, match=missing), server.acting() as transaction:
         lift_review(transaction, number + 1)
 

@@ -157,7 +157,9 @@ def invite(transaction: Transaction, person: NewPerson) -> PersonInvitation:
 def _open_request(session: Session, request_id: int) -> JoinRequest:
     request = session.get(JoinRequest, request_id)
     if request is None or request.decision is not None:
-        raise NotFoundError(f"there is no open request number {request_id}")
+        raise NotFoundError(
+            f"there is no open request number {request_id}; the list of requests has all"
+        )
     return request
 
 

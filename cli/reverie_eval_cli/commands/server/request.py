@@ -48,7 +48,7 @@ def list_requests(*, folder: Path) -> None:
 
 @request.command()
 @options.server_folder
-@click.argument("numbers", metavar="NUMBER...", type=click.IntRange(1), nargs=-1, required=True)
+@click.argument("numbers", metavar="NUMBER...", type=options.Number(1), nargs=-1, required=True)
 def accept(*, folder: Path, numbers: "Sequence[int]") -> None:
     """Add the people of requests to their teams.
 
@@ -67,7 +67,7 @@ def accept(*, folder: Path, numbers: "Sequence[int]") -> None:
 
 @request.command()
 @options.server_folder
-@click.argument("numbers", metavar="NUMBER...", type=click.IntRange(1), nargs=-1, required=True)
+@click.argument("numbers", metavar="NUMBER...", type=options.Number(1), nargs=-1, required=True)
 @click.option("--reason", default="", metavar="TEXT", help="The reason, for the audit log.")
 def reject(*, folder: Path, numbers: "Sequence[int]", reason: str) -> None:
     """Reject requests to join.

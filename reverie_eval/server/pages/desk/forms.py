@@ -5,6 +5,7 @@ form with the same fields to confirm it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from datetime import date
 from functools import wraps
 from typing import Annotated, Any, Protocol, TypeAlias
 
@@ -159,13 +160,25 @@ def is_confirmed(form: FormData) -> bool:
     return form.get("confirmed") == "yes"
 
 
-def end_of_day(date: str) -> str | None:
-    """Return the last second of a date in UTC, or None for an empty text.
+def end_of_day(day: str) -> str | None:
+    """Return the last second of a day in UTC, or None for an empty text.
 
+    Raises
+    ------
+    MalformedError
+        If it is not a day.
+
+    Examples
+    --------
     >>> end_of_day("2027-06-01"), end_of_day("")
     ('2027-06-01T23:59:59Z', None)
     """
-    return f"{date}T23:59:59Z" if date else None
+    if not day:
+        return None
+    try:
+        return f"{date.fromisoformat(day)}T23:59:59Z"
+    except ValueError:
+        raise MalformedError(f"{day!r} is not a day; write it as 2027-06-01") from None
 
 
 def done(path: str, what: str) -> Response:

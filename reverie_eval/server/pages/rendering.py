@@ -64,6 +64,8 @@ class Site:
 
     title: str
     banner: str
+    is_paused: bool
+    """Whether the organiser accepts no submissions at all now."""
     places: Sequence[Place]
     path: str
     person: Person | None
@@ -157,6 +159,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
     return Site(
         title=server.settings.title,
         banner=notice.banner,
+        is_paused=notice.paused,
         places=[*boards, *episodes, *own, Place("Guide", "/guide"), *desk],
         path=request.url.path,
         person=person,

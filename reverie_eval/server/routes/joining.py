@@ -29,7 +29,7 @@ _REFUSALS = problems("not-signed-in", "not-allowed", "not-found", "conflict")
 def ask_to_join(
     request: Request, new: NewJoinRequest, server: Server, runtime: Runtime
 ) -> JoinReply:
-    """Ask the organiser for accounts; the reply is the same whoever is known here.
+    """Ask the organiser for accounts; the reply does not tell who has an account.
 
     An address may send five requests a day.
     """

@@ -23,7 +23,9 @@ from tests.support.serving import (
     OTHER,
     OWNER,
     PRIVATE,
+    OpenServer,
     Serving,
+    settings_of,
     submission_for,
 )
 from tests.support.visiting import said, signed_in
@@ -118,6 +120,7 @@ def test_again_is_the_same_result(office: Office, mailed: Path) -> None:
     again = office.submit(mailed / "first.json", received="2026-03-02T11:00:00+00:00")
     assert (first.status, again.status) == (0, 0)
     assert "already scored" in again.out
+    assert "not published: answer this message if you want it on the leaderboard" in again.out
     (only,) = office.submissions()
     assert only["received_at"] == WHEN
     assert len(list(mailed.glob("*.receipt.json"))) == 1
@@ -250,6 +253,18 @@ def test_wrong_fields_are_named_and_nothing_is_submitted(
     at_desk = sent_to_the_desk(server, GOOD, **change)
     assert (at_desk.status_code, told in unescape(at_desk.text)) == (status, True)
     assert server.ask(ORGANISER, "GET", "/submissions").json() == []
+
+
+def test_a_file_of_an_organiser_is_no_larger_than_others(
+    open_server: OpenServer, folder: Path
+) -> None:
+    settings = settings_of(folder)
+    limits = settings.limits.model_copy(update={"upload_mebibytes": 1})
+    server = open_server(settings.model_copy(update={"limits": limits}))
+    large = GOOD + b" " * (1 << 20)
+    by_api = sent_to_the_api(server, content=large)
+    assert (by_api.status_code, by_api.json()["code"]) == (413, "too-large")
+    assert sent_to_the_desk(server, large + b" " * (64 << 10)).status_code == 413
 
 
 def test_the_desk_asks_for_the_sender(server: Serving) -> None:

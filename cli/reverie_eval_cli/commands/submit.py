@@ -230,7 +230,11 @@ def _show(accepted: "Accepted", server: str, kept: Path | None) -> None:
         show(table.to_text, None, lambda console: print_table(console, table, table.stacked()))
     print(
         "",
-        *submission_lines(submission, is_repeat=accepted.is_repeat),
+        *submission_lines(
+            submission,
+            is_repeat=accepted.is_repeat,
+            to_publish="submit it again with --publish, which does not use a submission",
+        ),
         *([f"receipt: {kept}"] if kept else []),
         *quota_lines(accepted.quota, submission.split),
         sep="\n",

@@ -101,7 +101,8 @@ def _result(accepted: Accepted) -> Iterator[str]:
     if submission.scores_held_until is None:
         yield submission_table(submission.report, submission.receipt.server).to_text()
         yield ""
-    yield from submission_lines(submission, is_repeat=accepted.is_repeat)
+    to_publish = "answer this message if you want it on the leaderboard"
+    yield from submission_lines(submission, is_repeat=accepted.is_repeat, to_publish=to_publish)
     yield from quota_lines(accepted.quota, submission.split)
     yield ""
     yield "The signed receipt is attached."

@@ -215,6 +215,7 @@ def test_every_door_gives_the_same_reply(
     shown = re.search(r'<code id="reply">(.*?)</code>', at_desk.text, re.DOTALL)
     assert shown is not None
     assert (at_desk.status_code, unescape(shown[1])) == (status, reply)
+    assert at_desk.text.count("<tr><td><code>") == len(by_api.json().get("problems", []))
     by_command, is_scored, _ = office.submit(file).out.partition("submissions left")
     assert (by_command.rstrip("\n"), bool(is_scored)) == (
         reply.partition("submissions left")[0].rstrip("\n"),

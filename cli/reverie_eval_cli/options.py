@@ -61,7 +61,7 @@ class DayOrTime(click.ParamType[str]):
     name = "TIME"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return it as it is written, for a day is another second at the end of a phase."""
+        """Return it as it is written: a day begins with its first second, and ends with its last."""
         try:
             date.fromisoformat(value)
         except ValueError:

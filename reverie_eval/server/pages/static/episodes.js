@@ -54,8 +54,9 @@ class Walk {
   says(step) {
     const row = this.rows[Math.min(step, this.legs.length)];
     if (!row) return "";
-    const [, viewpoint, remark, walked] = [...row.children].map((cell) => cell.textContent);
-    return `${viewpoint.slice(0, 12)}, ${walked} m walked${remark ? `, ${remark}` : ""}`;
+    const [, viewpoint, remark, walked, toGoal] = [...row.children].map((cell) => cell.textContent);
+    const ahead = toGoal === "-" ? "" : `, ${toGoal} m to the goal`;
+    return `${viewpoint.slice(0, 12)}, ${walked} m walked${ahead}${remark ? `, ${remark}` : ""}`;
   }
 }
 
@@ -104,6 +105,11 @@ function makeStepper(walks) {
   figure.querySelector("[data-do=back]").addEventListener("click", () => move(-1));
   figure.querySelector("[data-do=on]").addEventListener("click", () => move(1));
   slider.addEventListener("input", () => move(0));
+  figure.querySelector(".stepper").addEventListener("keydown", (event) => {
+    if (event.target === slider || !isPlain(event)) return; // the slider has its own keys
+    const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (by) move(by);
+  });
   if (last === 0) figure.querySelector(".stepper").hidden = true;
 }
 
@@ -128,16 +134,20 @@ function makePointer() {
   }
 }
 
-// Arrow keys open the previous and the next episode, unless a focused element uses them.
+// Arrow keys open the previous and the next episode, unless the focus is where they may mean more.
+
+function isPlain(event) {
+  return !(event.altKey || event.ctrlKey || event.metaKey || event.shiftKey);
+}
 
 document.addEventListener("keydown", (event) => {
   const direction = { ArrowLeft: "prev", ArrowRight: "next" }[event.key];
-  const isPlain = !(event.altKey || event.ctrlKey || event.metaKey || event.shiftKey);
-  if (!direction || !isPlain || event.defaultPrevented) return;
-  if (event.target.closest("input, select, textarea, [tabindex]")) return;
+  if (!direction || !isPlain(event) || event.defaultPrevented) return;
+  if (event.target.closest("button, input, select, summary, textarea, [tabindex]")) return;
   document.querySelector(`.pager a[rel=${direction}]`)?.click();
 });
 
+for (const hint of document.querySelectorAll(".keys")) hint.hidden = false;
 if (map) {
   const circle = map.querySelector("circle.start");
   const start = { x: circle.cx.baseVal.value, y: circle.cy.baseVal.value };

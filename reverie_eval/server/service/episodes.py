@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.agents import AGENTS, run_agent
 from reverie_eval.analysis import Episode, episode, find_grouping
-from reverie_eval.arrays import BoolArray, IntArray
+from reverie_eval.arrays import BoolArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
@@ -106,7 +106,7 @@ class Annotations:
     def of(cls, board: Board) -> "Annotations":
         """Collect the annotations of a split."""
         truth = board.truth
-        scores = board.score(PreparedSubmission(_staying_at_start(truth), truth))
+        scores = board.score(PreparedSubmission(align_walks(truth, {}), truth))
         return cls(
             scores=scores,
             scan=find_grouping("scan").groups(scores),
@@ -286,12 +286,27 @@ def _scores_of_agent(board: Board, agent: str) -> Scores:
     return board.score(board.read(json.dumps(records).encode()))
 
 
-def _staying_at_start(truth: GroundTruth) -> AlignedSubmission:
+def align_walks(
+    truth: GroundTruth, walks: Mapping[int, tuple[Sequence[int], int]]
+) -> AlignedSubmission:
+    """Return a submission with some walks; in all other episodes, it stays and predicts nothing.
+
+    Parameters
+    ----------
+    truth : GroundTruth
+    walks : mapping of (sequence of int, int)
+        Viewpoints from the start on, and the predicted object, by the row of the episode.
+    """
     count = len(truth.episodes.instr_ids)
+    visited = [[start] for start in truth.episodes.start.tolist()]
+    predicted = np.full(count, ABSTAINED)
+    for row, (viewpoints, object_id) in walks.items():
+        visited[row] = list(viewpoints)
+        predicted[row] = object_id
     return AlignedSubmission(
-        viewpoint=truth.episodes.start,
-        offsets=np.arange(count + 1),
-        predicted_object=np.full(count, ABSTAINED),
+        viewpoint=np.concatenate(visited),
+        offsets=offsets_of(np.array([len(each) for each in visited])),
+        predicted_object=predicted,
         answer_is_text=np.zeros(count, dtype=bool),
         has_leading_zeros=np.zeros(count, dtype=bool),
         boxes=NO_BOXES,

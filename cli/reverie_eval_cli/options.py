@@ -61,7 +61,7 @@ class DayOrTime(click.ParamType[str]):
     name = "TIME"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return it as it is written: a day begins with its first second, and ends with its last."""
+        """Return it as written: a day is its first second, or at the end of a phase its last."""
         try:
             date.fromisoformat(value)
         except ValueError:

@@ -30,7 +30,7 @@ def submissions(*, folder: Path, split: str | None, team: str | None) -> None:
         if team is not None:
             team_named(session, team)
         rows = [_cells(row) for row in all_submissions(session, split=split, team=team)]
-        if split is not None and not rows:  # splits that the settings had may have some
+        if split is not None and not rows:  # the settings may not have it any more
             Schedules(load_settings(folder).splits).of(session, split)
     headings = ("submission", "received (UTC)", "split", "team", "person", "method", "status")
     print_list(headings, rows)

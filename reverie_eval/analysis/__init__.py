@@ -2,6 +2,7 @@
 
 from reverie_eval.analysis._breakdown import GROUPINGS, Grouping, breakdown, find_grouping
 from reverie_eval.analysis._comparison import (
+    BEST,
     SMALLEST_SHOWN_P,
     ComparedSubmissionsError,
     Comparison,
@@ -25,6 +26,7 @@ from reverie_eval.analysis._evidence import (
 from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_different_routes
 
 __all__ = [
+    "BEST",
     "FEWEST_FILES",
     "GROUPINGS",
     "HONEST_SPREAD",

@@ -7,7 +7,8 @@ correlated, so differences have intervals of their own, narrower than separate o
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from math import comb
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -26,11 +27,16 @@ from reverie_eval.scoring import (
     evaluate,
 )
 from reverie_eval.submissions import Submission, check_names, submission_names
+from reverie_eval.text import did_you_mean
 
 if TYPE_CHECKING:
     import pandas as pd
 
+Verdict = Literal["better", "worse", "same", "not significant"]
+
 _MIN_SUBMISSIONS = 2
+BEST = "best"
+"""In place of the baseline's name: choose it by its scores."""
 SMALLEST_SHOWN_P = 0.001
 """P-values below it are shown as ``p < 0.001``."""
 
@@ -81,6 +87,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     differences: Mapping[str, Mapping[str, Difference]] = field(repr=False)
     """The differences, by the names of all but the first, and by metric."""
 
+    pairs: int | None
+    """If the first was chosen as the best: the number of all pairs, which p-values are corrected
+    for; else they are corrected for the comparisons with the first."""
     swaps: int
     """Random swaps of each test; their number grows with that of the comparisons."""
     smallest_p: float
@@ -91,7 +100,14 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     _repr_html_: ClassVar[Any]
 
     @classmethod
-    def of(cls, scores: Mapping[str, Scores], by: Clustering = "target", *, seed: int = 0) -> Self:
+    def of(
+        cls,
+        scores: Mapping[str, Scores],
+        by: Clustering = "target",
+        *,
+        seed: int = 0,
+        baseline: str | None = None,
+    ) -> Self:
         """Compare existing scores.
 
         Parameters
@@ -102,16 +118,20 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             What dependent episodes have in common.
         seed : int
             Seed of the resamples and swaps.
+        baseline : str, optional
+            The name of the submission that all others are compared with, in place of the first; or
+            ``best`` for that with the highest RGSPL, or RGS or SPL if RGSPL is not scored.
 
         Raises
         ------
         ProtocolError
-            If they are not comparable.
+            If they are not comparable, or none has the name of the baseline.
         """
         # Only comparisons and intervals need scipy, which this imports.
         from reverie_eval.metrics.uncertainty import smallest_p, swaps_for
 
         check_comparable(scores)
+        scores = _baseline_first(scores, baseline)
         (_, first), *others = scores.items()
         changes = {
             name: {
@@ -122,16 +142,18 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             for name, other in others
         }
         cluster = clusters_of(first.ground_truth, by)
-        intervals = {
-            name: Intervals.of(change, cluster, by, seed=seed) for name, change in changes.items()
-        }
-        swaps = swaps_for(len(others))
+        intervals = Intervals.of_several(changes, cluster, by, seed=seed)
+        # To have compared all pairs for the best one is no less than to test them all.
+        pairs = comb(len(scores), 2) if baseline == BEST else None
+        n_comparisons = pairs or len(others)
+        swaps = swaps_for(n_comparisons)
         return cls(
             scores,
             intervals,
-            _differences(changes, intervals, cluster, swaps, seed),
+            _differences(changes, intervals, cluster, pairs=pairs, swaps=swaps, seed=seed),
+            pairs,
             swaps,
-            smallest_p(len(others), len(np.unique(cluster))),
+            smallest_p(n_comparisons, len(np.unique(cluster))),
         )
 
     def __getitem__(self, name: str) -> Mapping[str, Difference]:
@@ -169,6 +191,19 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         excludes_zero = interval.low > 0 or interval.high < 0
         return excludes_zero and found.p_value + confidence < 1
 
+    def verdict(self, name: str) -> Verdict:
+        """Return in a word or two whether a submission is better than the first.
+
+        ``better``, ``worse``, ``same`` if the primary metric has the same value in every episode,
+        or else ``not significant``.
+        """
+        found = self[name][self.primary(name).key]
+        if not _changes(found):
+            return "same"
+        if not self.is_significant(name):
+            return "not significant"
+        return "better" if found.mean > 0 else "worse"
+
     def sentence(self, name: str) -> str:
         """Return a sentence that says whether a submission is better than the first."""
         if self.is_identical(name):
@@ -177,21 +212,19 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             return f"{name} and {self.first} {verb} the same in every episode"
         metric = self.primary(name)
         found = self[name][metric.key]
-        if not _changes(found):
+        verdict = self.verdict(name)
+        if verdict == "same":
             return f"{name} and {self.first} score the same {metric.label} in every episode"
-        is_significant = self.is_significant(name)
-        is_worse = is_significant and found.mean < 0
         # "worse by 2" needs a positive difference, with an interval to match.
-        shown = found.reversed if is_worse else found
+        shown = found.reversed if verdict == "worse" else found
         mean, low, high = map(metric.display, (shown.mean, shown.interval.low, shown.interval.high))
         evidence = f"{self.intervals[name].label} interval {low} to {high}, {p_text(shown.p_value)}"
-        if not is_significant:
+        if verdict == "not significant":
             return (
                 f"No significant difference between {name} and {self.first} in {metric.label}: "
                 f"difference {mean}, {evidence}"
             )
-        verdict = f"{name} is {'worse' if is_worse else 'better'} than {self.first}"
-        return f"{verdict} by {mean} {metric.label}, {evidence}"
+        return f"{name} is {verdict} than {self.first} by {mean} {metric.label}, {evidence}"
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a row per submission and metric, indexed by both.
@@ -264,6 +297,7 @@ def compare(
     names: Sequence[str] | None = None,
     by: Clustering = "target",
     seed: int = 0,
+    baseline: str | None = None,
 ) -> Comparison:
     """Score submissions on the same episodes, and compare all others with the first.
 
@@ -275,7 +309,7 @@ def compare(
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
         Names of the submissions; by default those of their files.
-    by, seed
+    by, seed, baseline
         As for :meth:`Comparison.of`.
 
     Raises
@@ -300,7 +334,7 @@ def compare(
     scores = score_all(
         named, split=split, ground_truth=ground_truth, protocol=protocol, track=track
     )
-    return Comparison.of(scores, by, seed=seed)
+    return Comparison.of(scores, by, seed=seed, baseline=baseline)
 
 
 def score_all(
@@ -368,6 +402,18 @@ def check_comparable(scores: Mapping[str, Scores]) -> None:
         raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
 
 
+def _baseline_first(scores: Mapping[str, Scores], baseline: str | None) -> Mapping[str, Scores]:
+    """Return the scores with those of the baseline first, the others in their order."""
+    if baseline is None:
+        return scores
+    if baseline == BEST:
+        key = primary_metric({key for each in scores.values() for key in each}).key
+        baseline = max(scores, key=lambda name: scores[name].get(key, -1.0))
+    if baseline not in scores:
+        raise ProtocolError(f"no submission is named {baseline!r}{did_you_mean(baseline, scores)}")
+    return {baseline: scores[baseline], **scores}
+
+
 def _changes(difference: Difference) -> bool:
     """Whether a difference is not 0 in some episode."""
     return bool(difference.higher or difference.lower)
@@ -377,25 +423,28 @@ def _differences(
     changes: Mapping[str, Mapping[str, Array]],
     intervals: Mapping[str, Intervals],
     cluster: IntArray,
+    *,
+    pairs: int | None,
     swaps: int,
     seed: int,
 ) -> Mapping[str, Mapping[str, Difference]]:
     """Test the changes, arrays of shape (n_episodes,) by submission and metric."""
     from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 
-    pairs = [(name, key) for name, change in changes.items() for key in change]
+    columns = [(name, key) for name, change in changes.items() for key in change]
     # All changes side by side, so that the swaps are drawn once.
-    table = np.column_stack([changes[name][key] for name, key in pairs])
+    table = np.column_stack([changes[name][key] for name, key in columns])
     higher, lower = (table > 0).sum(axis=0), (table < 0).sum(axis=0)
     p_value = randomisation_p(table, cluster, resamples=swaps, seed=seed)
     mcnemar = mcnemar_p(higher, lower)
     # Holm's correction is over the submissions that have a metric.
-    metric = np.array([key for _, key in pairs])
+    metric = np.array([key for _, key in columns])
     for key in set(metric.tolist()):
         rows = metric == key
-        p_value[rows], mcnemar[rows] = holm(p_value[rows]), holm(mcnemar[rows])
+        p_value[rows] = holm(p_value[rows], pairs)
+        mcnemar[rows] = holm(mcnemar[rows], pairs)
     differences: dict[str, dict[str, Difference]] = {name: {} for name in changes}
-    for column, (name, key) in enumerate(pairs):
+    for column, (name, key) in enumerate(columns):
         differences[name][key] = Difference(
             mean=float(changes[name][key].mean()),
             interval=intervals[name][key],

@@ -19,6 +19,8 @@ FEW_CLUSTERS = 5
 docs/uncertainty.md."""
 
 _MIN_CLUSTERS = 2
+_TABLES_AT_ONCE = 50
+"""Resamples of so many tables, with all metrics, take 60 MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +71,27 @@ class Intervals(Mapping[str, Interval]):
         ProtocolError
             If all episodes are in one cluster, or confidence, resamples or seed are out of range.
         """
+        several = cls.of_several(
+            {by: episodes}, cluster, by, confidence=confidence, resamples=resamples, seed=seed
+        )
+        return several[by]
+
+    @classmethod
+    def of_several(
+        cls,
+        tables: Mapping[str, Mapping[str, Array]],
+        cluster: IntArray,
+        by: Clustering,
+        *,
+        confidence: float | None = None,
+        resamples: int | None = None,
+        seed: int | None = None,
+    ) -> Mapping[str, Self]:
+        """Compute the intervals of several tables of the same episodes from the same resamples.
+
+        ``tables`` has episode tables by name; the other parameters and errors are those of
+        :meth:`of`.
+        """
         # Importing scipy would double the start-up time of commands that show no intervals.
         from reverie_eval.metrics import uncertainty
 
@@ -84,11 +107,19 @@ class Intervals(Mapping[str, Interval]):
                 f"confidence {confidence}, {resamples} resamples, seed {seed}; expected a "
                 "confidence between 0 and 1, at least one resample, and a seed of 0 or more"
             )
-        values = np.column_stack(list(episodes.values()))
-        means = uncertainty.bootstrap_means(values, cluster, resamples=resamples, seed=seed)
-        low, high = uncertainty.interval(means, n_clusters, confidence=confidence).tolist()
-        by_key = dict(zip(episodes, map(Interval, low, high), strict=True))
-        return cls(by, n_clusters, confidence, resamples, seed, by_key)
+        found: dict[str, Self] = {}
+        for start in range(0, len(tables), _TABLES_AT_ONCE):
+            names = list(tables)[start : start + _TABLES_AT_ONCE]
+            columns = [column for name in names for column in tables[name].values()]
+            means = uncertainty.bootstrap_means(
+                np.column_stack(columns), cluster, resamples=resamples, seed=seed
+            )
+            low, high = uncertainty.interval(means, n_clusters, confidence=confidence).tolist()
+            ends = map(Interval, low, high)
+            for name in names:
+                by_key = {key: next(ends) for key in tables[name]}
+                found[name] = cls(by, n_clusters, confidence, resamples, seed, by_key)
+        return found
 
     @staticmethod
     def why_not(truth: GroundTruth, by: Clustering) -> str | None:

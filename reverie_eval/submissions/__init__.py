@@ -25,6 +25,7 @@ from reverie_eval.submissions._sources import (
     read_bytes,
     source_name,
     submission_names,
+    watch_files,
 )
 
 __all__ = [
@@ -50,4 +51,5 @@ __all__ = [
     "submission_hints",
     "submission_names",
     "submission_schema",
+    "watch_files",
 ]

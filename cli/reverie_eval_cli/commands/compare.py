@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import click
 
 from reverie_eval import Scores
-from reverie_eval.analysis import ComparedSubmissionsError, score_all
+from reverie_eval.analysis import BEST, ComparedSubmissionsError, score_all
 from reverie_eval.scoring import Intervals
-from reverie_eval.submissions import submission_names
+from reverie_eval.submissions import find_files, submission_names
 from reverie_eval_cli import options
 from reverie_eval_cli.output import (
     RejectedSubmission,
@@ -25,8 +25,19 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("first", type=click.Path(allow_dash=True))
-@click.argument("others", nargs=-1, required=True, type=click.Path(allow_dash=True))
+@click.argument(
+    "submissions",
+    metavar="SUBMISSION...",
+    nargs=-1,
+    required=True,
+    type=click.Path(allow_dash=True),
+)
+@click.option(
+    "--baseline",
+    metavar="FILE|best",
+    help="What the others are compared with.  [default: the first file; of a folder or a pattern, "
+    "the best]",
+)
 @options.split
 @options.ground_truth
 @options.protocol
@@ -51,8 +62,8 @@ if TYPE_CHECKING:
 )
 def compare(
     *,
-    first: str,
-    others: Sequence[str],
+    submissions: Sequence[str],
+    baseline: str | None,
     split: str,
     ground_truth: str | None,
     protocol: str,
@@ -64,7 +75,8 @@ def compare(
 ) -> None:
     """Compare submissions: differences, intervals, significance.
 
-    The OTHERS are each compared with the FIRST.
+    Each SUBMISSION is compared with the first, or with the baseline. It is a result file (.json,
+    .json.gz or .zip), - for standard input, a folder, or a pattern ('runs/*/val_unseen.json').
     """
     from reverie_eval import Comparison
     from reverie_eval.reporting._comparison import (
@@ -74,10 +86,13 @@ def compare(
         print_comparison,
     )
 
-    submissions = [first, *others]
-    check_outputs([output, episodes], [*submissions, ground_truth])
-    scores = _score(submissions, split, ground_truth, protocol, track)
-    comparison = Comparison.of(scores, cluster)
+    files = [file for each in submissions for file in find_files([each])]
+    check_outputs([output, episodes], [*files, ground_truth])
+    if baseline is None and files != list(submissions):
+        baseline = BEST
+    names = dict(zip(files, submission_names(files), strict=True))
+    scores = _score(files, split, ground_truth, protocol, track)
+    comparison = Comparison.of(scores, cluster, baseline=names.get(str(baseline), baseline))
     if episodes:
         with open_output(episodes) as file:
             comparison.episodes().to_csv(file)

@@ -1,8 +1,12 @@
 """``reverie-eval SUBMISSION --split SPLIT``: print the score table of a submission."""
 
 import sys
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
+from glob import has_magic
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -11,8 +15,10 @@ from reverie_eval import (
     CATALOGUE,
     PROTOCOLS,
     Evaluator,
+    GroundTruth,
     ScoredFiles,
     Scores,
+    SubmissionError,
     diagnose,
     evaluate,
     evaluate_protocols,
@@ -23,10 +29,12 @@ from reverie_eval.reporting._scores import (
     RANKING_FORMATS,
     print_ranking,
     print_scores,
+    watch_heading,
+    watch_line,
     write_episodes,
 )
 from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, TABLE_KEYS, Failure, score_files
-from reverie_eval.submissions import find_files
+from reverie_eval.submissions import find_files, watch_files
 from reverie_eval_cli import options
 from reverie_eval_cli.output import check_outputs, naming, open_output, show, with_progress
 
@@ -36,6 +44,8 @@ if TYPE_CHECKING:
 _ALL = "all"
 _KEYS = {"csv": CATALOGUE.keys(), "json": CATALOGUE.keys()}
 """The metrics of formats that have more than the table has."""
+_SECONDS_BETWEEN_LOOKS = 1.0
+"""A file that has not changed for so long is taken to be complete."""
 
 
 @click.command()
@@ -70,6 +80,11 @@ _KEYS = {"csv": CATALOGUE.keys(), "json": CATALOGUE.keys()}
     type=options.Choice(["target", "scan"]),
     help="What to resample for intervals; implies --ci.  [default: target]",
 )
+@click.option(
+    "--watch",
+    is_flag=True,
+    help="Score files as they come and change, a line each, until Ctrl-C.",
+)
 @options.jobs
 @options.layout(*FORMATS)
 @options.output("the scores")
@@ -89,6 +104,7 @@ def score(
     diagnosed: bool,
     ci: bool,
     cluster: "Clustering | None",
+    watch: bool,
     jobs: int | None,
     layout: str,
     output: str | None,
@@ -104,29 +120,29 @@ def score(
     if diagnosed and (protocol == _ALL or track != "full"):
         raise click.UsageError("--diagnose goes with one protocol, on the full track")
     truth = find_ground_truth(ground_truth, split)
-    files = find_files(submissions)
-    if files != list(submissions) or len(files) > 1:
-        if diagnosed or ci or cluster or episodes or protocol == _ALL:
+    for_one_file = diagnosed or ci or cluster or episodes or protocol == _ALL
+    if watch and (for_one_file or output or layout != "table"):
+        raise click.UsageError(
+            "--watch goes with --split, --ground-truth, --protocol and --track only"
+        )
+    files = [] if watch else find_files(submissions)
+    if watch or files != list(submissions) or len(files) > 1:
+        if for_one_file:
             raise click.UsageError(
                 "--diagnose, --ci, --cluster, --episodes and --protocol all go with one file; "
                 "`reverie-eval compare` compares several with intervals"
             )
         evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
+        if watch:
+            return _watch(submissions, evaluator)
         return _rank(files, evaluator, jobs, layout, output)
     (submission,) = files
     results: Sequence[Scores]
     with naming(submission):
         if diagnosed:
             results = diagnose(submission, split=split, ground_truth=truth, protocol=protocol)
-        elif protocol == _ALL:
-            tables = evaluate_protocols(submission, split=split, ground_truth=truth, track=track)
-            results = list(tables.values())
         else:
-            results = [
-                evaluate(
-                    submission, split=split, ground_truth=truth, protocol=protocol, track=track
-                )
-            ]
+            results = _score_one(submission, truth, protocol, track)
     if ci or cluster:
         results = [scores.with_intervals(cluster or "target") for scores in results]
     if episodes:
@@ -138,6 +154,18 @@ def score(
     else:
         show(text, output)
     return 0
+
+
+def _score_one(
+    submission: str, truth: GroundTruth, protocol: str, track: "Track"
+) -> Sequence[Scores]:
+    """Score a file by a protocol, or by all."""
+    if protocol == _ALL:
+        tables = evaluate_protocols(submission, split=truth.split, ground_truth=truth, track=track)
+        return list(tables.values())
+    return [
+        evaluate(submission, split=truth.split, ground_truth=truth, protocol=protocol, track=track)
+    ]
 
 
 def _rank(
@@ -155,6 +183,21 @@ def _rank(
     for path, error in scored.failures.items():
         print(_failure(path, error), file=sys.stderr)
     return 1 if scored.failures else 0
+
+
+def _watch(names: Sequence[str], evaluator: Evaluator) -> int:
+    """Print a line for each file that comes or changes, until the user interrupts."""
+    for name in names:
+        if not (has_magic(name) or Path(name).exists()):
+            raise click.UsageError(f"{name}: there is no such file or folder to watch")
+    print(watch_heading(evaluator), flush=True)
+    with suppress(KeyboardInterrupt):
+        for path in watch_files(names, partial(time.sleep, _SECONDS_BETWEEN_LOOKS)):
+            try:
+                print(watch_line(path, evaluator(path), evaluator), flush=True)
+            except (SubmissionError, OSError) as error:
+                print(_failure(path, error), file=sys.stderr)
+    return 0
 
 
 def _failure(path: str, error: Failure) -> str:

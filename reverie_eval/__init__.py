@@ -6,7 +6,7 @@
 True
 """
 
-from reverie_eval.analysis import Comparison, compare
+from reverie_eval.analysis import Comparison, Runs, compare
 from reverie_eval.errors import (
     DatasetError,
     GroundTruthError,
@@ -45,6 +45,7 @@ __all__ = [
     "ProtocolError",
     "RejectedError",
     "ReverieEvalError",
+    "Runs",
     "ScoredFiles",
     "Scores",
     "SubmissionError",

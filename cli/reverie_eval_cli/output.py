@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import click
 
-from reverie_eval import ReverieEvalError, SubmissionError
+from reverie_eval import Evaluator, ReverieEvalError, Scores, SubmissionError
 from reverie_eval.files import staged_file
 from reverie_eval.submissions import source_name
 
@@ -42,6 +42,20 @@ def naming(submission: str) -> Iterator[None]:
 def rejection(submission: str, error: SubmissionError) -> str:
     """Return what is wrong with which submission."""
     return f"{source_name(submission)}: {error}"
+
+
+def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Scores]:
+    """Score all; if some are rejected, list the problems of each of them."""
+    scores: list[Scores] = []
+    rejections: list[str] = []
+    for submission in with_progress(submissions, "Scoring", len(submissions)):
+        try:
+            scores.append(evaluator(submission))
+        except SubmissionError as error:
+            rejections.append(rejection(submission, error))
+    if rejections:
+        raise RejectedSubmission("\n".join(rejections))
+    return scores
 
 
 def check_outputs(

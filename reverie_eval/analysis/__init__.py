@@ -24,6 +24,7 @@ from reverie_eval.analysis._evidence import (
     spread_of_changes,
 )
 from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_different_routes
+from reverie_eval.analysis._runs import Method, RunIntervals, Runs
 
 __all__ = [
     "BEST",
@@ -37,6 +38,9 @@ __all__ = [
     "Difference",
     "Episode",
     "Grouping",
+    "Method",
+    "RunIntervals",
+    "Runs",
     "Spread",
     "breakdown",
     "check_comparable",

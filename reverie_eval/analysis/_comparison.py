@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
+from reverie_eval.analysis._runs import Method, RunIntervals, Runs, crossed_means, runs_of
 from reverie_eval.arrays import Array, IntArray, difference
 from reverie_eval.errors import ProtocolError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
@@ -19,6 +20,7 @@ from reverie_eval.metrics import CATALOGUE, Metric, primary_metric, units_of
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     Clustering,
+    ClusterIntervals,
     Interval,
     Intervals,
     Scores,
@@ -57,7 +59,7 @@ class Difference:
     """Episodes in which it is lower."""
     mcnemar_p: float | None
     """P-value of McNemar's exact test, with the same correction; null if the metric is not
-    binary."""
+    binary, or there are several runs."""
 
     @property
     def reversed(self) -> Self:
@@ -80,9 +82,9 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     only those of navigation.
     """
 
-    scores: Mapping[str, Scores]
-    """The scores of all submissions by name."""
-    intervals: Mapping[str, Intervals]
+    scores: Mapping[str, Method]
+    """The scores of all submissions by name; several runs of a method are one of them."""
+    intervals: Mapping[str, ClusterIntervals]
     """Intervals of the differences, by the names of all but the first."""
     differences: Mapping[str, Mapping[str, Difference]] = field(repr=False)
     """The differences, by the names of all but the first, and by metric."""
@@ -91,7 +93,8 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     """If the first was chosen as the best: the number of all pairs, which p-values are corrected
     for; else they are corrected for the comparisons with the first."""
     swaps: int
-    """Random swaps of each test; their number grows with that of the comparisons."""
+    """Random swaps of each test; their number grows with that of the comparisons. 0 if there are
+    runs, whose means are tested by Student's t."""
     smallest_p: float
     """The smallest p-value that any difference could have, after Holm's correction."""
 
@@ -102,7 +105,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     @classmethod
     def of(
         cls,
-        scores: Mapping[str, Scores],
+        scores: Mapping[str, Method],
         by: Clustering = "target",
         *,
         seed: int = 0,
@@ -112,7 +115,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
 
         Parameters
         ----------
-        scores : mapping of Scores
+        scores : mapping of Scores or Runs
             Two or more, by name, of the same episodes under the same protocol.
         by : "target" or "scan"
             What dependent episodes have in common.
@@ -141,10 +144,13 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             }
             for name, other in others
         }
-        cluster = clusters_of(first.ground_truth, by)
-        intervals = Intervals.of_several(changes, cluster, by, seed=seed)
         # To have compared all pairs for the best one is no less than to test them all.
         pairs = comb(len(scores), 2) if baseline == BEST else None
+        if any(isinstance(each, Runs) for each in scores.values()):
+            run_intervals, differences = _differences_of_runs(scores, changes, by, pairs)
+            return cls(scores, run_intervals, differences, pairs, 0, 0.0)
+        cluster = clusters_of(first.ground_truth, by)
+        intervals = Intervals.of_several(changes, cluster, by, seed=seed)
         n_comparisons = pairs or len(others)
         swaps = swaps_for(n_comparisons)
         return cls(
@@ -289,7 +295,7 @@ class ComparedSubmissionsError(SubmissionError):
 
 
 def compare(
-    *submissions: Submission | Scores,
+    *submissions: Submission | Method,
     split: str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
@@ -304,7 +310,7 @@ def compare(
     Parameters
     ----------
     submissions : two or more
-        As for :func:`reverie_eval.evaluate`, or existing scores.
+        As for :func:`reverie_eval.evaluate`, or existing scores, or several runs of a method.
     split, ground_truth, protocol, track
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
@@ -331,9 +337,13 @@ def compare(
         given = ", ".join(map(str, names))
         raise ProtocolError(f"every submission needs a name of its own; got {given}")
     named = dict(zip(names, submissions, strict=True))
-    scores = score_all(
-        named, split=split, ground_truth=ground_truth, protocol=protocol, track=track
+    single = {name: each for name, each in named.items() if not isinstance(each, Runs)}
+    scored = score_all(
+        single, split=split, ground_truth=ground_truth, protocol=protocol, track=track
     )
+    scores = {
+        name: each if isinstance(each, Runs) else scored[name] for name, each in named.items()
+    }
     return Comparison.of(scores, by, seed=seed, baseline=baseline)
 
 
@@ -386,7 +396,7 @@ def p_text(p_value: float) -> str:
     return "p < 0.001" if p_value < SMALLEST_SHOWN_P else f"p = {p_value:.3f}"
 
 
-def check_comparable(scores: Mapping[str, Scores]) -> None:
+def check_comparable(scores: Mapping[str, Method]) -> None:
     """Check that scores can be compared.
 
     Raises
@@ -402,7 +412,7 @@ def check_comparable(scores: Mapping[str, Scores]) -> None:
         raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
 
 
-def _baseline_first(scores: Mapping[str, Scores], baseline: str | None) -> Mapping[str, Scores]:
+def _baseline_first(scores: Mapping[str, Method], baseline: str | None) -> Mapping[str, Method]:
     """Return the scores with those of the baseline first, the others in their order."""
     if baseline is None:
         return scores
@@ -417,6 +427,45 @@ def _baseline_first(scores: Mapping[str, Scores], baseline: str | None) -> Mappi
 def _changes(difference: Difference) -> bool:
     """Whether a difference is not 0 in some episode."""
     return bool(difference.higher or difference.lower)
+
+
+def _differences_of_runs(
+    scores: Mapping[str, Method],
+    changes: Mapping[str, Mapping[str, Array]],
+    by: Clustering,
+    pairs: int | None,
+) -> tuple[Mapping[str, RunIntervals], Mapping[str, Mapping[str, Difference]]]:
+    """Test the differences of methods of several runs from the first of them."""
+    from reverie_eval.metrics.uncertainty import holm
+
+    first = runs_of(next(iter(scores.values())))
+    intervals: dict[str, RunIntervals] = {}
+    p_values: dict[str, dict[str, float]] = {}
+    for name, change in changes.items():
+        keys, runs = list(change), runs_of(scores[name])
+        means = crossed_means(runs, keys, by).minus(crossed_means(first, keys, by))
+        intervals[name] = RunIntervals.of(means, keys, by, [len(runs), len(first)])
+        for key, p_value in zip(keys, means.p_value.tolist(), strict=True):
+            p_values.setdefault(key, {})[name] = p_value
+    corrected = {
+        key: dict(zip(found, holm(np.array(list(found.values())), pairs).tolist(), strict=True))
+        for key, found in p_values.items()
+    }
+    differences = {
+        name: {
+            key: Difference(
+                mean=float(values.mean()),
+                interval=intervals[name][key],
+                p_value=corrected[key][name],
+                higher=int((values > 0).sum()),
+                lower=int((values < 0).sum()),
+                mcnemar_p=None,
+            )
+            for key, values in change.items()
+        }
+        for name, change in changes.items()
+    }
+    return intervals, differences
 
 
 def _differences(

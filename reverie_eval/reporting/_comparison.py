@@ -1,6 +1,6 @@
 """A comparison of submissions: scores, differences, and a sentence for each."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,8 @@ from reverie_eval.reporting._table import (
     print_lines,
     print_table,
 )
-from reverie_eval.schemas.report import Report, ScoreReport
+from reverie_eval.schemas.report import Report, RunsReport, ScoreReport
+from reverie_eval.scoring import Intervals, Scores
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class ComparisonReport(Report):
 
     first: str
     """The name of the submission that the others are compared with."""
-    submissions: dict[str, ScoreReport]
+    submissions: dict[str, ScoreReport | RunsReport]
     """By name, including the first."""
     intervals: dict[str, str]
     """How the intervals of the differences were computed, by the names of the others."""
@@ -178,6 +179,11 @@ def methods(comparison: Comparison) -> Sequence[str]:
     corrected = ", corrected by Holm's method" if len(comparison) > 1 else ""
     if comparison.pairs and len(comparison) > 1:
         corrected += f" for all {comparison.pairs:,} pairs, among which the best was chosen"
+    if not isinstance(resampled, Intervals):
+        lone = [name for name, each in comparison.scores.items() if isinstance(each, Scores)]
+        fixed = f"; of {', '.join(lone)}, only one run is known and taken as it is" if lone else ""
+        captions = dict.fromkeys(each.caption for each in comparison.intervals.values())
+        return [*captions, f"p: Student's t test with the same variances{corrected}{fixed}"]
     swaps = f"{comparison.swaps:,} random swaps of whole {resampled.by}s"
     test = f"p: paired randomisation test by {swaps}, seed {resampled.seed}"
     return [
@@ -205,14 +211,17 @@ def notes(comparison: Comparison) -> Sequence[str]:
 def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
     """Yield the rows on how one submission differs from the first, below an empty row."""
     label = comparison.intervals[name].label
-    rows: Mapping[str, Callable[[Metric, Difference], str]] = {
+    rows: dict[str, Callable[[Metric, Difference], str]] = {
         f"{name} - {comparison.first}": lambda metric, found: _signed(metric, found.mean),
         f"{label} low": lambda metric, found: _signed(metric, found.interval.low),
         f"{label} high": lambda metric, found: _signed(metric, found.interval.high),
         "p": lambda _, found: _p_cell(found.p_value),
-        "won : lost": _won_and_lost,
-        "McNemar's p": lambda _, found: _p_cell(found.mcnemar_p),
     }
+    if isinstance(comparison.intervals[name], Intervals):
+        rows |= {
+            "won : lost": _won_and_lost,
+            "McNemar's p": lambda _, found: _p_cell(found.mcnemar_p),
+        }
     pairs = [(metric, comparison[name].get(metric.key)) for metric in metrics]
     yield [""] * (1 + len(metrics))
     for title, cell in rows.items():

@@ -182,6 +182,18 @@ def find_files(names: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(chain.from_iterable(found.values())))
 
 
+def find_runs(word: str) -> tuple[str, Sequence[str]] | None:
+    """Split ``NAME=FILE,FILE`` into a method's name and the files of its runs.
+
+    Files may be folders and patterns, as for :func:`find_files`. A word that is itself a file,
+    folder or pattern, or has no name, gives None.
+    """
+    name, _, files = word.partition("=")
+    if not files or not name or "/" in name or has_magic(name) or Path(word).exists():
+        return None
+    return name, find_files([files] if Path(files).exists() else files.split(","))
+
+
 def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[str]:
     """Yield files that are there, and from then on those that appear or change, without end.
 

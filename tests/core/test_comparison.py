@@ -255,7 +255,7 @@ def test_episodes_with_different_values() -> None:
     assert (frame["good"] - frame["mediocre"]).abs().eq(1).all()
     assert frame.attrs["units"] == {"good": "fraction", "mediocre": "fraction"}
     assert comparison.episodes("steps").attrs["units"]["good"] == "count"
-    first = comparison.scores["good"].to_pandas()["success"]
+    first = scores_of(GOOD).to_pandas()["success"]
     pd.testing.assert_series_equal(frame["good"], first[frame.index], check_names=False)
 
 

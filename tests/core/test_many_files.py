@@ -184,7 +184,7 @@ def test_reports_of_all_files(run: Run, files: list[str]) -> None:
         (["empty"], "empty: there is no submission; they end in .json, .json.gz, .zip"),
         (["*.nothing"], "*.nothing: there is no submission"),
         (["--watch", "none"], "none: there is no such file or folder to watch"),
-        (["--watch", "empty", "--format", "csv"], "--watch goes with --split, --ground-truth"),
+        (["--watch", "empty", "--format", "csv"], "--watch prints lines; it goes without"),
     ],
 )
 def test_what_cannot_be_ranked(run: Run, here: Path, words: list[str], said: str) -> None:

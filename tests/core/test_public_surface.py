@@ -24,6 +24,7 @@ NAMES = [
     "ProtocolError",
     "RejectedError",
     "ReverieEvalError",
+    "Runs",
     "ScoredFiles",
     "Scores",
     "SubmissionError",

@@ -2,20 +2,20 @@
 
 import sys
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval import Scores
-from reverie_eval.analysis import BEST, ComparedSubmissionsError, score_all
+from reverie_eval import Evaluator, Scores
+from reverie_eval.analysis import BEST, Method, Runs
 from reverie_eval.scoring import Intervals
-from reverie_eval.submissions import find_files, submission_names
+from reverie_eval.submissions import find_files, find_runs, submission_names
 from reverie_eval_cli import options
 from reverie_eval_cli.output import (
-    RejectedSubmission,
     check_outputs,
     open_output,
-    rejection,
+    score_each,
     show,
     write_text,
 )
@@ -76,7 +76,8 @@ def compare(
     """Compare submissions: differences, intervals, significance.
 
     Each SUBMISSION is compared with the first, or with the baseline. It is a result file (.json,
-    .json.gz or .zip), - for standard input, a folder, or a pattern ('runs/*/val_unseen.json').
+    .json.gz or .zip), - for standard input, a folder, a pattern ('runs/*/val_unseen.json'), or
+    several runs of a method: ours=seed1.json,seed2.json or ours='seed*.json'.
     """
     from reverie_eval import Comparison
     from reverie_eval.reporting._comparison import (
@@ -86,13 +87,19 @@ def compare(
         print_comparison,
     )
 
-    files = [file for each in submissions for file in find_files([each])]
+    methods = _methods(submissions)
+    files = [file for runs in methods.values() for file in runs]
     check_outputs([output, episodes], [*files, ground_truth])
-    if baseline is None and files != list(submissions):
+    if baseline is None and len(methods) > len(submissions):
         baseline = BEST
-    names = dict(zip(files, submission_names(files), strict=True))
-    scores = _score(files, split, ground_truth, protocol, track)
-    comparison = Comparison.of(scores, cluster, baseline=names.get(str(baseline), baseline))
+    name_of = {runs[0]: name for name, runs in methods.items() if len(runs) == 1}
+    evaluator = Evaluator(split=split, ground_truth=ground_truth, protocol=protocol, track=track)
+    scored = iter(score_each(files, evaluator))
+    scores = {
+        name: _method(list(islice(scored, len(runs))), runs, cluster)
+        for name, runs in methods.items()
+    }
+    comparison = Comparison.of(scores, cluster, baseline=name_of.get(str(baseline), baseline))
     if episodes:
         with open_output(episodes) as file:
             comparison.episodes().to_csv(file)
@@ -139,7 +146,9 @@ def report(
     check_outputs([output], [*submissions, ground_truth])
     if output is None and sys.stdout.isatty():
         raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
-    scores = _score(submissions, split, ground_truth, protocol, track)
+    evaluator = Evaluator(split=split, ground_truth=ground_truth, protocol=protocol, track=track)
+    scored = score_each(submissions, evaluator)
+    scores = dict(zip(submission_names(submissions), scored, strict=True))
     # With too few clusters there are no intervals, and the report says so.
     page = {
         name: it if Intervals.why_not(it.ground_truth, cluster) else it.with_intervals(cluster)
@@ -148,19 +157,22 @@ def report(
     write_text(report_html(page, cluster), output)
 
 
-def _score(
-    submissions: Sequence[str],
-    split: str,
-    ground_truth: str | None,
-    protocol: str,
-    track: "Track",
-) -> Mapping[str, Scores]:
-    """Score all; if some are rejected, list the problems of each of them."""
-    named = dict(zip(submission_names(submissions), submissions, strict=True))
-    try:
-        return score_all(
-            named, split=split, ground_truth=ground_truth, protocol=protocol, track=track
-        )
-    except ComparedSubmissionsError as error:
-        lines = [rejection(named[name], each) for name, each in error.errors.items()]
-        raise RejectedSubmission("\n".join(lines)) from None
+def _methods(words: Sequence[str]) -> Mapping[str, Sequence[str]]:
+    """Return the files of each method by its name; without a name, a file is one method."""
+    named = [find_runs(word) for word in words]
+    single = [[] if runs else find_files([word]) for word, runs in zip(words, named, strict=True)]
+    names = iter(submission_names([file for files in single for file in files]))
+    methods: dict[str, Sequence[str]] = {}
+    for runs, files in zip(named, single, strict=True):
+        for name, several in [runs] if runs else [(next(names), [file]) for file in files]:
+            if name in methods:
+                raise click.UsageError(f"two methods are named {name}; give each a name of its own")
+            methods[name] = several
+    return methods
+
+
+def _method(scores: Sequence[Scores], files: Sequence[str], by: "Clustering") -> Method:
+    """Return the scores of a single file, or those of several runs together."""
+    if len(files) == 1:
+        return scores[0]
+    return Runs.of(dict(zip(submission_names(files), scores, strict=True)), by)

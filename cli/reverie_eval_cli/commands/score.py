@@ -16,6 +16,7 @@ from reverie_eval import (
     PROTOCOLS,
     Evaluator,
     GroundTruth,
+    Runs,
     ScoredFiles,
     Scores,
     SubmissionError,
@@ -34,9 +35,16 @@ from reverie_eval.reporting._scores import (
     write_episodes,
 )
 from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, TABLE_KEYS, Failure, score_files
-from reverie_eval.submissions import find_files, watch_files
+from reverie_eval.submissions import find_files, find_runs, submission_names, watch_files
 from reverie_eval_cli import options
-from reverie_eval_cli.output import check_outputs, naming, open_output, show, with_progress
+from reverie_eval_cli.output import (
+    check_outputs,
+    naming,
+    open_output,
+    score_each,
+    show,
+    with_progress,
+)
 
 if TYPE_CHECKING:
     from reverie_eval.scoring import Clustering, Track
@@ -113,30 +121,27 @@ def score(
     """Score a submission, or many.
 
     SUBMISSION is a result file (.json, .json.gz or .zip), or - for standard input. Several files, a
-    folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking. The word `score` may be
-    left out.
+    folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking; several runs of a method
+    (ours=seed1.json,seed2.json or ours='seed*.json') their mean. The word `score` may be left out.
     """
     check_outputs([output, episodes], [*submissions, ground_truth])
     if diagnosed and (protocol == _ALL or track != "full"):
         raise click.UsageError("--diagnose goes with one protocol, on the full track")
     truth = find_ground_truth(ground_truth, split)
-    for_one_file = diagnosed or ci or cluster or episodes or protocol == _ALL
-    if watch and (for_one_file or output or layout != "table"):
-        raise click.UsageError(
-            "--watch goes with --split, --ground-truth, --protocol and --track only"
-        )
-    files = [] if watch else find_files(submissions)
-    if watch or files != list(submissions) or len(files) > 1:
-        if for_one_file:
+    submission = None if watch else _only_file(submissions)
+    if submission is None:
+        has_interval = (ci or cluster) and not any(map(find_runs, submissions))
+        if diagnosed or has_interval or episodes or protocol == _ALL:
             raise click.UsageError(
                 "--diagnose, --ci, --cluster, --episodes and --protocol all go with one file; "
                 "`reverie-eval compare` compares several with intervals"
             )
         evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
         if watch:
-            return _watch(submissions, evaluator)
-        return _rank(files, evaluator, jobs, layout, output)
-    (submission,) = files
+            return _watch(submissions, evaluator, layout, output)
+        if any(map(find_runs, submissions)):
+            return _score_runs(submissions, evaluator, cluster or "target", layout, output)
+        return _rank(find_files(submissions), evaluator, jobs, layout, output)
     results: Sequence[Scores]
     with naming(submission):
         if diagnosed:
@@ -154,6 +159,12 @@ def score(
     else:
         show(text, output)
     return 0
+
+
+def _only_file(submissions: Sequence[str]) -> str | None:
+    """Return the only file that is to be scored; None if there are several, or runs of a method."""
+    (first, *others) = submissions
+    return first if not others and not find_runs(first) and find_files([first]) == [first] else None
 
 
 def _score_one(
@@ -185,8 +196,34 @@ def _rank(
     return 1 if scored.failures else 0
 
 
-def _watch(names: Sequence[str], evaluator: Evaluator) -> int:
+def _score_runs(
+    words: Sequence[str], evaluator: Evaluator, by: "Clustering", layout: str, output: str | None
+) -> int:
+    """Print the mean of several runs of a method, with its interval."""
+    from reverie_eval.reporting._runs import RUNS_FORMATS, print_runs
+
+    (first, *others) = words
+    found = find_runs(first)
+    if found is None or others:
+        raise click.UsageError(
+            "NAME=FILES goes alone; `reverie-eval compare` takes several methods and their runs"
+        )
+    name, files = found
+    check_outputs([output], files)
+    names = submission_names(files)
+    runs = Runs.of(dict(zip(names, score_each(files, evaluator), strict=True)), by)
+    text = partial(RUNS_FORMATS[layout], name, runs)
+    if layout == "table":
+        show(text, output, lambda console: print_runs(console, runs))
+    else:
+        show(text, output)
+    return 0
+
+
+def _watch(names: Sequence[str], evaluator: Evaluator, layout: str, output: str | None) -> int:
     """Print a line for each file that comes or changes, until the user interrupts."""
+    if output or layout != "table":
+        raise click.UsageError("--watch prints lines; it goes without --output and --format")
     for name in names:
         if not (has_magic(name) or Path(name).exists()):
             raise click.UsageError(f"{name}: there is no such file or folder to watch")

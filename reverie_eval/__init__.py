@@ -15,6 +15,7 @@ from reverie_eval.errors import (
     RejectedError,
     ReverieEvalError,
     SubmissionError,
+    SubsetError,
 )
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE
@@ -49,6 +50,7 @@ __all__ = [
     "ScoredFiles",
     "Scores",
     "SubmissionError",
+    "SubsetError",
     "Validation",
     "__version__",
     "compare",

@@ -5,7 +5,7 @@ correlated, so differences have intervals of their own, narrower than separate o
 """
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import comb
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
@@ -300,6 +300,7 @@ def compare(
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
+    subset: Iterable[str] | None = None,
     names: Sequence[str] | None = None,
     by: Clustering = "target",
     seed: int = 0,
@@ -311,7 +312,7 @@ def compare(
     ----------
     submissions : two or more
         As for :func:`reverie_eval.evaluate`, or existing scores, or several runs of a method.
-    split, ground_truth, protocol, track
+    split, ground_truth, protocol, track, subset
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
         Names of the submissions; by default those of their files.
@@ -339,7 +340,12 @@ def compare(
     named = dict(zip(names, submissions, strict=True))
     single = {name: each for name, each in named.items() if not isinstance(each, Runs)}
     scored = score_all(
-        single, split=split, ground_truth=ground_truth, protocol=protocol, track=track
+        single,
+        split=split,
+        ground_truth=ground_truth,
+        protocol=protocol,
+        track=track,
+        subset=subset,
     )
     scores = {
         name: each if isinstance(each, Runs) else scored[name] for name, each in named.items()
@@ -354,6 +360,7 @@ def score_all(
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
+    subset: Iterable[str] | None = None,
 ) -> Mapping[str, Scores]:
     """Score several submissions by name, and leave existing scores as they are.
 
@@ -369,6 +376,8 @@ def score_all(
     if split is None and not all(isinstance(each, Scores) for each in submissions.values()):
         raise ProtocolError("give the split of the submissions: split=...")
     truth = find_ground_truth(ground_truth, split) if split else None
+    if truth and subset is not None:
+        truth = truth.subset(subset)
     scores: dict[str, Scores] = {}
     errors: dict[str, SubmissionError] = {}
     for name, each in submissions.items():

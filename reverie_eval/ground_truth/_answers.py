@@ -1,6 +1,6 @@
 """The answers of a split: targets, annotated paths, and candidates with their boxes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -140,6 +140,10 @@ class Answers:
             path_offsets=arrays["path_offsets"],
             packed_categories=bundle.texts.get("target_category"),
         )
+
+    def take(self, rows: IntArray) -> "Answers":
+        """Return the answers of some episodes; tasks, paths and candidates stay."""
+        return replace(self, target_object=self.target_object[rows], goal=self.goal[rows])
 
     @cached_property
     def target_categories(self) -> tuple[str, ...]:

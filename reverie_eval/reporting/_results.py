@@ -151,7 +151,11 @@ def _caption(every: Sequence[Method], metrics: Sequence[Metric]) -> str:
     lengths = [metric.label for metric in metrics if metric.unit == "metres"]
     unit = f"{lengths[0]} in metres, all else in percent" if lengths else "In percent"
     parts = [dict(part.split(":", 1) for part in each.signature.split("|")) for each in every]
-    data = {it["split"]: f"{it['split']} {it['data']} ({it['n']} episodes)" for it in parts}
+    data = {
+        it["split"]: f"{it['split']} {it['data']} ({it['n']} episodes"
+        + (f" of subset {it['subset']})" if "subset" in it else ")")
+        for it in parts
+    }
     rules = " ".join(filter(None, (parts[0]["protocol"], every[0].qualifier)))
     captions = dict.fromkeys(each.intervals.method for each in every if isinstance(each, Runs))
     spread = "".join(f" \N{PLUS-MINUS SIGN}: half the width of {each}." for each in captions)

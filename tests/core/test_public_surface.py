@@ -28,6 +28,7 @@ NAMES = [
     "ScoredFiles",
     "Scores",
     "SubmissionError",
+    "SubsetError",
     "Validation",
     "__version__",
     "compare",

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Mapping, Sequence
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -14,6 +15,7 @@ from reverie_eval.submissions import find_files, find_runs, submission_names
 from reverie_eval_cli import options
 from reverie_eval_cli.output import (
     check_outputs,
+    find_truth,
     open_output,
     score_each,
     show,
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 @options.ground_truth
 @options.protocol
 @options.track
+@options.episodes_from
 @options.cluster
 @options.layout(
     "table",
@@ -68,6 +71,7 @@ def compare(
     ground_truth: str | None,
     protocol: str,
     track: "Track",
+    episodes_from: Path | None,
     cluster: "Clustering",
     layout: str,
     output: str | None,
@@ -89,11 +93,12 @@ def compare(
 
     methods = _methods(submissions)
     files = [file for runs in methods.values() for file in runs]
-    check_outputs([output, episodes], [*files, ground_truth])
+    check_outputs([output, episodes], [*files, ground_truth, episodes_from])
     if baseline is None and len(methods) > len(submissions):
         baseline = BEST
     name_of = {runs[0]: name for name, runs in methods.items() if len(runs) == 1}
-    evaluator = Evaluator(split=split, ground_truth=ground_truth, protocol=protocol, track=track)
+    truth = find_truth(ground_truth, split, episodes_from)
+    evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
     scored = iter(score_each(files, evaluator))
     scores = {
         name: _method(list(islice(scored, len(runs))), runs, cluster)
@@ -123,6 +128,7 @@ def compare(
 @options.ground_truth
 @options.protocol
 @options.track
+@options.episodes_from
 @options.cluster
 @options.output("the report")
 def report(
@@ -133,6 +139,7 @@ def report(
     ground_truth: str | None,
     protocol: str,
     track: "Track",
+    episodes_from: Path | None,
     cluster: "Clustering",
     output: str | None,
 ) -> None:
@@ -143,10 +150,11 @@ def report(
     from reverie_eval.reporting import report_html
 
     submissions = [submission, *filter(None, [other])]
-    check_outputs([output], [*submissions, ground_truth])
+    check_outputs([output], [*submissions, ground_truth, episodes_from])
     if output is None and sys.stdout.isatty():
         raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
-    evaluator = Evaluator(split=split, ground_truth=ground_truth, protocol=protocol, track=track)
+    truth = find_truth(ground_truth, split, episodes_from)
+    evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
     scored = score_each(submissions, evaluator)
     scores = dict(zip(submission_names(submissions), scored, strict=True))
     # With too few clusters there are no intervals, and the report says so.

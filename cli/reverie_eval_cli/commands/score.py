@@ -24,7 +24,6 @@ from reverie_eval import (
     evaluate,
     evaluate_protocols,
 )
-from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.reporting._scores import (
     FORMATS,
     RANKING_FORMATS,
@@ -39,6 +38,7 @@ from reverie_eval.submissions import find_files, find_runs, submission_names, wa
 from reverie_eval_cli import options
 from reverie_eval_cli.output import (
     check_outputs,
+    find_truth,
     naming,
     open_output,
     score_each,
@@ -76,6 +76,7 @@ _SECONDS_BETWEEN_LOOKS = 1.0
     f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; or {_ALL} of them.",
 )
 @options.track
+@options.episodes_from
 @click.option(
     "--diagnose",
     "diagnosed",
@@ -109,6 +110,7 @@ def score(
     ground_truth: str | None,
     protocol: str,
     track: "Track",
+    episodes_from: Path | None,
     diagnosed: bool,
     ci: bool,
     cluster: "Clustering | None",
@@ -124,10 +126,10 @@ def score(
     folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking; several runs of a method
     (ours=seed1.json,seed2.json or ours='seed*.json') their mean. The word `score` may be left out.
     """
-    check_outputs([output, episodes], [*submissions, ground_truth])
+    check_outputs([output, episodes], [*submissions, ground_truth, episodes_from])
     if diagnosed and (protocol == _ALL or track != "full"):
         raise click.UsageError("--diagnose goes with one protocol, on the full track")
-    truth = find_ground_truth(ground_truth, split)
+    truth = find_truth(ground_truth, split, episodes_from)
     submission = None if watch else _only_file(submissions)
     if submission is None:
         has_interval = (ci or cluster) and not any(map(find_runs, submissions))

@@ -12,7 +12,7 @@ from reverie_eval.analysis._comparison import (
     p_text,
     score_all,
 )
-from reverie_eval.analysis._episode import Episode, episode
+from reverie_eval.analysis._episode import Episode, PredictedBox, VisibleObject, episode
 from reverie_eval.analysis._evidence import (
     FEWEST_FILES,
     HONEST_SPREAD,
@@ -39,9 +39,11 @@ __all__ = [
     "Episode",
     "Grouping",
     "Method",
+    "PredictedBox",
     "RunIntervals",
     "Runs",
     "Spread",
+    "VisibleObject",
     "breakdown",
     "check_comparable",
     "compare",

@@ -1,7 +1,7 @@
 """How well ``reverie-eval plan`` predicts which differences are found significant.
 
 ``python benchmarks/power.py`` prints the predicted power beside that of simulated comparisons, the
-same on every machine, in about two minutes.
+same on every machine, in about two minutes of processor time.
 """
 
 import sys

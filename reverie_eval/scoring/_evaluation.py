@@ -13,7 +13,7 @@ from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_o
 from reverie_eval.scoring._literal_reading import check_first_of_hop, literal_reading_notes
 from reverie_eval.scoring._lookups import Lookups, find_jumps
 from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, find_protocol
-from reverie_eval.scoring._scores import Scores, Validation
+from reverie_eval.scoring._scores import Scores, Validation, signature_of
 from reverie_eval.submissions import (
     AlignedSubmission,
     Predictions,
@@ -202,6 +202,10 @@ class Evaluator:
             protocol=self.protocol,
             track=self.track,
         )
+
+    def __repr__(self) -> str:
+        rules, qualifier = find_protocol(self.protocol), qualifier_of(self.track)
+        return f"<Evaluator {signature_of(self.ground_truth, rules, qualifier)}>"
 
 
 @dataclass(frozen=True)

@@ -123,6 +123,12 @@ track = click.option(
     show_default=True,
     help="grounding: answers alone, with the agent placed at the goal.",
 )
+episodes_from = click.option(
+    "--episodes-from",
+    metavar="FILE",
+    type=PATH,
+    help="Score only the episodes whose instr_ids FILE lists, one a line.",
+)
 cluster = click.option(
     "--cluster",
     type=Choice(["target", "scan"]),

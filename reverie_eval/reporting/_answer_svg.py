@@ -3,7 +3,7 @@
 They need no photograph: boxes are drawn in an empty room with its horizon and a grid of headings.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from types import MappingProxyType
 from typing import Literal
@@ -45,6 +45,8 @@ _LETTER: Mapping[str, float] = MappingProxyType({"other": 6.4, "target": 8.3, "a
 """Units that a letter of a label is wide, by role."""
 _LINE = 15.0
 """Units that a line of labels is high."""
+_HIGHEST_LINE, _LOWEST_LINE = 12, HEIGHT - 4
+"""Of a label, in units of the page."""
 _MIN_DEPTH = 0.05
 """Of a direction, as a share of its length: what is nearer to the picture's plane is left out."""
 
@@ -135,14 +137,13 @@ def _in_view(directions: FloatArray, view: int) -> FloatArray:
 def _labels(shown: AnswerView, view: int) -> Iterator[str]:
     """Label the boxes in a view, what matters first; others only where there is room."""
     taken: list[tuple[float, float, float]] = []
-    for role, text, (x, y, _, height) in _named_boxes(shown, view):
+    for role, text, box in _named_boxes(shown, view):
         width = _LETTER[role] * len(text)
-        start = min(max(x + 4, 3), WIDTH - width - 3)
-        lines = [y + 13, y - 4, y + height - 4, y + height + 13, y + 28]
+        start = min(max(box[0] + 4, 3), WIDTH - width - 3)
         free = [
             line
-            for line in lines
-            if 12 <= line <= HEIGHT - 4
+            for line in _lines(box, width)
+            if _HIGHEST_LINE <= line <= _LOWEST_LINE
             and not any(
                 abs(line - other) < _LINE and start < end and begin < start + width
                 for begin, end, other in taken
@@ -150,9 +151,17 @@ def _labels(shown: AnswerView, view: int) -> Iterator[str]:
         ]
         if not free and role == "other":
             continue
-        line = free[0] if free else min(max(y + 12, 12), HEIGHT - 4)
+        line = free[0] if free else min(max(box[1], _HIGHEST_LINE), _LOWEST_LINE)
         taken.append((start, start + width, line))
         yield _text(f"label {role}", start, line, text)
+
+
+def _lines(box: FloatArray, width: float) -> Sequence[float]:
+    """Return the lines for a label of a width, the best first: within the box if it fits there."""
+    _, top, box_width, height = box
+    within, beside = [top + 13, top + height - 4], [top - 4, top + height + 13]
+    fits = width + 8 <= box_width and height >= _LINE
+    return [*within, *beside, top + 28] if fits else [*beside, *within]
 
 
 def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, FloatArray]]:

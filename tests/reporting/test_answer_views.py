@@ -13,7 +13,7 @@ import reverie_eval as rv
 from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
 from reverie_eval.reporting._answer_svg import answer_picture, answer_svg
 from reverie_eval.reporting._answer_views import AnswerView, answer_views, box_span, span_of
-from tests.conftest import SAMPLES
+from tests.conftest import REPOSITORY, SAMPLES
 from tests.support.home import OTHER_WALKS, home_scores
 
 MARKUP = '<script src="x">&amp;"\''
@@ -268,6 +268,11 @@ def test_roles_differ_without_colour(scores: rv.Scores) -> None:
     looks = [re.sub(r"stroke: var.*?;", "", rule).strip() for rule in rules.values()]
     assert len(set(looks)) == 3
     assert "stroke-dasharray" in rules["answer"]
+
+
+def test_the_picture_in_the_docs_is_drawn_by_this_code(drawn: rv.Scores) -> None:
+    picture = (REPOSITORY / "docs" / "pictures" / "answer.svg").read_text()
+    assert picture == f"{answer_picture(AnswerView.at_stop(drawn.episode('1196_0_0')))}\n"
 
 
 def test_it_says_what_it_shows_and_escapes_it() -> None:

@@ -100,8 +100,7 @@ def _view(shown: AnswerView, view: int) -> Iterator[str]:
     # The lower row of views ends at the horizon, and the upper one begins there.
     horizon = view // 12 * HEIGHT / 2
     yield f'<svg width="{WIDTH}" height="{HEIGHT}">'
-    yield f'<rect class="wall" width="{WIDTH}" height="{HEIGHT}"/>'
-    yield f'<rect class="floor" y="{horizon:g}" width="{WIDTH}" height="{HEIGHT}"/>'
+    yield _background(shown.skybox.view(view) if shown.skybox else "", HEIGHT, horizon)
     yield from _meridians(view, horizon)
     for role, each in _outlined(shown):
         for xywh in each.xywh[each.view == view]:
@@ -188,9 +187,8 @@ def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, Floa
 def _panorama(shown: AnswerView) -> Iterator[str]:
     """Draw all that is visible around the viewpoint, with the view in the middle."""
     middle = 180.0 if shown.heading is None else float(np.rad2deg(shown.heading))
-    half = _STRIP_HEIGHT / 2
-    yield f'<rect class="wall" width="{WIDTH}" height="{_STRIP_HEIGHT:.1f}"/>'
-    yield f'<rect class="floor" y="{half:.1f}" width="{WIDTH}" height="{half:.1f}"/>'
+    photograph = shown.skybox.panorama(middle, _HIGHEST) if shown.skybox else ""
+    yield _background(photograph, _STRIP_HEIGHT, _STRIP_HEIGHT / 2)
     yield from _grid(middle)
     spans: list[tuple[Role, Span, str]] = [
         (role, span_of(each), each.name) for role, each in _outlined(shown)
@@ -251,6 +249,15 @@ def _on_strip(angles: FloatArray, middle: float) -> FloatArray:
 
 
 # Elements.
+
+
+def _background(photograph: str, height: float, horizon: float) -> str:
+    """Show a photograph, or an empty room with its horizon if there is none."""
+    size = f'width="{WIDTH}" height="{height:.1f}"'
+    if photograph:
+        return f'<image {size} preserveAspectRatio="none" href="{photograph}"/>'
+    below = f'y="{horizon:.1f}" width="{WIDTH}" height="{height - horizon:.1f}"'
+    return f'<rect class="wall" {size}/><rect class="floor" {below}/>'
 
 
 def _rect(kind: str, xywh: Array, title: str) -> str:

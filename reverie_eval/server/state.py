@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Self
 
-from fastapi import Request
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem
@@ -156,9 +155,3 @@ def signer_of(settings: Settings, database: Database) -> Signer:
     with database.reading() as session:
         current = current_key(session)
     return Signer(open_key(settings.path(settings.signing_key), current), settings.title)
-
-
-def state_of(request: Request) -> ServerState:
-    """Return the server that answers a request."""
-    state: ServerState = request.app.state.server
-    return state

@@ -105,8 +105,7 @@ def _view(shown: AnswerView, view: int) -> Iterator[str]:
     for role, each in _outlined(shown):
         for xywh in each.xywh[each.view == view]:
             yield _rect(role, _SCALE * xywh, each.name)
-    if shown.box:
-        outline = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
+    for outline in _predicted_outline(shown, view):
         yield _polygon("answer", outline, "predicted box")
     yield from _labels(shown, view)
     yield "</svg>"
@@ -125,6 +124,14 @@ def _meridians(view: int, horizon: float) -> Iterator[str]:
         share = (y - start[1]) / (end[1] - start[1])
         x = start[0] + share * (end[0] - start[0])
         yield _text("heading", x, y, f"{round(heading + offset) % 360}°")
+
+
+def _predicted_outline(shown: AnswerView, view: int) -> Sequence[FloatArray]:
+    """Return the outline of the predicted box, if there is one before the view."""
+    if shown.box is None:
+        return []
+    outline = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
+    return [outline] if len(outline) else []
 
 
 def _in_view(directions: FloatArray, view: int) -> FloatArray:
@@ -165,9 +172,8 @@ def _lines(box: FloatArray, width: float) -> Sequence[float]:
 
 def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, FloatArray]]:
     """Return what is in a view: its role, its label, and its box in units of the page."""
-    if shown.box:
-        pixels = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
-        bounds = np.concatenate([pixels.min(axis=0), np.ptp(pixels, axis=0)])
+    for outline in _predicted_outline(shown, view):
+        bounds = np.concatenate([outline.min(axis=0), np.ptp(outline, axis=0)])
         yield "answer", ", ".join(filter(None, ["predicted box", shown.iou])), bounds
     others = [each for each in shown.objects if each not in (shown.predicted, shown.target)]
     named: list[tuple[Role, str, VisibleObject | None]] = [
@@ -188,8 +194,9 @@ def _panorama(shown: AnswerView) -> Iterator[str]:
     """Draw all that is visible around the viewpoint, with the view in the middle."""
     middle = 180.0 if shown.heading is None else float(np.rad2deg(shown.heading))
     photograph = shown.skybox.panorama(middle, _HIGHEST) if shown.skybox else ""
+    yield f'<svg width="{WIDTH}" height="{_STRIP_HEIGHT:.1f}">'
     yield _background(photograph, _STRIP_HEIGHT, _STRIP_HEIGHT / 2)
-    yield from _grid(middle)
+    yield _grid(middle)
     spans: list[tuple[Role, Span, str]] = [
         (role, span_of(each), each.name) for role, each in _outlined(shown)
     ]
@@ -205,19 +212,19 @@ def _panorama(shown: AnswerView) -> Iterator[str]:
         camera = view_angles(np.array([shown.view]))[0]
         around = np.rad2deg(angles_of(directions_of(picture, camera)))
         yield _polygon("frame", _on_strip(around, middle), "the view above")
-
-
-def _grid(middle: float) -> Iterator[str]:
-    """Draw lines every 30 degrees, and write the headings below."""
-    heights = [(_HIGHEST - elevation) * _DEGREE for elevation in (-_STEP, _STEP)]
-    headings = np.arange(0, 360, _STEP)
-    across = _on_strip(np.column_stack([headings, np.zeros(len(headings))]), middle)[:, 0].tolist()
-    lines = [f"M0 {y:.1f}H{WIDTH}" for y in heights]
-    lines += [f"M{x:.1f} 0V{_STRIP_HEIGHT:.1f}" for x in across]
-    yield f'<path class="grid" d="{"".join(lines)}"/>'
-    for heading, x in zip(headings.tolist(), across, strict=True):
+    yield "</svg>"
+    for heading in range(0, 360, _STEP):
+        x, _ = _on_strip(np.array([heading, 0.0]), middle)
         if _TICK_MARGIN <= x <= WIDTH - _TICK_MARGIN:
             yield _text("tick", x, _STRIP_HEIGHT + 12, f"{heading}°")
+
+
+def _grid(middle: float) -> str:
+    """Draw lines every 30 degrees."""
+    angles = np.array([(heading, 0.0) for heading in range(0, 360, _STEP)])
+    lines = [f"M{x:.1f} 0V{_STRIP_HEIGHT:.1f}" for x, _ in _on_strip(angles, middle)]
+    lines += [f"M0 {(_HIGHEST - elevation) * _DEGREE:.1f}H{WIDTH}" for elevation in (-_STEP, _STEP)]
+    return f'<path class="grid" d="{"".join(lines)}"/>'
 
 
 def _spanned(role: Role, span: Span, middle: float, title: str) -> Iterator[str]:

@@ -235,6 +235,15 @@ def test_a_box_of_another_camera_is_carried_to_the_view() -> None:
     assert y == pytest.approx(240, abs=0.2)
 
 
+def test_a_box_behind_the_view_of_its_camera_is_in_the_panorama_alone() -> None:
+    """A camera that looks straight up shows at its upper edge what is behind it."""
+    box = PredictedBox(np.array([300.0, 0.0, 40.0, 5.0]), np.array([0.0, np.pi / 2]), 24)
+    view = showing(seen(1, {24: [0, 0, 9, 9]}), seen(2, {18: [0, 0, 9, 9]}), view=24)
+    answers = boxes_of(answer_svg(replace(view, box=box, predicted=None)), "answer")
+    assert {each.tag for each in answers} == {"rect"}
+    assert "predicted box" not in answer_svg(replace(view, predicted=None))
+
+
 def test_what_lies_behind_is_at_both_ends_of_the_panorama() -> None:
     behind = seen(1, {18: [300, 200, 40, 40]})
     svg = answer_svg(showing(behind, seen(2, {12: [300, 200, 40, 40]})))

@@ -37,8 +37,8 @@ _DEGREE = WIDTH / 360
 """Units of the page per degree of the panorama."""
 _HIGHEST = 60
 """Degrees that views reach up and down."""
-_STRIP_HEIGHT = 2 * _HIGHEST * _DEGREE
-_TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
+STRIP_HEIGHT = 2 * _HIGHEST * _DEGREE
+TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
 _STEP = 30
 """Degrees between the lines of the grid."""
 _LETTER: Mapping[str, float] = MappingProxyType({"other": 6.4, "target": 8.3, "answer": 8.3})
@@ -69,7 +69,7 @@ def answer_picture(shown: AnswerView) -> str:
 
 def _draw(shown: AnswerView, kind: str, attributes: str = "", style: str = "") -> str:
     top = 0 if shown.view is None else HEIGHT + _GAP
-    height = top + _STRIP_HEIGHT + _TICKS_HEIGHT
+    height = top + STRIP_HEIGHT + TICKS_HEIGHT
     return "".join(
         [
             f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {height:.0f}"{attributes}>',
@@ -193,43 +193,45 @@ def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, Floa
 def _panorama(shown: AnswerView) -> Iterator[str]:
     """Draw all that is visible around the viewpoint, with the view in the middle."""
     middle = 180.0 if shown.heading is None else float(np.rad2deg(shown.heading))
-    photograph = shown.skybox.panorama(middle, _HIGHEST) if shown.skybox else ""
-    yield f'<svg width="{WIDTH}" height="{_STRIP_HEIGHT:.1f}">'
-    yield _background(photograph, _STRIP_HEIGHT, _STRIP_HEIGHT / 2)
-    yield _grid(middle)
+    yield from panorama_grid(
+        middle, shown.skybox.panorama(middle, _HIGHEST) if shown.skybox else ""
+    )
     spans: list[tuple[Role, Span, str]] = [
         (role, span_of(each), each.name) for role, each in _outlined(shown)
     ]
     if shown.box:
         span = box_span(shown.box.xywh[None], shown.box.camera[None])
         spans.append(("answer", span, "predicted box"))
+    # Cameras may look farther up and down than views; boxes in their pictures are cut here.
+    yield f'<svg width="{WIDTH}" height="{STRIP_HEIGHT:.1f}">'
     for role, span, title in spans:
-        yield from _spanned(role, span, middle, title)
+        yield from on_panorama(role, span, middle, title)
     for role, span, _ in spans:
         yield from _role_label(role, span, middle)
     if shown.view is not None:
         picture = np.array([0, 0, VIEW_WIDTH, VIEW_HEIGHT])
         camera = view_angles(np.array([shown.view]))[0]
         around = np.rad2deg(angles_of(directions_of(picture, camera)))
-        yield _polygon("frame", _on_strip(around, middle), "the view above")
+        yield _polygon("frame", strip_place(around, middle), "the view above")
     yield "</svg>"
-    for heading in range(0, 360, _STEP):
-        x, _ = _on_strip(np.array([heading, 0.0]), middle)
-        if _TICK_MARGIN <= x <= WIDTH - _TICK_MARGIN:
-            yield _text("tick", x, _STRIP_HEIGHT + 12, f"{heading}°")
 
 
-def _grid(middle: float) -> str:
-    """Draw lines every 30 degrees."""
+def panorama_grid(middle: float, photograph: str = "") -> Iterator[str]:
+    """Draw a photograph, or an empty room, with lines every 30 degrees and the headings below."""
+    yield _background(photograph, STRIP_HEIGHT, STRIP_HEIGHT / 2)
     angles = np.array([(heading, 0.0) for heading in range(0, 360, _STEP)])
-    lines = [f"M{x:.1f} 0V{_STRIP_HEIGHT:.1f}" for x, _ in _on_strip(angles, middle)]
+    across = strip_place(angles, middle)[:, 0].tolist()
+    lines = [f"M{x:.1f} 0V{STRIP_HEIGHT:.1f}" for x in across]
     lines += [f"M0 {(_HIGHEST - elevation) * _DEGREE:.1f}H{WIDTH}" for elevation in (-_STEP, _STEP)]
-    return f'<path class="grid" d="{"".join(lines)}"/>'
+    yield f'<path class="grid" d="{"".join(lines)}"/>'
+    for heading, x in zip(range(0, 360, _STEP), across, strict=True):
+        if _TICK_MARGIN <= x <= WIDTH - _TICK_MARGIN:
+            yield _text("tick", x, STRIP_HEIGHT + 12, f"{heading}°")
 
 
-def _spanned(role: Role, span: Span, middle: float, title: str) -> Iterator[str]:
+def on_panorama(role: Role, span: Span, middle: float, title: str) -> Iterator[str]:
     """Draw a part of the panorama, twice if it crosses the panorama's ends."""
-    x, _ = _on_strip(np.array([span.heading, 0.0]), middle)
+    x, _ = strip_place(np.array([span.heading, 0.0]), middle)
     left, right = x + span.left * _DEGREE, x + span.right * _DEGREE
     top, height = (_HIGHEST - span.high) * _DEGREE, (span.high - span.low) * _DEGREE
     for shift in (-WIDTH, 0, WIDTH):
@@ -241,14 +243,14 @@ def _role_label(role: Role, span: Span, middle: float) -> Iterator[str]:
     """Name the target above its place in the panorama, and the answer below."""
     if role == "other":
         return
-    x, _ = _on_strip(np.array([span.middle, 0.0]), middle)
+    x, _ = strip_place(np.array([span.middle, 0.0]), middle)
     above, below = (_HIGHEST - span.high) * _DEGREE - 3, (_HIGHEST - span.low) * _DEGREE + 11
-    y = max(above, 10) if role == "target" else min(below, _STRIP_HEIGHT - 3)
+    y = max(above, 10) if role == "target" else min(below, STRIP_HEIGHT - 3)
     x = min(max(x, _ROLE_MARGIN), WIDTH - _ROLE_MARGIN)
     yield _text(f"label role {role}", x, y, role)
 
 
-def _on_strip(angles: FloatArray, middle: float) -> FloatArray:
+def strip_place(angles: FloatArray, middle: float) -> FloatArray:
     """Place headings and elevations, degrees, shape (..., 2), on the panorama."""
     offset = np.mod(angles[..., 0] - middle + 180, 360) - 180
     x, y = WIDTH / 2 + offset * _DEGREE, (_HIGHEST - angles[..., 1]) * _DEGREE

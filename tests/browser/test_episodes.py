@@ -54,6 +54,9 @@ def test_walking_step_by_step(site: Site, path: str, open_page: OpenPage) -> Non
     assert page.locator(".leg.ahead[data-route='1']").count() == 0
     page.get_by_role("button", name="One step back").click()
     assert place(walker) == places[-2]
+    shown = steps_shown(page)
+    page.reload()
+    assert steps_shown(page) == shown  # the link leads to the step
 
 
 def test_playing_to_the_end(site: Site, path: str, open_page: OpenPage) -> None:

@@ -211,10 +211,10 @@ def _markup(drawn: str) -> Markup:
 
 def _names(runs: Sequence[Run]) -> Sequence[str]:
     """Name submissions by their methods, with their ids if the methods have the same name."""
-    methods = [run.submission.method.name for run in runs]
+    methods = [run.choice.method for run in runs]
     if len(set(methods)) == len(methods):
         return methods
-    return [f"{name} ({run.submission.id})" for name, run in zip(methods, runs, strict=True)]
+    return [f"{name} ({run.choice.id})" for name, run in zip(methods, runs, strict=True)]
 
 
 def _neighbours(browsing: Browsing, selection: Selection, instr_id: str) -> Neighbours:

@@ -83,6 +83,8 @@ function makeStepper(walks) {
     timer = 0;
     play.textContent = "Play";
     status.setAttribute("aria-live", "polite");
+    // A link to the page leads to the step that is shown.
+    history.replaceState(null, "", `#step=${slider.value}`);
   }
 
   function start() {
@@ -90,26 +92,31 @@ function makeStepper(walks) {
     play.textContent = "Pause";
     if (Number(slider.value) >= last) show(0);
     timer = setInterval(() => {
-      const next = Number(slider.value) + 1;
-      if (next >= last) stop();
-      show(Math.min(next, last));
+      show(Math.min(Number(slider.value) + 1, last));
+      if (Number(slider.value) === last) stop();
     }, SECONDS_A_STEP * 1000);
   }
 
   function move(by) {
-    stop();
     show(Math.min(Math.max(Number(slider.value) + by, 0), last));
+    stop();
   }
 
   play.addEventListener("click", () => (timer ? stop() : start()));
   figure.querySelector("[data-do=back]").addEventListener("click", () => move(-1));
   figure.querySelector("[data-do=on]").addEventListener("click", () => move(1));
-  slider.addEventListener("input", () => move(0));
+  slider.addEventListener("input", () => {
+    clearInterval(timer);
+    show(Number(slider.value));
+  });
+  slider.addEventListener("change", stop);
   figure.querySelector(".stepper").addEventListener("keydown", (event) => {
     if (event.target === slider || !isPlain(event)) return; // the slider has its own keys
     const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
     if (by) move(by);
   });
+  const linked = /^#step=(\d{1,4})$/.exec(location.hash);
+  if (linked) show(Math.min(Number(linked[1]), last));
   if (last === 0) figure.querySelector(".stepper").hidden = true;
 }
 

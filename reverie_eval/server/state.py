@@ -20,6 +20,7 @@ from reverie_eval.server.service.keys import current_key, open_key
 from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.reference_agents import ReferenceAgents
 from reverie_eval.server.service.rescoring import Rescoring
 from reverie_eval.server.service.retention import Retention
 from reverie_eval.server.service.schedules import Schedules
@@ -59,6 +60,7 @@ class ServerState:
     sessions: Sessions
     entries: EntriesCache
     episodes: EpisodeService
+    references: ReferenceAgents
     clock: Clock
 
     @classmethod
@@ -129,6 +131,7 @@ class ServerState:
             sessions,
             EntriesCache(schedules),
             EpisodeService(boards, submissions),
+            ReferenceAgents(),
             clock,
         )
 

@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 import msgspec
 from fastapi import APIRouter, Depends, Query, Request
-from fastapi.responses import PlainTextResponse, RedirectResponse, Response
+from fastapi.responses import PlainTextResponse, Response
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
@@ -114,12 +114,6 @@ def ranked(split: str, server: Server, query: Shown) -> Ranking:
 Ranked = Annotated[Ranking, Depends(ranked)]
 
 
-@router.get("/")
-def show_home(server: Server) -> Response:
-    """Redirect to the first split's leaderboard."""
-    return RedirectResponse(f"/boards/{next(iter(server.boards))}")
-
-
 @dataclass(frozen=True, slots=True)
 class Part:
     """The rows of one page of a leaderboard."""
@@ -131,6 +125,25 @@ class Part:
     """The number of rows on all pages."""
     number: int
     pages: int
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Where values lie on the bars of intervals, which all rows of a table share."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, rows: Sequence[Row], metric: str) -> Self:
+        """Return the scale from the lowest to the highest end of any interval."""
+        ends = [end for row in rows for end in row.entry.intervals.get(metric, ())]
+        return cls(min(ends, default=0.0), max(ends, default=1.0))
+
+    def at(self, value: float) -> float:
+        """Return the place of a value, from 0 on the left to 100 on the right."""
+        width = self.high - self.low
+        return round(100 * (value - self.low) / width, 1) if width else 50.0
 
 
 class Packed(Response):

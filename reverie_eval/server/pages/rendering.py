@@ -72,7 +72,11 @@ class Site:
     contact: str
     links: Mapping[str, str]
     address: str
-    """Of the server."""
+    """Of the server, from its settings; may be empty."""
+    url: str
+    """Of the page, without its query."""
+    preview: str
+    """The address of the picture for links to the site."""
     copied_at: datetime | None
     """The time of a copy that is read without the server; None on the server itself."""
     version: str = __version__
@@ -153,18 +157,21 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
     is_copy = request.app.state.is_copy
     boards = [Place(name, f"/boards/{name}") for name in server.boards]
     episodes = [] if is_copy else [Place("Episodes", "/episodes")]
-    own = [] if person is None else [Place("Submit", "/submit")]
+    # Anyone may look for the way in: who is not signed in is led to how to get an account.
+    submit = [] if is_copy else [Place("Submit", "/submit")]
     desk = [Place("Desk", "/desk")] if person is not None and person.role == "organiser" else []
     return Site(
         title=server.settings.title,
         banner=notice.banner,
-        places=[*boards, *episodes, *own, Place("Guide", "/guide"), *desk],
+        places=[*boards, *episodes, *submit, Place("Guide", "/guide"), *desk],
         path=request.url.path,
         person=person,
         csrf_token=csrf_token,
         contact=server.settings.contact,
         links={text: str(url) for text, url in server.settings.links.items()},
         address=server.settings.public_address,
+        url=address_of_site(request, request.url.path),
+        preview=address_of_site(request, static_url("preview.png")),
         copied_at=server.clock() if is_copy else None,
     )
 
@@ -289,7 +296,7 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
 
 
 def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument) -> Response:
-    way_on = Place("To the leaderboard", "/")
+    way_on = Place("To the first page", "/")
     # To the same leaderboard if only its query was invalid.
     if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
         split = request.path_params["split"]

@@ -14,13 +14,13 @@ from sqlalchemy.orm import Session
 from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray
 from reverie_eval.errors import GroundTruthError, ProtocolError
-from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.scoring import OUTCOMES, FailureModes, PreparedSubmission, Scores
 from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.boards import Board, load_board
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.submissions import (
     SubmissionService,
@@ -28,6 +28,7 @@ from reverie_eval.server.service.submissions import (
     list_submissions,
     submission_of,
 )
+from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Person
 from reverie_eval.submissions import NO_BOXES, AlignedSubmission
 
@@ -162,6 +163,18 @@ class EpisodeService:
         self._submissions = submissions
         self._annotations = lru_cache(len(boards))(lambda split: Annotations.of(self._board(split)))
 
+    @cached_property
+    def example(self) -> tuple[Board, Episode]:
+        """An episode to show what the task is, and its split: an open one, else the demo world's.
+
+        Of all episodes, its shortest length is the median.
+        """
+        unseen_first = sorted(self.boards, key=lambda board: board.name != "val_unseen")
+        board = unseen_first[0] if unseen_first else _demo_board()
+        scores = Annotations.of(board).scores
+        by_length = np.argsort(scores.episodes["shortest_length"], kind="stable")
+        return board, episode(scores, scores.instr_ids[by_length[len(by_length) // 2]])
+
     def browse(
         self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
     ) -> Browsing:
@@ -215,6 +228,11 @@ class EpisodeService:
         if report.split != split:
             raise NotFoundError(f"your team has no submission {submission_id!r}")
         return Run(report, self._submissions.episodes(report))
+
+
+def _demo_board() -> Board:
+    bundle = DEMO_BUNDLES / "val_unseen.npz"
+    return load_board("val_unseen", Split(bundle=bundle, visibility="open"), bundle)
 
 
 def _staying_at_start(truth: GroundTruth) -> AlignedSubmission:

@@ -33,6 +33,16 @@ _OF_METHOD = tuple(name for name in Method.model_fields if name != "description"
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
+PAPER = r"""@inproceedings{qi2020reverie,
+  author = {Qi, Yuankai and Wu, Qi and Anderson, Peter and Wang, Xin and Wang, William Yang and
+            Shen, Chunhua and van den Hengel, Anton},
+  title = {{REVERIE}: Remote Embodied Visual Referring Expression in Real Indoor Environments},
+  booktitle = {IEEE/CVF Conference on Computer Vision and Pattern Recognition (CVPR)},
+  year = {2020},
+  url = {https://arxiv.org/abs/1904.10151},
+}
+"""
+"""What to cite for the dataset, in BibTeX."""
 ANONYMOUS = "Anonymous"
 """In place of a team's name, where some name is needed."""
 

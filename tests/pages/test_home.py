@@ -4,6 +4,8 @@ import re
 from html import unescape
 from pathlib import Path
 
+import pytest
+
 from reverie_eval import evaluate
 from reverie_eval.agents import run_agent
 from tests.support.entries import entered, get, named, tables
@@ -103,3 +105,21 @@ def test_the_ways_in(open_server: OpenServer, folder: Path) -> None:
     for link in ("/submit", "https://example.org/data", "https://example.org/paper", "#cite"):
         assert f'href="{link}"' in main
     assert "@inproceedings{qi2020reverie," in main
+
+
+@pytest.mark.parametrize(
+    ("accepts", "way"),
+    [
+        pytest.param(True, '<a href="/join">Ask for one</a>', id="by a request"),
+        pytest.param(False, 'can invite you: <a href="mailto:lab@example.org">', id="by e-mail"),
+    ],
+)
+def test_who_would_submit_is_led_to_an_account(
+    open_server: OpenServer, folder: Path, way: str, *, accepts: bool
+) -> None:
+    changed = {"contact": "lab@example.org", "accept_requests_to_join": accepts}
+    server = open_server(settings_of(folder).model_copy(update=changed))
+    assert '<li><a href="/submit">Submit</a></li>' in home(server)
+    asked = server.client.get("/submit")
+    assert asked.headers["location"] == "/sign-in?back=/submit"
+    assert way in server.client.get(asked.headers["location"]).text

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from functools import cache
 from html import unescape
 from importlib.resources import files
+from types import MappingProxyType
 from typing import Any
 from urllib.parse import quote, urlsplit
 
@@ -21,7 +22,7 @@ from starlette.types import Scope
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import MOST_EXTRA
-from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.schemas.wire import LONGEST_LINE, LONGEST_LINK, LONGEST_NAME, LONGEST_TEXT
 from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
 from reverie_eval.server.http.callers import Snapshot, visit_of
@@ -48,6 +49,16 @@ HEADERS = {
 """Pages load nothing from other hosts, and run no inline scripts."""
 _LINK = re.compile(r' (href|src|action|data-source|data-submission)="([^"]*)"')
 """An attribute with an address. No value can look like one: quotes in it are escaped."""
+_SHORT_FLAGS: Mapping[str, str] = MappingProxyType(
+    {
+        "extra_data": "+data",
+        "pre_exploration": "explored",
+        "ground_truth_objects": "+objects",
+        "ensemble": "ensemble",
+        "navigation_only": "nav only",
+    }
+)
+"""What a method discloses, where there is little room."""
 _NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
@@ -188,6 +199,8 @@ def _environment() -> Environment:
     environment.globals |= {
         "called": TOKEN_NAMES,
         "flags": METHOD_FLAGS,
+        "flag_meanings": {flag: Method.model_fields[flag].description for flag in METHOD_FLAGS},
+        "short_flags": _SHORT_FLAGS,
         "longest": {
             "name": LONGEST_NAME,
             "line": LONGEST_LINE,

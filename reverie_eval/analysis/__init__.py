@@ -23,6 +23,7 @@ from reverie_eval.analysis._evidence import (
     spread_of_changes,
 )
 from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_different_routes
+from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
 
 __all__ = [
     "FEWEST_FILES",
@@ -35,10 +36,12 @@ __all__ = [
     "Difference",
     "Episode",
     "Grouping",
+    "Ranks",
     "Spread",
     "breakdown",
     "check_comparable",
     "compare",
+    "covariance_of_means",
     "episode",
     "episodes_won",
     "find_grouping",
@@ -47,6 +50,7 @@ __all__ = [
     "near_misses",
     "nearest_earlier",
     "p_text",
+    "rank_intervals",
     "score_all",
     "spread_of_changes",
     "with_different_routes",

@@ -412,6 +412,11 @@ class LeaderboardRow(WireModel):
     rank: int | None = Field(examples=[1])
     """Equal for equal values of the metric that the rows are sorted by; null without a value, and
     for a result that is reported, not scored."""
+    rank_interval: tuple[int, int] | None = Field(None, examples=[[1, 3]])
+    """The best and the worst rank that it may have: with 95 % confidence, this holds for all rows
+    at once. Null in snapshots, without a rank, and if more than 100 results are ranked."""
+    group: int | None = Field(None, examples=[1])
+    """From 1; results in the same group cannot be told apart from its first. Null as above."""
     submission_id: SubmissionId | None
     """Null for a result that is reported, not scored."""
     team: TeamName

@@ -16,10 +16,10 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
     """Return the data of a leaderboard's charts, in columns.
 
     ``points`` are the results scored here that have both metrics, and ``front`` the indices of
-    their Pareto front, the best by ``x`` first; empty if a metric has no better direction. ``reported``
-    are those of others, and ``lines`` are for comparison: people, and the best that is reported.
-    ``progress`` contains the results that were better than all earlier ones by the metric of the
-    ranking, in the order of publication.
+    their Pareto front, the best by ``x`` first; empty if a metric has no better direction.
+    ``reported`` are those of others, and ``lines`` are for comparison: people, and the best that is
+    reported. ``progress`` contains the results that were better than all earlier ones by the metric
+    of the ranking, in the order of publication.
     """
     scored = [row for row in rows if row.entry.standing == "ranked"]
     reported = [row for row in rows if row.entry.standing == "reported"]

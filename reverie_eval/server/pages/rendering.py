@@ -219,6 +219,7 @@ def _environment() -> Environment:
         "instant": instant,
         "metric": lambda value, key: CATALOGUE[key].display(value),
         "number": "{:,}".format,
+        "ordinal": ordinal,
         "sentence": sentence,
     }
     return environment
@@ -257,6 +258,17 @@ def instant(moment: datetime | None) -> Markup:
         return Markup("-")
     utc = moment.astimezone(UTC)
     return Markup('<time datetime="{}">{:%Y-%m-%d %H:%M} UTC</time>').format(utc.isoformat(), utc)
+
+
+def ordinal(number: int) -> str:
+    """Write an ordinal number.
+
+    >>> [ordinal(number) for number in (1, 2, 3, 4, 11, 21, 112, 1003)]
+    ['1st', '2nd', '3rd', '4th', '11th', '21st', '112th', '1,003rd']
+    """
+    is_teen = number // 10 % 10 == 1
+    ending = "th" if is_teen else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number:,}{ending}"
 
 
 def sentence(text: str) -> str:

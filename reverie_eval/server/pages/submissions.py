@@ -1,22 +1,32 @@
 """``/submissions/{id}``: a submission for its team, or its published part for others."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
+from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE, primary_metric
-from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange
+from reverie_eval.schemas.service import (
+    Method,
+    ProblemDocument,
+    SubmissionChange,
+    SubmissionReport,
+)
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.callers import Call, Member, Posted, Snapshot, Visitor
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
 from reverie_eval.server.service.audit import history
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.reviews import standing_reviews
 from reverie_eval.server.service.submissions import publication, submission_of
+from reverie_eval.server.state import ServerState
 
 router = APIRouter()
 
@@ -97,6 +107,7 @@ def _own_page(
         snapshot,
         problem.status if problem else 200,
         shown=shown,
+        standing=board and _standing(server, session, board, shown),
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
         has_episodes=has_episodes,
         one_per_team=board is not None and board.split.one_per_team,
@@ -110,6 +121,39 @@ def _own_page(
         done=done,
         problem=problem,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class LeaderboardStanding:
+    """Where a result is on its leaderboard, or would be if it were published."""
+
+    rank: int
+    count: int
+    """All results with a rank, itself included."""
+    best: float
+    """Of the others, or itself if there are none."""
+
+
+def _standing(
+    server: ServerState, session: Session, board: Board, shown: SubmissionReport
+) -> LeaderboardStanding | None:
+    """Compare a result with those that are published; None if it is not to be ranked.
+
+    While scores are held back, a result has none, and nothing is said of its rank.
+    """
+    own = shown.report.scores.get(board.primary.key)
+    if own is None or shown.status == "withdrawn" or not board.measures_as(shown.report):
+        return None
+    key = board.primary.key
+    rows = server.ranking(session, board.name, key).rows
+    others = [
+        row.entry.scores[key]
+        for row in rows
+        if row.rank is not None and row.entry.submission_id != shown.id
+    ]
+    rank = ranks([own, *others], board.primary)[0] or 1
+    # The first of the others has the best value.
+    return LeaderboardStanding(rank, 1 + len(others), next(iter(others), own))
 
 
 def change_of(typed: Mapping[str, str]) -> SubmissionChange:

@@ -12,10 +12,11 @@ function named(points, place) {
   return [`${rank}${short(points.method[place])}`, short(points.team[place])];
 }
 
+const at = (from) => (place) => ({ x: from.x[place], y: from.y[place], place, from });
+
 function drawAgainst(canvas, data) {
   const paint = colours();
   const { points, front, reported, lines } = data;
-  const at = (from) => (place) => ({ x: from.x[place], y: from.y[place], place, from });
   const onFront = new Set(front);
   const rest = points.x.map((_, place) => place).filter((place) => !onFront.has(place));
   const many = points.x.length > 500;

@@ -135,7 +135,8 @@ def test_bibtex(server: Serving) -> None:
     submission = entered(server, {"rgspl": 0.5}, **named(HARD))
     text = get(server, path=f"{BOARD}/bibtex").text
     signature = in_latex(server.state.boards[OPEN].signature)
-    board, row = text.split("\n\n")
+    dataset, board, row = text.split("\n\n")
+    assert dataset.startswith("@inproceedings{qi2020reverie,")
     assert board.splitlines() == [
         "@misc{reverie-val-unseen-2026-03-02,",
         "  author = {{REVERIE evaluation server}},",
@@ -149,6 +150,16 @@ def test_bibtex(server: Serving) -> None:
     assert rf"\url{{http://server/submissions/{submission}}}" in row
     assert r"50\% \textbraceleft{}braces\textbraceright{} \& \_under\_" in row
     assert text.count("{") == text.count("}")  # BibTeX counts them, with a backslash or not
+
+
+def test_a_citation_leads_to_the_method_s_paper_and_says_where_the_numbers_are(
+    server: Serving,
+) -> None:
+    paper = "https://arxiv.org/abs/2301.00001"
+    submission = entered(server, {"rgspl": 0.5}, **named("Ant", paper=paper))
+    *_, row = get(server, path=f"{BOARD}/bibtex").text.split("\n\n")
+    assert rf"  howpublished = {{\url{{{paper}}}}}," in row
+    assert rf", \url{{http://server/submissions/{submission}}}}}," in row
 
 
 def test_an_address_in_bibtex_is_left_as_it_is(server: Serving) -> None:

@@ -301,9 +301,10 @@ def _made_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
 
 
 def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, address: str) -> str:
-    """Return an entry for the leaderboard as it is now, and one for each row.
+    """Return the dataset's paper, an entry for the leaderboard as it is now, and one for each row.
 
-    ``title`` and ``site`` are those of the server, ``address`` is that of the leaderboard.
+    That of a row leads to the method's paper, and in its note to the result; without a paper, to
+    the result. ``title`` and ``site`` are those of the server, ``address`` is the leaderboard's.
     """
     board, today = ranking.board, ranking.now.astimezone(UTC)
     of_board = _bibtex_entry(
@@ -319,25 +320,28 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
             f"reverie-{entry.submission_id}",
             author=ranking.team(entry) or ANONYMOUS,
             title=entry.method["name"],
-            address=f"{site}/submissions/{entry.submission_id}",
+            address=entry.method.get("paper") or f"{site}/submissions/{entry.submission_id}",
             at=entry.published_at,
             note=f"{title}, {entry.signature}",
+            result=f"{site}/submissions/{entry.submission_id}",
         )
         for entry in (row.entry for row in rows)
     ]
-    return "\n".join([of_board, *of_rows])
+    return "\n".join([PAPER, of_board, *of_rows])
 
 
 def _bibtex_entry(
-    key: str, *, author: str, title: str, address: str, at: datetime, note: str
+    key: str, *, author: str, title: str, address: str, at: datetime, note: str, result: str = ""
 ) -> str:
+    """Write an entry; ``result`` is where the numbers are, if the address is that of a paper."""
+    numbers = f", \\url{{{result}}}" if result not in ("", address) else ""
     lines = [
         f"@misc{{{_bibtex_key(key)},",
         f"  author = {{{{{_bibtex_text(author)}}}}},",
         f"  title = {{{{{_bibtex_text(title)}}}}},",
         f"  year = {{{at:%Y}}},",
         f"  howpublished = {{\\url{{{address}}}}},",
-        f"  note = {{{_bibtex_text(note)}}},",
+        f"  note = {{{_bibtex_text(note)}{numbers}}},",
         "}",
     ]
     return "\n".join(lines) + "\n"

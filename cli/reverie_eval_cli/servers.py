@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from reverie_eval import ReverieEvalError
-from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
+from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client

@@ -11,7 +11,7 @@ from reverie_eval.analysis._comparison import (
     p_text,
     score_all,
 )
-from reverie_eval.analysis._episode import Episode, episode
+from reverie_eval.analysis._episode import Episode, PredictedBox, VisibleObject, episode
 from reverie_eval.analysis._evidence import (
     FEWEST_FILES,
     HONEST_SPREAD,
@@ -36,8 +36,10 @@ __all__ = [
     "Difference",
     "Episode",
     "Grouping",
+    "PredictedBox",
     "Ranks",
     "Spread",
+    "VisibleObject",
     "breakdown",
     "check_comparable",
     "compare",

@@ -10,11 +10,6 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from reverie_eval.errors import ReverieEvalError
 
-SERVER_VARIABLE = "REVERIE_EVAL_SERVER"
-"""The environment variable with the URL of the evaluation server."""
-TOKEN_VARIABLE = "REVERIE_EVAL_TOKEN"  # noqa: S105  # the name of a variable, not a token
-"""The environment variable with the token for it."""
-
 _GROUP_AND_OTHERS = 0o077
 
 

@@ -21,6 +21,10 @@ from pydantic import (
 
 from reverie_eval.schemas.report import Report
 
+SERVER_VARIABLE = "REVERIE_EVAL_SERVER"
+"""The environment variable with the URL of the evaluation server."""
+TOKEN_VARIABLE = "REVERIE_EVAL_TOKEN"  # noqa: S105  # the name of a variable, not a token
+"""The environment variable with the token for it."""
 LONGEST_NAME = 100
 LONGEST_LINE = 500
 LONGEST_LINK = 500

@@ -32,11 +32,10 @@ from pydantic_settings import SettingsError as UnreadableVariableError
 from sqlalchemy import URL, make_url
 from sqlalchemy.exc import ArgumentError
 
-from reverie_eval.client._logins import SERVER_VARIABLE, TOKEN_VARIABLE
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
 from reverie_eval.schemas.service import Phase, Phases, ReleaseScores
-from reverie_eval.schemas.wire import Email, Https, Line, Name
+from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE, Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 
 SETTINGS_FILE = "reverie-eval.toml"

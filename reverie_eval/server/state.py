@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Self
 
-from fastapi import Request
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem
@@ -21,7 +20,6 @@ from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.rank_intervals import RankIntervals
 from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.reference_agents import ReferenceAgents
 from reverie_eval.server.service.rescoring import Rescoring
 from reverie_eval.server.service.retention import Retention
 from reverie_eval.server.service.schedules import Schedules
@@ -62,7 +60,6 @@ class ServerState:
     entries: EntriesCache
     episodes: EpisodeService
     rank_intervals: RankIntervals
-    references: ReferenceAgents
     clock: Clock
 
     @classmethod
@@ -134,7 +131,6 @@ class ServerState:
             EntriesCache(schedules),
             EpisodeService(boards, submissions),
             RankIntervals(),
-            ReferenceAgents(),
             clock,
         )
 
@@ -164,9 +160,3 @@ def signer_of(settings: Settings, database: Database) -> Signer:
     with database.reading() as session:
         current = current_key(session)
     return Signer(open_key(settings.path(settings.signing_key), current), settings.title)
-
-
-def state_of(request: Request) -> ServerState:
-    """Return the server that answers a request."""
-    state: ServerState = request.app.state.server
-    return state

@@ -270,7 +270,7 @@ def test_what_there_is_not_is_not_found(server: Serving, folder: Path, run: Run)
     assert server.ask(ORGANISER, "GET", path.format("none")).status_code == 404
     reply = server.ask(ORGANISER, "GET", path.format(OPEN), params={"team": "Green"})
     assert reply.status_code == 404
-    assert "no submission of a team 'Green'" in reply.json()["detail"]
+    assert "no team 'Green' with submissions" in reply.json()["detail"]
     assert run("server", "evidence", str(folder), OPEN, "--team", "Green").status == 2
     assert shown(server, PRIVATE)["teams"] == []
 

@@ -42,7 +42,7 @@ def left(server: Serving) -> int:
         pytest.param(Board, "score", id="scoring"),
         pytest.param(Board, "report", id="rounding"),
         pytest.param(FolderUploads, "staged", id="keeping the file"),
-        pytest.param(intake, "quota_usages", id="counting the quota"),
+        pytest.param(intake, "usage_of", id="counting the quota"),
         pytest.param(Signer, "sign", id="signing"),
         pytest.param(AuditLog, "append", id="the audit log"),
         pytest.param(View, "report", id="wording the reply"),

@@ -24,10 +24,9 @@ from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.quotas import (
     WINDOWS,
     QuotaUsage,
-    check_bytes,
     grant,
     list_grants,
-    quota_usages,
+    usage_of,
 )
 from reverie_eval.server.settings import Quota
 from reverie_eval.server.store.database import Database
@@ -245,7 +244,7 @@ def test_quotas_agree_with_counting_every_half_day(
             )
             for extra, ends in grants
         )
-        state = quota_usages(session, {OPEN: quota}, ada, NOON)[OPEN].state(NOON)
+        state = usage_of(session, ada, NOON).of_split(OPEN, quota).state(NOON)
 
     def units(instant: datetime | None) -> float | None:
         return None if instant is None else (instant - NOON) / UNIT
@@ -266,7 +265,7 @@ def test_submissions_count_by_their_arrival_in_whatever_order_they_were_scored(
         for ago in (1, 5, 3):
             session.add_all(submitted(ada.team_id, ada.id, [ago]))
             session.flush()
-        usage = quota_usages(session, {OPEN: QUOTA}, ada, NOON)[OPEN]
+        usage = usage_of(session, ada, NOON).of_split(OPEN, QUOTA)
     assert usage.received == [before([12, 36, 60])] * 2
 
 
@@ -507,10 +506,10 @@ def test_bytes_of_a_day(
                 row.size = mebibytes << 20
                 session.add(row)
         if seconds == 0:
-            check_bytes(session, ada.team_id, round(size * 2**20), 10, NOON)
+            usage_of(session, ada, NOON).check_bytes(round(size * 2**20), 10, NOON)
             return
         with pytest.raises(BytesSpentError) as refused:
-            check_bytes(session, ada.team_id, round(size * 2**20), 10, NOON)
+            usage_of(session, ada, NOON).check_bytes(round(size * 2**20), 10, NOON)
     used = sum(mebibytes for _, mebibytes in sent)
     assert refused.value.seconds == seconds
     assert f"has sent {used}.0 MiB; this one has {size:.1f} MiB" in str(refused.value)

@@ -11,7 +11,7 @@ from sqlalchemy import event
 from tests.support.serving import OPEN, ORGANISER, OWNER, PRIVATE, Serving, submission_for
 from tests.support.visiting import Visitor, signed_in
 
-PAGE, READ, UPLOAD = 9, 6, 17
+PAGE, READ, UPLOAD = 8, 6, 14
 """The most statements of a page, of a read of the API, and of an upload that is scored."""
 
 

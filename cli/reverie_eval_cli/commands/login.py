@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from reverie_eval import ReverieEvalError
-from reverie_eval.client._logins import TOKEN_VARIABLE
+from reverie_eval.schemas.wire import TOKEN_VARIABLE
 from reverie_eval_cli.output import note
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 

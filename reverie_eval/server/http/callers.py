@@ -21,7 +21,7 @@ from reverie_eval.schemas.service import Role
 from reverie_eval.server.errors import ForgedError, NotAllowedError, NotSignedInError
 from reverie_eval.server.service.tokens import check_organiser_left, valid_token
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.state import ServerState, state_of
+from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.tables import BrowserSession, Person
 
 Given = ParamSpec("Given")
@@ -178,6 +178,12 @@ def session_id_of(request: Request, cookie: str | None) -> str | None:
     if cookie is None or is_of_another_site(request):
         return None
     return state_of(request).sessions.id_in(cookie)
+
+
+def state_of(request: Request) -> ServerState:
+    """Return the server that answers a request."""
+    state: ServerState = request.app.state.server
+    return state
 
 
 # Fast dependencies are asynchronous: each synchronous one would occupy a thread.

@@ -1,15 +1,18 @@
 """``/``: what REVERIE asks of an agent, who leads, and how to take part."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fastapi import APIRouter
 from fastapi.responses import Response
 from markupsafe import Markup
 
+from reverie_eval.reporting._answer_svg import answer_svg
+from reverie_eval.reporting._answer_views import AnswerView
 from reverie_eval.reporting._map_svg import map_svg
 from reverie_eval.reporting._maps import EpisodeMap
 from reverie_eval.schemas.service import Schedule
+from reverie_eval.scoring import Scores
 from reverie_eval.server.http.callers import Snapshot, Visitor
 from reverie_eval.server.pages.boards import NEWS_SHOWN, Scale
 from reverie_eval.server.pages.rendering import page
@@ -17,7 +20,6 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Row
 from reverie_eval.server.service.leaderboard import PAPER, Ranking
 from reverie_eval.server.service.news import latest_news
-from reverie_eval.server.service.reference_agents import ReferenceResult
 from reverie_eval.server.state import ServerState
 
 router = APIRouter()
@@ -35,8 +37,8 @@ class Leaders:
     ranking: Ranking
     schedule: Schedule
     rows: Sequence[Row]
-    references: Sequence[ReferenceResult]
-    """What the reference agents score; empty if there are results, or the answers are private."""
+    references: Mapping[str, Scores]
+    """By agent, what it scores; empty if there are results, or the answers are private."""
     scale: Scale
     """Of the bars of intervals."""
 
@@ -47,8 +49,10 @@ def show_home(visitor: Visitor) -> Response:
     server = visitor.server
     links = {name.casefold(): str(url) for name, url in server.settings.links.items()}
     example_board, example = server.episodes.example
-    # Of the demo world, or of an open split: everything in the drawing was escaped.
+    # Drawings are safe HTML: all text in them was escaped when they were drawn.
     drawn = Markup(map_svg(EpisodeMap.of({"": example}).without_routes()))  # noqa: S704
+    view = AnswerView.at_path_end(example)
+    answer = None if view is None else Markup(answer_svg(view, 1))  # noqa: S704
     with visitor.snapshot() as snapshot:
         return page(
             visitor.request,
@@ -61,6 +65,7 @@ def show_home(visitor: Visitor) -> Response:
             example_is_browsable=example_board.name in server.boards
             and not server.boards[example_board.name].is_private,
             picture=drawn,
+            answer=answer,
             data=links.get("data", DATA),
             paper=PAPER,
             news=latest_news(snapshot.session, NEWS_SHOWN),
@@ -74,7 +79,7 @@ def _leaders(server: ServerState, snapshot: Snapshot) -> Sequence[Leaders]:
         ranking = server.ranking(snapshot.session, name, None)
         rows = ranking.rows[:MOST_LEADERS]
         has_results = any(row.entry.standing == "ranked" for row in ranking.rows)
-        references = () if has_results else server.references.results(board)
+        references = {} if has_results else server.episodes.references(board)
         scale = Scale.of(rows, board.primary.key)
         found.append(Leaders(board, ranking, schedules[name], rows, references, scale))
     return found

@@ -25,10 +25,9 @@ from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.schemas.wire import LONGEST_LINE, LONGEST_LINK, LONGEST_NAME, LONGEST_TEXT
 from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
-from reverie_eval.server.http.callers import Snapshot, visit_of
+from reverie_eval.server.http.callers import Snapshot, state_of, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
 from reverie_eval.server.service.tokens import TOKEN_NAMES
-from reverie_eval.server.state import state_of
 from reverie_eval.server.store.tables import Person
 from reverie_eval.text import category_text, count_text
 from reverie_eval.version import __version__
@@ -76,6 +75,8 @@ class Site:
 
     title: str
     banner: str
+    is_paused: bool
+    """Whether the organiser accepts no submissions at all now."""
     places: Sequence[Place]
     path: str
     person: Person | None
@@ -174,6 +175,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
     return Site(
         title=server.settings.title,
         banner=notice.banner,
+        is_paused=notice.paused,
         places=[*boards, *episodes, *submit, Place("Guide", "/guide"), *desk],
         path=request.url.path,
         person=person,

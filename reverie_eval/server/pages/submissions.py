@@ -25,7 +25,7 @@ from reverie_eval.server.service.audit import history
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.reviews import standing_reviews
-from reverie_eval.server.service.submissions import publication, submission_of
+from reverie_eval.server.service.submissions import Publication, publication, submission_of
 from reverie_eval.server.state import ServerState
 
 router = APIRouter()
@@ -56,6 +56,7 @@ def show_submission(
             shown=shown,
             method_fields=Method.model_fields,
             primary=primary_metric(shown.report.scores or CATALOGUE).key,
+            has_episodes=shown.shows_episodes and _has_episodes(visitor, shown),
         )
 
 
@@ -99,8 +100,6 @@ def _own_page(
     )
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
-    # Episodes may be shown, and would be scored in the same way now.
-    has_episodes = board is not None and not board.is_private and board.measures_as(shown.report)
     return page(
         visit.request,
         "submission.html",
@@ -109,7 +108,7 @@ def _own_page(
         shown=shown,
         standing=board and _standing(server, session, board, shown),
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
-        has_episodes=has_episodes,
+        has_episodes=_has_episodes(visit, shown),
         one_per_team=board is not None and board.split.one_per_team,
         events=history(session, shown.id),
         reviews=standing_reviews(session, shown.id),
@@ -121,6 +120,12 @@ def _own_page(
         done=done,
         problem=problem,
     )
+
+
+def _has_episodes(visit: Call, shown: SubmissionReport | Publication) -> bool:
+    """Whether episodes may be shown to somebody, and would be scored in the same way now."""
+    board = visit.server.boards.get(shown.split)
+    return board is not None and not board.is_private and board.measures_as(shown.report)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +170,7 @@ def change_of(typed: Mapping[str, str]) -> SubmissionChange:
         Naming each field that is wrong.
     """
     change: dict[str, Any] = {
-        name: typed[name] for name in ("published", "withdrawn") if name in typed
+        name: typed[name] for name in ("published", "withdrawn", "shows_episodes") if name in typed
     }
     if "anonymous_until" in typed:
         date = typed["anonymous_until"]

@@ -45,7 +45,6 @@ def draw(member: Call, typed: Mapping[str, str], status: int = OK, **outcome: An
             splits=split_quotas(server, snapshot),
             required=server.settings.required_metadata,
             method_fields=Method.model_fields,
-            is_paused=server.notices.current(snapshot.session).paused,
             limit=server.settings.limits.upload_mebibytes,
             **{"problem": None, "report": None, "other_split": "", **outcome},
         )

@@ -24,7 +24,7 @@ _REFUSALS = problems("not-signed-in", "not-allowed", "not-found", "conflict")
     "/join", status_code=202, tags=["access"], responses=problems("not-allowed", "conflict")
 )
 def ask_to_join(new: NewJoinRequest, server: Server) -> JoinReply:
-    """Ask the organiser for accounts; the reply is the same whoever is known here."""
+    """Ask the organiser for accounts; the reply does not tell who has an account."""
     accepted = server.settings.accept_requests_to_join
     return joining.receive_request(server.transactions, new, are_accepted=accepted)
 

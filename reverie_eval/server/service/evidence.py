@@ -95,7 +95,7 @@ class EvidenceService:
             sent = _all_sent(session, split)
             missing = fingerprints.missing(session, [each.sha256 for each in sent])
         if team is not None and team not in {each.team for each in sent}:
-            raise NotFoundError(f"there is no submission of a team {team!r} to {split}")
+            raise NotFoundError(f"there is no team {team!r} with submissions to {split}")
         unread, unreadable, read = set(missing), {}, 0
         for sha256 in missing:
             if read == most:

@@ -8,7 +8,7 @@ of the upload had arrived: scoring may end later.
 
 import hashlib
 import secrets
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -30,7 +30,7 @@ from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.outbox import announce
-from reverie_eval.server.service.quotas import QuotaUsage, check_bytes, quota_usages
+from reverie_eval.server.service.quotas import QuotaUsage, usage_of
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.submissions import View, check_metadata
@@ -82,9 +82,11 @@ class Intake:
     def quotas(self, session: Session, person: Person, *splits: str) -> Mapping[str, QuotaReport]:
         """Return the submissions left to a person on these splits, or on all splits."""
         now = self.clock()
+        usage = usage_of(session, person, now)
+        boards = [board_named(self.boards, split) for split in splits or self.boards]
         return {
-            split: usage.state(now)
-            for split, usage in self._usages(session, person, splits or self.boards, now).items()
+            board.name: usage.of_split(board.name, board.split.effective_quota).state(now)
+            for board in boards
         }
 
     def submit(
@@ -153,7 +155,9 @@ class Intake:
             if not organiser:
                 self._check_paused(self.notices.at(session, arrived), board, schedule)
             self._check_open(board, schedule, arrived)
-            self._check_quota(session, person, board, arrived, in_the_past=bool(organiser))
+            self._check_quota(
+                session, person, board, len(content), arrived, in_the_past=bool(organiser)
+            )
         reading = board.read(content)
         is_navigation_only = reading.submission.is_navigation_only
         check_navigation_only(found=is_navigation_only, declared=method.navigation_only)
@@ -176,8 +180,9 @@ class Intake:
             earlier = self._earlier(session, person, split, sha256, key)
             if earlier is not None:
                 return self._repeated(session, earlier, board, person)
-            usage = self._check_quota(session, person, board, arrived, in_the_past=bool(organiser))
-            check_bytes(session, person.team_id, row.size, self.mebibytes_per_day, arrived)
+            usage = self._check_quota(
+                session, person, board, row.size, arrived, in_the_past=bool(organiser)
+            )
             quota = usage.with_one_more(arrived).state(arrived)
             row.person = session.merge(person, load=False)
             row.team = row.person.team
@@ -248,17 +253,19 @@ class Intake:
             raise NotOpenError(f"{board.name} accepts no submissions now{after}")
 
     def _check_quota(
-        self, session: Session, person: Person, board: Board, now: datetime, *, in_the_past: bool
+        self,
+        session: Session,
+        person: Person,
+        board: Board,
+        size: int,
+        now: datetime,
+        *,
+        in_the_past: bool,
     ) -> QuotaUsage:
-        usage = self._usages(session, person, [board.name], now)[board.name]
-        left = usage.state(now)
-        if not (usage.had_room(now) if in_the_past else left.remaining):
+        usage = usage_of(session, person, now)
+        of_split = usage.of_split(board.name, board.split.effective_quota)
+        left = of_split.state(now)
+        if not (of_split.had_room(now) if in_the_past else left.remaining):
             raise QuotaSpentError(left)
-        return usage
-
-    def _usages(
-        self, session: Session, person: Person, splits: Iterable[str], now: datetime
-    ) -> Mapping[str, QuotaUsage]:
-        boards = [board_named(self.boards, split) for split in splits]
-        quotas = {board.name: board.split.effective_quota for board in boards}
-        return quota_usages(session, quotas, person, now)
+        usage.check_bytes(size, self.mebibytes_per_day, now)
+        return of_split

@@ -94,7 +94,7 @@ def count_open(session: Session) -> int:
 
 
 def accept_request(transaction: Transaction, request_id: int) -> AcceptedRequest:
-    """Add the people of a request to its team, which is added if there is none.
+    """Add the people of a request to its team, and the team if it is new.
 
     Returns an invitation for each, with the address that it can be sent to.
 

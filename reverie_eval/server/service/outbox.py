@@ -65,7 +65,7 @@ def announce_fault(transaction: Transaction, text: str) -> None:
 def untold_ends(
     session: Session, schedules: Schedules, channels: Mapping[str, Channel], now: datetime
 ) -> Mapping[str, str]:
-    """Return what has to be told of phases that ended in the last day, each with its split.
+    """Return the messages about phases that ended in the last day, each with its split.
 
     A phase ends without anybody's doing, so there is no transaction that could announce it.
     """

@@ -6,14 +6,14 @@ or adding people gains nothing. Withdrawn submissions count; rejected files do n
 """
 
 from bisect import bisect_right
-from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from heapq import merge
 from math import ceil
+from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import Row, literal, null, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import GrantReport, NewGrant
@@ -32,68 +32,81 @@ WINDOWS: Mapping[WindowName, timedelta] = {
 }
 
 
-def quota_usages(
-    session: Session, quotas: Mapping[str, Quota], person: Person, now: datetime
-) -> Mapping[str, "QuotaUsage"]:
-    """Return what a person and their team have used of the quotas, by split.
+def usage_of(session: Session, person: Person, now: datetime) -> "Usage":
+    """Return what a person and their team have sent in the last year, and what they were granted.
 
     Within a transaction, the result stays valid until it ends.
     """
-    since = now - max(WINDOWS.values())
     theirs = (Submission.team_id == person.team_id) | (Submission.person_id == person.id)
     # Of all splits, or SQLite looks through everybody's submissions to the one that is asked for.
-    received = session.execute(
-        select(Submission.split, Submission.received_at, Submission.team_id, Submission.person_id)
-        .where(theirs, Submission.received_at > since, Submission.repeat == "")
-        .order_by(Submission.received_at)
+    sent = select(
+        Submission.split,
+        Submission.received_at.label("at"),
+        Submission.team_id,
+        Submission.person_id,
+        Submission.size,
+        Submission.repeat,
+        literal(0).label("extra"),
+    ).where(theirs, Submission.received_at > now - max(WINDOWS.values()))
+    granted = select(
+        Grant.split, Grant.expires_at, Grant.team_id, null(), literal(0), literal(""), Grant.extra
+    ).where(Grant.team_id == person.team_id)
+    # In one statement, because an upload asks twice, and many pages once.
+    rows = session.execute(sent.union_all(granted).order_by("at")).all()
+    return Usage(
+        person.team_id,
+        person.id,
+        submissions=[row for row in rows if not row.extra],
+        grants=[row for row in rows if row.extra],
     )
-    of_team: defaultdict[str, list[datetime]] = defaultdict(list)
-    of_person: defaultdict[str, list[datetime]] = defaultdict(list)
-    for split, at, team_id, person_id in received:
-        if team_id == person.team_id:
-            of_team[split].append(at)
-        if person_id == person.id:
-            of_person[split].append(at)
-    granted = session.execute(
-        select(Grant.split, Grant.extra, Grant.expires_at).where(Grant.team_id == person.team_id)
-    ).all()
-    return {
-        split: QuotaUsage(
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """What a person and their team have sent to all splits, and what they were granted."""
+
+    team_id: int
+    person_id: int
+    submissions: Sequence[Row[*tuple[Any, ...]]]
+    """Of the team or the person, the oldest first."""
+    grants: Sequence[Row[*tuple[Any, ...]]]
+
+    def of_split(self, split: str, quota: Quota) -> "QuotaUsage":
+        """Return what they have used of a split's quota."""
+        counted = [row for row in self.submissions if row.split == split and not row.repeat]
+        return QuotaUsage(
             quota,
-            [of_team[split], of_person[split]],
-            [(row.extra, row.expires_at) for row in granted if row.split == split],
+            [
+                [row.at for row in counted if row.team_id == self.team_id],
+                [row.at for row in counted if row.person_id == self.person_id],
+            ],
+            [(row.extra, row.at) for row in self.grants if row.split == split],
         )
-        for split, quota in quotas.items()
-    }
 
+    def check_bytes(self, size: int, mebibytes: int, now: datetime) -> None:
+        """Make sure that the team may send so many bytes more in 24 hours, to all splits together.
 
-def check_bytes(session: Session, team_id: int, size: int, mebibytes: int, now: datetime) -> None:
-    """Make sure that a team may send so many bytes more in 24 hours, to all splits together.
-
-    Raises
-    ------
-    BytesSpentError
-        If it may not; says when it may.
-    """
-    sent = session.execute(
-        select(Submission.received_at, Submission.size)
-        .where(
-            Submission.team_id == team_id,
-            Submission.received_at > now - WINDOWS["day"],
-            Submission.received_at < now + WINDOWS["day"],
-        )
-        .order_by(Submission.received_at)
-    ).all()
-    used = sum(row.size for row in sent)
-    left = excess = used + size - (mebibytes << 20)
-    if excess <= 0:
-        return
-    for row in sent:
-        left -= row.size
-        if left <= 0:
-            seconds = ceil((row.received_at + WINDOWS["day"] - now).total_seconds())
-            raise BytesSpentError(mebibytes, used, size, seconds)
-    raise BytesSpentError(mebibytes, used, size, None)
+        Raises
+        ------
+        BytesSpentError
+            If it may not; says when it may.
+        """
+        day = WINDOWS["day"]
+        sent = [
+            row
+            for row in self.submissions
+            if row.team_id == self.team_id and now - day < row.at < now + day
+        ]
+        used = sum(row.size for row in sent)
+        left = excess = used + size - (mebibytes << 20)
+        if excess <= 0:
+            return
+        for row in sent:
+            left -= row.size
+            if left <= 0:
+                seconds = ceil((row.at + day - now).total_seconds())
+                raise BytesSpentError(mebibytes, used, size, seconds)
+        raise BytesSpentError(mebibytes, used, size, None)
 
 
 @dataclass(frozen=True, slots=True)

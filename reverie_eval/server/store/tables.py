@@ -136,7 +136,7 @@ class Submission(Base):
     __table_args__ = (
         Index("one_per_file", "split", "team_id", "sha256", "repeat", unique=True),
         Index("one_per_key", "person_id", "idempotency_key", unique=True),
-        # Quotas, and the lists of a team; with the size, how much a team has sent.
+        # Quotas, and the lists of a team; with the size, how much all teams have sent.
         Index("by_team", "team_id", "received_at", "size"),
         Index("by_person", "person_id", "received_at"),
         Index("by_split", "split", "received_at"),
@@ -166,6 +166,8 @@ class Submission(Base):
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
     anonymous_until: Mapped[datetime | None]
+    shows_episodes: Mapped[bool] = mapped_column(default=False)
+    """Whether everyone may look at its episodes while it is published."""
     upload_deleted_at: Mapped[datetime | None]
     """When its file was deleted, because it was old and not published."""
     repeat: Mapped[str] = mapped_column(String(32), default="")

@@ -125,7 +125,7 @@ def file_or_text(form: FormData, name: str, text: str) -> str:
 
 
 def number(text: str) -> int:
-    """Return the number of a row that was chosen in a form; 0, which no row has, if it is none.
+    """Return the number of a row that was chosen in a form, or 0 if it is not a number.
 
     >>> number("12"), number("Ada")
     (12, 0)

@@ -130,7 +130,7 @@ def _has_episodes(visit: Call, shown: SubmissionReport | Publication) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class LeaderboardStanding:
-    """Where a result is on its leaderboard, or would be if it were published."""
+    """Where a result would be on its leaderboard."""
 
     rank: int
     count: int
@@ -142,20 +142,16 @@ class LeaderboardStanding:
 def _standing(
     server: ServerState, session: Session, board: Board, shown: SubmissionReport
 ) -> LeaderboardStanding | None:
-    """Compare a result with those that are published; None if it is not to be ranked.
+    """Compare a result that is not published with those that are; None if it cannot be ranked.
 
     While scores are held back, a result has none, and nothing is said of its rank.
     """
     own = shown.report.scores.get(board.primary.key)
-    if own is None or shown.status == "withdrawn" or not board.measures_as(shown.report):
+    if own is None or shown.status != "unpublished" or not board.measures_as(shown.report):
         return None
     key = board.primary.key
     rows = server.ranking(session, board.name, key).rows
-    others = [
-        row.entry.scores[key]
-        for row in rows
-        if row.rank is not None and row.entry.submission_id != shown.id
-    ]
+    others = [row.entry.scores[key] for row in rows if row.rank is not None]
     rank = ranks([own, *others], board.primary)[0] or 1
     # The first of the others has the best value.
     return LeaderboardStanding(rank, 1 + len(others), next(iter(others), own))

@@ -24,6 +24,7 @@ from reverie_eval.analysis._evidence import (
     spread_of_changes,
 )
 from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_different_routes
+from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
 from reverie_eval.analysis._runs import Method, RunIntervals, Runs
 
 __all__ = [
@@ -40,6 +41,7 @@ __all__ = [
     "Grouping",
     "Method",
     "PredictedBox",
+    "Ranks",
     "RunIntervals",
     "Runs",
     "Spread",
@@ -47,6 +49,7 @@ __all__ = [
     "breakdown",
     "check_comparable",
     "compare",
+    "covariance_of_means",
     "episode",
     "episodes_won",
     "find_grouping",
@@ -55,6 +58,7 @@ __all__ = [
     "near_misses",
     "nearest_earlier",
     "p_text",
+    "rank_intervals",
     "score_all",
     "spread_of_changes",
     "with_different_routes",

@@ -238,6 +238,17 @@ class Schedule(WireModel):
         """Whether a phase is open at a time; the split may be paused nevertheless."""
         return any(phase.is_open(now) for phase in self.phases)
 
+    def opens_at(self, now: datetime) -> datetime | None:
+        """Return when the next phase opens; None if no other is to come."""
+        coming = [phase.opens for phase in self.phases if phase.opens and phase.opens > now]
+        return min(coming, default=None)
+
+    def closes_at(self, now: datetime) -> datetime | None:
+        """Return when the open phases close; None if none is open, or one has no end."""
+        ends = [phase.closes for phase in self.phases if phase.is_open(now)]
+        closing = [closes for closes in ends if closes is not None]
+        return max(closing) if closing and len(closing) == len(ends) else None
+
     def held_until(self, received_at: datetime) -> datetime | None:
         """Return the end of the phase in which a submission came; None if scores are not held back.
 
@@ -405,6 +416,11 @@ class LeaderboardRow(WireModel):
     rank: int | None = Field(examples=[1])
     """Equal for equal values of the metric that the rows are sorted by; null without a value, and
     for a result that is reported, not scored."""
+    rank_interval: tuple[int, int] | None = Field(None, examples=[[1, 3]])
+    """The best and the worst rank that it may have: with 95 % confidence, this holds for all rows
+    at once. Null in snapshots, without a rank, and if more than 100 results are ranked."""
+    group: int | None = Field(None, examples=[1])
+    """From 1; results in the same group cannot be told apart from its first. Null as above."""
     submission_id: SubmissionId | None
     """Null for a result that is reported, not scored."""
     team: TeamName

@@ -1,7 +1,7 @@
 """The state of a running server, opened once and shared by all requests."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Self
 
@@ -19,6 +19,7 @@ from reverie_eval.server.service.intake import Clock, Intake
 from reverie_eval.server.service.keys import current_key, open_key
 from reverie_eval.server.service.leaderboard import Ranking, leaderboard
 from reverie_eval.server.service.notices import Notices
+from reverie_eval.server.service.rank_intervals import RankIntervals
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.rescoring import Rescoring
 from reverie_eval.server.service.retention import Retention
@@ -60,6 +61,7 @@ class ServerState:
     sessions: Sessions
     entries: EntriesCache
     episodes: EpisodeService
+    rank_intervals: RankIntervals
     clock: Clock
 
     @classmethod
@@ -131,6 +133,7 @@ class ServerState:
             sessions,
             EntriesCache(schedules),
             EpisodeService(boards, submissions),
+            RankIntervals(),
             clock,
         )
 
@@ -150,7 +153,9 @@ class ServerState:
         """
         board = self.board(split)
         by = board.primary.key if metric is None else metric
-        return leaderboard(session, self.entries, board, by, self.clock())
+        ranking = leaderboard(session, self.entries, board, by, self.clock())
+        places = self.rank_intervals.places(session, board, by, ranking.rows)
+        return replace(ranking, places=places)
 
 
 def signer_of(settings: Settings, database: Database) -> Signer:

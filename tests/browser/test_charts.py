@@ -56,8 +56,9 @@ def values(site: Site, *keys: str) -> list[list[float]]:
 
 def test_a_board_draws_what_is_in_its_table(site: Site, open_page: OpenPage) -> None:
     page = open_page(site, BOARD)
-    front, rest = drawn(page, "against")
-    assert sorted(front + rest) == sorted(values(site, "path_length", "success"))
+    front, rest, reported = drawn(page, "against")
+    assert sorted(front + rest) == sorted(values(site, "success", "rgs"))
+    assert reported == [[52.51, 34.93]]
     best, _ = drawn(page, "progress")
     assert [best[-1][1]] == values(site, "rgspl")[0]
 
@@ -66,10 +67,10 @@ def test_a_chosen_axis_is_drawn_and_kept(site: Site, open_page: OpenPage) -> Non
     page = open_page(site, f"{BOARD}?extra_data=")
     page.get_by_label("Horizontal axis").select_option("spl")
     expect(page.locator("#against")).to_have_attribute(
-        "aria-label", re.compile("success rate against success weighted")
+        "aria-label", re.compile("grounding success against success weighted")
     )
-    front, rest = drawn(page, "against")
-    assert sorted(front + rest) == sorted(values(site, "spl", "success"))
+    front, rest, _ = drawn(page, "against")
+    assert sorted(front + rest) == sorted(values(site, "spl", "rgs"))
     assert query_of(page.url) == {"x": "spl"}
     main = page.get_by_role("main")
     for name in ("permalink", "LaTeX", "BibTeX", "All metrics"):

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.support.browser import OpenPage, sign_in
-from tests.support.demo_site import MARKED, MARKUP, OPEN, OWNER, SAMPLES, Site, sound
+from tests.support.demo_site import MARKED, MARKUP, OPEN, OWNER, PRIVATE, SAMPLES, Site, sound
 
 BROKEN = SAMPLES / "broken.json"
 PROBLEMS_OF_BROKEN = 23
@@ -79,12 +79,18 @@ def test_from_a_broken_file_to_the_board(
     expect(problems.locator("tbody tr")).to_have_count(PROBLEMS_OF_BROKEN)
     expect(problems).to_contain_text("[0].trajectory[2][0]")
     assert used(own_site) == before
+    expect(page.get_by_role("button", name="Score")).to_be_disabled()
 
     take(page, good)
     expect(problems).to_have_count(0)
     expect(page.get_by_role("main")).to_contain_text("can be scored")
     expect(page.get_by_text("Choose the file again")).to_be_hidden()
     expect(page.get_by_role("button", name="Check again")).to_be_visible()
+    expect(page.get_by_role("button", name="Cancel")).to_be_hidden()
+    page.get_by_role("radio", name=PRIVATE).check()
+    page.get_by_role("button", name=f"Check as {OPEN}").click()
+    expect(page.get_by_role("main")).to_contain_text(f"can be scored on {OPEN}")
+    expect(page.get_by_role("radio", name=OPEN)).to_be_checked()
     assert used(own_site) == before
 
     page.get_by_label("Name", exact=False).first.fill("Newcomer")

@@ -36,7 +36,7 @@ SIGN_IN = "sign-in"
 
 TABLE = """
                                     anonymous  other     mate      owner     organiser
-GET  /                              307        307       307       307       307
+GET  /                              200        200       200       200       200
 GET  /boards/{split}                200        200       200       200       200
 GET  /boards/{split}/snapshots/{number} 200     200       200       200       200
 GET  /boards/{split}/chart          200        200       200       200       200

@@ -2,6 +2,7 @@
 
 import re
 from html import unescape
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
@@ -10,14 +11,23 @@ import httpx
 import pytest
 
 from reverie_eval import CATALOGUE
-from reverie_eval.schemas.organising import NewReported
-from reverie_eval.schemas.service import MethodDescription, Verdict
-from reverie_eval.server.service.reported import add_reported
+from reverie_eval.schemas.service import Phase, Verdict
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import submission_of
 from tests.support.acting import review
-from tests.support.entries import BOARD, HTML, entered, get, named, tables
-from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+from tests.support.entries import BOARD, HTML, entered, get, named, report_result, tables
+from tests.support.serving import (
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
+from tests.support.visiting import signed_in
 
 MARKUP = "<script>alert(1)</script>"
 
@@ -25,39 +35,22 @@ MARKUP = "<script>alert(1)</script>"
 def ranking(server: Serving, query: str = "") -> list[tuple[str, str]]:
     """Return rank and method of the ranked rows."""
     rows = tables(get(server, query))[0]
-    return [(row[0], row[1].split(" ")[0]) for row in rows if len(row) > 1]
+    return [(row[0].split(" ")[0], row[1].split(" ")[0]) for row in rows if len(row) > 1]
 
 
 def headings(reply: httpx.Response) -> list[str]:
     document = html5lib.parse(reply.text)
     head = next(document.iter(f"{HTML}thead"))
-    return ["".join(cell.itertext()).split(" ")[0].strip() for cell in head.iter(f"{HTML}th")]
+    return [
+        "".join(cell.itertext()).split(" ")[0].strip()
+        for cell in head.iter(f"{HTML}th")
+        if cell.get("class") not in {"team", "number first"}
+    ]
 
 
 def judge(server: Serving, submission: str, verdict: Verdict, reason: str = "checked") -> int:
     with server.acting(ORGANISER) as transaction:
         return review(transaction, submission, verdict, reason).id
-
-
-def report_result(
-    server: Serving,
-    name: str,
-    source: str = "https://example.org/paper.pdf",
-    date: str | None = None,
-    dataset: str = "",
-    **scores: float,
-) -> None:
-    new = NewReported(
-        split=OPEN,
-        method=MethodDescription(name=name),
-        team="Qi et al.",
-        scores=scores,
-        source=source,
-        date=date,
-        dataset=dataset,
-    )
-    with server.acting(ORGANISER) as transaction:
-        add_reported(transaction, new, [OPEN])
 
 
 @pytest.fixture
@@ -108,26 +101,37 @@ def test_every_metric_has_a_link_that_sorts_by_it(five: Serving) -> None:
     }
     for link, key in links.items():
         text = get(five, unescape(link)).text
-        (direction,) = re.findall(r'aria-sort="(\w+)"', text)
+        (direction,) = set(re.findall(r'aria-sort="(\w+)"', text))
         assert direction == ("descending" if CATALOGUE[key].better == "higher" else "ascending")
 
 
-def test_the_primary_metric_comes_first_and_the_rest_on_demand(five: Serving) -> None:
-    usual = ["#", "Method,", "RGSPL", "TL", "SR", "OSR", "SPL", "RGS", "Entries", "Date"]
-    assert headings(get(five)) == usual
-    assert headings(get(five, "?columns=all"))[8] == "NE"
+def test_columns_are_grouped_in_the_order_of_papers(five: Serving) -> None:
+    about, groups = ["#", "Method,"], ["Navigation", "Grounding"]
+    usual = ["SR", "OSR", "SPL", "TL", "RGS", "RGSPL"]
+    assert headings(get(five)) == [*about, *groups, "Entries", "Date", *usual]
+    assert headings(get(five, "?columns=all"))[6:] == [*usual[:4], "NE", *usual[4:]]
+    assert headings(get(five, "?metric=navigation_error"))[6:] == [*usual[:4], "NE", *usual[4:]]
 
 
-def test_what_a_board_is_sorted_by_comes_second(five: Serving) -> None:
-    assert headings(get(five, "?metric=rgs"))[2:6] == ["RGSPL", "RGS", "TL", "SR"]
-    assert headings(get(five, "?metric=navigation_error"))[2:5] == ["RGSPL", "NE", "TL"]
+@pytest.mark.parametrize(("query", "label"), [("", "RGSPL %"), ("?metric=spl", "SPL %")])
+def test_what_it_is_sorted_by_also_comes_first_for_phones(
+    five: Serving, query: str, label: str
+) -> None:
+    page = get(five, query).text
+    ((heading, values),) = [
+        (re.findall(r'<th scope="col" class="number first".*?>([A-Z]+ %)<', page), values)
+        for values in [re.findall(r'<td class="first"[^>]*>([\d.-]+)', page)]
+    ]
+    assert heading == [label]
+    assert values == re.findall(r'<td class="primary"[^>]*>([\d.-]+)', page)
+    assert len(values) == 5
 
 
 def test_every_column_is_explained_below_the_table(five: Serving) -> None:
     page = get(five, "?metric=navigation_error").text
     meanings = re.findall(r"<summary>Column definitions</summary>(.*?)</details>", page, re.DOTALL)
     explained = re.findall(r'<dt><a href="/guide/metrics#(\w+)">(.*?) \S+</a></dt>', meanings[0])
-    assert [label for _, label in explained] == headings(get(five, "?metric=navigation_error"))[2:9]
+    assert [label for _, label in explained] == headings(get(five, "?metric=navigation_error"))[6:]
     for key, _ in explained:
         assert CATALOGUE[key].definition in unescape(meanings[0])
 
@@ -140,17 +144,45 @@ def test_a_metric_that_nothing_has_is_said_to_be_so(five: Serving) -> None:
 
 
 def test_a_filter_keeps_the_axes_of_the_charts(five: Serving) -> None:
-    page = get(five, "?x=spl&y=rgs&text=bee").text
+    page = get(five, "?x=spl&y=success&text=bee").text
     kept = dict(re.findall(r'<input type="hidden" name="(\w+)" value="(\w*)">', page))
-    assert kept == {"metric": "rgspl", "columns": "", "x": "spl", "y": "rgs"}
-    assert 'href="?x=spl&amp;y=rgs">Clear</a>' in page
+    assert kept == {"metric": "rgspl", "columns": "", "x": "spl", "y": "success"}
+    assert 'href="?x=spl&amp;y=success">Clear</a>' in page
 
 
 def test_cells(five: Serving) -> None:
-    rank, method, primary, *values = tables(get(five))[0][0]
-    assert (rank, method) == ("1", "Bee Red")
-    assert primary.startswith("50.00 ")  # and its interval
-    assert values == ["9.50", "-", "-", "25.00", "-", "2", "2026-03-02"]
+    rank, method, *values, primary, entries, date = tables(get(five))[0][0]
+    assert (rank.split(" ")[0], method) == ("1", "Bee Red")
+    assert re.fullmatch(r"50\.00 \(95 % interval [\d.]+ to [\d.]+\)", primary)
+    assert values == ["-", "-", "25.00", "9.50", "-"]
+    assert (entries, date) == ("2", "2026-03-02")
+
+
+def test_the_head_counts_results_and_teams_that_are_named(five: Serving) -> None:
+    report_result(five, "FAST", rgspl=0.99)
+    assert "<strong>5 results</strong> from 2 teams, 1 reported" in get(five).text
+    hidden = "2100-01-01T00:00:00Z"
+    for row in five.ask(OTHER, "GET", "/submissions").json():
+        change = {"anonymous_until": hidden}
+        five.ask(OTHER, "PATCH", f"/submissions/{row['id']}", json=change)
+    assert "<strong>5 results</strong> from 1 team, 1 reported" in get(five).text
+
+
+def test_the_head_says_until_when_results_are_accepted(
+    open_server: OpenServer, folder: Path
+) -> None:
+    phase = Phase.model_validate({"name": "2026", "closes": "2026-06-01T00:00:00Z"})
+    server = open_server(adjusted(settings_of(folder), OPEN, phases=(phase,)))
+    assert 'open</span> until <time datetime="2026-06-01' in get(server).text
+    server.clock.turn(days=200)
+    assert '<span class="badge bad">closed</span>' in get(server).text
+
+
+def test_rows_of_one_s_own_team_are_marked(five: Serving) -> None:
+    for who, own in ((None, []), (OTHER, ["Bee", "Elk"])):
+        page = signed_in(five, who).get(BOARD) if who else get(five)
+        rows = re.findall(r'<tr class="mine">.*?title="(\w+)".*?yours', page.text, re.DOTALL)
+        assert rows == own
 
 
 FILTERED = [
@@ -215,7 +247,6 @@ def test_an_empty_board(server: Serving) -> None:
     page = get(server).text
     assert "No results are published yet." in page
     assert "<canvas" not in page
-    assert get(server, path="/", status=307).headers["location"].startswith("/boards/")
 
 
 def test_names_are_text(server: Serving) -> None:
@@ -274,10 +305,10 @@ def test_reported_results_stand_among_the_others_without_a_rank(five: Serving) -
     ]
     first, *_, tie, _, _ = tables(get(five))[0]
     assert first == [
-        *("-", "FAST reported source Qi et al.", "99.00", "-", "-", "-", "50.00", "-"),
+        *("-", "FAST Qi et al. reported source", "-", "-", "50.00", "-", "-", "99.00"),
         *("-", "2020-06"),
     ]
-    assert tie[1] == "Tie reported from: An old leaderboard Qi et al."
+    assert tie[1] == "Tie Qi et al. reported from: An old leaderboard"
     assert tie[-1] == "-"
     assert 'href="https://example.org/paper.pdf"' in get(five).text
     by_spl = [("1", "Dog"), ("2", "Ant"), ("2", "Elk"), ("-", "FAST"), ("4", "Bee")]
@@ -287,9 +318,9 @@ def test_reported_results_stand_among_the_others_without_a_rank(five: Serving) -
     ]
 
 
-def test_charts_and_citations_are_of_scored_results(five: Serving) -> None:
+def test_citations_are_of_scored_results(five: Serving) -> None:
     report_result(five, "FAST", rgspl=0.99, spl=0.5)
-    for copy in ("chart?x=spl&y=rgspl", "latex", "bibtex"):
+    for copy in ("latex", "bibtex"):
         text = five.client.get(f"{BOARD}/{copy}").text
         assert "Bee" in text
         assert "FAST" not in text
@@ -318,7 +349,7 @@ def test_results_on_another_version_of_the_dataset_are_apart(five: Serving) -> N
     assert ranking(five)[0] == ("-", "Same")
     (row,) = tables(get(five))[1]
     assert row[0] == "other dataset on v2; this leaderboard is on demo"
-    assert row[1].startswith("Old reported source")
+    assert row[1] == "Old Qi et al. reported source"
     board = five.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()
     assert [(each["standing"], each["dataset"]) for each in board["apart"]] == [
         ("other-dataset", "v2")
@@ -352,7 +383,7 @@ def test_intervals_of_open_splits_alone(server: Serving) -> None:
     board = server.ask(None, "GET", f"/splits/{OPEN}/leaderboard").json()
     low, high = board["rows"][0]["intervals"]["rgspl"]
     assert 0 < low < board["rows"][0]["scores"]["rgspl"] < high < 1
-    assert f"{100 * low:.2f}\u2013{100 * high:.2f}" in unescape(get(server).text)
+    assert f"95 % interval {100 * low:.2f} to {100 * high:.2f}" in get(server).text
     entered(server, split=PRIVATE)
     board = server.ask(None, "GET", f"/splits/{PRIVATE}/leaderboard").json()
     assert board["rows"][0]["intervals"] == {}
@@ -410,4 +441,4 @@ def test_on_either_database(server_on: Serving) -> None:
     entered(server_on, {"rgspl": 0.75}, **named("Bee"))
     judge(server_on, submission, "verified")
     assert ranking(server_on) == [("1", "Bee"), ("2", "Ünt")]
-    assert tables(get(server_on))[0][1][1] == "Ünt {漢} verified Blue"
+    assert tables(get(server_on))[0][1][1] == "Ünt {漢} Blue verified"

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import pytest
 
 from reverie_eval.server.service.charts import front, records
-from tests.support.entries import BOARD, entered, get, named
+from tests.support.entries import BOARD, entered, get, named, report_result
 from tests.support.serving import OPEN, OTHER, OWNER, Serving
 
 
@@ -22,7 +22,25 @@ def test_a_chart(server: Serving) -> None:
     assert points["x"] == [9.5, 12.0, 30.25]
     assert points["y"] == [50.0, 25.0, 25.0]
     assert points["team"] == ["Red", "Blue", "Blue"]
-    assert chart["front"] == [0]
+    assert chart["front"] == []  # neither direction of the length is better
+
+
+def test_a_front_is_of_metrics_that_have_a_better_direction(server: Serving) -> None:
+    entered(server, {"success": 0.25, "rgs": 0.5}, **named("Ant"))
+    entered(server, {"success": 0.5, "rgs": 0.25}, OTHER, **named("Bee"))
+    entered(server, {"success": 0.25, "rgs": 0.25}, **named("Cat"))
+    chart = get(server, path=f"{BOARD}/chart").json()
+    assert [chart["points"]["method"][place] for place in chart["front"]] == ["Bee", "Ant"]
+
+
+def test_a_chart_has_lines_for_people_and_the_best_that_is_reported(server: Serving) -> None:
+    entered(server, {"success": 0.5, "rgs": 0.25}, **named("Ant"))
+    for name, rgs in (("Human", 0.7784), ("FAST", 0.35), ("Humanoid", 0.3)):
+        report_result(server, name, success=0.8, rgs=rgs)
+    chart = get(server, path=f"{BOARD}/chart").json()
+    assert chart["points"]["method"] == ["Ant"]
+    assert sorted(chart["reported"]["method"]) == ["FAST", "Human", "Humanoid"]
+    assert chart["lines"] == [{"name": "Human", "y": 77.84}, {"name": "Best reported", "y": 35.0}]
 
 
 def test_progress_is_by_the_metric_that_the_board_is_ranked_by(server: Serving) -> None:
@@ -105,11 +123,11 @@ def test_latex(server: Serving) -> None:
     )
     lines = get(server, path=f"{BOARD}/latex").text.splitlines()
     assert lines[lines.index(r"\midrule") + 1 : lines.index(r"\bottomrule")] == [
-        r"Ant (Blue) & \textbf{50.00} & 25.00 \\",
-        r"Ant (Red) & 25.00 & \textbf{50.00} \\",
-        rf"{escaped} & 12.50 & - \\",
+        r"Ant (Blue) & 25.00 & \textbf{50.00} \\",
+        r"Ant (Red) & \textbf{50.00} & 25.00 \\",
+        rf"{escaped} & - & 12.50 \\",
     ]
-    assert r"Method & RGSPL & SPL \\" in lines
+    assert r"Method & SPL & RGSPL \\" in lines
     assert in_latex(server.state.boards[OPEN].signature) in lines[2]
 
 
@@ -117,7 +135,8 @@ def test_bibtex(server: Serving) -> None:
     submission = entered(server, {"rgspl": 0.5}, **named(HARD))
     text = get(server, path=f"{BOARD}/bibtex").text
     signature = in_latex(server.state.boards[OPEN].signature)
-    board, row = text.split("\n\n")
+    dataset, board, row = text.split("\n\n")
+    assert dataset.startswith("@inproceedings{qi2020reverie,")
     assert board.splitlines() == [
         "@misc{reverie-val-unseen-2026-03-02,",
         "  author = {{REVERIE evaluation server}},",
@@ -131,6 +150,16 @@ def test_bibtex(server: Serving) -> None:
     assert rf"\url{{http://server/submissions/{submission}}}" in row
     assert r"50\% \textbraceleft{}braces\textbraceright{} \& \_under\_" in row
     assert text.count("{") == text.count("}")  # BibTeX counts them, with a backslash or not
+
+
+def test_a_citation_leads_to_the_method_s_paper_and_says_where_the_numbers_are(
+    server: Serving,
+) -> None:
+    paper = "https://arxiv.org/abs/2301.00001"
+    submission = entered(server, {"rgspl": 0.5}, **named("Ant", paper=paper))
+    *_, row = get(server, path=f"{BOARD}/bibtex").text.split("\n\n")
+    assert rf"  howpublished = {{\url{{{paper}}}}}," in row
+    assert rf", \url{{http://server/submissions/{submission}}}}}," in row
 
 
 def test_an_address_in_bibtex_is_left_as_it_is(server: Serving) -> None:

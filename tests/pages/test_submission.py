@@ -16,6 +16,7 @@ from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.settings import Quota
 from tests.conftest import SAMPLES
 from tests.support.acting import add_person, add_team, create_token, review
+from tests.support.entries import entered, named
 from tests.support.serving import (
     GOOD,
     MATE,
@@ -367,3 +368,17 @@ def test_a_name_cannot_leave_the_chart_s_data(server: Serving) -> None:
         server.clock.turn(hours=hour)
     (found,) = DRAWN.findall(signed_in(server, OWNER).get("/team").text)
     assert json.loads(unescape(found))["points"]["method"] == ["' onload='alert(1)"] * 2
+
+
+def test_a_new_result_says_where_it_would_be(server: Serving) -> None:
+    entered(server, {"rgspl": 0.7189}, OTHER, **named("Ant"))
+    entered(server, {"rgspl": 0.1}, OTHER, **named("Bee"))
+    submission = server.upload(OWNER, server.distinct()).json()["submission"]
+    own = 100 * submission["report"]["scores"]["rgspl"]
+    assert 10 < own < 71.89
+    visitor, path = signed_in(server, OWNER), f"/submissions/{submission['id']}"
+    page = said(visitor.get(path))
+    assert "On the leaderboard, this would be 2nd of 3 by RGSPL; the best there has 71.89." in page
+    assert page.index("would be 2nd") < page.index("Publish") < page.index("Submissions left")
+    visitor.send(path, {"published": "true"})
+    assert "would be" not in said(visitor.get(path))

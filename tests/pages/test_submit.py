@@ -367,3 +367,12 @@ def test_signing_out_ends_the_session(owner: Visitor) -> None:
     owner.send("/sign-out", {})
     with owner.server.state.database.reading() as session:
         assert session.scalar(select(func.count()).select_from(BrowserSession)) == 0
+
+
+def test_a_file_for_another_split_can_be_checked_as_that(owner: Visitor) -> None:
+    page = owner.upload(submission_for(PRIVATE), "check").text
+    assert re.search(
+        rf'<button type="button"[^>]* data-split="{PRIVATE}">Check as {PRIVATE}<', page
+    )
+    # One of its ids is of val_seen, most are of the split that was chosen.
+    assert "data-split" not in owner.upload(BROKEN, "check").text

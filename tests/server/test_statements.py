@@ -48,6 +48,7 @@ def busy(server: Serving) -> Serving:
 
 
 PAGES = {
+    "the first page": (None, "/"),
     "the board": (None, "/boards/{split}"),
     "the board, signed in": (OWNER, "/boards/{split}"),
     "the chart": (None, "/boards/{split}/chart"),

@@ -6,8 +6,11 @@ from typing import Any
 import html5lib
 import httpx
 
+from reverie_eval.schemas.organising import NewReported
+from reverie_eval.schemas.service import MethodDescription
+from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.store.tables import Submission
-from tests.support.serving import OPEN, OWNER, Serving
+from tests.support.serving import OPEN, ORGANISER, OWNER, Serving
 
 Scores = Mapping[str, float]
 HTML = "{http://www.w3.org/1999/xhtml}"
@@ -39,6 +42,28 @@ def entered(
     return submission
 
 
+def report_result(
+    server: Serving,
+    name: str,
+    source: str = "https://example.org/paper.pdf",
+    date: str | None = None,
+    dataset: str = "",
+    **scores: float,
+) -> None:
+    """Put a result of others on the board."""
+    new = NewReported(
+        split=OPEN,
+        method=MethodDescription(name=name),
+        team="Qi et al.",
+        scores=scores,
+        source=source,
+        date=date,
+        dataset=dataset,
+    )
+    with server.acting(ORGANISER) as transaction:
+        add_reported(transaction, new, [OPEN])
+
+
 def get(server: Serving, query: str = "", path: str = BOARD, status: int = 200) -> httpx.Response:
     """Look at a page of a board."""
     reply = server.client.get(path + query)
@@ -47,11 +72,18 @@ def get(server: Serving, query: str = "", path: str = BOARD, status: int = 200) 
 
 
 def tables(reply: httpx.Response) -> list[list[list[str]]]:
-    """Return the cells of every table's body, each in words; HTML with an error is refused."""
+    """Return the cells of every table's body, each in words; HTML with an error is refused.
+
+    Without those that only some screens show, as others show the same elsewhere.
+    """
     document = html5lib.HTMLParser(strict=True).parse(reply.text)
     return [
         [
-            [" ".join("".join(cell.itertext()).split()) for cell in row]
+            [
+                " ".join("".join(cell.itertext()).split())
+                for cell in row
+                if cell.get("class") not in {"first", "team"}
+            ]
             for row in body.iter(f"{HTML}tr")
         ]
         for body in document.iter(f"{HTML}tbody")

@@ -52,6 +52,7 @@ class Example(NamedTuple):
 
 
 EXAMPLES = (
+    Example("/"),
     Example("/boards/{split}"),
     Example("/boards/{split}", OWNER, "?metric=spl&extra_data=without&columns=all"),
     Example("/boards/{split}", None, "?text=nothing+is+called+so"),
@@ -110,7 +111,6 @@ EXAMPLES = (
 )
 NO_PAGES = frozenset(
     {
-        "/",
         "/feed.atom",
         "/boards/{split}/feed.atom",
         "/boards/{split}/chart",

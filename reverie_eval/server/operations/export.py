@@ -89,6 +89,7 @@ def _flat(split: str, row: dict[str, Any]) -> Row:
         for end, bound in zip(("low", "high"), interval, strict=True)
     }
     method["method"] = method.pop("name")
+    row["rank_low"], row["rank_high"] = row.pop("rank_interval") or (None, None)
     return {"split": split, **row, **method, **scores, **bounds}
 
 
@@ -98,6 +99,9 @@ _RESULT = {
     "split": _TEXT,
     "standing": _TEXT,
     "rank": "integer",
+    "rank_low": "integer",
+    "rank_high": "integer",
+    "group": "integer",
     "submission_id": _TEXT,
     "team": _TEXT,
     "published_at": _TEXT,

@@ -9,6 +9,7 @@ from reverie_eval.server.pages import (
     episodes,
     feeds,
     guide,
+    home,
     joining,
     play,
     signing,
@@ -22,6 +23,7 @@ from reverie_eval.server.pages.rendering import STATIC, StaticPages
 def add_pages(app: FastAPI) -> None:
     """Add the pages; they are not part of the API's description."""
     for part in (
+        home,
         boards,
         feeds,
         desk,

@@ -1,6 +1,6 @@
 """The leaderboards, their charts, and export for papers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from math import ceil, inf
@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 import msgspec
 from fastapi import APIRouter, Depends, Query, Request
-from fastapi.responses import PlainTextResponse, RedirectResponse, Response
+from fastapi.responses import PlainTextResponse, Response
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
@@ -28,6 +28,8 @@ from reverie_eval.server.service.snapshots import snapshot_of
 
 PER_PAGE = 100
 NEWS_SHOWN = 5
+_AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
+"""Metrics of navigation in the order of the REVERIE paper's tables; the others follow."""
 
 router = APIRouter()
 
@@ -59,8 +61,8 @@ class BoardQuery(BaseModel):
     until: Day = None
     text: Annotated[str, Field(max_length=100)] = ""
     columns: Literal["", "all"] = ""
-    x: MetricKey = "path_length"
-    y: MetricKey = "success"
+    x: MetricKey = "success"
+    y: MetricKey = "rgs"
     page: Annotated[int, Field(ge=1, le=100_000)] = 1
 
     @property
@@ -114,12 +116,6 @@ def ranked(split: str, server: Server, query: Shown) -> Ranking:
 Ranked = Annotated[Ranking, Depends(ranked)]
 
 
-@router.get("/")
-def show_home(server: Server) -> Response:
-    """Redirect to the first split's leaderboard."""
-    return RedirectResponse(f"/boards/{next(iter(server.boards))}")
-
-
 @dataclass(frozen=True, slots=True)
 class Part:
     """The rows of one page of a leaderboard."""
@@ -131,6 +127,25 @@ class Part:
     """The number of rows on all pages."""
     number: int
     pages: int
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Where values lie on the bars of intervals, which all rows of a table share."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, rows: Sequence[Row], metric: str) -> Self:
+        """Return the scale from the lowest to the highest end of any interval."""
+        ends = [end for row in rows for end in row.entry.intervals.get(metric, ())]
+        return cls(min(ends, default=0.0), max(ends, default=1.0))
+
+    def at(self, value: float) -> float:
+        """Return the place of a value, from 0 on the left to 100 on the right."""
+        width = self.high - self.low
+        return round(100 * (value - self.low) / width, 1) if width else 50.0
 
 
 class Packed(Response):
@@ -148,7 +163,7 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
     with visitor.snapshot() as snapshot:
         ranking = visitor.server.ranking(snapshot.session, split, query.ranked_by)
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
-        scored = _scored(ranking, query)
+        charted = query.shown.of(ranking.rows, ranking)
         is_copy = visitor.request.app.state.is_copy
         return page(
             visitor.request,
@@ -157,7 +172,12 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             board=ranking.board,
             ranking=ranking,
             query=query,
+            groups=_groups(ranking.board, query, [*part.rows, *apart]),
             columns=_columns(ranking.board, query, [*part.rows, *apart]),
+            scale=Scale.of(part.rows, query.metric),
+            schedule=visitor.server.schedules.in_effect(snapshot.session)[split],
+            now=snapshot.now,
+            own_team=snapshot.caller and snapshot.caller.team_id,
             axes={
                 metric.key: f"{metric.label}: {metric.name}"
                 for metric in CATALOGUE.values()
@@ -170,10 +190,10 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             news=latest_news(snapshot.session, NEWS_SHOWN),
             reviewed=[row for row in part.rows if row.entry.reviews],
             has_intervals=any(query.metric in row.entry.intervals for row in part.rows),
-            has_charts=bool(scored),
+            has_charts=bool(charted),
             # A page that is opened as a file cannot load its data.
-            chart=chart_of(ranking, scored, query.x, query.y) if is_copy else None,
-            counts={"all": len(ranking.rows), "apart": len(apart)},
+            chart=chart_of(ranking, charted, query.x, query.y) if is_copy else None,
+            counts=_counts(ranking, apart),
             numbers=_numbers(part.number, part.pages),
         )
 
@@ -181,7 +201,8 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
 @router.get("/boards/{split}/chart")  # noqa: FAST003  # of Ranked
 def show_chart(ranking: Ranked, query: Shown) -> Response:
     """Return the data of the charts."""
-    drawn = chart_of(ranking, _scored(ranking, query), query.x, query.y)
+    rows = query.shown.of(ranking.rows, ranking)
+    drawn = chart_of(ranking, rows, query.x, query.y)
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
@@ -222,10 +243,19 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
         )
 
 
-def _scored(ranking: Ranking, query: BoardQuery) -> Sequence[Row]:
-    """Return the results of the charts: those of this server."""
-    rows = query.shown.of(ranking.rows, ranking)
-    return [row for row in rows if row.entry.standing == "ranked"]
+def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:
+    """Count what a leaderboard has, and the rows that are shown as not ranked.
+
+    Teams that hide are not counted: their number could tell whether a team that is named hides.
+    """
+    scored = [row.entry for row in ranking.rows if row.entry.standing == "ranked"]
+    return {
+        "all": len(ranking.rows),
+        "scored": len(scored),
+        "teams": len({team for entry in scored if (team := ranking.team(entry))}),
+        "reported": len(ranking.rows) - len(scored),
+        "apart": len(apart),
+    }
 
 
 def _part(ranking: Ranking, query: BoardQuery) -> Part:
@@ -244,19 +274,30 @@ def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:
     return sorted(rows, key=lambda row: row.entry.scores.get(query.metric, inf))
 
 
-def _columns(board: Board, query: BoardQuery, rows: Sequence[Row]) -> Sequence[Metric]:
-    """Return the columns: the primary metric, the metric sorted by, then the catalogue's order.
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Columns under one heading."""
 
-    A phone has room for only two columns beside the names.
-    """
+    name: Literal["Navigation", "Grounding"]
+    columns: Sequence[Metric]
+
+
+def _groups(board: Board, query: BoardQuery, rows: Sequence[Row]) -> Sequence[Group]:
+    """Return the columns as papers order them: navigation, then grounding."""
     scored = {key for row in rows for key in row.entry.scores}
     headline = {key for key, metric in CATALOGUE.items() if metric.headline}
     keys = scored if query.columns == "all" else headline & scored
-    keys |= headline & set(board.metrics)
-    first = dict.fromkeys((board.primary.key, query.metric))
-    return [CATALOGUE[key] for key in first] + [
-        metric for key, metric in CATALOGUE.items() if key in keys - first.keys()
-    ]
+    keys |= {query.metric} | headline & set(board.metrics)
+    ordered = [CATALOGUE[key] for key in dict.fromkeys((*_AS_PAPERS, *CATALOGUE)) if key in keys]
+    groups = (
+        Group("Navigation", [each for each in ordered if "answer" not in each.needs]),
+        Group("Grounding", [each for each in ordered if "answer" in each.needs]),
+    )
+    return [group for group in groups if group.columns]
+
+
+def _columns(board: Board, query: BoardQuery, rows: Sequence[Row]) -> Sequence[Metric]:
+    return [metric for group in _groups(board, query, rows) for metric in group.columns]
 
 
 def _numbers(here: int, pages: int) -> Sequence[int | None]:

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from functools import cache
 from html import unescape
 from importlib.resources import files
+from types import MappingProxyType
 from typing import Any
 from urllib.parse import quote, urlsplit
 
@@ -21,7 +22,7 @@ from starlette.types import Scope
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import MOST_EXTRA
-from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.schemas.wire import LONGEST_LINE, LONGEST_LINK, LONGEST_NAME, LONGEST_TEXT
 from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
 from reverie_eval.server.http.callers import Snapshot, state_of, visit_of
@@ -47,6 +48,16 @@ HEADERS = {
 """Pages load nothing from other hosts, and run no inline scripts."""
 _LINK = re.compile(r' (href|src|action|data-source|data-submission)="([^"]*)"')
 """An attribute with an address. No value can look like one: quotes in it are escaped."""
+_SHORT_FLAGS: Mapping[str, str] = MappingProxyType(
+    {
+        "extra_data": "+data",
+        "pre_exploration": "explored",
+        "ground_truth_objects": "+objects",
+        "ensemble": "ensemble",
+        "navigation_only": "nav only",
+    }
+)
+"""What a method discloses, where there is little room."""
 _NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
@@ -73,7 +84,11 @@ class Site:
     contact: str
     links: Mapping[str, str]
     address: str
-    """Of the server."""
+    """Of the server, from its settings; may be empty."""
+    url: str
+    """Of the page, without its query."""
+    preview: str
+    """The address of the picture for links to the site."""
     copied_at: datetime | None
     """The time of a copy that is read without the server; None on the server itself."""
     version: str = __version__
@@ -154,19 +169,22 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
     is_copy = request.app.state.is_copy
     boards = [Place(name, f"/boards/{name}") for name in server.boards]
     episodes = [] if is_copy else [Place("Episodes", "/episodes")]
-    own = [] if person is None else [Place("Submit", "/submit")]
+    # Anyone may look for the way in: who is not signed in is led to how to get an account.
+    submit = [] if is_copy else [Place("Submit", "/submit")]
     desk = [Place("Desk", "/desk")] if person is not None and person.role == "organiser" else []
     return Site(
         title=server.settings.title,
         banner=notice.banner,
         is_paused=notice.paused,
-        places=[*boards, *episodes, *own, Place("Guide", "/guide"), *desk],
+        places=[*boards, *episodes, *submit, Place("Guide", "/guide"), *desk],
         path=request.url.path,
         person=person,
         csrf_token=csrf_token,
         contact=server.settings.contact,
         links={text: str(url) for text, url in server.settings.links.items()},
         address=server.settings.public_address,
+        url=address_of_site(request, request.url.path),
+        preview=address_of_site(request, static_url("preview.png")),
         copied_at=server.clock() if is_copy else None,
     )
 
@@ -183,6 +201,8 @@ def _environment() -> Environment:
     environment.globals |= {
         "called": TOKEN_NAMES,
         "flags": METHOD_FLAGS,
+        "flag_meanings": {flag: Method.model_fields[flag].description for flag in METHOD_FLAGS},
+        "short_flags": _SHORT_FLAGS,
         "longest": {
             "name": LONGEST_NAME,
             "line": LONGEST_LINE,
@@ -201,6 +221,7 @@ def _environment() -> Environment:
         "instant": instant,
         "metric": lambda value, key: CATALOGUE[key].display(value),
         "number": "{:,}".format,
+        "ordinal": ordinal,
         "sentence": sentence,
     }
     return environment
@@ -239,6 +260,17 @@ def instant(moment: datetime | None) -> Markup:
         return Markup("-")
     utc = moment.astimezone(UTC)
     return Markup('<time datetime="{}">{:%Y-%m-%d %H:%M} UTC</time>').format(utc.isoformat(), utc)
+
+
+def ordinal(number: int) -> str:
+    """Write an ordinal number.
+
+    >>> [ordinal(number) for number in (1, 2, 3, 4, 11, 21, 112, 1003)]
+    ['1st', '2nd', '3rd', '4th', '11th', '21st', '112th', '1,003rd']
+    """
+    is_teen = number // 10 % 10 == 1
+    ending = "th" if is_teen else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number:,}{ending}"
 
 
 def sentence(text: str) -> str:
@@ -291,7 +323,7 @@ def fault_page(request: Request, problem: ProblemDocument) -> Response | None:
 
 
 def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument) -> Response:
-    way_on = Place("To the leaderboard", "/")
+    way_on = Place("To the first page", "/")
     # To the same leaderboard if only its query was invalid.
     if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
         split = request.path_params["split"]

@@ -1,11 +1,13 @@
 """``/submissions/{id}``: a submission for its team, or its published part for others."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
+from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE, primary_metric
 from reverie_eval.schemas.service import (
@@ -20,8 +22,11 @@ from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
 from reverie_eval.server.service.audit import history
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.reviews import standing_reviews
 from reverie_eval.server.service.submissions import Publication, publication, submission_of
+from reverie_eval.server.state import ServerState
 
 router = APIRouter()
 
@@ -101,6 +106,7 @@ def _own_page(
         snapshot,
         problem.status if problem else 200,
         shown=shown,
+        standing=board and _standing(server, session, board, shown),
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
         has_episodes=_has_episodes(visit, shown),
         one_per_team=board is not None and board.split.one_per_team,
@@ -120,6 +126,35 @@ def _has_episodes(visit: Call, shown: SubmissionReport | Publication) -> bool:
     """Whether episodes may be shown to somebody, and would be scored in the same way now."""
     board = visit.server.boards.get(shown.split)
     return board is not None and not board.is_private and board.measures_as(shown.report)
+
+
+@dataclass(frozen=True, slots=True)
+class LeaderboardStanding:
+    """Where a result would be on its leaderboard."""
+
+    rank: int
+    count: int
+    """All results with a rank, itself included."""
+    best: float
+    """Of the others, or itself if there are none."""
+
+
+def _standing(
+    server: ServerState, session: Session, board: Board, shown: SubmissionReport
+) -> LeaderboardStanding | None:
+    """Compare a result that is not published with those that are; None if it cannot be ranked.
+
+    While scores are held back, a result has none, and nothing is said of its rank.
+    """
+    own = shown.report.scores.get(board.primary.key)
+    if own is None or shown.status != "unpublished" or not board.measures_as(shown.report):
+        return None
+    key = board.primary.key
+    rows = server.ranking(session, board.name, key).rows
+    others = [row.entry.scores[key] for row in rows if row.rank is not None]
+    rank = ranks([own, *others], board.primary)[0] or 1
+    # The first of the others has the best value.
+    return LeaderboardStanding(rank, 1 + len(others), next(iter(others), own))
 
 
 def change_of(typed: Mapping[str, str]) -> SubmissionChange:

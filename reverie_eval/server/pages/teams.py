@@ -86,15 +86,11 @@ def split_quotas(server: ServerState, snapshot: Snapshot) -> Sequence[SplitQuota
 
 
 def _split_quota(board: Board, schedule: Schedule, quota: QuotaReport, now: datetime) -> SplitQuota:
-    phases = schedule.phases
-    coming = [phase.opens for phase in phases if phase.opens and phase.opens > now]
-    ending = [phase.closes for phase in phases if phase.is_open(now)]
-    closing = [closes for closes in ending if closes is not None]
     return SplitQuota(
         board=board,
         quota=quota,
         is_open=schedule.is_open(now),
         is_paused=schedule.paused,
-        opens_at=min(coming, default=None),
-        closes_at=max(closing) if closing and len(closing) == len(ending) else None,
+        opens_at=schedule.opens_at(now),
+        closes_at=schedule.closes_at(now),
     )

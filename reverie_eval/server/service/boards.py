@@ -45,6 +45,12 @@ class Board:
     """Of the bundle without its answers, which participants may have."""
 
     @property
+    def title(self) -> str:
+        """What its leaderboard is called: ``Val unseen leaderboard``."""
+        name = self.name.replace("_", " ")
+        return f"{name[:1].upper()}{name[1:]} leaderboard"
+
+    @property
     def is_private(self) -> bool:
         """Whether only rounded means may leave the server."""
         return self.split.visibility == "private"

@@ -15,19 +15,59 @@ from reverie_eval.server.service.leaderboard import Ranking
 def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[str, Any]:
     """Return the data of a leaderboard's charts, in columns.
 
-    ``points`` are the rows that have both metrics, and ``front`` the indices of their Pareto front,
-    from left to right. ``progress`` contains the rows that were better than all earlier ones by the
-    metric of the ranking, in the order of publication.
+    ``points`` are the results scored here that have both metrics, and ``front`` the indices of
+    their Pareto front, the best by ``x`` first; empty if a metric has no better direction.
+    ``reported`` are those of others, and ``lines`` are for comparison: people, and the best that is
+    reported. ``progress`` contains the results that were better than all earlier ones by the metric
+    of the ranking, in the order of publication.
     """
-    shown = [row for row in rows if x in row.entry.scores and y in row.entry.scores]
-    across, up = (_displayed(CATALOGUE[key], [row.entry.scores for row in shown]) for key in (x, y))
+    scored = [row for row in rows if row.entry.standing == "ranked"]
+    reported = [row for row in rows if row.entry.standing == "reported"]
+    points = _points(ranking, scored, x, y)
+    is_ordered = "neither" not in {CATALOGUE[key].better for key in (x, y)}
     return {
         "x": _axis(CATALOGUE[x]),
         "y": _axis(CATALOGUE[y]),
-        "points": {"x": across, "y": up, **_about(ranking, shown)},
-        "front": front(_costs(CATALOGUE[x], across), _costs(CATALOGUE[y], up)),
-        "progress": _progress(ranking, rows),
+        "points": points,
+        "front": _front(points, x, y) if is_ordered else [],
+        "reported": _points(ranking, reported, x, y),
+        "lines": _lines(reported, CATALOGUE[y]),
+        "progress": _progress(ranking, scored),
     }
+
+
+def _points(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[str, Any]:
+    """Return the rows that have both metrics."""
+    shown = [row for row in rows if x in row.entry.scores and y in row.entry.scores]
+    across, up = (_displayed(CATALOGUE[key], [row.entry.scores for row in shown]) for key in (x, y))
+    return {"x": across, "y": up, **_about(ranking, shown)}
+
+
+def _front(points: Mapping[str, Any], x: str, y: str) -> Sequence[int]:
+    return front(_costs(CATALOGUE[x], points["x"]), _costs(CATALOGUE[y], points["y"]))
+
+
+def _lines(reported: Sequence[Row], metric: Metric) -> Sequence[Mapping[str, Any]]:
+    """Return reported values to compare with: the best of people, and the best of agents."""
+    if metric.better == "neither":
+        return []
+    lines = []
+    for name, is_human in (("Human", True), ("Best reported", False)):
+        chosen = [
+            row.entry.scores
+            for row in reported
+            if metric.key in row.entry.scores and _is_human(row) is is_human
+        ]
+        values = _displayed(metric, chosen)
+        if values:
+            best = max(values) if metric.better == "higher" else min(values)
+            lines.append({"name": name, "y": best})
+    return lines
+
+
+def _is_human(row: Row) -> bool:
+    """Whether a reported result says that people walked."""
+    return "human" in f"{row.entry.method['name']} {row.entry.team}".casefold().split()
 
 
 def _progress(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:
@@ -109,7 +149,7 @@ def records(at: Sequence[Any], costs: Sequence[float]) -> Sequence[int]:
 
 
 def _costs(metric: Metric, values: Sequence[float]) -> Sequence[float]:
-    """Negate values if higher is better; if neither direction is, lower counts as better."""
+    """Negate values if higher is better."""
     return [-value for value in values] if metric.better == "higher" else values
 
 

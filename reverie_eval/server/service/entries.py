@@ -13,7 +13,7 @@ from threading import Lock
 from typing import Any
 
 import msgspec
-from sqlalchemy import ColumnElement, Text, cast, exists, func, literal, select
+from sqlalchemy import Text, cast, exists, func, literal, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.metrics import CATALOGUE
@@ -22,6 +22,7 @@ from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.service.schedules import Schedules, Timetable
+from reverie_eval.server.store.database import IS_SNAPSHOT
 from reverie_eval.server.store.tables import (
     AuditEntry,
     Correction,
@@ -33,6 +34,8 @@ from reverie_eval.server.store.tables import (
 _SUBMITTED = literal("submitted", literal_execute=True)
 """The most frequent action; it changes no leaderboard, because it publishes nothing. It is written
 into the statements, so that databases see which index has all others."""
+_NUMBERS = "last recorded"
+"""Where a session that only reads keeps what :func:`_last_recorded` returns."""
 _LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
 """Standings of the entries that are sorted by a metric together."""
 
@@ -150,7 +153,7 @@ class EntriesCache:
 
     def entries(self, session: Session, board: Board, now: datetime) -> BoardEntries:
         """Return the entries of a leaderboard."""
-        number = _last_recorded(session, AuditEntry.action != _SUBMITTED)
+        number, _ = _last_recorded(session)
         with self._lock:
             cached = self._cached.get(board.name)
             if cached is None or cached.number < number or cached.is_over(now):
@@ -165,7 +168,7 @@ class EntriesCache:
         None is ever deleted, so only new ones have to be counted after the first time, unless teams
         were merged.
         """
-        number = _last_recorded(session)
+        _, number = _last_recorded(session)
         known, counts = self._counts
         if known and known < number and _were_teams_merged(session, known):
             known, counts = 0, {}
@@ -224,9 +227,17 @@ def list_snapshots(session: Session, split: str | None = None) -> Sequence[Snaps
     return [SnapshotEntry.model_validate(row) for row in session.scalars(chosen)]
 
 
-def _last_recorded(session: Session, *kinds: ColumnElement[bool]) -> int:
-    chosen = select(AuditEntry.id).where(*kinds).order_by(AuditEntry.id.desc())
-    return session.scalar(chosen.limit(1)) or 0
+def _last_recorded(session: Session) -> tuple[int, int]:
+    """Return the numbers of the last entry that changed a leaderboard, and of the last of all."""
+    if _NUMBERS in session.info:
+        return session.info[_NUMBERS]  # type: ignore[no-any-return]
+    last = select(AuditEntry.id).order_by(AuditEntry.id.desc()).limit(1)
+    change = last.where(AuditEntry.action != _SUBMITTED)
+    row = session.execute(select(change.scalar_subquery(), last.scalar_subquery())).one()
+    numbers = row[0] or 0, row[1] or 0
+    if IS_SNAPSHOT in session.info:
+        session.info[_NUMBERS] = numbers
+    return numbers
 
 
 def _scored(session: Session, board: Board, timetable: Timetable, now: datetime) -> Sequence[Entry]:

@@ -19,13 +19,13 @@ from reverie_eval.agents import AGENTS, run_agent
 from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
-from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.scoring import OUTCOMES, FailureModes, PreparedSubmission, Scores
 from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
-from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.boards import Board, load_board
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.submissions import (
     SubmissionService,
@@ -36,6 +36,7 @@ from reverie_eval.server.service.submissions import (
     submission_report,
     with_public_episodes,
 )
+from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.submissions import NO_BOXES, AlignedSubmission
 
@@ -188,6 +189,30 @@ class EpisodeService:
             lambda split, agent: _scores_of_agent(self._board(split), agent)
         )
 
+    @cached_property
+    def example(self) -> tuple[Board, Episode]:
+        """An episode to show what the task is, and its split: an open one, else the demo world's.
+
+        Of all episodes, its shortest length is the median.
+        """
+        unseen_first = sorted(self.boards, key=lambda board: board.name != "val_unseen")
+        board = unseen_first[0] if unseen_first else _demo_board()
+        scores = Annotations.of(board).scores
+        by_length = np.argsort(scores.episodes["shortest_length"], kind="stable")
+        return board, episode(scores, scores.instr_ids[by_length[len(by_length) // 2]])
+
+    def references(self, board: Board) -> Mapping[str, Scores]:
+        """Return what the reference agents score on a split, the best first; none on a private one.
+
+        There, the scores of the random agent would say something about the answers.
+        """
+        if board.is_private:
+            return {}
+        scores = {agent: self._walked(board.name, agent) for agent in AGENTS}
+        primary = board.primary.key
+        best_first = sorted(scores, key=lambda agent: scores[agent][primary], reverse=True)
+        return {agent: scores[agent] for agent in best_first}
+
     def browse(
         self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
     ) -> Browsing:
@@ -263,6 +288,11 @@ class EpisodeService:
     def _public(self, row: Submission) -> Choice:
         team = public_team(row, self._submissions.transactions.clock())
         return Choice(row.id, row.method["name"], "public", team, row.published_at)
+
+
+def _demo_board() -> Board:
+    bundle = DEMO_BUNDLES / "val_unseen.npz"
+    return load_board("val_unseen", Split(bundle=bundle, visibility="open"), bundle)
 
 
 def _own(report: SubmissionReport) -> Choice:

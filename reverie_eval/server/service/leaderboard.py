@@ -8,7 +8,7 @@ import io
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from math import inf
 from typing import Any
@@ -24,15 +24,27 @@ from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import spreadsheet_cell
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row
+from reverie_eval.server.service.rank_intervals import Place
 
 SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "neither")
 """Metrics with a better direction."""
 
+_PLACE = ("rank_low", "rank_high", "group")
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
 _OF_METHOD = tuple(name for name in Method.model_fields if name != "description")
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
+PAPER = r"""@inproceedings{qi2020reverie,
+  author = {Qi, Yuankai and Wu, Qi and Anderson, Peter and Wang, Xin and Wang, William Yang and
+            Shen, Chunhua and van den Hengel, Anton},
+  title = {{REVERIE}: Remote Embodied Visual Referring Expression in Real Indoor Environments},
+  booktitle = {IEEE/CVF Conference on Computer Vision and Pattern Recognition (CVPR)},
+  year = {2020},
+  url = {https://arxiv.org/abs/1904.10151},
+}
+"""
+"""What to cite for the dataset, in BibTeX."""
 ANONYMOUS = "Anonymous"
 """In place of a team's name, where some name is needed."""
 
@@ -56,6 +68,12 @@ class Ranking:
     """The latest first."""
     snapshots: Sequence[SnapshotEntry] = ()
     """The latest first."""
+    places: Mapping[str, Place] = field(default_factory=dict)
+    """The ranks that results may have, by submission; empty if they are not compared."""
+
+    def place(self, row: Row) -> Place | None:
+        """Return the ranks that a result may have, and its group; None if it is not compared."""
+        return self.places.get(row.entry.submission_id or "")
 
     def team(self, entry: Entry) -> str:
         """Return the team of an entry; empty while it is anonymous."""
@@ -187,9 +205,11 @@ def _content(ranking: Ranking) -> Mapping[str, Any]:
 
 
 def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
-    entry = row.entry
+    entry, place = row.entry, ranking.place(row)
     return {
         "rank": row.rank,
+        "rank_interval": None if place is None else (place.best, place.worst),
+        "group": None if place is None else place.group,
         "submission_id": entry.submission_id,
         "team": ranking.team(entry),
         "method": entry.method,
@@ -214,8 +234,9 @@ def as_csv(ranking: Ranking) -> str:
 def csv_of(leaderboard: Mapping[str, Any]) -> str:
     """Return the JSON of a leaderboard as CSV: a row per result, a column per metric.
 
-    Results that are not ranked come last. A cell that a spreadsheet would read as a formula begins
-    with an apostrophe.
+    Then come the ends of intervals, in the unit of their metric, and the ranks that a result may
+    have. Results that are not ranked come last. A cell that a spreadsheet would read as a formula
+    begins with an apostrophe.
 
     References
     ----------
@@ -224,10 +245,12 @@ def csv_of(leaderboard: Mapping[str, Any]) -> str:
     rows = [*leaderboard["rows"], *leaderboard["apart"]]
     present: set[str] = set().union(*(row["scores"] for row in rows))
     shown = [key for key in CATALOGUE if key in present]
+    drawn = [key for key in CATALOGUE if any(key in row["intervals"] for row in rows)]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     headings = ["method" if name == "name" else name for name in _OF_METHOD]
-    writer.writerow([*_ABOUT, *headings, *_STANDING, *shown])
+    ends = [f"{key}_{end}" for key in drawn for end in ("low", "high")]
+    writer.writerow([*_ABOUT, *headings, *_STANDING, *shown, *ends, *_PLACE])
     for row in rows:
         reviews = "; ".join(f"{each['verdict']}: {each['reason']}" for each in row["reviews"])
         words = [
@@ -235,7 +258,13 @@ def csv_of(leaderboard: Mapping[str, Any]) -> str:
             *(row["method"].get(name) for name in _OF_METHOD),
             *({**row, "reviews": reviews}[name] for name in _STANDING),
         ]
-        writer.writerow([*map(spreadsheet_cell, words), *(row["scores"].get(key) for key in shown)])
+        numbers = [
+            *(row["scores"].get(key) for key in shown),
+            *(end for key in drawn for end in row["intervals"].get(key, (None, None))),
+            *(row["rank_interval"] or (None, None)),
+            row["group"],
+        ]
+        writer.writerow([*map(spreadsheet_cell, words), *numbers])
     return text.getvalue()
 
 
@@ -272,9 +301,10 @@ def _made_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
 
 
 def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, address: str) -> str:
-    """Return an entry for the leaderboard as it is now, and one for each row.
+    """Return the dataset's paper, an entry for the leaderboard as it is now, and one for each row.
 
-    ``title`` and ``site`` are those of the server, ``address`` is that of the leaderboard.
+    That of a row leads to the method's paper, and in its note to the result; without a paper, to
+    the result. ``title`` and ``site`` are those of the server, ``address`` is the leaderboard's.
     """
     board, today = ranking.board, ranking.now.astimezone(UTC)
     of_board = _bibtex_entry(
@@ -290,25 +320,28 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
             f"reverie-{entry.submission_id}",
             author=ranking.team(entry) or ANONYMOUS,
             title=entry.method["name"],
-            address=f"{site}/submissions/{entry.submission_id}",
+            address=entry.method.get("paper") or f"{site}/submissions/{entry.submission_id}",
             at=entry.published_at,
             note=f"{title}, {entry.signature}",
+            result=f"{site}/submissions/{entry.submission_id}",
         )
         for entry in (row.entry for row in rows)
     ]
-    return "\n".join([of_board, *of_rows])
+    return "\n".join([PAPER, of_board, *of_rows])
 
 
 def _bibtex_entry(
-    key: str, *, author: str, title: str, address: str, at: datetime, note: str
+    key: str, *, author: str, title: str, address: str, at: datetime, note: str, result: str = ""
 ) -> str:
+    """Write an entry; ``result`` is where the numbers are, if the address is that of a paper."""
+    numbers = f", \\url{{{result}}}" if result not in ("", address) else ""
     lines = [
         f"@misc{{{_bibtex_key(key)},",
         f"  author = {{{{{_bibtex_text(author)}}}}},",
         f"  title = {{{{{_bibtex_text(title)}}}}},",
         f"  year = {{{at:%Y}}},",
         f"  howpublished = {{\\url{{{address}}}}},",
-        f"  note = {{{_bibtex_text(note)}}},",
+        f"  note = {{{_bibtex_text(note)}{numbers}}},",
         "}",
     ]
     return "\n".join(lines) + "\n"

@@ -25,11 +25,12 @@ from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.service.boards import Board, board_named, without_version
 from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.paging import Listed, Page, list_page
+from reverie_eval.server.service.rank_intervals import cluster_sums
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import Correction, Review, Submission
+from reverie_eval.server.store.tables import ClusterSums, Correction, Review, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
 
 AT_ONCE = 20
@@ -45,8 +46,16 @@ class Job(NamedTuple):
     upload_deleted_at: datetime | None
 
 
-Outcome: TypeAlias = ScoreReport | str
-"""The new report of a submission, or why it cannot be scored again."""
+class Rescored(NamedTuple):
+    """What scoring a submission again gives."""
+
+    report: ScoreReport
+    sums: dict[str, list[float]] | None
+    """What its rank is compared by; None for what has no intervals either."""
+
+
+Outcome: TypeAlias = Rescored | str
+"""What scoring again gives, or why a submission cannot be scored again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +66,7 @@ class Scorer:
     uploads: Uploads
 
     def __call__(self, job: Job) -> Outcome:
-        """Return the new report of a submission, or why it cannot be scored again."""
+        """Score a submission again, or return why that cannot be done."""
         if job.upload_deleted_at is not None:
             return f"its upload was deleted on {job.upload_deleted_at:%Y-%m-%d} (keep_uploads_days)"
         try:
@@ -67,13 +76,14 @@ class Scorer:
         except UploadsError as error:
             return str(error)
 
-    def _score(self, job: Job) -> ScoreReport:
+    def _score(self, job: Job) -> Rescored:
         reading = self.board.read(stored_upload(self.uploads, job.sha256))
         scores = self.board.score(reading)
+        sums = None
         if job.has_intervals:
             with suppress(ProtocolError):  # no intervals from a single target
-                scores = scores.with_intervals()
-        return self.board.report(scores, reading)
+                scores, sums = scores.with_intervals(), cluster_sums(scores)
+        return Rescored(self.board.report(scores, reading), sums)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,14 +145,15 @@ class Rescoring:
         with self.transactions.begin(actor) as transaction:
             reason = _correction(transaction, board, reason).reason
         for job, outcome in zip(jobs, outcomes, strict=True):
-            if isinstance(outcome, ScoreReport):
+            if isinstance(outcome, Rescored):
                 with self.transactions.begin(actor) as transaction:
                     self._replace(transaction, board, reason, job, outcome)
             yield job, outcome
 
     def _replace(
-        self, transaction: Transaction, board: Board, reason: str, job: Job, report: ScoreReport
+        self, transaction: Transaction, board: Board, reason: str, job: Job, rescored: Rescored
     ) -> None:
+        report = rescored.report
         row = transaction.session.get_one(Submission, job.submission_id)
         known, receipt = ScoreReport.model_validate(row.report), Receipt.model_validate(row.receipt)
         if board.measures_as(known):
@@ -153,6 +164,8 @@ class Rescoring:
         row.earlier = [*row.earlier, earlier.model_dump(mode="json")]
         row.rescored_at = transaction.now
         row.report = report.model_dump(mode="json")
+        if rescored.sums is not None:
+            transaction.session.merge(ClusterSums(submission_id=row.id, sums=rescored.sums))
         row.receipt = self.signer.sign(
             submission_id=row.id,
             team=row.team.name,
@@ -284,8 +297,8 @@ def _before(row: Submission, correction: Correction | None) -> ScoreReport:
 def _after(row: Submission, board: Board, outcome: Outcome | None) -> Mapping[str, float]:
     """Return the scores by the current ground truth and rules; empty if there are none."""
     known = ScoreReport.model_validate(row.report)
-    if isinstance(outcome, ScoreReport):
-        return outcome.scores
+    if isinstance(outcome, Rescored):
+        return outcome.report.scores
     return known.scores if board.measures_as(known) else {}
 
 

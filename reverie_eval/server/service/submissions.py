@@ -28,12 +28,13 @@ from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundEr
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
+from reverie_eval.server.service.rank_intervals import cluster_sums
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.reviews import find_submission, is_disqualified, standing_reviews
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.database import AT_ONCE, Database
-from reverie_eval.server.store.tables import Person, Review, Submission
+from reverie_eval.server.store.tables import ClusterSums, Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 RECENT = 8
@@ -310,7 +311,7 @@ class SubmissionService:
             if not change.model_fields_set:
                 view = self.view(session, self.transactions.clock())
                 return submission_of(session, person, submission_id, view)
-        intervals = self._intervals(known) if change.published else None
+        computed = self._intervals(known) if change.published else None
         with self.transactions.begin(organiser or person) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
             is_removed = change.withdrawn or change.published is False
@@ -319,8 +320,10 @@ class SubmissionService:
                     "the organiser has disqualified this submission; until that is lifted, it "
                     "cannot be unpublished or withdrawn"
                 )
-            if intervals is not None:
+            if computed is not None:
+                intervals, sums = computed
                 row.report = {**row.report, "intervals": intervals}
+                transaction.session.merge(ClusterSums(submission_id=row.id, sums=sums))
             if change.method is not None:
                 row.method = self._edited(row, change.method).model_dump(mode="json")
             if change.withdrawn is not None:
@@ -378,8 +381,10 @@ class SubmissionService:
             )
         return method
 
-    def _intervals(self, known: SubmissionReport) -> Mapping[str, Any] | None:
-        """Compute confidence intervals, for open splits only.
+    def _intervals(
+        self, known: SubmissionReport
+    ) -> tuple[Mapping[str, Any], dict[str, list[float]]] | None:
+        """Compute confidence intervals, and what ranks are compared by, for open splits only.
 
         They take longer than scoring, so they are only computed for published submissions.
         """
@@ -393,7 +398,7 @@ class SubmissionService:
             drawn = scores.with_intervals().to_report().intervals
         except ProtocolError:  # no intervals from a single target
             return None
-        return None if drawn is None else drawn.model_dump(mode="json")
+        return None if drawn is None else (drawn.model_dump(mode="json"), cluster_sums(scores))
 
 
 def _check_upload(submission: SubmissionReport) -> None:

@@ -29,6 +29,8 @@ MIGRATIONS = Path(__file__).parent / "migrations"
 
 AT_ONCE = 1000
 """Rows in memory while all of a table, which may be a million, are read or written."""
+IS_SNAPSHOT = "is a snapshot"
+"""In ``info`` of sessions that only read, so what was read once need not be read again."""
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _FULL_SQLSTATE = "53100"
@@ -71,7 +73,7 @@ class Database:
     @contextmanager
     def reading(self) -> Iterator[Session]:
         """Open a session for reading that sees one snapshot of the database."""
-        with Session(self._snapshots) as session:
+        with Session(self._snapshots, info={IS_SNAPSHOT: True}) as session:
             yield session
 
     @contextmanager

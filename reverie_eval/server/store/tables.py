@@ -179,6 +179,19 @@ class Submission(Base):
     person: Mapped[Person] = relationship(lazy="joined", innerjoin=True)
 
 
+class ClusterSums(Base):
+    """The sums of a published result over clusters of episodes, from which ranks are compared.
+
+    Of open splits only.
+    """
+
+    __tablename__ = "cluster_sums"
+
+    submission_id: Mapped[str] = mapped_column(ForeignKey("submission.id"), primary_key=True)
+    sums: Mapped[dict[str, Any]]
+    """A list of numbers by metric, in the order of the clusters' numbers."""
+
+
 class Fingerprint(Base):
     """What an upload predicts, in numbers; computed from it when needed, and again when lost."""
 

@@ -4,26 +4,88 @@
 
 const section = document.getElementById("charts");
 const charts = [];
+const MOST_NAMES = 12;
+const SMALL = "11px system-ui, sans-serif";
 
 function named(points, place) {
   const rank = points.rank[place] === null ? "" : `${points.rank[place]}. `;
   return [`${rank}${short(points.method[place])}`, short(points.team[place])];
 }
 
+const at = (from) => (place) => ({ x: from.x[place], y: from.y[place], place, from });
+
 function drawAgainst(canvas, data) {
   const paint = colours();
-  const { points, front } = data;
-  const at = (place) => ({ x: points.x[place], y: points.y[place], place });
+  const { points, front, reported, lines } = data;
   const onFront = new Set(front);
   const rest = points.x.map((_, place) => place).filter((place) => !onFront.has(place));
   const many = points.x.length > 500;
   const datasets = [
-    { data: front.map(at), showLine: true, borderColor: paint.accent, borderDash: [5, 4], borderWidth: 1.5, backgroundColor: paint.accent, pointRadius: 5, pointHoverRadius: 7 },
-    { data: rest.map(at), backgroundColor: "transparent", borderColor: paint.quiet, borderWidth: 1.5, pointRadius: many ? 1.5 : 4, pointHoverRadius: 6 },
+    { data: front.map(at(points)), showLine: true, borderColor: paint.accent, borderDash: [5, 4], borderWidth: 1.5, backgroundColor: paint.accent, pointRadius: 5, pointHoverRadius: 7 },
+    { data: rest.map(at(points)), backgroundColor: "transparent", borderColor: paint.ink, borderWidth: 1.5, pointRadius: many ? 1.5 : 4, pointHoverRadius: 6 },
+    { data: reported.x.map((_, place) => at(reported)(place)), backgroundColor: paint.line, borderColor: paint.quiet, borderWidth: 1, pointRadius: many ? 1 : 3, pointHoverRadius: 5 },
   ];
-  const axes = { x: valueAxis(data.x, points.x, paint), y: valueAxis(data.y, points.y, paint) };
-  const label = (raw) => [...named(points, raw.place), `${data.y.heading}: ${raw.y.toFixed(2)}, ${data.x.heading}: ${raw.x.toFixed(2)}`];
-  return drawing(canvas, datasets, axes, label, points);
+  const across = [...points.x, ...reported.x];
+  const up = [...points.y, ...reported.y, ...lines.map((line) => line.y)];
+  const axes = { x: valueAxis(data.x, across, paint), y: valueAxis(data.y, up, paint) };
+  axes.y.suggestedMin = Math.min(...up);
+  axes.y.suggestedMax = Math.max(...up);
+  const label = (raw) => [...named(raw.from, raw.place), `${data.y.heading}: ${raw.y.toFixed(2)}, ${data.x.heading}: ${raw.x.toFixed(2)}`];
+  return drawing(canvas, datasets, axes, label, points, [linesAcross(lines, paint), namesBeside(points, paint)]);
+}
+
+// Values to compare with, as lines with their names.
+function linesAcross(lines, paint) {
+  return {
+    id: "lines",
+    beforeDatasetsDraw({ ctx, chartArea, scales }) {
+      ctx.save();
+      ctx.font = SMALL;
+      ctx.fillStyle = paint.quiet;
+      ctx.strokeStyle = paint.quiet;
+      ctx.setLineDash([2, 3]);
+      for (const { name, y } of lines) {
+        const height = scales.y.getPixelForValue(y);
+        ctx.beginPath();
+        ctx.moveTo(chartArea.left, height);
+        ctx.lineTo(chartArea.right, height);
+        ctx.stroke();
+        ctx.fillText(`${name} ${y.toFixed(2)}`, chartArea.left + 4, height - 4);
+      }
+      ctx.restore();
+    },
+  };
+}
+
+// Names of points, of the front first, as far as there is room for them.
+function namesBeside(points, paint) {
+  return {
+    id: "names",
+    afterDatasetsDraw(chart) {
+      const { ctx, chartArea } = chart;
+      const taken = [];
+      ctx.save();
+      ctx.font = SMALL;
+      ctx.fillStyle = paint.ink;
+      for (const set of [0, 1]) {
+        chart.getDatasetMeta(set).data.forEach((element, index) => {
+          const name = points.method[chart.data.datasets[set].data[index].place];
+          const text = name.length > 16 ? `${name.slice(0, 15)}\u2026` : name;
+          const width = ctx.measureText(text).width;
+          const left = element.x + 7 + width > chartArea.right ? element.x - 7 - width : element.x + 7;
+          const box = { left, right: left + width, top: element.y - 9, bottom: element.y + 4 };
+          if (taken.length === MOST_NAMES || left < chartArea.left || taken.some((other) => overlap(box, other))) return;
+          taken.push(box);
+          ctx.fillText(text, left, element.y + 1);
+        });
+      }
+      ctx.restore();
+    },
+  };
+}
+
+function overlap(one, other) {
+  return one.left < other.right && other.left < one.right && one.top < other.bottom && other.top < one.bottom;
 }
 
 function drawProgress(canvas, { progress }) {
@@ -36,10 +98,9 @@ function drawProgress(canvas, { progress }) {
 
 let shown;
 
-function drawIn(name, words, { points }, how) {
+function drawIn(name, words, isEmpty, how) {
   const canvas = document.getElementById(name);
   canvas.setAttribute("aria-label", `Chart: ${words}; the table has the numbers`);
-  const isEmpty = points.y.length === 0;
   canvas.closest("figure").classList.toggle("empty", isEmpty);
   if (!isEmpty) charts.push(how(canvas, shown));
 }
@@ -47,8 +108,9 @@ function drawIn(name, words, { points }, how) {
 function draw() {
   while (charts.length > 0) charts.pop().destroy();
   if (!shown) return;
-  drawIn("against", `${shown.y.name} against ${shown.x.name}`, shown, drawAgainst);
-  drawIn("progress", `best ${shown.progress.y.name} over time`, shown.progress, drawProgress);
+  const { points, reported, progress } = shown;
+  drawIn("against", `${shown.y.name} against ${shown.x.name}`, points.y.length + reported.y.length === 0, drawAgainst);
+  drawIn("progress", `best ${progress.y.name} over time`, progress.points.y.length === 0, drawProgress);
 }
 
 let underWay;

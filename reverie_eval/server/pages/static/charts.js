@@ -56,11 +56,12 @@ function bestSoFar({ points, best, until }, paint) {
   ];
 }
 
-function drawing(canvas, datasets, axes, label, points) {
+function drawing(canvas, datasets, axes, label, points, plugins = []) {
   const paint = colours();
   return new Chart(canvas, {
     type: "scatter",
     data: { datasets },
+    plugins,
     options: {
       animation: false,
       clip: 8, // points on the edge are drawn whole
@@ -79,8 +80,9 @@ function drawing(canvas, datasets, axes, label, points) {
       onClick: (event, found, chart) => {
         if (found.length === 0) return;
         const { datasetIndex, index } = found[0];
-        const { place } = chart.data.datasets[datasetIndex].data[index];
-        location.href = chart.canvas.closest("section").dataset.submission.replace("ID", points.submission[place]);
+        const { place, from = points } = chart.data.datasets[datasetIndex].data[index];
+        const submission = from.submission[place];
+        if (submission !== null) location.href = chart.canvas.closest("section").dataset.submission.replace("ID", submission);
       },
     },
   });

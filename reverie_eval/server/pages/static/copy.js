@@ -1,16 +1,23 @@
-// Buttons that copy text from elsewhere on the page.
+// Buttons that copy text: from elsewhere on the page, or from a file of the server.
 for (const button of document.querySelectorAll("button.copy")) {
-  const words = button.nextElementSibling;
+  const words = button.parentElement.querySelector(".copied");
   const text = document.getElementById(button.dataset.copies);
   button.hidden = false;
   button.addEventListener("click", async () => {
     try {
-      await navigator.clipboard.writeText(text.textContent);
+      const copied = text ? text.textContent : await fetched(button.dataset.source);
+      await navigator.clipboard.writeText(copied);
       words.textContent = "Copied.";
     } catch {
       // Without https there is no clipboard: select the text, so that it can be copied by keyboard.
-      getSelection().selectAllChildren(text);
-      words.textContent = "Selected: copy it with the keyboard.";
+      if (text) getSelection().selectAllChildren(text);
+      words.textContent = text ? "Selected: copy it with the keyboard." : "Could not be copied: open the link instead.";
     }
   });
+}
+
+async function fetched(address) {
+  const reply = await fetch(address);
+  if (!reply.ok) throw new Error(reply.statusText);
+  return reply.text();
 }

@@ -7,7 +7,8 @@ const state = form.querySelector(".state");
 const sent = form.querySelector(".sent");
 const buttons = form.querySelectorAll("button[name=what]");
 const limit = Number(form.dataset.mebibytes) * 2 ** 20;
-const [checkButton] = buttons;
+const [checkButton, scoreButton] = buttons;
+const cancelButton = form.querySelector(".cancel");
 
 let underWay = null;
 
@@ -34,6 +35,7 @@ function fault(words) {
 function rest() {
   underWay = null;
   sent.hidden = true;
+  cancelButton.hidden = true;
   form.removeAttribute("aria-busy");
   for (const button of buttons) button.disabled = false;
 }
@@ -56,6 +58,8 @@ function take(reply, what) {
   show(outcome ? outcome.childNodes : other.length ? other : [fault("The server's reply could not be read. Try again.")]);
   say("");
   if (what === "check") checkButton.textContent = "Check again";
+  // A file that cannot be scored needs no second try; choosing another one enables the button again.
+  scoreButton.disabled = form.querySelector("#outcome .problems") !== null;
   for (const field of form.querySelectorAll(".field")) renew(field, page);
   if (what === "score") (form.querySelector("[aria-invalid=true]") ?? form.querySelector("#outcome")).focus();
 }
@@ -93,6 +97,7 @@ function send(what) {
     if (event.lengthComputable) sent.value = event.loaded / event.total;
   });
   request.upload.addEventListener("load", () => {
+    cancelButton.hidden = true; // from now on, it may be scored
     sent.removeAttribute("value");
     say(what === "score" ? "Scoring ..." : "Checking ...");
   });
@@ -106,9 +111,24 @@ function send(what) {
   for (const button of buttons) button.disabled = true;
   sent.value = 0;
   sent.hidden = false;
+  cancelButton.hidden = false;
   say(`Sending ${file.files[0]?.name ?? ""} ...`);
   request.send(content);
 }
+
+cancelButton.addEventListener("click", () => {
+  underWay?.abort();
+  rest();
+  say("Cancelled. Nothing was scored.");
+  file.focus();
+});
+
+form.addEventListener("click", ({ target }) => {
+  const { split } = target.dataset;
+  if (!split) return;
+  form.querySelector(`[name=split][value="${split}"]`).checked = true;
+  check();
+});
 
 function check() {
   if (file.files.length) send("check");

@@ -279,6 +279,13 @@ def upgrade() -> None:
         )
 
     op.create_table(
+        "cluster_sums",
+        sa.Column("submission_id", sa.String(length=32), nullable=False),
+        sa.Column("sums", sa.JSON(), nullable=False),
+        sa.ForeignKeyConstraint(["submission_id"], ["submission.id"]),
+        sa.PrimaryKeyConstraint("submission_id"),
+    )
+    op.create_table(
         "fingerprint",
         sa.Column("split", sa.String(length=64), nullable=False),
         sa.Column("sha256", sa.String(length=64), nullable=False),

@@ -1,0 +1,126 @@
+"""Which ranks published results may have, and which of them cannot be told apart.
+
+On an open split, results are compared on the same episodes: what that needs of each result, its
+sums over clusters of episodes, is stored when it is published. On a private split, only the shown
+means are used and how many tasks there are, which the public instructions tell.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from threading import Lock
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from reverie_eval.analysis import covariance_of_means, rank_intervals
+from reverie_eval.arrays import FloatArray, IntArray
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.scoring import Scores, clusters_of
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.entries import Row
+from reverie_eval.server.store.tables import ClusterSums
+
+MOST_COMPARED = 100
+"""Results of a leaderboard; if there are more, none are compared."""
+_FEWEST_COMPARED = 2
+"""Results, and clusters that they are compared on."""
+_DIGITS = 6
+"""Of the stored sums, after the point."""
+_COMPARED = tuple(
+    key for key, metric in CATALOGUE.items() if metric.headline and metric.better != "neither"
+)
+"""The metrics by which results are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The ranks that a result may have, and its group."""
+
+    best: int
+    worst: int
+    group: int
+    """From 1; equal for results that follow each other and are not significantly worse than the
+    first of them."""
+
+
+def cluster_sums(scores: Scores) -> dict[str, list[float]]:
+    """Return the sums of a result over clusters of episodes, as they are stored."""
+    _, cluster = np.unique(clusters_of(scores.ground_truth, "target"), return_inverse=True)
+    return {
+        key: np.bincount(cluster, weights=scores.episodes[key]).round(_DIGITS).tolist()
+        for key in _COMPARED
+        if key in scores
+    }
+
+
+@dataclass(frozen=True)
+class RankIntervals:
+    """The places of all results, computed again only when the results have changed."""
+
+    _cached: dict[tuple[str, str], tuple[Sequence[tuple[str, float]], Mapping[str, Place]]] = field(
+        default_factory=dict
+    )
+    """By split and metric: the values that were compared, and the places."""
+    _lock: Lock = field(default_factory=Lock)
+    """So that concurrent requests compute them only once."""
+
+    def places(
+        self, session: Session, board: Board, metric: str, rows: Iterable[Row]
+    ) -> Mapping[str, Place]:
+        """Return the places of ranked results by their ids; empty if they are not compared.
+
+        A result without stored sums has no place, and may have any rank.
+        """
+        ranked = [
+            (row.entry.submission_id, row.entry.scores[metric])
+            for row in rows
+            if row.rank is not None and row.entry.submission_id is not None
+        ]
+        if metric not in _COMPARED or not _FEWEST_COMPARED <= len(ranked) <= MOST_COMPARED:
+            return {}
+        with self._lock:
+            known, places = self._cached.get((board.name, metric), ((), {}))
+            if known != ranked:
+                places = _places(session, board, CATALOGUE[metric], ranked)
+                self._cached[board.name, metric] = ranked, places
+            return places
+
+
+def _places(
+    session: Session, board: Board, metric: Metric, ranked: Sequence[tuple[str, float]]
+) -> Mapping[str, Place]:
+    means = dict(ranked)
+    if board.is_private:
+        covariance, n_clusters = _of_shown_means(board, np.array([*means.values()])), np.inf
+    else:
+        chosen = select(ClusterSums).where(ClusterSums.submission_id.in_(means))
+        sums = {
+            row.submission_id: row.sums[metric.key]
+            for row in session.scalars(chosen)
+            if metric.key in row.sums
+        }
+        means = {name: mean for name, mean in means.items() if name in sums}
+        _, sizes = np.unique(clusters_of(board.truth, "target"), return_counts=True)
+        n_clusters = len(sizes)
+        if len(means) < _FEWEST_COMPARED or n_clusters < _FEWEST_COMPARED:
+            return {}
+        table = np.column_stack([sums[name] for name in means])
+        covariance = covariance_of_means(table, sizes.astype(np.float64))
+    values = np.array([*means.values()])
+    found = rank_intervals(-values if metric.better == "higher" else values, covariance, n_clusters)
+    others = len(ranked) - len(means)
+    columns: tuple[IntArray, ...] = (found.low, found.high + others, found.group)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return {name: Place(*row) for name, row in zip(means, rows, strict=True)}
+
+
+def _of_shown_means(board: Board, means: FloatArray) -> FloatArray:
+    """Bound the covariance of means between 0 and 1 by what everyone can see.
+
+    A mean of values between 0 and 1 varies at most as much as a share. The instructions of a task
+    count as one, as if all had the same outcome, and results as independent: those on the same
+    episodes rather succeed and fail together, which makes differences more certain.
+    """
+    n_tasks = len(np.unique(board.truth.episodes.task))
+    return np.diag(means * (1 - means) / n_tasks)

@@ -1,0 +1,75 @@
+"""Ranks with their uncertainty: by hand, at the edges, and on simulated leaderboards."""
+
+import numpy as np
+import pytest
+
+from fixtures.ranked_worlds import simulated_coverage
+from reverie_eval.analysis import covariance_of_means, rank_intervals
+
+FAR, NEAR = 10.0, 0.1
+
+
+@pytest.mark.parametrize(
+    ("costs", "low", "high", "group"),
+    [
+        pytest.param([0, FAR, 2 * FAR], [1, 2, 3], [1, 2, 3], [1, 2, 3], id="far apart"),
+        pytest.param([0, 0, 0], [1, 1, 1], [3, 3, 3], [1, 1, 1], id="equal"),
+        pytest.param([FAR, 0, NEAR], [3, 1, 1], [3, 2, 2], [2, 1, 1], id="in any order"),
+        # The middle one is not significantly worse than the first, nor better than the last.
+        pytest.param([0, 2.5, 5], [1, 1, 2], [2, 3, 3], [1, 1, 2], id="chained"),
+        pytest.param([0], [1], [1], [1], id="alone"),
+    ],
+)
+def test_by_hand(costs: list[float], low: list[int], high: list[int], group: list[int]) -> None:
+    """Standard error of each is 1, so that of a difference 1.41; the bound is about 2.34 of these.
+
+    That is 3.31 / sqrt(2), with the 95 % quantile of the studentised range of three means.
+    """
+    found = rank_intervals(np.array(costs, dtype=float), np.eye(len(costs)), np.inf)
+    assert [each.tolist() for each in found] == [low, high, group]
+
+
+@pytest.mark.parametrize(("difference", "is_told"), [(3.2, False), (3.45, True)])
+def test_the_bound_is_that_of_the_studentised_range(difference: float, *, is_told: bool) -> None:
+    """Tukey's method for three independent means: 3.314 (Pearson and Hartley, table 29)."""
+    found = rank_intervals(np.array([0, 1.6, difference]), np.eye(3), np.inf)
+    assert bool(found.low[2] > 1) is is_told
+
+
+def test_few_clusters_make_ranks_less_certain() -> None:
+    costs = np.array([0.0, 5.0])
+    assert rank_intervals(costs, np.eye(2), np.inf).high.tolist() == [1, 2]
+    assert rank_intervals(costs, np.eye(2), 3).high.tolist() == [2, 2]
+
+
+def test_results_on_the_same_episodes_are_compared_in_pairs() -> None:
+    """One is better by 0.1 wherever both have a chance; alone, their errors are far larger."""
+    rng = np.random.default_rng(0)
+    base = rng.normal(0, 5, 100)
+    sums = np.column_stack([base, base + 0.1 + rng.normal(0, 0.01, 100)])
+    covariance = covariance_of_means(sums, np.ones(100))
+    costs = sums.mean(axis=0)
+    assert rank_intervals(costs, covariance, 100).group.tolist() == [1, 2]
+    assert rank_intervals(costs, np.diag(np.diag(covariance)), 100).group.tolist() == [1, 1]
+
+
+def test_the_same_result_twice_is_not_told_apart() -> None:
+    sums = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0], [1.0, 1.0, 2.0]])
+    covariance = covariance_of_means(sums, np.array([2.0, 1.0, 3.0]))
+    found = rank_intervals(sums.sum(axis=0) / 6, covariance, 3)
+    assert found.low[0] == found.low[1]
+    assert found.high[0] == found.high[1]
+
+
+def test_the_covariance_of_means() -> None:
+    """By hand: residuals 1 - 2/3 * 2 and 1 - 2/3 * 1, of 2 clusters, over 3 episodes squared."""
+    covariance = covariance_of_means(np.array([[1.0], [1.0]]), np.array([2.0, 1.0]))
+    assert covariance[0, 0] == pytest.approx(((-1 / 3) ** 2 + (1 / 3) ** 2) / 9 * 2)
+
+
+def test_true_ranks_are_within_on_simulated_leaderboards() -> None:
+    """The long form is benchmarks/rank_intervals.py."""
+    shares = simulated_coverage(30, (10, 10), 40, "equal")
+    assert shares.paired >= 0.85
+    assert shares.shown == 1
+    assert simulated_coverage(10, (10, 10), 40, "different").ranks < 10

@@ -1,0 +1,125 @@
+"""The first page: the task by an example, who leads, and the ways in."""
+
+import re
+from html import unescape
+from pathlib import Path
+
+import pytest
+
+from reverie_eval import evaluate
+from reverie_eval.agents import run_agent
+from tests.support.entries import entered, get, named, tables
+from tests.support.serving import (
+    OPEN,
+    OTHER,
+    OWNER,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
+
+
+def home(server: Serving) -> str:
+    return get(server, path="/").text
+
+
+def leaders(server: Serving) -> dict[str, list[list[str]]]:
+    """Return the rows of each leaderboard's table, by its heading."""
+    reply = get(server, path="/")
+    headings = re.findall(r'<h3 id="leaders-\d+"><a [^>]*>(.*?)</a>', reply.text)
+    return dict(zip(headings, tables(reply), strict=True))
+
+
+def test_an_empty_server_shows_what_reference_agents_score(server: Serving) -> None:
+    rows = leaders(server)["Val unseen leaderboard"]
+    assert [row[1].partition(" from")[0] for row in rows] == [
+        "Shortest agent reference",
+        "Random agent reference",
+        "Stop agent reference",
+    ]
+    truth = server.state.boards[OPEN].truth
+    for agent, row in zip(("shortest", "random", "stop"), rows, strict=True):
+        scores = evaluate(run_agent(agent, truth), split=OPEN)
+        shown = [f"{100 * scores[key]:.2f}" for key in ("success", "spl", "rgs", "rgspl")]
+        assert row[2:] == shown
+        assert row[0] == "-"
+
+
+def test_reference_agents_say_nothing_of_private_answers(server: Serving) -> None:
+    assert leaders(server)["Test leaderboard"] == [["No results are published yet."]]
+
+
+def test_the_first_five_with_their_intervals(server: Serving) -> None:
+    for number in range(6):
+        entered(server, {"rgspl": 0.1 * number}, (OWNER, OTHER)[number % 2], **named(f"M{number}"))
+    rows = leaders(server)["Val unseen leaderboard"]
+    assert [(row[0], row[1]) for row in rows] == [
+        *(("1", "M5 Red"), ("2", "M4 Blue"), ("3", "M3 Red"), ("4", "M2 Blue"), ("5", "M1 Red"))
+    ]
+    assert re.fullmatch(r"50\.00 \(95 % interval [\d.]+ to [\d.]+\)", rows[0][-1])
+    assert "All 6 results of val_unseen" in home(server)
+
+
+def test_a_team_that_hides_is_not_named(server: Serving) -> None:
+    entered(server, {"rgspl": 0.5}, anonymous_until="2100-01-01T00:00:00Z", **named("Ant"))
+    assert leaders(server)["Val unseen leaderboard"][0][1] == "Ant anonymous"
+    assert "Blue" not in home(server)
+
+
+def test_an_example_with_its_instruction_and_answer(server: Serving) -> None:
+    page, (board, example) = home(server), server.state.episodes.example
+    assert example.instruction in unescape(page)
+    assert f"object {example.target_object}" in page
+    assert f"Map of episode {example.instr_id}" in page
+    assert f'href="/episodes/{board.name}/{example.instr_id}"' in page
+    assert "synthetic demo world" in page
+
+
+def test_without_an_open_split_the_example_is_of_the_demo_world(
+    open_server: OpenServer, folder: Path
+) -> None:
+    server = open_server(adjusted(settings_of(folder), OPEN, visibility="private"))
+    page = home(server)
+    assert "From the synthetic demo world" in page
+    assert "Map of episode" in page
+    assert f'href="/episodes/{OPEN}/' not in page
+
+
+def test_links_to_it_show_what_it_is(open_server: OpenServer, folder: Path) -> None:
+    address = "https://lab.example.org"
+    server = open_server(settings_of(folder).model_copy(update={"public_address": address}))
+    page = home(server)
+    said = dict(re.findall(r'<meta (?:name|property)="([\w:]+)" content="([^"]*)">', page))
+    assert said["og:title"] == "Leaderboards of REVERIE"
+    assert said["og:url"] == f"{address}/"
+    assert said["og:description"] == said["description"] != ""
+    picture = server.client.get(said["og:image"].removeprefix(address))
+    assert picture.headers["content-type"] == "image/png"
+
+
+def test_the_ways_in(open_server: OpenServer, folder: Path) -> None:
+    links = {"Data": "https://example.org/data", "Paper": "https://example.org/paper"}
+    server = open_server(settings_of(folder).model_copy(update={"links": links}))
+    main = home(server).partition("<main")[2]
+    for link in ("/submit", "https://example.org/data", "https://example.org/paper", "#cite"):
+        assert f'href="{link}"' in main
+    assert "@inproceedings{qi2020reverie," in main
+
+
+@pytest.mark.parametrize(
+    ("accepts", "way"),
+    [
+        pytest.param(True, '<a href="/join">Ask for one</a>', id="by a request"),
+        pytest.param(False, 'can invite you: <a href="mailto:lab@example.org">', id="by e-mail"),
+    ],
+)
+def test_who_would_submit_is_led_to_an_account(
+    open_server: OpenServer, folder: Path, way: str, *, accepts: bool
+) -> None:
+    changed = {"contact": "lab@example.org", "accept_requests_to_join": accepts}
+    server = open_server(settings_of(folder).model_copy(update=changed))
+    assert '<li><a href="/submit">Submit</a></li>' in home(server)
+    asked = server.client.get("/submit")
+    assert asked.headers["location"] == "/sign-in?back=/submit"
+    assert way in server.client.get(asked.headers["location"]).text

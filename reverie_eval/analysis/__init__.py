@@ -2,6 +2,7 @@
 
 from reverie_eval.analysis._breakdown import GROUPINGS, Grouping, breakdown, find_grouping
 from reverie_eval.analysis._comparison import (
+    BEST,
     SMALLEST_SHOWN_P,
     ComparedSubmissionsError,
     Comparison,
@@ -24,8 +25,10 @@ from reverie_eval.analysis._evidence import (
 )
 from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_different_routes
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
+from reverie_eval.analysis._runs import Method, RunIntervals, Runs
 
 __all__ = [
+    "BEST",
     "FEWEST_FILES",
     "GROUPINGS",
     "HONEST_SPREAD",
@@ -36,8 +39,11 @@ __all__ = [
     "Difference",
     "Episode",
     "Grouping",
+    "Method",
     "PredictedBox",
     "Ranks",
+    "RunIntervals",
+    "Runs",
     "Spread",
     "VisibleObject",
     "breakdown",

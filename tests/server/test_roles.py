@@ -14,7 +14,16 @@ from reverie_eval.server.service.reported import add_reported
 from reverie_eval.server.service.tokens import revoke_token
 from tests.support.acting import ask_to_join, create_token, review
 from tests.support.description import API, Description
-from tests.support.serving import GOOD, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
+from tests.support.serving import (
+    GOOD,
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    Serving,
+    submission_for,
+)
 
 ROLES = ("anonymous", "other team", "team mate", "owner", "organiser", "revoked", "invitation")
 """The last two: a token of the owner's that was revoked, and an invitation shown as a token."""
@@ -53,6 +62,7 @@ POST   /join                                      202    202   202    202       
 GET    /organiser/requests                        401    403   403    403        200      401         401
 POST   /organiser/requests/{request_id}/accept    401    403   403    403        200      401         401
 POST   /organiser/requests/{request_id}/reject    401    403   403    403        204      401         401
+POST   /organiser/submissions                     401    403   403    403        201      401         401
 GET    /organiser/teams                           401    403   403    403        200      401         401
 POST   /organiser/teams                           401    403   403    403        201      401         401
 PATCH  /organiser/teams/{name:path}              401    403   403    403        200      401         401
@@ -102,6 +112,16 @@ BODIES: Mapping[str, dict[str, Any]] = {
     "POST /splits/{split}/validate": {"content": GOOD},
     "POST /splits/{split}/submissions": {"content": GOOD, "params": {"name": "Walker"}},
     "PATCH /submissions/{submission_id}": {"json": {"published": True}},
+    "POST /organiser/submissions": {
+        "content": submission_for(PRIVATE),
+        "params": {
+            "split": PRIVATE,
+            "team": "Red",
+            "person": OTHER,
+            "received_at": "2026-03-02T12:00:00Z",
+            "name": "Walker",
+        },
+    },
     "POST /organiser/teams": {"json": {"name": "Green"}},
     "PATCH /organiser/teams/{name:path}": {"json": {"name": "Azure"}},
     "POST /join": {"json": REQUEST},

@@ -58,6 +58,7 @@ class MethodOptions:
         from pydantic import ValidationError
 
         from reverie_eval.schemas.service import Method
+        from reverie_eval.server.wrong_values import wrong_value
 
         stem = "" if submission == "-" else Path(submission).name.partition(".")[0]
         name = printable(stem)[:_LONGEST_NAME].strip() or "unnamed"
@@ -65,10 +66,10 @@ class MethodOptions:
             return Method.model_validate({"name": name, **self.given})
         except ValidationError as error:
             wrong = []
-            for detail in error.errors(include_url=False):
+            for detail in error.errors():
                 field = str(detail["loc"][0])
                 option = _TEXTS[field][0] if field in _TEXTS else f"--{field.replace('_', '-')}"
-                wrong.append(f"{option}: {detail['msg']}")
+                wrong.append(f"{option}: {wrong_value(detail).message}")
             raise ReverieEvalError("; ".join(wrong)) from None
 
     def changes(self, before: "Method", submission: str) -> Mapping[str, Any]:
@@ -243,7 +244,11 @@ def _show(accepted: "Accepted", server: str, kept: Path | None) -> None:
         show(table.to_text, None, lambda console: print_table(console, table, table.stacked()))
     print(
         "",
-        *submission_lines(submission, is_repeat=accepted.is_repeat),
+        *submission_lines(
+            submission,
+            is_repeat=accepted.is_repeat,
+            to_publish="submit it again with --publish, which does not use a submission",
+        ),
         *([f"receipt: {kept}"] if kept else []),
         *quota_lines(accepted.quota, submission.split),
         sep="\n",

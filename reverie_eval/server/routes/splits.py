@@ -24,6 +24,8 @@ from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import (
     FILE_BODY,
     METHOD_PARAMETERS,
+    OF_FILES,
+    OF_UPLOADS,
     Content,
     Counted,
     Received,
@@ -44,15 +46,6 @@ _CSV = (
     "rank,submission_id,team,published_at,...\n1,5f2b0c9a4d7e1f36,Blue,2027-06-02T12:00:00Z,...\n"
 )
 _ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
-_OF_FILES = (
-    "malformed-request",
-    "not-signed-in",
-    "not-found",
-    "too-slow",
-    "too-large",
-    "submission-rejected",
-    "busy",
-)
 
 
 @router.get("", responses=problems("not-signed-in"), openapi_extra=_ALSO_FOR_ANYBODY)
@@ -77,7 +70,7 @@ def show_split(split: SplitName, call: Anybody) -> SplitReport:
     status_code=status.HTTP_201_CREATED,
     responses={
         200: {"model": Accepted, "description": "The reply to the same file or key, again"},
-        **problems(*_OF_FILES, "not-open", "conflict", "quota-spent", "bytes-spent"),
+        **problems(*OF_UPLOADS),
     },
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
@@ -107,7 +100,7 @@ def submit(
 
 @router.post(
     "/{split}/validate",
-    responses=problems(*_OF_FILES),
+    responses=problems(*OF_FILES),
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
 def validate(split: SplitName, person: Sender, content: Content, server: Server) -> Checked:

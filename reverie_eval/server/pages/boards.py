@@ -27,9 +27,13 @@ from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
 
 PER_PAGE = 100
+PLACES = ("/boards/{split}", "/boards/{split}/also/{further}")
+"""Of a split's own leaderboard, and of the further ones."""
 NEWS_SHOWN = 5
 
 router = APIRouter()
+of_board = APIRouter()
+"""What every leaderboard has."""
 
 Choice = Literal["", "with", "without"]
 
@@ -105,10 +109,18 @@ class BoardQuery(BaseModel):
 Shown = Annotated[BoardQuery, Query()]
 
 
-def ranked(split: str, server: Server, query: Shown) -> Ranking:
-    """Return the requested leaderboard."""
+def named(split: str, server: Server, request: Request) -> Board:
+    """Return the leaderboard that an address names."""
+    return server.board(split, request.path_params.get("further", ""))
+
+
+NamedBoard = Annotated[Board, Depends(named)]
+
+
+def ranked(board: NamedBoard, server: Server, query: Shown) -> Ranking:
+    """Return the requested leaderboard, ranked."""
     with server.database.reading() as session:
-        return server.ranking(session, split, query.on(server.board(split)).ranked_by)
+        return server.ranking(session, board, query.on(board).ranked_by)
 
 
 Ranked = Annotated[Ranking, Depends(ranked)]
@@ -141,12 +153,12 @@ class Packed(Response):
         await GZipMiddleware(super().__call__, compresslevel=5)(scope, receive, send)
 
 
-@router.get("/boards/{split}")
-def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
+@of_board.get("")
+def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
     """Show the published results, ranked."""
-    query = query.on(visitor.server.board(split))
+    query = query.on(board)
     with visitor.snapshot() as snapshot:
-        ranking = visitor.server.ranking(snapshot.session, split, query.ranked_by)
+        ranking = visitor.server.ranking(snapshot.session, board, query.ranked_by)
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
         scored = _scored(ranking, query)
         is_copy = visitor.request.app.state.is_copy
@@ -154,7 +166,8 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             visitor.request,
             "board.html",
             snapshot,
-            board=ranking.board,
+            board=board,
+            of_split=visitor.server.board(board.name).all,
             ranking=ranking,
             query=query,
             columns=_columns(ranking.board, query, [*part.rows, *apart]),
@@ -178,14 +191,14 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
         )
 
 
-@router.get("/boards/{split}/chart")  # noqa: FAST003  # of Ranked
+@of_board.get("/chart")
 def show_chart(ranking: Ranked, query: Shown) -> Response:
     """Return the data of the charts."""
     drawn = chart_of(ranking, _scored(ranking, query), query.x, query.y)
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
-@router.get("/boards/{split}/latex")  # noqa: FAST003  # of Ranked
+@of_board.get("/latex")
 def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     """Return the rows of a page as a LaTeX table; its signature is that of scored results only."""
     query = query.on(ranking.board)
@@ -195,7 +208,7 @@ def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
 
 
-@router.get("/boards/{split}/bibtex")  # noqa: FAST003  # of Ranked
+@of_board.get("/bibtex")
 def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
     """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
     query = query.on(ranking.board)
@@ -220,6 +233,10 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
                 metric for key, metric in CATALOGUE.items() if metric.headline and key in scored
             ],
         )
+
+
+for place in PLACES:
+    router.include_router(of_board, prefix=place)
 
 
 def _scored(ranking: Ranking, query: BoardQuery) -> Sequence[Row]:

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
-from reverie_eval.metrics import CATALOGUE, primary_metric
 from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.callers import Call, Member, Posted, Snapshot, Visitor
@@ -15,6 +14,7 @@ from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
 from reverie_eval.server.service.audit import history
+from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.reviews import standing_reviews
 from reverie_eval.server.service.submissions import publication, submission_of
 
@@ -45,7 +45,7 @@ def show_submission(
             snapshot,
             shown=shown,
             method_fields=Method.model_fields,
-            primary=primary_metric(shown.report.scores or CATALOGUE).key,
+            also=_further_boards(visitor, shown.split),
         )
 
 
@@ -105,11 +105,17 @@ def _own_page(
         now=snapshot.now,
         typed={**_texts(shown.method), **typed},
         method_fields=Method.model_fields,
-        primary=primary_metric(shown.report.scores or CATALOGUE).key,
+        also=_further_boards(visit, shown.split),
         required=server.settings.required_metadata,
         done=done,
         problem=problem,
     )
+
+
+def _further_boards(visit: Call, split: str) -> Mapping[str, Board]:
+    """Return the further leaderboards that a split has now."""
+    board = visit.server.boards.get(split)
+    return {} if board is None else board.also
 
 
 def change_of(typed: Mapping[str, str]) -> SubmissionChange:

@@ -163,6 +163,8 @@ class Submission(Base):
     """When it was last scored again, after a correction."""
     earlier: Mapped[list[dict[str, Any]]] = mapped_column(default=list)
     """Its reports and receipts before that, the earliest first."""
+    also: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    """On the split's further leaderboards, by name: report, receipt, and those before."""
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
     anonymous_until: Mapped[datetime | None]
@@ -196,6 +198,8 @@ class Correction(Base):
 
     id: Mapped[int] = mapped_column(primary_key=True)
     split: Mapped[str] = mapped_column(String(64), index=True)
+    board: Mapped[str] = mapped_column(String(40))
+    """A further leaderboard of the split; empty for its own one."""
     signature: Mapped[str] = mapped_column(String(500))
     """What scores depend on since."""
     reason: Mapped[str] = mapped_column(String(500))

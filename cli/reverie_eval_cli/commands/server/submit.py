@@ -1,6 +1,6 @@
 """``reverie-eval server submit FOLDER FILE``: score files that people sent to the organiser."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ from reverie_eval.text import printable, time_text
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submit import MethodOptions, method_options
 from reverie_eval_cli.organising import actor
-from reverie_eval_cli.receipts import keep_receipt
+from reverie_eval_cli.receipts import keep_receipts
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Accepted
@@ -71,8 +71,8 @@ def submit(
                 failed = True
                 lines = [f"{opening} not scored, and no submission was used.", "", _reason(error)]
             else:
-                receipt = keep_receipt(accepted.submission.receipt, None, str(path))
-                lines = [f"{opening} scored on {split}.", "", *_result(accepted, receipt)]
+                receipts = keep_receipts(accepted.submission, None, str(path))
+                lines = [f"{opening} scored on {split}.", "", *_result(accepted, receipts)]
             print(*(["", "-" * 72, ""] if number else []), f"Dear {printable(team)},", "", sep="\n")
             print(*lines, sep="\n")
     return 1 if failed else 0
@@ -84,14 +84,16 @@ def _reason(error: ReverieEvalError) -> str:
     return f"{error}"
 
 
-def _result(accepted: "Accepted", receipt: Path) -> Iterator[str]:
-    from reverie_eval.reporting._submission import quota_lines, submission_lines, submission_table
+def _result(accepted: "Accepted", receipts: Sequence[Path]) -> Iterator[str]:
+    from reverie_eval.reporting._submission import quota_lines, result_tables, submission_lines
 
     submission = accepted.submission
-    if submission.scores_held_until is None:
-        yield submission_table(submission.report, submission.receipt.server).to_text()
+    for further, table in result_tables(submission, submission.receipt.server).items():
+        yield from [f"On the leaderboard {further}:"] if further else []
+        yield table.to_text()
         yield ""
     yield from submission_lines(submission, is_repeat=accepted.is_repeat)
     yield from quota_lines(accepted.quota, submission.split)
     yield ""
-    yield f"The signed receipt is attached: {receipt.name}"
+    names = ", ".join(receipt.name for receipt in receipts)
+    yield f"The signed {'receipt is' if len(receipts) == 1 else 'receipts are'} attached: {names}"

@@ -11,7 +11,7 @@ from reverie_eval.analysis._comparison import (
     p_text,
     score_all,
 )
-from reverie_eval.analysis._episode import Episode, episode
+from reverie_eval.analysis._episode import Episode, PredictedBox, VisibleObject, episode
 from reverie_eval.analysis._evidence import (
     FEWEST_FILES,
     HONEST_SPREAD,
@@ -35,7 +35,9 @@ __all__ = [
     "Difference",
     "Episode",
     "Grouping",
+    "PredictedBox",
     "Spread",
+    "VisibleObject",
     "breakdown",
     "check_comparable",
     "compare",

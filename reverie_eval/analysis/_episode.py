@@ -2,16 +2,43 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from itertools import pairwise
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
-from reverie_eval.ground_truth import GroundTruth, NavigationGraph
+from reverie_eval.geometry import snap
+from reverie_eval.ground_truth import Answers, GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.scoring import Protocol, Scores, is_goal
+from reverie_eval.submissions import AlignedSubmission
 from reverie_eval.text import category_text, count_text, first_few
+
+
+@dataclass(frozen=True, eq=False)
+class VisibleObject:
+    """An object that is visible from a viewpoint, with its annotated boxes there."""
+
+    object_id: int
+    name: str
+    """As :meth:`Episode.object_name` returns it."""
+    view: IntArray
+    """Shape (n_boxes,): the views that show it, 0 to 35."""
+    xywh: IntArray
+    """Shape (n_boxes, 4): left, top, width and height in pixels of the view."""
+
+
+class PredictedBox(NamedTuple):
+    """A predicted box, in the picture of any camera at the stop."""
+
+    xywh: FloatArray
+    """Shape (4,): left, top, width and height in pixels of the camera's picture."""
+    camera: FloatArray
+    """Shape (2,): heading and elevation, radians."""
+    view: int
+    """The view in which it is compared with the target's box."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,10 +69,13 @@ class Episode:
     """The annotated category of the target; empty if there is none."""
     predicted_object: int | None
     """None if the agent predicted no object, or a box."""
+    predicted_box: PredictedBox | None
     box_outcome: str
     """The outcome of the predicted box, one of ``BOX_OUTCOMES``; empty without a box."""
     graph: NavigationGraph
     """The navigation graphs of all scans of the split."""
+    answers: Answers
+    """The answers of the split."""
 
     # Set by reverie_eval.notebook, because they need a package above this one.
     plot: ClassVar[Any]
@@ -71,6 +101,38 @@ class Episode:
         """
         rows = [self.graph.index[viewpoint_id] for viewpoint_id in viewpoint_ids]
         return self.graph.viewpoint_position[rows]
+
+    def visible_objects(self, viewpoint_id: str) -> Sequence[VisibleObject]:
+        """Return the objects that are visible from a viewpoint, by object id."""
+        answers = self.answers
+        viewpoint = self.graph.index[viewpoint_id]
+        first, end = np.searchsorted(answers.candidate_viewpoint, [viewpoint, viewpoint + 1])
+        begin = np.searchsorted(answers.boxes.candidate, np.arange(first, end + 1))
+        return [
+            VisibleObject(
+                object_id=int(answers.candidate_object[row]),
+                name=self._name(int(answers.candidate_object[row]), row),
+                view=answers.boxes.view[slice(*boxes)],
+                xywh=answers.boxes.xywh[slice(*boxes)],
+            )
+            for row, boxes in zip(range(first, end), pairwise(begin), strict=True)
+        ]
+
+    def object_name(self, object_id: int) -> str:
+        """Name an object of the scan for people.
+
+        Its category and its id, ``end table 12``; ``object 12`` if it is not visible from any
+        viewpoint, or the ground truth was compiled without categories of candidates.
+        """
+        answers, graph = self.answers, self.graph
+        rows = np.flatnonzero(answers.candidate_object == object_id)
+        scans = graph.viewpoint_scan[answers.candidate_viewpoint[rows]]
+        in_scan = rows[scans == graph.scan_ids.index(self.scan)].tolist()
+        return self._name(object_id, in_scan[0]) if in_scan else f"object {object_id}"
+
+    def _name(self, object_id: int, candidate: int) -> str:
+        category = _text_or_empty(lambda: self.answers.candidate_categories[candidate])
+        return f"{category_text(category) or 'object'} {object_id}"
 
     @property
     def caption(self) -> str:
@@ -134,9 +196,20 @@ def episode(scores: Scores, instr_id: str) -> Episode:
         target_object=int(answers.target_object[row]),
         target_category=_text_or_empty(lambda: answers.target_categories[task]),
         predicted_object=None if predicted == ABSTAINED else predicted,
+        predicted_box=_predicted_box(submission, row),
         box_outcome=scores.box_outcomes[row],
         graph=graph,
+        answers=answers,
     )
+
+
+def _predicted_box(submission: AlignedSubmission, row: int) -> PredictedBox | None:
+    boxes = submission.boxes
+    found = np.flatnonzero(boxes.row == row)
+    if not found.size:
+        return None
+    camera = boxes.camera[found]
+    return PredictedBox(boxes.xywh[found[0]], camera[0], int(snap(camera)[0]))
 
 
 def _unknown_episode(instr_id: str, truth: GroundTruth) -> str:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from reverie_eval.arrays import Array, FloatArray, offsets_of
+from reverie_eval.arrays import Array, FloatArray, IntArray, offsets_of
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import Centres, read_one_split, read_split
 from reverie_eval.dataset._files import DatasetFiles
@@ -66,9 +66,11 @@ def compile_split(
     arrays = graph.to_arrays() | _episode_arrays(tasks, graph)
     texts = {"instruction": [text.strip() for task in tasks for text in task.instructions]}
     if content.has_answers:
-        arrays |= _answer_arrays(tasks, graph) | _candidate_arrays(boxes, graph)
+        seen = _candidate_entries(boxes, graph)
+        arrays |= _answer_arrays(tasks, graph) | _candidate_arrays(boxes, seen, graph)
         entries = [boxes.entry_at[task.viewpoints[-1], task.target] for task in tasks]
         texts["target_category"] = [boxes.entries[entry].record.name for entry in entries]
+        texts["candidate_category"] = [boxes.entries[entry].record.name for entry in seen]
         if centres is not None:
             arrays["candidate_distance"] = _candidate_distances(arrays, centres, graph)
     # Episodes of other splits are used in messages only, so problems in their files are ignored.
@@ -106,14 +108,23 @@ def _answer_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, A
     }
 
 
-def _candidate_arrays(boxes: Boxes, graph: NavigationGraph) -> dict[str, Array]:
-    """List the visible objects of every viewpoint with their boxes, by viewpoint and object id."""
-    # Viewpoints that are not included have no index; -1 leaves their boxes out below.
-    indices = [graph.index.get(key.viewpoint_id, -1) for key in boxes.viewpoints]
-    viewpoint = np.array(indices, np.int64)[boxes.viewpoint]
-    object_id = np.array([object_id for _, object_id, _ in boxes.entries], np.int64)
+def _candidate_entries(boxes: Boxes, graph: NavigationGraph) -> IntArray:
+    """Return the entries of visible objects at included viewpoints, by viewpoint and object id."""
+    viewpoint, object_id = _entry_keys(boxes, graph)
     by_viewpoint = np.lexsort((object_id, viewpoint))
-    entry = by_viewpoint[(boxes.is_visible & (viewpoint >= 0))[by_viewpoint]]
+    return by_viewpoint[(boxes.is_visible & (viewpoint >= 0))[by_viewpoint]]
+
+
+def _entry_keys(boxes: Boxes, graph: NavigationGraph) -> tuple[IntArray, IntArray]:
+    """Return the viewpoint of each entry, -1 if it is not included, and its object id."""
+    indices = [graph.index.get(key.viewpoint_id, -1) for key in boxes.viewpoints]
+    object_id = np.array([object_id for _, object_id, _ in boxes.entries], np.int64)
+    return np.array(indices, np.int64)[boxes.viewpoint], object_id
+
+
+def _candidate_arrays(boxes: Boxes, entry: IntArray, graph: NavigationGraph) -> dict[str, Array]:
+    """List the visible objects of every viewpoint with their boxes, in the order of ``entry``."""
+    viewpoint, object_id = _entry_keys(boxes, graph)
     candidate_of = np.full(len(boxes.entries), -1)
     candidate_of[entry] = np.arange(len(entry))
     candidate = candidate_of[boxes.box_entry]

@@ -115,6 +115,7 @@ class Answers:
     """Shape (n_tasks + 1,): where each task's path begins in ``path``."""
     # Unpacked when needed: scoring does not read them.
     packed_categories: Array | None = None
+    packed_candidate_categories: Array | None = None
 
     @classmethod
     def from_bundle(cls, bundle: Bundle) -> "Answers | None":
@@ -139,6 +140,7 @@ class Answers:
             path=arrays["path"],
             path_offsets=arrays["path_offsets"],
             packed_categories=bundle.texts.get("target_category"),
+            packed_candidate_categories=bundle.texts.get("candidate_category"),
         )
 
     @cached_property
@@ -151,6 +153,18 @@ class Answers:
             If the bundle has no categories.
         """
         return unpack_texts(self.packed_categories, "categories", len(self.path_offsets) - 1)
+
+    @cached_property
+    def candidate_categories(self) -> tuple[str, ...]:
+        """The annotated category of each candidate.
+
+        Raises
+        ------
+        GroundTruthError
+            If the bundle has none.
+        """
+        packed, count = self.packed_candidate_categories, len(self.candidate_object)
+        return unpack_texts(packed, "categories of candidates", count)
 
     def is_visible(self, target_object: IntArray, viewpoint: IntArray) -> BoolArray:
         """Whether each object is visible from each viewpoint of its scan."""

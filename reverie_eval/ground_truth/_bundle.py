@@ -58,7 +58,7 @@ OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
     }
 )
 PUBLIC_TEXTS = frozenset({"instruction"})
-"""Texts that are public; ``target_category`` is an answer."""
+"""Texts that are public; the categories of targets and candidates are answers."""
 _HEADER = "header"
 # numpy parses the header of each array as Python source, hence the last two of the first line.
 _DAMAGE = (

@@ -96,6 +96,16 @@ class Metric:
         # z: a small negative number rounds to 0.00, not to -0.00.
         return f"{100 * value if self.unit == 'fraction' else value:z.2f}"
 
+    def display_one(self, value: float) -> str:
+        """Format the value of a single episode: a binary one as yes or no.
+
+        >>> CATALOGUE["success"].display_one(1.0), CATALOGUE["spl"].display_one(0.5)
+        ('yes', '50.00')
+        """
+        if self.is_binary:
+            return "yes" if value else "no"
+        return self.display(value)
+
 
 _TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
 _ANSWER: frozenset[Need] = frozenset({"answer"})

@@ -11,8 +11,16 @@ from matplotlib.lines import Line2D
 
 from reverie_eval.arrays import FloatArray
 from reverie_eval.reporting._figure_style import BLUE, GREEN, GREY, INK, VERMILION
-from reverie_eval.reporting._map_frame import HEIGHT, WIDTH, Frame, arrows
-from reverie_eval.reporting._maps import EpisodeMap, Route, Sign, map_signs
+from reverie_eval.reporting._map_frame import (
+    HEIGHT,
+    STAIRS,
+    WIDTH,
+    Frame,
+    arrows,
+    level_labels,
+    sector,
+)
+from reverie_eval.reporting._maps import EpisodeMap, Route, Sign
 
 _ROUTES = (BLUE, VERMILION)
 _FAINT = 0.35
@@ -20,7 +28,7 @@ _FAINT = 0.35
 _TITLE_LETTERS, _TITLE_LINES = 60, 3
 
 
-def _mark(shape: str, size: float, face: str, edge: str, width: float) -> dict[str, Any]:
+def _mark(shape: object, size: float, face: str, edge: str, width: float) -> dict[str, Any]:
     return {
         "marker": shape,
         "markersize": size,
@@ -34,6 +42,9 @@ def _mark(shape: str, size: float, face: str, edge: str, width: float) -> dict[s
 _STYLES: Mapping[str, dict[str, Any]] = MappingProxyType(
     {
         "annotated": {"color": GREEN, "alpha": 0.3, "linewidth": 9},
+        "sight": {"color": INK, "alpha": 0.2, "linewidth": 9},
+        "off-level": {"color": INK, "linewidth": 2, "linestyle": "--"},
+        "stairs": _mark(STAIRS, 9, "none", INK, 1.5),
         "goal": _mark("o", 12, "white", GREEN, 2),
         "jump": {"color": INK, "linewidth": 2, "linestyle": ":"},
         "start": _mark("o", 6, "white", INK, 2),
@@ -52,10 +63,12 @@ def draw_map(episode_map: EpisodeMap, axes: Axes) -> None:
     axes.plot(*place[episode_map.annotated_path].T, zorder=2, **_STYLES["annotated"])
     axes.plot(*place[episode_map.goal_viewpoints].T, zorder=3, **_STYLES["goal"])
     for route in episode_map.routes[: len(_ROUTES)]:
+        _draw_sight(place[route.stop], route, axes)
         _draw_route(episode_map, route, frame, axes)
         axes.plot(*place[route.stop], zorder=7, **_stop_style(route.number))
     axes.plot(*place[episode_map.start], zorder=5, **_STYLES["start"])
     axes.plot(*place[episode_map.path_end], zorder=6, **_STYLES["end"])
+    _draw_levels(episode_map, place, axes)
     bar = frame.bar_metres
     axes.plot([12, 12 + bar * frame.scale], [HEIGHT - 12] * 2, color=INK, linewidth=1.5)
     axes.text(12, HEIGHT - 17, f"{bar} m", fontsize="small")
@@ -65,9 +78,8 @@ def draw_map(episode_map: EpisodeMap, axes: Axes) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     axes.spines[:].set_visible(False)
-    signs = map_signs([route.name for route in episode_map.routes])
     axes.legend(
-        handles=list(map(_key_entry, signs)),
+        handles=list(map(_key_entry, episode_map.signs)),
         frameon=False,
         loc="upper left",
         bbox_to_anchor=(0, 0),
@@ -90,15 +102,33 @@ def _draw_graph(episode_map: EpisodeMap, place: FloatArray, axes: Axes) -> None:
 
 
 def _draw_route(episode_map: EpisodeMap, route: Route, frame: Frame, axes: Axes) -> None:
-    """Draw the legs with arrows; jumps are dotted."""
+    """Draw the legs with arrows; jumps are dotted, legs on other levels dashed."""
     colour = _ROUTES[route.number - 1]
     lanes, is_jump = frame.lanes(episode_map, route), episode_map.is_jump(route)
-    for legs, style in ((lanes[~is_jump], "-"), (lanes[is_jump], ":")):
+    dashed = episode_map.is_off_level(route.legs) & ~is_jump
+    styles = {"-": ~is_jump & ~dashed, "--": dashed, ":": is_jump}
+    for style, legs in ((style, lanes[is_drawn]) for style, is_drawn in styles.items()):
         drawn: dict[str, Any] = {"colors": colour, "linestyles": style, "capstyle": "round"}
         axes.add_collection(LineCollection(list(legs), linewidths=2, zorder=4, **drawn))
     for arrow in arrows(lanes):
         if arrow is not None:
             axes.fill(*arrow.T, color=colour, zorder=4)
+
+
+def _draw_sight(stop: FloatArray, route: Route, axes: Axes) -> None:
+    """Draw the view of the answer as a sector around the stop."""
+    if route.sight is not None:
+        style = _STYLES["sight"] | {"color": _ROUTES[route.number - 1], "linewidth": 0}
+        axes.fill(*(stop + sector(route.sight)).T, zorder=3.5, **style)
+
+
+def _draw_levels(episode_map: EpisodeMap, place: FloatArray, axes: Axes) -> None:
+    """Mark stairs, and the levels of the ends if the episode has several."""
+    for label, rows in level_labels(episode_map):
+        aside = (8, -3) if len(rows) == 1 else (-6, 6)
+        x, y = place[rows].mean(axis=0)
+        axes.annotate(label, (x, y), aside, textcoords="offset points", fontsize="small", zorder=8)
+    axes.plot(*place[episode_map.stairs].mean(axis=1).T, zorder=8, **_STYLES["stairs"])
 
 
 def _stop_style(number: int) -> dict[str, Any]:

@@ -1,12 +1,14 @@
 """Where a map's viewpoints, routes and arrows lie on the page."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from reverie_eval.arrays import FloatArray
+from reverie_eval.geometry import FOCAL_LENGTH
+from reverie_eval.geometry import WIDTH as VIEW_WIDTH
 from reverie_eval.reporting._charts import round_numbers
 from reverie_eval.reporting._maps import EpisodeMap, Route
 
@@ -24,6 +26,11 @@ _ARROW_PLACE = 0.62
 """Beyond the middle of a leg, so that the arrows of both directions stand side by side."""
 _BAR_SHARE = 0.25
 """Of the width: the longest bar of the scale."""
+STAIRS = ((-6, -5), (-6, -2), (-2, -2), (-2, 1), (2, 1), (2, 4), (6, 4))
+"""The sign for stairs, in units of the page to the right and upwards."""
+_VIEW_ANGLE = 2 * np.arctan(VIEW_WIDTH / 2 / FOCAL_LENGTH)
+"""Radians that a view shows from left to right."""
+_SIGHT_RADIUS, _SIGHT_POINTS = 30.0, 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,3 +92,25 @@ def arrows(lanes: FloatArray) -> Iterator[FloatArray | None]:
         place = start + _ARROW_PLACE * (end - start)
         tip, tail = place + 0.6 * ahead, place - 0.6 * ahead
         yield np.array([tip, tail + 0.55 * aside, tail - 0.55 * aside])
+
+
+def sector(heading: float) -> FloatArray:
+    """Return the outline, shape (n, 2), of what a view shows, around the place of its camera."""
+    turns = heading + _VIEW_ANGLE * np.linspace(-0.5, 0.5, _SIGHT_POINTS)
+    arc = _SIGHT_RADIUS * np.column_stack([np.sin(turns), -np.cos(turns)])
+    return np.vstack([np.zeros(2), arc])
+
+
+def level_labels(episode_map: EpisodeMap) -> Iterator[tuple[str, Sequence[int]]]:
+    """Label stairs and the ends of the episode with their levels, if it is on several.
+
+    Yields each label with the viewpoints that it belongs to: two for stairs, one for an end.
+    """
+    if not episode_map.leaves_level:
+        return
+    for stairs in episode_map.stairs.tolist():
+        yield "-".join(map(str, episode_map.levels(stairs))), stairs
+    ends = [episode_map.start, episode_map.path_end, *(each.stop for each in episode_map.routes)]
+    for row in dict.fromkeys(ends):
+        (level,) = episode_map.levels([row])
+        yield f"level {level}", [row]

@@ -8,7 +8,7 @@ route, ``data-viewpoint`` the viewpoint. Without a script it shows what the stil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from html import escape
-from itertools import groupby, pairwise
+from itertools import groupby
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -16,8 +16,18 @@ import numpy as np
 
 from reverie_eval.analysis import Episode
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.reporting._map_frame import HEIGHT, WIDTH, Frame, arrows
-from reverie_eval.reporting._maps import EpisodeMap, Route, Sign, map_signs
+from reverie_eval.reporting._answer_svg import answer_picture
+from reverie_eval.reporting._answer_views import answer_views
+from reverie_eval.reporting._map_frame import (
+    HEIGHT,
+    STAIRS,
+    WIDTH,
+    Frame,
+    arrows,
+    level_labels,
+    sector,
+)
+from reverie_eval.reporting._maps import EpisodeMap, Route, Sign
 from reverie_eval.reporting.resources import text_of
 
 MAP_STYLE = text_of("shared/map.css")
@@ -32,7 +42,18 @@ _STAR = np.array(
         for turn, radius in zip(np.arange(10) * np.pi / 5, [7.5, 3.2] * 5, strict=True)
     ]
 )
+_LABEL_WIDTH, _ASIDE = 50.0, 10.0
 _RADIUS = {"start": 5.5, "goal": 7.0}
+_SIGN_LINES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "sight": ("sight", "M8 8L34 0V16z"),
+        "jump": ("route jump", "M4 8H36"),
+        "annotated": ("annotated", "M6 8H34"),
+        "off-level": ("route off-level", "M4 8H36"),
+        "elsewhere": ("viewpoint elsewhere", "M12 8h0M28 8h0"),
+    }
+)
+"""In a key: the class and the data of the path, by kind of sign."""
 _NO_LINES: Mapping[str, str] = MappingProxyType({})
 
 
@@ -52,24 +73,32 @@ def interactive_map_svg(episode_map: EpisodeMap) -> str:
     return _Drawing(episode_map).interactive()
 
 
-def map_key(names: Sequence[str]) -> str:
-    """Explain the signs of a map in HTML; the names are those of :func:`map_signs`."""
+def map_key(*maps: EpisodeMap) -> str:
+    """Explain the signs on maps of the same submissions in HTML."""
+    signs = dict.fromkeys(sign for each in maps for sign in each.signs)
     entries = "".join(
         f'<span><svg class="episode-map sign" viewBox="0 0 40 16" aria-hidden="true">'
         f"{_sign(sign)}</svg> {escape(sign.meaning)}</span>"
-        for sign in map_signs(names)
+        for sign in signs
     )
     return f'<p class="map-key">{entries}</p>'
 
 
 def episode_html(episode: Episode) -> str:
-    """Show an episode in a notebook: its map with instruction, outcome and key."""
+    """Show an episode in a notebook: its map with instruction, outcome and key, and its answer."""
     instruction = f"<q>{escape(episode.instruction)}</q>" if episode.instruction else ""
+    episode_map = EpisodeMap.of({"": episode})
+    caption = "; ".join(filter(None, [episode.caption, *episode_map.level_notes]))
+    answers = "".join(
+        f'<figure style="margin: 1rem 0">{answer_picture(shown)}'
+        f"<figcaption>{escape(shown.caption)}</figcaption></figure>"
+        for _, shown in answer_views({"": episode})
+    )
     return (
         '<figure style="margin: 0; max-width: 36rem">'
-        f"{map_picture(EpisodeMap.of({'': episode}))}<figcaption>"
+        f"{map_picture(episode_map)}<figcaption>"
         f"<code>{escape(episode.instr_id)}</code> {instruction}<br>"
-        f"{escape(episode.caption)}</figcaption>{map_key([''])}</figure>"
+        f"{escape(caption)}</figcaption>{map_key(episode_map)}{answers}</figure>"
     )
 
 
@@ -104,8 +133,10 @@ class _Drawing:
             self._annotated_path(),
             self._viewpoints(),
             self._goals(),
+            self._sights(),
             *map(self._legs, self._map.routes),
             self._ends(),
+            self._level_marks(),
         ]
         shapes = (shape for layer in layers for shape in self._joined(layer))
         return self._svg("episode-map", shapes, attributes, style)
@@ -118,8 +149,10 @@ class _Drawing:
             "</g>",
             *map(self._apart, self._viewpoints()),
             *map(self._apart, self._goals()),
+            *map(self._apart, self._sights()),
             *(self._apart(leg) for route in self._map.routes for leg in self._legs(route)),
             *map(self._apart, self._ends()),
+            *map(self._apart, self._level_marks()),
         ]
         return self._svg("episode-map walkable", shapes)
 
@@ -173,11 +206,11 @@ class _Drawing:
 
     def _annotated_path(self) -> Iterator[_Piece]:
         """Draw the annotated path, a piece for as long as it stays on a storey."""
-        legs = map(list, pairwise(self._map.annotated_path.tolist()))
-        for _, same in groupby(legs, key=self._map.levels):
+        for _, same in groupby(self._map.annotated_legs.tolist(), key=self._map.levels):
             first, *others = same
             rows = first + [end for _, end in others]
-            yield _Piece(first, {"annotated": _line(self._place[rows])})
+            off_level = " off-level" if self._map.is_off_level(np.array([first]))[0] else ""
+            yield _Piece(first, {f"annotated{off_level}": _line(self._place[rows])})
 
     def _viewpoints(self) -> Iterator[_Piece]:
         for row in np.flatnonzero(self._in_sight).tolist():
@@ -196,15 +229,37 @@ class _Drawing:
             cut = np.append(route.viewpoint[: MOST_POSES - 1], route.stop)
             shown = replace(route, viewpoint=cut)
         lanes, is_jump = self._frame.lanes(self._map, shown), self._map.is_jump(shown).tolist()
+        off_level = self._map.is_off_level(shown.legs).tolist()
         number = route.number
         for leg, (ends, arrow) in enumerate(zip(lanes, arrows(lanes), strict=True)):
             goes_on = leg > 0 and not is_jump[leg - 1] and not is_jump[leg]
+            way_of = " jump" if is_jump[leg] else " off-level" if off_level[leg] else ""
             way = np.vstack([lanes[leg - 1][1:], ends]) if goes_on else ends
-            lines = {f"route{' jump' if is_jump[leg] else ''} route-{number}": _line(way)}
+            lines = {f"route{way_of} route-{number}": _line(way)}
             if arrow is not None:
                 lines[f"arrow route-{number}"] = f"{_line(arrow)}z"
             place = f' class="leg" data-route="{number}" data-leg="{leg + 1}"'
             yield _Piece(shown.legs[leg].tolist(), lines, attributes=place)
+
+    def _sights(self) -> Iterator[_Piece]:
+        """Draw the views of the answers as sectors around the stops."""
+        for route in self._map.routes:
+            if route.sight is not None:
+                shape = self._stop_place(route) + sector(route.sight)
+                sign = _path(f"sight route-{route.number}", f"{_line(shape)}z")
+                yield _Piece([route.stop], sign=sign)
+
+    def _level_marks(self) -> Iterator[_Piece]:
+        """Mark stairs, and say on which levels the episode's ends are if it has several."""
+        for label, rows in level_labels(self._map):
+            place = self._place[rows].mean(axis=0)
+            is_stairs = len(rows) > 1
+            yield _Piece(rows, sign=_stairs(place, label) if is_stairs else _label(place, label))
+
+    def _stop_place(self, route: Route) -> FloatArray:
+        """Return where an agent's stop is drawn: beside that of another at the same viewpoint."""
+        aside = np.array([6.0 * (route.number - 1), 0.0])
+        return np.asarray(self._place[route.stop] + aside)
 
     def _ends(self) -> Iterator[_Piece]:
         """Draw the start, the end of the annotated path, and where agents stopped."""
@@ -212,10 +267,9 @@ class _Drawing:
         yield self._at(start, _circle("start", place[start], self._title("start", start)))
         yield self._at(end, _star(place[end], self._title("end of the annotated path", end)))
         for route in self._map.routes:
-            aside = np.array([6.0 * (route.number - 1), 0.0])
             whose = f" of {route.name}" if route.name else ""
             title = self._title(f"stop{whose}", route.stop)
-            yield self._at(route.stop, _square(place[route.stop] + aside, route.number, title))
+            yield self._at(route.stop, _square(self._stop_place(route), route.number, title))
 
     def _at(
         self, row: int, sign: str = "", lines: Mapping[str, str] = _NO_LINES, title: str = ""
@@ -237,12 +291,10 @@ def _sign(sign: Sign) -> str:
             return _circle(sign.kind, middle)
         case "end":
             return _star(middle)
-        case "jump":
-            return _path("route jump", "M4 8H36")
-        case "annotated":
-            return _path("annotated", "M6 8H34")
-        case "elsewhere":
-            return _path("viewpoint elsewhere", "M12 8h0M28 8h0")
+        case "stairs":
+            return _stairs(middle)
+        case _:
+            return _path(*_SIGN_LINES[sign.kind])
 
 
 def _path(kind: str, data: str, title: str = "") -> str:
@@ -258,6 +310,21 @@ def _circle(kind: str, place: FloatArray, title: str = "") -> str:
 
 def _star(place: FloatArray, title: str = "") -> str:
     return _path("end", f"{_line(_STAR + place)}z", title)
+
+
+def _stairs(place: FloatArray, label: str = "") -> str:
+    """Draw the sign for stairs, with a label above it."""
+    x, y = place
+    text = f'<text class="level" x="{x:.1f}" y="{y - 8:.1f}" text-anchor="middle">{label}</text>'
+    return _path("stairs", _line(place + np.array(STAIRS) * (1, -1))) + (text if label else "")
+
+
+def _label(place: FloatArray, text: str) -> str:
+    """Write beside a sign; to its left near the right edge."""
+    x, y = place
+    is_right = x > WIDTH - _LABEL_WIDTH
+    x, anchor = (x - _ASIDE, ' text-anchor="end"') if is_right else (x + _ASIDE, "")
+    return f'<text class="level" x="{x:.1f}" y="{y + 4:.1f}"{anchor}>{text}</text>'
 
 
 def _square(place: FloatArray, number: int, title: str = "") -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from reverie_eval.analysis import Episode
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
 from reverie_eval.ground_truth import NavigationGraph
+from reverie_eval.reporting._answer_views import AnswerView
 from reverie_eval.text import count_text
 
 _LEAST_STOREY_HEIGHT = 2.0
@@ -18,35 +19,30 @@ _FLOOR_TOLERANCE = 0.5
 _LEAST_VIEWPOINTS = 3
 """At one height make a storey; fewer are a landing."""
 _JUMP, _GOAL_VIEWPOINT = "jump between unconnected viewpoints", "goal viewpoint"
+_OFF_LEVEL = "on another level than the start"
+_ELSEWHERE = "on a level that the episode does not reach"
+
+SignKind = Literal[
+    "stop",
+    "sight",
+    "start",
+    "jump",
+    "annotated",
+    "end",
+    "goal",
+    "off-level",
+    "stairs",
+    "elsewhere",
+]
 
 
 class Sign(NamedTuple):
     """A sign on a map, and its meaning."""
 
-    kind: Literal["stop", "start", "jump", "annotated", "end", "goal", "elsewhere"]
+    kind: SignKind
     meaning: str
     route: int = 0
     """Of a stop: the number of the submission, from 1."""
-
-
-def map_signs(names: Sequence[str]) -> Sequence[Sign]:
-    """Return the signs that a map's key explains.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the submissions whose routes are shown, if any; the name of a single one may be empty.
-    """
-    stops = [f"{name}: route and stop" if name else "route and stop" for name in names]
-    return [
-        *(Sign("stop", meaning, number) for number, meaning in enumerate(stops, 1)),
-        Sign("start", "start"),
-        *([Sign("jump", _JUMP)] if names else []),
-        Sign("annotated", "annotated path"),
-        Sign("end", "end of the annotated path"),
-        Sign("goal", f"{_GOAL_VIEWPOINT} (success)"),
-        Sign("elsewhere", "on another level"),
-    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +56,18 @@ class Route:
     outcome: str
     viewpoint: IntArray
     """Shape (n_poses,): rows of the map's viewpoints."""
+    sight: float | None = None
+    """Heading of the view of the answer, radians; None if no view shows it."""
 
     @property
     def legs(self) -> IntArray:
         """Shape (n_legs, 2): the moves to another viewpoint; turns on the spot are left out."""
-        is_move = np.diff(self.viewpoint) != 0
-        legs: IntArray = np.column_stack([self.viewpoint[:-1], self.viewpoint[1:]])[is_move]
-        return legs
+        return _legs(self.viewpoint)
+
+    @property
+    def meaning(self) -> str:
+        """What the line and its end mean, for a key."""
+        return f"{self.name}: route and stop" if self.name else "route and stop"
 
     @property
     def stop(self) -> int:
@@ -85,6 +86,8 @@ class Step:
     """From 1, the lowest storey."""
     walked: float
     """Metres since the start."""
+    to_goal: float
+    """Metres along the graph to the nearest goal viewpoint; inf if there is none."""
     to_path_end: float
     """Metres along the graph to the end of the annotated path."""
     is_goal: bool
@@ -166,7 +169,13 @@ class EpisodeMap:
             storey=find_storeys(position[:, 2]),
             edges=np.column_stack([start, end])[is_edge],
             routes=[
-                Route(number, name, episode.outcome, rows_of(episode.trajectory))
+                Route(
+                    number,
+                    name,
+                    episode.outcome,
+                    rows_of(episode.trajectory),
+                    AnswerView.at_stop(episode).heading,
+                )
                 for number, (name, episode) in enumerate(episodes.items(), 1)
             ],
             annotated_path=rows_of(first.annotated_path),
@@ -195,10 +204,71 @@ class EpisodeMap:
         """Shape (n_viewpoints,): whether it is on a storey where the episode has no viewpoint."""
         return ~np.isin(self.storey, self.storey[self.visited])
 
+    @property
+    def signs(self) -> Sequence[Sign]:
+        """The signs that are on the map, for its key."""
+        legs = [self.annotated_legs, *(route.legs for route in self.routes)]
+        is_shown = {
+            Sign("sight", "direction of the view of the answer"): any(
+                route.sight is not None for route in self.routes
+            ),
+            Sign("start", "start"): True,
+            Sign("jump", _JUMP): any(self.is_jump(route).any() for route in self.routes),
+            Sign("annotated", "annotated path"): len(self.annotated_legs) > 0,
+            Sign("end", "end of the annotated path"): True,
+            Sign("goal", f"{_GOAL_VIEWPOINT} (success)"): len(self.goal_viewpoints) > 0,
+            Sign("off-level", _OFF_LEVEL): any(self.is_off_level(each).any() for each in legs),
+            Sign("stairs", "stairs, with the levels at their ends"): len(self.stairs) > 0,
+            Sign("elsewhere", _ELSEWHERE): bool(self.is_elsewhere.any()),
+        }
+        return [
+            *(Sign("stop", route.meaning, route.number) for route in self.routes),
+            *(sign for sign, is_on in is_shown.items() if is_on),
+        ]
+
+    @property
+    def annotated_legs(self) -> IntArray:
+        """Shape (n_legs, 2): the moves of the annotated path."""
+        return _legs(self.annotated_path)
+
+    @property
+    def leaves_level(self) -> bool:
+        """Whether the episode has viewpoints on several storeys."""
+        return len(self.levels(self.visited)) > 1
+
+    def is_off_level(self, legs: IntArray) -> BoolArray:
+        """Shape (n_legs,): whether a leg has an end on another storey than the start."""
+        off_level: BoolArray = (self.storey[legs] != self.storey[self.start]).any(axis=1)
+        return off_level
+
+    @property
+    def stairs(self) -> IntArray:
+        """Shape (n_stairs, 2): the edges of the episode that lead to another storey, each once."""
+        walked = [route.legs[~self.is_jump(route)] for route in self.routes]
+        legs = np.unique(np.sort(np.vstack([self.annotated_legs, *walked]), axis=1), axis=0)
+        is_climb: BoolArray = np.diff(self.storey[legs], axis=1)[:, 0] != 0
+        return legs[is_climb]
+
+    def level_note(self, route: Route) -> str:
+        """Say on which storeys the agent stops and the path ends; empty if it is the same."""
+        stop, end = (self.storey[[route.stop, self.path_end]] + 1).tolist()
+        return "" if stop == end else f"stopped on level {stop}, the path ends on level {end}"
+
+    @property
+    def level_notes(self) -> Sequence[str]:
+        """The notes of :meth:`level_note` about all routes."""
+        return list(map(self.level_note, self.routes))
+
     def is_jump(self, route: Route) -> BoolArray:
         """Shape (n_legs,): whether no edge joins the ends of a route's leg."""
         start, end = self.graph_row[route.legs].T
         return ~self.graph.has_edge(start, end)
+
+    def to_goal(self, viewpoints: IntArray) -> FloatArray:
+        """Return the metres along the graph from viewpoints to the nearest goal viewpoint."""
+        start, end = np.meshgrid(viewpoints, self.goal_viewpoints, indexing="ij")
+        distance = self.graph.distance_between(self.graph_row[start], self.graph_row[end])
+        return np.asarray(distance.min(axis=1, initial=np.inf))
 
     def to_path_end(self, viewpoints: IntArray) -> FloatArray:
         """Return the metres along the graph from viewpoints to the end of the annotated path."""
@@ -214,6 +284,7 @@ class EpisodeMap:
         columns = zip(
             viewpoints.tolist(),
             np.concatenate([[0.0], np.cumsum(lengths)]).tolist(),
+            self.to_goal(viewpoints).tolist(),
             self.to_path_end(viewpoints).tolist(),
             is_goal.tolist(),
             [False, *self.is_jump(route).tolist()],
@@ -225,12 +296,15 @@ class EpisodeMap:
                 viewpoint_id=self.viewpoint_ids[viewpoint],
                 level=int(self.storey[viewpoint]) + 1,
                 walked=walked,
+                to_goal=to_goal,
                 to_path_end=to_path_end,
                 is_goal=is_goal,
                 is_jump=is_jump,
                 is_stop=number == len(legs),
             )
-            for number, (viewpoint, walked, to_path_end, is_goal, is_jump) in enumerate(columns)
+            for number, (viewpoint, walked, to_goal, to_path_end, is_goal, is_jump) in enumerate(
+                columns
+            )
         ]
 
     def levels(self, viewpoints: IntArray | Sequence[int]) -> Sequence[int]:
@@ -260,9 +334,15 @@ class EpisodeMap:
             agent = f"The agent of {route.name}" if route.name else "The agent"
             moves, jumps = count_text(len(route.legs), "move"), int(self.is_jump(route).sum())
             among = f", {jumps} of them between unconnected viewpoints" if jumps else ""
-            outcome = f"; {route.outcome}" if route.outcome else ""
-            sentences.append(f"{agent} makes {moves}{among}{outcome}.")
+            said = [f"{agent} makes {moves}{among}", route.outcome, self.level_note(route)]
+            sentences.append(f"{'; '.join(filter(None, said))}.")
         return " ".join(sentences)
+
+
+def _legs(viewpoint: IntArray) -> IntArray:
+    """Return the pairs of viewpoints, shape (n_legs, 2), that follow each other and differ."""
+    legs = np.column_stack([viewpoint[:-1], viewpoint[1:]])
+    return np.asarray(legs[legs[:, 0] != legs[:, 1]])
 
 
 def find_storeys(height: FloatArray) -> IntArray:

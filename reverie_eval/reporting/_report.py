@@ -19,6 +19,8 @@ from reverie_eval.analysis import (
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting import _report_sections as sections
+from reverie_eval.reporting._answer_svg import ANSWER_STYLE, answer_svg
+from reverie_eval.reporting._answer_views import answer_views
 from reverie_eval.reporting._comparison import comparison_table, methods, sentences
 from reverie_eval.reporting._map_svg import MAP_STYLE, map_key, map_svg
 from reverie_eval.reporting._maps import EpisodeMap
@@ -38,9 +40,12 @@ _LISTED_CHANGES = 50
 
 @dataclass(frozen=True)
 class Card:
-    """An episode's map with captions."""
+    """An episode's map and the pictures of its answers, with captions."""
 
     picture: "Markup"
+    answers: Sequence[tuple[str, "Markup", str]]
+    """Name of the submission, picture and caption of each."""
+    map: EpisodeMap
     episode: Episode
     """Of the first submission."""
     captions: Mapping[str, str]
@@ -99,7 +104,7 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
     (name, first), *_ = scores.items()
     breakdowns, notes = sections.breakdowns(scores)
     return {
-        "styles": [as_markup(text_of("report.css")), as_markup(MAP_STYLE)],
+        "styles": [as_markup(style) for style in (text_of("report.css"), MAP_STYLE, ANSWER_STYLE)],
         "name": name,
         "names": list(scores),
         "scores": scores,
@@ -126,16 +131,17 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
 def _outcomes(scores: Mapping[str, Scores]) -> dict[str, Any]:
     """Return what a report says about outcomes, which take navigation and answers."""
     (name, first), *_ = scores.items()
+    misses = [
+        (failure, OUTCOMES[failure], [_card({name: first}, each) for each in instr_ids])
+        for failure, instr_ids in near_misses(first).items()
+        if instr_ids
+    ]
     return {
         "funnel": sections.funnel_rows(scores),
         "outcomes": sections.outcome_rows(scores),
         "goal_reached_notes": sections.goal_reached_notes(scores),
-        "near_misses": [
-            (failure, OUTCOMES[failure], [_card({name: first}, each) for each in instr_ids])
-            for failure, instr_ids in near_misses(first).items()
-            if instr_ids
-        ],
-        "map_key": as_markup(map_key([""])),
+        "near_misses": misses,
+        "map_key": as_markup(map_key(*(card.map for _, _, cards in misses for card in cards))),
     }
 
 
@@ -145,6 +151,10 @@ def _comparison(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
     (name, first), (other_name, other) = scores.items()
     why_not = Intervals.why_not(first.ground_truth, by)
     comparison = None if why_not else Comparison.of(scores, by)
+    changes = [
+        _change(other_name, scores, episodes_won(first, other)),
+        _change(name, scores, episodes_won(other, first)),
+    ]
     return {
         "other_name": other_name,
         "sentences": sentences(comparison) if comparison else [],
@@ -154,11 +164,8 @@ def _comparison(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "outcome_changes": sections.outcome_changes(first, other)
         if sections.has_outcomes(scores)
         else [],
-        "changes": [
-            _change(other_name, scores, episodes_won(first, other)),
-            _change(name, scores, episodes_won(other, first)),
-        ],
-        "both_key": as_markup(map_key(list(scores))),
+        "changes": changes,
+        "both_key": as_markup(map_key(*(card.map for each in changes for card in each.cards))),
     }
 
 
@@ -178,5 +185,13 @@ def _card(scores: Mapping[str, Scores], instr_id: str) -> Card:
     episodes = {name: each.episode(instr_id) for name, each in scores.items()}
     first = next(iter(episodes.values()))
     shown = episodes if len(scores) > 1 else {"": first}
-    captions = {name: episode.caption for name, episode in shown.items()}
-    return Card(as_markup(map_svg(EpisodeMap.of(shown))), first, captions)
+    episode_map = EpisodeMap.of(shown)
+    captions = {
+        name: "; ".join(filter(None, [episode.caption, level_note]))
+        for (name, episode), level_note in zip(shown.items(), episode_map.level_notes, strict=True)
+    }
+    answers = [
+        (name, as_markup(answer_svg(view, number)), view.caption)
+        for number, (name, view) in enumerate(answer_views(shown), 1)
+    ]
+    return Card(as_markup(map_svg(episode_map)), answers, episode_map, first, captions)

@@ -382,6 +382,8 @@ class SubmissionReport(WireModel):
     published_at: datetime | None
     withdrawn_at: datetime | None
     anonymous_until: datetime | None
+    shows_episodes: bool = False
+    """Whether everyone may look at its episodes while it is published."""
     upload_deleted_at: datetime | None = None
     """When the file was deleted, as its organiser keeps unpublished ones for some time only."""
 
@@ -418,6 +420,8 @@ class SubmissionChange(WireModel):
     """Whether it is withdrawn; it still counts, and must be restored before it can be published."""
     anonymous_until: Instant | None = Field(None, examples=["2027-07-01T12:00:00Z"])
     """Until when the leaderboard does not name the team; null names it now."""
+    shows_episodes: bool | None = None
+    """Whether everyone may look at its episodes while it is published; for open splits only."""
 
 
 class PublicReview(WireModel):

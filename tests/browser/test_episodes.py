@@ -40,6 +40,9 @@ def test_walking_step_by_step(site: Site, path: str, open_page: OpenPage) -> Non
     page.get_by_label("Step", exact=True).fill("0")
     assert steps_shown(page) == [0, 0]
     expect(page.get_by_role("status")).to_contain_text(f"Step 0 of {last}")
+    expect(page.get_by_role("status")).to_contain_text(
+        re.compile(r"0\.0 m walked, \d+\.\d m to the")
+    )
     assert page.locator(".leg:not(.ahead)").count() == 0
     walker, places = page.locator(".walker.route-1"), []
     places.append(place(walker))
@@ -51,6 +54,9 @@ def test_walking_step_by_step(site: Site, path: str, open_page: OpenPage) -> Non
     assert page.locator(".leg.ahead[data-route='1']").count() == 0
     page.get_by_role("button", name="One step back").click()
     assert place(walker) == places[-2]
+    shown = steps_shown(page)
+    page.reload()
+    assert steps_shown(page) == shown  # the link leads to the step
 
 
 def test_playing_to_the_end(site: Site, path: str, open_page: OpenPage) -> None:
@@ -88,7 +94,13 @@ def test_arrow_keys_lead_on_where_they_mean_nothing_else(
 ) -> None:
     page = open_page(site, path, OWNER)
     onward = page.get_by_role("link", name="Next").get_attribute("href")
+    expect(page.get_by_text("Keys: ← and → open the previous and the next episode")).to_be_visible()
     page.get_by_label("Step", exact=True).press("ArrowLeft")
+    expect(page).to_have_url(re.compile(re.escape(path)))
+    last = steps_shown(page)[0]
+    page.get_by_role("button", name="One step back").press("ArrowLeft")
+    assert steps_shown(page)[0] == last - 1
+    page.get_by_role("button", name="Show").press("ArrowRight")
     expect(page).to_have_url(re.compile(re.escape(path)))
     page.get_by_role("heading", level=1).click()
     page.keyboard.press("ArrowRight")
@@ -118,5 +130,7 @@ def test_without_scripts_nothing_is_offered_that_needs_them(
     )
     tools = page.locator(".map-tools")
     expect(tools).to_be_visible(visible=has_scripts)
+    expect(page.locator(".keys")).to_be_visible(visible=has_scripts)
+    expect(page.get_by_role("img", name="What is visible from viewpoint")).to_be_visible()
     expect(page.get_by_role("link", name="Next")).to_be_visible()
     assert page.locator("svg .annotated").count() > 0

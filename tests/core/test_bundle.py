@@ -251,7 +251,7 @@ def test_a_public_bundle_has_exactly_these_arrays() -> None:
 
 
 def test_a_public_bundle_has_instructions_but_no_categories(bundle: Bundle) -> None:
-    assert set(bundle.texts) == {"instruction", "target_category"}
+    assert set(bundle.texts) == {"instruction", "target_category", "candidate_category"}
     assert set(bundle.public().texts) == {"instruction"}
 
 
@@ -267,6 +267,20 @@ def test_texts_equal_those_of_the_annotations(demo_world: Path, regenerated: Pat
     )
     assert len(truth.require_answers().target_categories) == len(tasks)
     assert "bed" in truth.require_answers().target_categories
+
+
+def test_categories_of_candidates_equal_those_of_the_box_files(
+    demo_world: Path, regenerated: Path
+) -> None:
+    truth = GroundTruth.load(regenerated / "val_unseen.npz")
+    answers, graph = truth.require_answers(), truth.graph
+    columns = answers.candidate_viewpoint, answers.candidate_object
+    found = zip(*(each.tolist() for each in columns), answers.candidate_categories, strict=True)
+    for viewpoint, object_id, category in found:
+        name = graph.viewpoint_ids[viewpoint]
+        file = f"{graph.scan_of(viewpoint)}_{name}.json"
+        boxes = json.loads((demo_world / "tasks/REVERIE/data/BBox" / file).read_text())
+        assert boxes[name][str(object_id)]["name"] == category
 
 
 def test_the_fingerprint_does_not_depend_on_texts(bundle: Bundle) -> None:

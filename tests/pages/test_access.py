@@ -64,6 +64,8 @@ POST /submissions/{submission_id}   sign-in    404       303       303       303
 GET  /episodes                      200        200       200       200       200
 GET  /episodes/{split}              200        200       200       200       200
 GET  /episodes/{split}/{instr_id}   200        200       200       200       200
+GET  /play/{split}                  200        200       200       200       200
+GET  /play/{split}/{instr_id}       200        200       200       200       200
 GET  /guide                         200        200       200       200       200
 GET  /guide/submitting              200        200       200       200       200
 GET  /guide/metrics                 200        200       200       200       200

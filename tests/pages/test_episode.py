@@ -12,7 +12,7 @@ import pytest
 
 import reverie_eval as rv
 from reverie_eval.ground_truth import Bundle, pack_texts
-from tests.support.episode_pages import drawn, linked, listed, picture, send, walks
+from tests.support.episode_pages import drawn, linked, listed, picture, send, visitor, walks
 from tests.support.home import OTHER_WALKS
 from tests.support.serving import OPEN, OWNER, OpenServer, Serving, adjusted, settings_of
 from tests.support.visiting import said, signed_in
@@ -67,12 +67,42 @@ def test_a_walk_is_drawn_and_told(home: Serving, submission: str) -> None:
         [unescape(cell) for cell in re.findall(r">([^<>]*)</(?:td|th|code)>", row)] for row in rows
     ]
     assert [[cell for cell in row if cell] for row in cells] == [
-        ["0", "porch", "start", "0.0", "10.0", "2"],
-        ["1", "room", "goal viewpoint", "4.0", "6.0", "2"],
-        ["2", "porch", "stop", "8.0", "10.0", "2"],
+        ["0", "porch", "start", "0.0", "4.0", "10.0", "2"],
+        ["1", "room", "goal viewpoint", "4.0", "0.0", "6.0", "2"],
+        ["2", "porch", "stop", "8.0", "4.0", "10.0", "2"],
     ]
     assert "overshot" in text
     assert "walked 8.0 m, shortest 10.0 m; stopped 10.0 m from the path's end" in text
+
+
+@pytest.mark.parametrize(
+    ("who", "instr_id", "headings"),
+    [
+        pytest.param(OWNER, "1_3_0", ["Answer: Walker"], id="target visible"),
+        pytest.param(OWNER, "2_4_0", ["Answer: Walker", "Where the target is"], id="not visible"),
+        pytest.param(None, "2_4_0", ["Where the target is"], id="annotations only"),
+    ],
+)
+def test_the_answer_is_drawn(
+    who: str | None, instr_id: str, headings: list[str], home: Serving, submission: str
+) -> None:
+    query = f"?submission={submission}" if who else ""
+    page = visitor(home, who).get(f"/episodes/{OPEN}/{instr_id}{query}")
+    html = html5lib.parse(page.text, namespaceHTMLElements=False)
+    figures = html.findall(".//div[@class='answers']/figure")
+    titles = [title for each in figures for title in each.findall("h2")]
+    assert [" ".join("".join(title.itertext()).split()) for title in titles] == headings
+    captions = [each.findtext("figcaption") for each in figures]
+    assert len(re.findall('<svg class="answer-view', page.text)) == len(headings)
+    assert all(captions)
+
+
+def test_an_episode_s_metrics_are_yes_or_no(home: Serving, submission: str) -> None:
+    page = signed_in(home, OWNER).get(f"/episodes/{OPEN}/1_3_1?submission={submission}")
+    rows = dict(
+        re.findall(r'<th scope="row" title[^>]*>([^<]*)</th><td class="number">([^<]*)<', page.text)
+    )
+    assert (rows["SR"], rows["RGS"], rows["SPL %"]) == ("yes", "no", "59.97")
 
 
 def test_two_walks_on_one_map(home: Serving, submission: str, other: str) -> None:
@@ -84,7 +114,7 @@ def test_two_walks_on_one_map(home: Serving, submission: str, other: str) -> Non
     assert legs == [("1", "1"), ("2", "1"), ("2", "2")]
     assert (
         "The agent of Walker makes 1 move; correct. The agent of Other makes 2 moves; never "
-        "reached." in str(svg.findtext("desc"))
+        "reached; stopped on level 1, the path ends on level 2." in str(svg.findtext("desc"))
     )
     assert [leg.get("data-levels") for leg in drawn(svg, "leg")] == ["2", "2", "1 2"]
 

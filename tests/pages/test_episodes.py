@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.agents import run_agent
+from reverie_eval.agents import AGENTS, run_agent
 from reverie_eval.server.service import submissions as service
 from tests.support.episode_pages import drawn, linked, listed, picture, send, visitor, walks
 from tests.support.serving import (
@@ -81,6 +81,95 @@ def test_one_chooses_among_one_s_own(home: Serving, submission: str, other: str)
         OTHER: {foreign},
         ORGANISER: {submission, other, foreign},
     }
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_baseline", "are_shown"),
+    [
+        pytest.param([{"published": True}], False, False, id="published alone"),
+        pytest.param([{"shows_episodes": True}], False, False, id="shown, but not published"),
+        pytest.param([{"published": True, "shows_episodes": True}], False, True, id="both"),
+        pytest.param(
+            [{"published": True, "shows_episodes": True}, {"shows_episodes": False}],
+            False,
+            False,
+            id="hidden again",
+        ),
+        pytest.param(
+            [{"published": True, "shows_episodes": True}, {"withdrawn": True}],
+            False,
+            False,
+            id="withdrawn",
+        ),
+        pytest.param([{"published": True}], True, True, id="a baseline"),
+        pytest.param([], True, False, id="a baseline that is not published"),
+    ],
+)
+def test_a_team_may_show_its_walks_to_everyone(
+    *,
+    changes: list[dict[str, bool]],
+    is_baseline: bool,
+    are_shown: bool,
+    home: Serving,
+    submission: str,
+) -> None:
+    for change in changes:
+        reply = home.ask(OWNER, "PATCH", f"/submissions/{submission}", json=change)
+        assert reply.status_code == 200
+    if is_baseline:
+        review = {"submission_id": submission, "verdict": "baseline", "reason": "ours"}
+        assert home.ask(ORGANISER, "POST", "/organiser/reviews", json=review).status_code == 201
+    walked = f"/episodes/{OPEN}/1_3_0?submission={submission}"
+    for who, hidden in ((ANYBODY, 303), (OTHER, 404)):
+        browser = visitor(home, who)
+        page = browser.get(walked)
+        assert page.status_code == (200 if are_shown else hidden)
+        assert (f'value="{submission}"' in browser.get(f"/episodes/{OPEN}").text) == are_shown
+        published = browser.get(f"/submissions/{submission}").text
+        assert (f"/episodes/{OPEN}?submission={submission}" in published) == are_shown
+        if are_shown:
+            assert [len(drawn(picture(page), kind)) for kind in ("annotated", "stop")] == [1, 1]
+    assert visitor(home, MATE).get(walked).status_code == 200
+
+
+def test_the_walks_of_an_anonymous_team_do_not_name_it(home: Serving, submission: str) -> None:
+    change = {
+        "published": True,
+        "shows_episodes": True,
+        "anonymous_until": "2100-01-01T00:00:00Z",
+    }
+    home.ask(OWNER, "PATCH", f"/submissions/{submission}", json=change)
+    team = home.ask(OWNER, "GET", "/me").json()["team"]
+    browser = Visitor(home)
+    for place in ("", f"/{OPEN}", f"/{OPEN}/1_3_0"):
+        page = browser.get(f"/episodes{place}?submission={submission}")
+        assert submission in page.text
+        assert team not in said(page)
+
+
+def test_a_team_decides_on_its_page(home: Serving, submission: str) -> None:
+    owner = signed_in(home, OWNER)
+    path = f"/submissions/{submission}"
+    assert owner.send(path, {"published": "true", "shows_episodes": "true"}).status_code == 303
+    assert Visitor(home).get(f"/episodes/{OPEN}?submission={submission}").status_code == 200
+    assert "episodes shown to everyone" in said(owner.get(path))
+    assert owner.send(path, {"shows_episodes": "false"}).status_code == 303
+    assert Visitor(home).get(f"/episodes/{OPEN}?submission={submission}").status_code == 303
+
+
+def test_episodes_of_a_private_split_cannot_be_shown(server: Serving) -> None:
+    id_ = send(server, server.distinct(PRIVATE), split=PRIVATE)
+    reply = server.ask(OWNER, "PATCH", f"/submissions/{id_}", json={"shows_episodes": True})
+    assert reply.status_code == 409
+    assert "private splits are never shown" in reply.json()["detail"]
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_everyone_can_replay_the_reference_agents(agent: str, home: Serving) -> None:
+    page = Visitor(home).get(f"/episodes/{OPEN}/1_3_0?submission={agent}&other=shortest")
+    assert page.status_code == 200
+    assert f"{agent.capitalize()} (reference agent)" in said(page)
+    assert "/submissions/" not in page.text
 
 
 # Nothing of private splits, for nobody.

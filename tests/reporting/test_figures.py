@@ -16,12 +16,14 @@ from matplotlib.lines import Line2D
 import reverie_eval as rv
 from reverie_eval.reporting._charts import Histogram
 from reverie_eval.reporting._map_svg import map_key
+from reverie_eval.reporting._maps import EpisodeMap
 from tests.conftest import SAMPLES
 from tests.support.home import home_scores, perfect
 
 mpl.use("agg")
 
 GOAL = "goal viewpoint (success)"
+ELSEWHERE = "on a level that the episode does not reach"
 
 
 @pytest.fixture(autouse=True)
@@ -164,12 +166,12 @@ def test_an_episode(scores: rv.Scores) -> None:
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == [
         "route and stop",
+        "direction of the view of the answer",
         "start",
-        "jump between unconnected viewpoints",
         "annotated path",
         "end of the annotated path",
         GOAL,
-        "on another level",
+        ELSEWHERE,
     ]
     rings = [each for each in axes.lines if each.get_marker() == "o"]
     (success,) = (each for each in rings if each.get_markeredgecolor() == "#009E73")
@@ -177,10 +179,11 @@ def test_an_episode(scores: rv.Scores) -> None:
 
 
 def test_the_key_of_a_figure_is_that_of_a_page(scores: rv.Scores) -> None:
-    legend = scores.episode("2_4_0").plot().get_legend()
+    episode = scores.episode("2_4_0")
+    legend = episode.plot().get_legend()
     assert legend is not None
     explained = [text.get_text() for text in legend.get_texts()]
-    assert explained == re.findall(r"</svg> ([^<]+)</span>", map_key([""]))
+    assert explained == re.findall(r"</svg> ([^<]+)</span>", map_key(EpisodeMap.of({"": episode})))
     assert all(line.get_visible() for line in legend.get_lines())
 
 
@@ -190,7 +193,7 @@ def test_a_key_looks_like_what_it_explains(scores: rv.Scores) -> None:
     assert legend is not None
     on_the_map = [look(line) for line in axes.lines]
     in_key = {line.get_label(): look(line) for line in legend.get_lines()}
-    for meaning in ("annotated path", GOAL, "on another level", "start"):
+    for meaning in ("annotated path", GOAL, ELSEWHERE, "start"):
         assert in_key[meaning] in on_the_map
     assert len(set(in_key.values())) == len(in_key)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.reporting._map_frame import HEIGHT, WIDTH, Frame, arrows
+from reverie_eval.reporting._map_frame import HEIGHT, WIDTH, Frame, arrows, sector
 from reverie_eval.reporting._map_svg import MAP_STYLE, map_key, map_picture, map_svg
 from reverie_eval.reporting._maps import EpisodeMap, Step, find_storeys
 from tests.conftest import SAMPLES
@@ -207,7 +207,8 @@ def test_two_routes_on_one_map(scores: rv.Scores, other: rv.Scores) -> None:
     svg = map_svg(both)
     assert [each.get("class") for each in elements(svg, "stop")] == ["stop route-1", "stop route-2"]
     assert (
-        "The agent of a makes 1 move; correct. The agent of b makes 2 moves; never reached." in svg
+        "The agent of a makes 1 move; correct. The agent of b makes 2 moves; never reached; "
+        "stopped on level 1, the path ends on level 2." in svg
     )
     assert not both.is_elsewhere.any()
 
@@ -257,7 +258,7 @@ def test_every_name_is_escaped(scores: rv.Scores) -> None:
     root = ET.fromstring(map_picture(spoiled))
     assert not list(root.iter(f"{SVG}script"))
     assert root.findtext(f"{SVG}title") == f"Map of episode {MARKUP}"
-    assert "<script" not in map_key([MARKUP])
+    assert "<script" not in map_key(spoiled)
 
 
 def test_a_notebook_shows_the_map_and_a_caption(tmp_path: Path) -> None:
@@ -266,6 +267,70 @@ def test_a_notebook_shows_the_map_and_a_caption(tmp_path: Path) -> None:
     assert "<q>turn on &lt;b&gt;the lamp&lt;/b&gt;</q>" in html
     assert "correct: predicted the target, object 3; walked 6.0 m" in html
     assert '<svg class="episode-map" role="img"' in html
+
+
+# Levels.
+
+
+def test_a_route_that_changes_levels_says_so(other: rv.Scores) -> None:
+    """The agent goes downstairs and stops in the cellar, the path ends above."""
+    episode_map = map_of(other, "1_3_0")
+    svg = map_svg(episode_map)
+    legs = {each.get("class"): each.get("d", "").count("L") for each in elements(svg, "route")}
+    assert legs == {"route route-1": 1, "route off-level route-1": 2}  # joined to the leg before
+    (down,) = episode_map.stairs
+    assert sorted(named(episode_map, down)) == ["shelf", "stairs"]
+    assert len(list(elements(svg, "stairs"))) == 1
+    assert [each.text for each in elements(svg, "level")] == [
+        "1-2",
+        "level 2",
+        "level 2",
+        "level 1",
+    ]
+    assert episode_map.level_notes == ["stopped on level 1, the path ends on level 2"]
+
+
+def test_one_level_has_no_marks_of_levels(scores: rv.Scores) -> None:
+    episode_map = map_of(scores, "2_4_0")
+    svg = map_svg(episode_map)
+    assert not [kind for kind in ("off-level", "stairs", "level") if list(elements(svg, kind))]
+    assert episode_map.level_notes == [""]
+
+
+def test_a_jump_to_another_level_is_not_stairs(tmp_path: Path) -> None:
+    walks = {**WALKS, "1_3_0": (["hall", "rack"], LAMP)}
+    episode_map = map_of(home_scores(tmp_path, walks), "1_3_0")
+    assert not len(episode_map.stairs)
+    assert [each.get("class") for each in elements(map_svg(episode_map), "route")] == [
+        "route jump route-1"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("instr_id", "kinds"),
+    [
+        ("1_3_0", "stop sight start annotated end goal elsewhere"),  # correct
+        ("1_3_2", "stop start annotated end goal elsewhere"),  # no view shows the answer
+    ],
+)
+def test_a_key_explains_what_is_on_the_map(instr_id: str, kinds: str, scores: rv.Scores) -> None:
+    assert [sign.kind for sign in map_of(scores, instr_id).signs] == kinds.split()
+
+
+def test_a_key_of_levels(other: rv.Scores) -> None:
+    kinds = {sign.kind for sign in map_of(other, "1_3_0").signs}
+    assert {"off-level", "stairs"} <= kinds
+    assert not {"elsewhere", "jump", "sight"} & kinds
+
+
+def test_the_view_of_the_answer_is_a_sector(scores: rv.Scores) -> None:
+    """The lamp is in view 13 of the porch: 30 degrees to the right of north, 75 degrees wide."""
+    episode_map = map_of(scores, "2_4_0")
+    assert episode_map.routes[0].sight == pytest.approx(np.pi / 6)
+    left, *_, right = sector(np.pi / 6)[1:]
+    turns = [np.rad2deg(np.arctan2(x, -y)) for x, y in (left, right)]
+    assert turns == pytest.approx([30 - 37.589, 30 + 37.589], abs=1e-3)
+    assert len(list(elements(map_svg(episode_map), "sight"))) == 1
 
 
 # Step by step.
@@ -277,6 +342,7 @@ def test_steps_of_a_walk(other: rv.Scores) -> None:
     hall, stairs, shelf = episode_map.steps(episode_map.routes[0])
     assert (hall.viewpoint_id, hall.level, hall.walked) == ("hall", 2, 0.0)
     assert hall.to_path_end == pytest.approx(6.0)
+    assert hall.to_goal == pytest.approx(6.0)  # the lamp is visible from the room
     assert (stairs.viewpoint_id, stairs.level) == ("stairs", 2)
     assert stairs.walked == pytest.approx((4.0**2 + 1.4**2) ** 0.5)
     assert (shelf.viewpoint_id, shelf.level, shelf.number) == ("shelf", 1, 2)
@@ -310,5 +376,5 @@ def test_turns_on_the_spot_are_not_steps(tmp_path: Path) -> None:
 )
 def test_remarks(number: int, notable: set[str], expected: str) -> None:
     is_goal, is_jump, is_stop = (name in notable for name in ("goal", "jump", "stop"))
-    step = Step(number, "hall", 1, 0.0, 0.0, is_goal=is_goal, is_jump=is_jump, is_stop=is_stop)
+    step = Step(number, "hall", 1, 0.0, 0.0, 0.0, is_goal=is_goal, is_jump=is_jump, is_stop=is_stop)
     assert step.remark == expected

@@ -296,8 +296,20 @@ def test_a_map_for_each_failure(single: str) -> None:
         "correct object at the wrong stop",
     ]
     titles = [each.findtext(f"{SVG}title") for each in shown.iter(f"{SVG}svg") if each.get("role")]
-    episodes = ("2_4_1", "2_4_0", "1_3_1", "1_3_2")
-    assert titles == [f"Map of episode {each}" for each in episodes]
+    target_from_the_end = {
+        "2_4_1": ["porch", "hall"],
+        "2_4_0": ["porch", "hall"],
+        "1_3_1": ["porch"],
+        "1_3_2": ["hall", "room"],
+    }
+    assert titles == [
+        title
+        for episode, viewpoints in target_from_the_end.items()
+        for title in (
+            f"Map of episode {episode}",
+            *(f"What is visible from viewpoint {each}" for each in viewpoints),
+        )
+    ]
 
 
 def test_without_failures_there_are_no_maps() -> None:
@@ -420,13 +432,17 @@ def test_episodes_won_and_lost_are_overlaid(both: str) -> None:
         "1 episode that only theirs got right",
         "1 episode that only mine got right",
     ]
-    maps = [each for each in shown.iter(f"{SVG}svg") if each.get("role")]
+    pictures = [each for each in shown.iter(f"{SVG}svg") if each.get("role")]
+    maps = [each for each in pictures if each.get("class") == "episode-map"]
     assert [each.findtext(f"{SVG}title") for each in maps] == [
         "Map of episode 2_4_1",
         "Map of episode 1_3_0",
     ]
     stops = [[each.get("class") for each in one.iter(f"{SVG}rect")] for one in maps]
     assert stops == [["ground", "stop route-1", "stop route-2"]] * 2
+    answers = [each.get("class") for each in pictures if each not in maps]
+    both_and_target = [f"answer-view route-{number}" for number in (1, 2, 3)]
+    assert answers == 2 * both_and_target
 
 
 # Sound, safe, and the same again.

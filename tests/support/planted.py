@@ -41,6 +41,7 @@ def planted(bundle: Bundle) -> Bundle:
     texts = {
         **bundle.texts,
         "target_category": pack_texts([f"{CATEGORY}{n}" for n in range(tasks)]),
+        "candidate_category": pack_texts([CATEGORY] * len(arrays["candidate_object"])),
     }
     origin = changed.header.split, changed.header.dataset, changed.header.sources
     return Bundle.build(*origin, changed.arrays, bundle.other_splits, texts=texts)

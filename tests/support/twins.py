@@ -18,6 +18,7 @@ import httpx
 import numpy as np
 import pytest
 
+from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import Bundle, pack_texts
 from reverie_eval.schemas.service import BoardResult
 from reverie_eval.server.http.callers import COOKIE
@@ -70,10 +71,18 @@ def with_other_answers(bundle: Bundle, seed: int) -> Bundle:
         "box_view": np.array([view for _, view in shown]),
         "box_xywh": np.array([_box(random) for _ in shown]),
     }
-    categories = pack_texts([f"category {random.randrange(50)}" for _ in paths])
-    header, texts = bundle.header, {**bundle.texts, "target_category": categories}
+    texts = {
+        **bundle.texts,
+        "target_category": _categories(random, len(paths)),
+        "candidate_category": _categories(random, len(seen)),
+    }
+    header = bundle.header
     origin = header.split, header.dataset, header.sources
     return Bundle.build(*origin, {**arrays, **changed}, bundle.other_splits, texts=texts)
+
+
+def _categories(random: Random, count: int) -> Array:
+    return pack_texts([f"category {random.randrange(50)}" for _ in range(count)])
 
 
 def _walk(random: Random, bundle: Bundle, start: int) -> list[int]:

@@ -22,7 +22,7 @@ from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 if TYPE_CHECKING:
     from reverie_eval.client import Client
     from reverie_eval.reporting._table import Table
-    from reverie_eval.schemas.service import Accepted, Method, SplitReport
+    from reverie_eval.schemas.service import Accepted, Method, SplitReport, SubmissionReport
 
 _AGAIN = "send the same file again, which uses no submission,"
 
@@ -104,6 +104,11 @@ def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @method_options
 @click.option("--publish", is_flag=True, help="Put the result on the leaderboard at once.")
 @click.option(
+    "--show-episodes",
+    is_flag=True,
+    help="Let everyone replay the walks of an open split while the result is published.",
+)
+@click.option(
     "--receipt",
     metavar="FILE",
     help="Where to write the receipt.  [default: SUBMISSION.receipt.json]",
@@ -116,6 +121,7 @@ def submit(
     server: ServerOptions,
     method: MethodOptions,
     publish: bool,
+    show_episodes: bool,
     receipt: str | None,
     layout: str,
 ) -> int:
@@ -145,8 +151,10 @@ def submit(
                     f"interrupted; it may have been scored: {_AGAIN} to see its result"
                 ) from None
             kept = _keep(accepted, receipt, submission)
-            changes = method.changes(accepted.submission.method, submission)
-            changed = _change(client, accepted, changes, publish=publish)
+            asked = _asked(
+                accepted.submission, method, submission, publish=publish, show=show_episodes
+            )
+            changed = _change(client, accepted, asked)
     except SubmissionError as error:
         if layout == "text":
             _warn(f"{rejection(submission, error)}\nnothing was scored, and no submission used")
@@ -196,19 +204,25 @@ def _keep(accepted: "Accepted", receipt: str | None, submission: str) -> Sequenc
         return ()
 
 
-def _change(
-    client: "Client", accepted: "Accepted", changes: Mapping[str, Any], *, publish: bool
-) -> "Accepted | None":
-    """Publish the result and change its description, as far as the server has something else.
+def _asked(
+    before: "SubmissionReport", method: MethodOptions, submission: str, *, publish: bool, show: bool
+) -> Mapping[str, Any]:
+    """Return the changes that the options ask for and the server does not have yet."""
+    asked: dict[str, Any] = {}
+    if changes := method.changes(before.method, submission):
+        asked["method"] = changes
+    if publish and before.status != "published":
+        asked["published"] = True
+    if show and not before.shows_episodes:
+        asked["shows_episodes"] = True
+    return asked
 
-    The result is shown in any case.
-    """
+
+def _change(client: "Client", accepted: "Accepted", asked: Mapping[str, Any]) -> "Accepted | None":
+    """Publish the result and change its description; it is shown in any case."""
     from reverie_eval.client import ServiceError
     from reverie_eval.schemas.service import SubmissionChange
 
-    asked: dict[str, object] = {"method": changes} if changes else {}
-    if publish and accepted.submission.status != "published":
-        asked["published"] = True
     if not asked:
         return accepted
     try:

@@ -36,7 +36,7 @@ from reverie_eval.server.store.tables import AuditEntry
 
 _ORIGIN = "http://copy.invalid"
 """Where the application seems to be; the name cannot exist (RFC 6761)."""
-_LEFT_OUT = ("/episodes",)
+_LEFT_OUT = ("/episodes", "/play")
 """Thousands of pages about the dataset, not about results."""
 _EXAMPLE = "/submissions/ID"
 """Not a page: scripts replace the id."""

@@ -11,6 +11,8 @@ from markupsafe import Markup
 
 from reverie_eval.analysis import Episode
 from reverie_eval.metrics import CATALOGUE
+from reverie_eval.reporting._answer_svg import answer_svg
+from reverie_eval.reporting._answer_views import AnswerView, answer_views
 from reverie_eval.reporting._map_svg import interactive_map_svg, map_key
 from reverie_eval.reporting._maps import EpisodeMap, Step
 from reverie_eval.reporting._report_sections import BEST_OUTCOME_FIRST
@@ -71,6 +73,16 @@ class Neighbours:
 
 
 @dataclass(frozen=True, slots=True)
+class AnswerPicture:
+    """A picture of what is visible from a viewpoint."""
+
+    name: str
+    """Of the submission; empty if only the target is shown."""
+    picture: Markup
+    caption: str
+
+
+@dataclass(frozen=True, slots=True)
 class Walk:
     """An agent's route through an episode, as a table shows it."""
 
@@ -78,7 +90,7 @@ class Walk:
     run: Run
     episode: Episode
     details: str
-    """The answer and the lengths."""
+    """The answer, the lengths and the levels."""
     steps: Sequence[Step]
     """At most MOST_STEPS."""
     unlisted: int
@@ -169,7 +181,8 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
         "episode": episode,
         "map": shown,
         "picture": _markup(interactive_map_svg(shown)),
-        "key": _markup(map_key(names)),
+        "key": _markup(map_key(shown)),
+        "answers": _answers(episode, walked),
         "walks": _walks(browsing.runs, walked, shown),
         "neighbours": _neighbours(browsing, selection, instr_id),
         "goals": _goals(episode, shown),
@@ -181,6 +194,16 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
     }
 
 
+def _answers(episode: Episode, walked: Mapping[str, Episode]) -> Sequence[AnswerPicture]:
+    """Draw the answers; without a submission, the target."""
+    at_end = AnswerView.at_path_end(episode)
+    views = answer_views(walked) if walked else [("", at_end)] if at_end else []
+    return [
+        AnswerPicture(name, _markup(answer_svg(view, number)), view.caption)
+        for number, (name, view) in enumerate(views, 1)
+    ]
+
+
 def _markup(drawn: str) -> Markup:
     """Mark a drawing as safe HTML: all text in it was escaped when it was drawn."""
     return Markup(drawn)  # noqa: S704
@@ -188,10 +211,10 @@ def _markup(drawn: str) -> Markup:
 
 def _names(runs: Sequence[Run]) -> Sequence[str]:
     """Name submissions by their methods, with their ids if the methods have the same name."""
-    methods = [run.submission.method.name for run in runs]
+    methods = [run.choice.method for run in runs]
     if len(set(methods)) == len(methods):
         return methods
-    return [f"{name} ({run.submission.id})" for name, run in zip(methods, runs, strict=True)]
+    return [f"{name} ({run.choice.id})" for name, run in zip(methods, runs, strict=True)]
 
 
 def _neighbours(browsing: Browsing, selection: Selection, instr_id: str) -> Neighbours:
@@ -211,7 +234,8 @@ def _walks(runs: Sequence[Run], walked: Mapping[str, Episode], shown: EpisodeMap
     for run, route, (name, episode) in zip(runs, shown.routes, walked.items(), strict=True):
         steps = shown.steps(route)
         listed = steps[:MOST_STEPS]
-        details = episode.caption.removeprefix(f"{episode.outcome}: ")
+        caption = episode.caption.removeprefix(f"{episode.outcome}: ")
+        details = "; ".join(filter(None, [caption, shown.level_note(route)]))
         walks.append(Walk(name, run, episode, details, listed, len(steps) - len(listed)))
     return walks
 

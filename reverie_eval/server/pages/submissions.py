@@ -7,7 +7,12 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
-from reverie_eval.schemas.service import Method, ProblemDocument, SubmissionChange
+from reverie_eval.schemas.service import (
+    Method,
+    ProblemDocument,
+    SubmissionChange,
+    SubmissionReport,
+)
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.callers import Call, Member, Posted, Snapshot, Visitor
 from reverie_eval.server.http.problems import read_model
@@ -16,7 +21,7 @@ from reverie_eval.server.pages.rendering import page, see_other, show_faults_wit
 from reverie_eval.server.service.audit import history
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.reviews import standing_reviews
-from reverie_eval.server.service.submissions import publication, submission_of
+from reverie_eval.server.service.submissions import Publication, publication, submission_of
 
 router = APIRouter()
 
@@ -46,6 +51,7 @@ def show_submission(
             shown=shown,
             method_fields=Method.model_fields,
             also=_further_boards(visitor, shown.split),
+            has_episodes=shown.shows_episodes and _has_episodes(visitor, shown),
         )
 
 
@@ -89,8 +95,6 @@ def _own_page(
     )
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
-    # Episodes may be shown, and would be scored in the same way now.
-    has_episodes = board is not None and not board.is_private and board.measures_as(shown.report)
     return page(
         visit.request,
         "submission.html",
@@ -98,7 +102,7 @@ def _own_page(
         problem.status if problem else 200,
         shown=shown,
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
-        has_episodes=has_episodes,
+        has_episodes=_has_episodes(visit, shown),
         one_per_team=board is not None and board.split.one_per_team,
         events=history(session, shown.id),
         reviews=standing_reviews(session, shown.id),
@@ -118,6 +122,12 @@ def _further_boards(visit: Call, split: str) -> Mapping[str, Board]:
     return {} if board is None else board.also
 
 
+def _has_episodes(visit: Call, shown: SubmissionReport | Publication) -> bool:
+    """Whether episodes may be shown to somebody, and would be scored in the same way now."""
+    board = visit.server.boards.get(shown.split)
+    return board is not None and not board.is_private and board.measures_as(shown.report)
+
+
 def change_of(typed: Mapping[str, str]) -> SubmissionChange:
     """Return the change that a form requests; it keeps everything without a field in the form.
 
@@ -127,7 +137,7 @@ def change_of(typed: Mapping[str, str]) -> SubmissionChange:
         Naming each field that is wrong.
     """
     change: dict[str, Any] = {
-        name: typed[name] for name in ("published", "withdrawn") if name in typed
+        name: typed[name] for name in ("published", "withdrawn", "shows_episodes") if name in typed
     }
     if "anonymous_until" in typed:
         date = typed["anonymous_until"]

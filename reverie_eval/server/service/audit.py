@@ -82,6 +82,8 @@ _SWITCHES = {
     ("withdrawn", False): "restored",
     ("published", True): "published",
     ("published", False): "taken off the leaderboard",
+    ("shows_episodes", True): "episodes shown to everyone",
+    ("shows_episodes", False): "episodes shown to the team only",
 }
 
 

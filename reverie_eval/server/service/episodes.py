@@ -1,18 +1,23 @@
 """Episodes of open splits: their annotations, and the results of submissions.
 
-The annotations of an open split are published, so everyone may see them. Results per episode are
-shown to the team and the organiser. Episodes of private splits are not shown to anyone.
+The annotations of an open split are published, so everyone may see them, and so are the walks of
+the reference agents. Walks of a submission are shown to its team and the organiser; to everyone if
+the team chose so, or if it is a baseline. Episodes of private splits are not shown to anyone.
 """
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import cached_property, lru_cache
+from typing import Literal
 
 import numpy as np
 from sqlalchemy.orm import Session
 
+from reverie_eval.agents import AGENTS, run_agent
 from reverie_eval.analysis import Episode, episode, find_grouping
-from reverie_eval.arrays import BoolArray, IntArray
+from reverie_eval.arrays import BoolArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
@@ -26,9 +31,12 @@ from reverie_eval.server.service.submissions import (
     SubmissionService,
     View,
     list_submissions,
+    public_team,
     submission_of,
+    submission_report,
+    with_public_episodes,
 )
-from reverie_eval.server.store.tables import Person
+from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.submissions import NO_BOXES, AlignedSubmission
 
 MOST_LISTED = 200
@@ -50,11 +58,26 @@ class EpisodeFilter:
     """Part of the instruction or the id; case is ignored."""
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A submission or a reference agent whose walks somebody may look at."""
+
+    id: str
+    method: str
+    """The method's name."""
+    kind: Literal["own", "public", "agent"] = "own"
+    team: str = ""
+    """Empty for a reference agent, and for a team that chose to be anonymous."""
+    at: datetime | None = None
+    """When it was received or, for others, published; None for a reference agent."""
+    status: str = "published"
+
+
 @dataclass(frozen=True)
 class Run:
-    """A submission with the outcome of every episode."""
+    """A submission or a reference agent, with the outcome of every episode."""
 
-    submission: SubmissionReport
+    choice: Choice
     scores: Scores
 
     @cached_property
@@ -83,7 +106,7 @@ class Annotations:
     def of(cls, board: Board) -> "Annotations":
         """Collect the annotations of a split."""
         truth = board.truth
-        scores = board.score(PreparedSubmission(_staying_at_start(truth), truth))
+        scores = board.score(PreparedSubmission(align_walks(truth, {}), truth))
         return cls(
             scores=scores,
             scan=find_grouping("scan").groups(scores),
@@ -106,8 +129,8 @@ class Browsing:
     board: Board
     annotations: Annotations
     runs: Sequence[Run]
-    choices: Sequence[SubmissionReport]
-    """All submissions that the person may choose."""
+    choices: Sequence[Choice]
+    """All that the person may choose."""
 
     def rows(self, wanted: EpisodeFilter) -> IntArray:
         """Return the indices of the episodes to show, in their order."""
@@ -161,6 +184,9 @@ class EpisodeService:
         """Of the open splits."""
         self._submissions = submissions
         self._annotations = lru_cache(len(boards))(lambda split: Annotations.of(self._board(split)))
+        self._walked = lru_cache(len(boards) * len(AGENTS))(
+            lambda split, agent: _scores_of_agent(self._board(split), agent)
+        )
 
     def browse(
         self, session: Session, person: Person | None, split: str, submissions: Sequence[str]
@@ -174,27 +200,39 @@ class EpisodeService:
             Who is asking; None if nobody is signed in.
         split : str
         submissions : sequence of str
-            Ids of the submissions.
+            Ids of the submissions, or names of reference agents.
 
         Raises
         ------
         NotFoundError
-            If there is no such open split, or the person has no such submission to it.
+            If there is no such open split, or the person may not look at such a submission to it.
         NotSignedInError
-            If submissions are requested and nobody is signed in.
+            If nobody is signed in, and not everyone may look at a submission.
         """
         board = self._board(split)
         runs = [self._run(session, person, split, submission) for submission in submissions]
         choices = self.choices(session, person, split)
         return Browsing(board, self._annotations(split), runs, choices)
 
-    def choices(
-        self, session: Session, person: Person | None, split: str
-    ) -> Sequence[SubmissionReport]:
-        """Return the submissions to an open split that a person may see, the newest first."""
-        if person is None:
-            return []
-        return list_submissions(session, person, Page(MOST_LISTED), self._view(session), split).rows
+    def choices(self, session: Session, person: Person | None, split: str) -> Sequence[Choice]:
+        """Return what a person may look at on an open split.
+
+        Their own submissions first, then those that everyone may see, each the newest first; then
+        the reference agents.
+        """
+        own: Sequence[Choice] = []
+        if person is not None:
+            rows = list_submissions(session, person, Page(MOST_LISTED), self._view(session), split)
+            own = [_own(report) for report in rows.rows]
+        known, board = {choice.id for choice in own}, self._board(split)
+        public = session.scalars(with_public_episodes(split).limit(MOST_LISTED))
+        others = [
+            self._public(row)
+            for row in public
+            if row.id not in known
+            and board.is_current(row.report["signature"], row.report["fingerprint"])
+        ]
+        return [*own, *others, *map(_agent, AGENTS)]
 
     def _view(self, session: Session) -> View:
         return self._submissions.view(session, self._submissions.transactions.clock())
@@ -208,21 +246,67 @@ class EpisodeService:
             )
         return board
 
-    def _run(self, session: Session, person: Person | None, split: str, submission_id: str) -> Run:
+    def _run(self, session: Session, person: Person | None, split: str, chosen: str) -> Run:
+        if chosen in AGENTS:
+            return Run(_agent(chosen), self._walked(split, chosen))
+        public = with_public_episodes(split).where(Submission.id == chosen)
+        row = session.scalars(public).one_or_none()
+        if row is not None and (person is None or row.team_id != person.team_id):
+            return Run(self._public(row), self._submissions.episodes(submission_report(row)))
         if person is None:
             raise NotSignedInError("sign in to look at a submission of your team")
-        report = submission_of(session, person, submission_id, self._view(session))
+        report = submission_of(session, person, chosen, self._view(session))
         if report.split != split:
-            raise NotFoundError(f"your team has no submission {submission_id!r}")
-        return Run(report, self._submissions.episodes(report))
+            raise NotFoundError(f"your team has no submission {chosen!r}")
+        return Run(_own(report), self._submissions.episodes(report))
+
+    def _public(self, row: Submission) -> Choice:
+        team = public_team(row, self._submissions.transactions.clock())
+        return Choice(row.id, row.method["name"], "public", team, row.published_at)
 
 
-def _staying_at_start(truth: GroundTruth) -> AlignedSubmission:
+def _own(report: SubmissionReport) -> Choice:
+    return Choice(
+        report.id,
+        report.method.name,
+        team=report.team,
+        at=report.received_at,
+        status=report.status,
+    )
+
+
+def _agent(name: str) -> Choice:
+    return Choice(name, f"{name.capitalize()} (reference agent)", "agent")
+
+
+def _scores_of_agent(board: Board, agent: str) -> Scores:
+    records = run_agent(agent, board.truth)
+    if board.split.track == "grounding":  # takes answers alone
+        records = [{key: record[key] for key in ("instr_id", "predObjId")} for record in records]
+    return board.score(board.read(json.dumps(records).encode()))
+
+
+def align_walks(
+    truth: GroundTruth, walks: Mapping[int, tuple[Sequence[int], int]]
+) -> AlignedSubmission:
+    """Return a submission with some walks; in all other episodes, it stays and predicts nothing.
+
+    Parameters
+    ----------
+    truth : GroundTruth
+    walks : mapping of (sequence of int, int)
+        Viewpoints from the start on, and the predicted object, by the row of the episode.
+    """
     count = len(truth.episodes.instr_ids)
+    visited = [[start] for start in truth.episodes.start.tolist()]
+    predicted = np.full(count, ABSTAINED)
+    for row, (viewpoints, object_id) in walks.items():
+        visited[row] = list(viewpoints)
+        predicted[row] = object_id
     return AlignedSubmission(
-        viewpoint=truth.episodes.start,
-        offsets=np.arange(count + 1),
-        predicted_object=np.full(count, ABSTAINED),
+        viewpoint=np.concatenate(visited),
+        offsets=offsets_of(np.array([len(each) for each in visited])),
+        predicted_object=predicted,
         answer_is_text=np.zeros(count, dtype=bool),
         has_leading_zeros=np.zeros(count, dtype=bool),
         boxes=NO_BOXES,

@@ -10,7 +10,7 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Literal
 
-from sqlalchemy import select, tuple_
+from sqlalchemy import Select, exists, select, tuple_
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.report import IntervalReport, ScoreReport
@@ -140,6 +140,7 @@ def submission_report(row: Submission) -> SubmissionReport:
         published_at=row.published_at,
         withdrawn_at=row.withdrawn_at,
         anonymous_until=row.anonymous_until,
+        shows_episodes=row.shows_episodes,
         upload_deleted_at=row.upload_deleted_at,
     )
 
@@ -164,6 +165,8 @@ class Publication:
     scores_held_until: datetime | None
     """When its scores are released, if they are not."""
     published_at: datetime
+    shows_episodes: bool
+    """Whether everyone may look at its episodes."""
     reviews: Sequence[Review]
     earlier: Sequence[EarlierResult]
     """Empty while scores are held back."""
@@ -183,18 +186,47 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
     if row is None or row.published_at is None or row.withdrawn_at is not None:
         raise NotFoundError("nothing is published here; sign in if it is a submission of your team")
     held_until = view.embargo.until(row)
-    is_anonymous = row.anonymous_until is not None and row.anonymous_until > view.embargo.now
+    reviews = standing_reviews(session, row.id)
     return Publication(
         id=row.id,
         split=row.split,
-        team="" if is_anonymous else row.team.name,
+        team=public_team(row, view.embargo.now),
         method=Method.model_validate(row.method),
         report=view.embargo.report(row),
         scores_held_until=held_until,
         published_at=row.published_at,
-        reviews=standing_reviews(session, row.id),
+        shows_episodes=row.shows_episodes or "baseline" in {each.verdict for each in reviews},
+        reviews=reviews,
         earlier=[] if held_until else list(map(EarlierResult.model_validate, row.earlier)),
         also=view.embargo.also(row),
+    )
+
+
+def public_team(row: Submission, now: datetime) -> str:
+    """Return the team of a published submission; empty while it chose to be anonymous."""
+    is_anonymous = row.anonymous_until is not None and row.anonymous_until > now
+    return "" if is_anonymous else row.team.name
+
+
+def with_public_episodes(split: str) -> Select[Submission]:
+    """Select the published submissions to an open split whose episodes everyone may look at.
+
+    These are the baselines, and those whose teams chose so; the latest first.
+    """
+    is_baseline = exists().where(
+        Review.submission_id == Submission.id,
+        Review.verdict == "baseline",
+        Review.lifted_at.is_(None),
+    )
+    return (
+        select(Submission)
+        .where(
+            Submission.split == split,
+            Submission.published_at.is_not(None),
+            Submission.withdrawn_at.is_(None),
+            Submission.shows_episodes | is_baseline,
+        )
+        .order_by(Submission.published_at.desc(), Submission.id)
     )
 
 
@@ -286,7 +318,8 @@ class SubmissionService:
         NotFoundError
             As for :func:`submission_of`.
         ConflictError
-            If a withdrawn submission would be published, or a disqualified one removed.
+            If a withdrawn submission would be published, a disqualified one removed, or episodes of
+            a private split shown.
         MalformedError
             If required information about the method would be missing.
         """
@@ -316,12 +349,20 @@ class SubmissionService:
                 row.published_at = (row.published_at or now) if change.published else None
             if "anonymous_until" in change.model_fields_set:
                 row.anonymous_until = change.anonymous_until
+            if change.shows_episodes is not None:
+                row.shows_episodes = self._may_show(row, wanted=change.shows_episodes)
             if change.published and row.withdrawn_at is not None:
                 raise ConflictError("a withdrawn submission cannot be published; restore it first")
             changed = change.model_dump(mode="json", exclude_unset=True)
             transaction.record("changed", row, row.id, **changed)
             self._replace_earlier(transaction, row, change)
             return self.view(transaction.session, now).report(row)
+
+    def _may_show(self, row: Submission, *, wanted: bool) -> bool:
+        board = self.boards.get(row.split)
+        if wanted and (board is None or board.is_private):
+            raise ConflictError("episodes of private splits are never shown to anyone")
+        return wanted
 
     def _replace_earlier(
         self, transaction: Transaction, row: Submission, change: SubmissionChange

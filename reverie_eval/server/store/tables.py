@@ -168,6 +168,8 @@ class Submission(Base):
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
     anonymous_until: Mapped[datetime | None]
+    shows_episodes: Mapped[bool] = mapped_column(default=False)
+    """Whether everyone may look at its episodes while it is published."""
     upload_deleted_at: Mapped[datetime | None]
     """When its file was deleted, because it was old and not published."""
     repeat: Mapped[str] = mapped_column(String(32), default="")

@@ -54,8 +54,9 @@ class Walk {
   says(step) {
     const row = this.rows[Math.min(step, this.legs.length)];
     if (!row) return "";
-    const [, viewpoint, remark, walked] = [...row.children].map((cell) => cell.textContent);
-    return `${viewpoint.slice(0, 12)}, ${walked} m walked${remark ? `, ${remark}` : ""}`;
+    const [, viewpoint, remark, walked, toGoal] = [...row.children].map((cell) => cell.textContent);
+    const ahead = toGoal === "-" ? "" : `, ${toGoal} m to the goal`;
+    return `${viewpoint.slice(0, 12)}, ${walked} m walked${ahead}${remark ? `, ${remark}` : ""}`;
   }
 }
 
@@ -82,6 +83,8 @@ function makeStepper(walks) {
     timer = 0;
     play.textContent = "Play";
     status.setAttribute("aria-live", "polite");
+    // A link to the page leads to the step that is shown.
+    history.replaceState(null, "", `#step=${slider.value}`);
   }
 
   function start() {
@@ -89,21 +92,31 @@ function makeStepper(walks) {
     play.textContent = "Pause";
     if (Number(slider.value) >= last) show(0);
     timer = setInterval(() => {
-      const next = Number(slider.value) + 1;
-      if (next >= last) stop();
-      show(Math.min(next, last));
+      show(Math.min(Number(slider.value) + 1, last));
+      if (Number(slider.value) === last) stop();
     }, SECONDS_A_STEP * 1000);
   }
 
   function move(by) {
-    stop();
     show(Math.min(Math.max(Number(slider.value) + by, 0), last));
+    stop();
   }
 
   play.addEventListener("click", () => (timer ? stop() : start()));
   figure.querySelector("[data-do=back]").addEventListener("click", () => move(-1));
   figure.querySelector("[data-do=on]").addEventListener("click", () => move(1));
-  slider.addEventListener("input", () => move(0));
+  slider.addEventListener("input", () => {
+    clearInterval(timer);
+    show(Number(slider.value));
+  });
+  slider.addEventListener("change", stop);
+  figure.querySelector(".stepper").addEventListener("keydown", (event) => {
+    if (event.target === slider || !isPlain(event)) return; // the slider has its own keys
+    const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (by) move(by);
+  });
+  const linked = /^#step=(\d{1,4})$/.exec(location.hash);
+  if (linked) show(Math.min(Number(linked[1]), last));
   if (last === 0) figure.querySelector(".stepper").hidden = true;
 }
 
@@ -128,16 +141,20 @@ function makePointer() {
   }
 }
 
-// Arrow keys open the previous and the next episode, unless a focused element uses them.
+// Arrow keys open the previous and the next episode, unless the focus is where they may mean more.
+
+function isPlain(event) {
+  return !(event.altKey || event.ctrlKey || event.metaKey || event.shiftKey);
+}
 
 document.addEventListener("keydown", (event) => {
   const direction = { ArrowLeft: "prev", ArrowRight: "next" }[event.key];
-  const isPlain = !(event.altKey || event.ctrlKey || event.metaKey || event.shiftKey);
-  if (!direction || !isPlain || event.defaultPrevented) return;
-  if (event.target.closest("input, select, textarea, [tabindex]")) return;
+  if (!direction || !isPlain(event) || event.defaultPrevented) return;
+  if (event.target.closest("button, input, select, summary, textarea, [tabindex]")) return;
   document.querySelector(`.pager a[rel=${direction}]`)?.click();
 });
 
+for (const hint of document.querySelectorAll(".keys")) hint.hidden = false;
 if (map) {
   const circle = map.querySelector("circle.start");
   const start = { x: circle.cx.baseVal.value, y: circle.cy.baseVal.value };

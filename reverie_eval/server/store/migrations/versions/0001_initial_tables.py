@@ -251,6 +251,7 @@ def upgrade() -> None:
         sa.Column("published_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("withdrawn_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("anonymous_until", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("shows_episodes", sa.Boolean(), nullable=False),
         sa.Column("upload_deleted_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("repeat", sa.String(length=32), nullable=False),
         sa.ForeignKeyConstraint(

@@ -1,0 +1,261 @@
+"""Pictures of answers as SVG: one view, and below it the whole panorama around the agent.
+
+They need no photograph: boxes are drawn in an empty room with its horizon and a grid of headings.
+"""
+
+from collections.abc import Iterator, Mapping
+from html import escape
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from reverie_eval.analysis import VisibleObject
+from reverie_eval.arrays import Array, FloatArray
+from reverie_eval.geometry import HEIGHT as VIEW_HEIGHT
+from reverie_eval.geometry import VIEW_AXES, pixels_of, view_angles
+from reverie_eval.geometry import WIDTH as VIEW_WIDTH
+from reverie_eval.geometry._warping import clip_at_depth
+from reverie_eval.reporting._answer_views import (
+    AnswerView,
+    Span,
+    angles_of,
+    box_span,
+    directions_of,
+    span_of,
+)
+from reverie_eval.reporting.resources import text_of
+
+ANSWER_STYLE = text_of("shared/answer.css")
+"""What pictures of answers need on their page; :func:`answer_picture` brings its own."""
+WIDTH, HEIGHT = 400, 300
+"""Of the view, in units of the page."""
+_SCALE = WIDTH / VIEW_WIDTH
+"""Units of the page per pixel of a view."""
+_GAP = 8
+_DEGREE = WIDTH / 360
+"""Units of the page per degree of the panorama."""
+_HIGHEST = 60
+"""Degrees that views reach up and down."""
+STRIP_HEIGHT = 2 * _HIGHEST * _DEGREE
+TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
+_STEP = 30
+"""Degrees between the lines of the grid."""
+_LETTER: Mapping[str, float] = MappingProxyType({"other": 6.4, "target": 8.3, "answer": 8.3})
+"""Units that a letter of a label is wide, by role."""
+_LINE = 15.0
+"""Units that a line of labels is high."""
+_MIN_DEPTH = 0.05
+"""Of a direction, as a share of its length: what is nearer to the picture's plane is left out."""
+
+Role = Literal["other", "target", "answer"]
+
+
+def answer_svg(shown: AnswerView, number: int = 1) -> str:
+    """Draw a picture for a page that includes ``ANSWER_STYLE``.
+
+    The answer has the colour that the submission of this number has on maps.
+    """
+    return _draw(shown, f"answer-view route-{number}")
+
+
+def answer_picture(shown: AnswerView) -> str:
+    """Draw a picture with its style inside: a file, or a part of any page."""
+    own = ' xmlns="http://www.w3.org/2000/svg"', f"<style>{ANSWER_STYLE}</style>"
+    return _draw(shown, "answer-view", *own)
+
+
+def _draw(shown: AnswerView, kind: str, attributes: str = "", style: str = "") -> str:
+    top = 0 if shown.view is None else HEIGHT + _GAP
+    height = top + STRIP_HEIGHT + TICKS_HEIGHT
+    return "".join(
+        [
+            f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {height:.0f}"{attributes}>',
+            f"<title>{escape(f'What is visible from viewpoint {shown.viewpoint_id}')}</title>",
+            f"<desc>{escape(shown.description)}</desc>{style}",
+            *(() if shown.view is None else _view(shown, shown.view)),
+            f'<g transform="translate(0 {top})">',
+            *_panorama(shown),
+            "</g></svg>",
+        ]
+    )
+
+
+def _outlined(shown: AnswerView) -> Iterator[tuple[Role, VisibleObject]]:
+    """Return the objects with their roles, what matters last; an object may have two."""
+    yield from (("other", each) for each in shown.objects)
+    if shown.target:
+        yield "target", shown.target
+    if shown.predicted:
+        yield "answer", shown.predicted
+
+
+# The view.
+
+
+def _view(shown: AnswerView, view: int) -> Iterator[str]:
+    """Draw the boxes in a view."""
+    # The lower row of views ends at the horizon, and the upper one begins there.
+    horizon = view // 12 * HEIGHT / 2
+    yield f'<svg width="{WIDTH}" height="{HEIGHT}">'
+    yield f'<rect class="wall" width="{WIDTH}" height="{HEIGHT}"/>'
+    yield f'<rect class="floor" y="{horizon:g}" width="{WIDTH}" height="{HEIGHT}"/>'
+    yield from _meridians(view, horizon)
+    for role, each in _outlined(shown):
+        for xywh in each.xywh[each.view == view]:
+            yield _rect(role, _SCALE * xywh, each.name)
+    if shown.box:
+        outline = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
+        yield _polygon("answer", outline, "predicted box")
+    yield from _labels(shown, view)
+    yield "</svg>"
+
+
+def _meridians(view: int, horizon: float) -> Iterator[str]:
+    """Draw the headings of a view as lines, with their degrees at the upper or lower edge."""
+    heading, elevation = np.rad2deg(view_angles(np.array([view]))[0])
+    y = HEIGHT - 4 if horizon == HEIGHT else 12
+    for offset in (-_STEP, 0, _STEP):
+        turn = np.deg2rad(heading + offset)
+        ends = np.deg2rad(elevation + np.array([-40.0, 40.0]))
+        along = np.stack([np.sin(turn) * np.cos(ends), np.cos(turn) * np.cos(ends), np.sin(ends)])
+        start, end = _in_view(along.T, view)
+        yield f'<path class="grid" d="M{start[0]:.1f} {start[1]:.1f}L{end[0]:.1f} {end[1]:.1f}"/>'
+        share = (y - start[1]) / (end[1] - start[1])
+        x = start[0] + share * (end[0] - start[0])
+        yield _text("heading", x, y, f"{round(heading + offset) % 360}°")
+
+
+def _in_view(directions: FloatArray, view: int) -> FloatArray:
+    """Project directions to the page; what is behind the view is cut away."""
+    rays = clip_at_depth(directions @ VIEW_AXES[view].T, _MIN_DEPTH)
+    return _SCALE * pixels_of(rays)
+
+
+def _labels(shown: AnswerView, view: int) -> Iterator[str]:
+    """Label the boxes in a view, what matters first; others only where there is room."""
+    taken: list[tuple[float, float, float]] = []
+    for role, text, (x, y, _, height) in _named_boxes(shown, view):
+        width = _LETTER[role] * len(text)
+        start = min(max(x + 4, 3), WIDTH - width - 3)
+        lines = [y + 13, y - 4, y + height - 4, y + height + 13, y + 28]
+        free = [
+            line
+            for line in lines
+            if 12 <= line <= HEIGHT - 4
+            and not any(
+                abs(line - other) < _LINE and start < end and begin < start + width
+                for begin, end, other in taken
+            )
+        ]
+        if not free and role == "other":
+            continue
+        line = free[0] if free else min(max(y + 12, 12), HEIGHT - 4)
+        taken.append((start, start + width, line))
+        yield _text(f"label {role}", start, line, text)
+
+
+def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, FloatArray]]:
+    """Return what is in a view: its role, its label, and its box in units of the page."""
+    if shown.box:
+        pixels = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
+        bounds = np.concatenate([pixels.min(axis=0), np.ptp(pixels, axis=0)])
+        yield "answer", ", ".join(filter(None, ["predicted box", shown.iou])), bounds
+    others = [each for each in shown.objects if each not in (shown.predicted, shown.target)]
+    named: list[tuple[Role, str, VisibleObject | None]] = [
+        ("answer", "answer and target: " if shown.is_target else "answer: ", shown.predicted),
+        ("target", "target: ", None if shown.is_target else shown.target),
+        *(("other", "", each) for each in others),
+    ]
+    for role, title, each in named:
+        if each:
+            for xywh in each.xywh[each.view == view]:
+                yield role, f"{title}{each.name}", _SCALE * xywh
+
+
+# The panorama.
+
+
+def _panorama(shown: AnswerView) -> Iterator[str]:
+    """Draw all that is visible around the viewpoint, with the view in the middle."""
+    middle = 180.0 if shown.heading is None else float(np.rad2deg(shown.heading))
+    yield from panorama_grid(middle)
+    spans: list[tuple[Role, Span, str]] = [
+        (role, span_of(each), each.name) for role, each in _outlined(shown)
+    ]
+    if shown.box:
+        span = box_span(shown.box.xywh[None], shown.box.camera[None])
+        spans.append(("answer", span, "predicted box"))
+    for role, span, title in spans:
+        yield from on_panorama(role, span, middle, title)
+    for role, span, _ in spans:
+        yield from _role_label(role, span, middle)
+    if shown.view is not None:
+        picture = np.array([0, 0, VIEW_WIDTH, VIEW_HEIGHT])
+        camera = view_angles(np.array([shown.view]))[0]
+        around = np.rad2deg(angles_of(directions_of(picture, camera)))
+        yield _polygon("frame", strip_place(around, middle), "the view above")
+
+
+def panorama_grid(middle: float) -> Iterator[str]:
+    """Draw the empty room with lines every 30 degrees, and write the headings below."""
+    half = STRIP_HEIGHT / 2
+    yield f'<rect class="wall" width="{WIDTH}" height="{STRIP_HEIGHT:.1f}"/>'
+    yield f'<rect class="floor" y="{half:.1f}" width="{WIDTH}" height="{half:.1f}"/>'
+    heights = [(_HIGHEST - elevation) * _DEGREE for elevation in (-_STEP, _STEP)]
+    headings = np.arange(0, 360, _STEP)
+    across = strip_place(np.column_stack([headings, np.zeros(len(headings))]), middle)[
+        :, 0
+    ].tolist()
+    lines = [f"M0 {y:.1f}H{WIDTH}" for y in heights]
+    lines += [f"M{x:.1f} 0V{STRIP_HEIGHT:.1f}" for x in across]
+    yield f'<path class="grid" d="{"".join(lines)}"/>'
+    for heading, x in zip(headings.tolist(), across, strict=True):
+        if _TICK_MARGIN <= x <= WIDTH - _TICK_MARGIN:
+            yield _text("tick", x, STRIP_HEIGHT + 12, f"{heading}°")
+
+
+def on_panorama(role: Role, span: Span, middle: float, title: str) -> Iterator[str]:
+    """Draw a part of the panorama, twice if it crosses the panorama's ends."""
+    x, _ = strip_place(np.array([span.heading, 0.0]), middle)
+    left, right = x + span.left * _DEGREE, x + span.right * _DEGREE
+    top, height = (_HIGHEST - span.high) * _DEGREE, (span.high - span.low) * _DEGREE
+    for shift in (-WIDTH, 0, WIDTH):
+        if left + shift < WIDTH and right + shift > 0:
+            yield _rect(role, np.array([left + shift, top, right - left, height]), title)
+
+
+def _role_label(role: Role, span: Span, middle: float) -> Iterator[str]:
+    """Name the target above its place in the panorama, and the answer below."""
+    if role == "other":
+        return
+    x, _ = strip_place(np.array([span.middle, 0.0]), middle)
+    above, below = (_HIGHEST - span.high) * _DEGREE - 3, (_HIGHEST - span.low) * _DEGREE + 11
+    y = max(above, 10) if role == "target" else min(below, STRIP_HEIGHT - 3)
+    x = min(max(x, _ROLE_MARGIN), WIDTH - _ROLE_MARGIN)
+    yield _text(f"label role {role}", x, y, role)
+
+
+def strip_place(angles: FloatArray, middle: float) -> FloatArray:
+    """Place headings and elevations, degrees, shape (..., 2), on the panorama."""
+    offset = np.mod(angles[..., 0] - middle + 180, 360) - 180
+    x, y = WIDTH / 2 + offset * _DEGREE, (_HIGHEST - angles[..., 1]) * _DEGREE
+    return np.stack([x, y], axis=-1)
+
+
+# Elements.
+
+
+def _rect(kind: str, xywh: Array, title: str) -> str:
+    x, y, width, height = xywh
+    size = f'x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"'
+    return f'<rect class="box {kind}" {size}><title>{escape(title)}</title></rect>'
+
+
+def _polygon(kind: str, points: FloatArray, title: str) -> str:
+    data = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return f'<polygon class="box {kind}" points="{data}"><title>{escape(title)}</title></polygon>'
+
+
+def _text(kind: str, x: float, y: float, text: str) -> str:
+    return f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}">{escape(text)}</text>'

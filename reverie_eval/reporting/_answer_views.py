@@ -1,0 +1,281 @@
+"""What is visible where an agent answered, as data: one view of the panorama, and the whole of it.
+
+The pose of an agent at its stop is not scored, so the view is chosen: the one of the predicted box,
+or one that shows the predicted object, with the target if any view shows both.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
+from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
+from reverie_eval.geometry import HEIGHT, WIDTH, axes, rays_of, view_angles
+from reverie_eval.text import count_text
+
+_POINTS = 9
+"""On each edge of a box: enough for a curve, as straight edges are in a panorama."""
+_ELEVATIONS = {-30: "30° down", 0: "level", 30: "30° up"}
+
+
+@dataclass(frozen=True, eq=False)
+class AnswerView:
+    """The objects that are visible from a viewpoint of an episode."""
+
+    viewpoint_id: str
+    objects: Sequence[VisibleObject]
+    target: VisibleObject | None
+    """None if it is not visible from here."""
+    predicted: VisibleObject | None
+    """None if the agent predicted no object, or one that is not visible from here."""
+    box: PredictedBox | None
+    iou: str
+    """Of the predicted box with the target's; empty if the view does not show the target."""
+    view: int | None
+    """The view to show, 0 to 35; None if none shows an answer or the target."""
+    caption: str
+
+    @classmethod
+    def at_stop(cls, episode: Episode) -> "AnswerView":
+        """Show the answer from where the agent stopped."""
+        objects = episode.visible_objects(episode.stop)
+        target = _find(objects, episode.target_object)
+        predicted = _find(objects, episode.predicted_object)
+        box = episode.predicted_box
+        main = predicted or target
+        view = box.view if box else _best_view(main, target) if main else None
+        sentences = [
+            _where(view, "the stop"),
+            _answer_sentence(episode, predicted),
+            _target_sentence(episode, predicted, target, view),
+            "" if objects else "No object is visible from here.",
+        ]
+        return cls(
+            viewpoint_id=episode.stop,
+            objects=objects,
+            target=target,
+            predicted=predicted,
+            box=box,
+            iou=_iou_text(episode),
+            view=view,
+            caption=" ".join(filter(None, sentences)),
+        )
+
+    @classmethod
+    def at_path_end(cls, episode: Episode) -> "AnswerView | None":
+        """Show the target from the end of the annotated path; None if it is not visible there."""
+        objects = episode.visible_objects(episode.goal)
+        target = _find(objects, episode.target_object)
+        if target is None:
+            return None
+        view = _best_view(target, target)
+        where = _where(view, "the end of the annotated path")
+        return cls(
+            viewpoint_id=episode.goal,
+            objects=objects,
+            target=target,
+            predicted=None,
+            box=None,
+            iou="",
+            view=view,
+            caption=f"{where} The target is {target.name}.",
+        )
+
+    @property
+    def is_target(self) -> bool:
+        """Whether the predicted object is visible from here and is the target."""
+        return self.predicted is not None and self.predicted is self.target
+
+    @property
+    def heading(self) -> float | None:
+        """Of the view, radians; None without one."""
+        return None if self.view is None else float(view_angles(np.array([self.view]))[0, 0])
+
+    @property
+    def description(self) -> str:
+        """What the picture shows, for readers who cannot see it."""
+        if not self.objects:
+            return self.caption
+        around = ", ".join(
+            f"{each.name} at heading {span_of(each).middle:.0f}°" for each in self.objects
+        )
+        count = count_text(len(self.objects), "object")
+        are = "is" if len(self.objects) == 1 else "are"
+        return f"{self.caption} {count} {are} visible from here: {around}."
+
+
+def answer_views(episodes: Mapping[str, Episode]) -> Sequence[tuple[str, AnswerView]]:
+    """Show the answers of submissions to an episode from their stops.
+
+    The last picture shows the target from the end of the annotated path, under an empty name,
+    unless it is visible from every stop.
+
+    Parameters
+    ----------
+    episodes : mapping of Episode
+        The same episode, by the names of the submissions.
+    """
+    views = [(name, AnswerView.at_stop(episode)) for name, episode in episodes.items()]
+    if all(view.target for _, view in views):
+        return views
+    first, *_ = episodes.values()
+    at_end = AnswerView.at_path_end(first)
+    return [*views, ("", at_end)] if at_end else views
+
+
+class Span(NamedTuple):
+    """The part of a panorama that something takes up, in degrees."""
+
+    heading: float
+    """Near its middle, in [0, 360)."""
+    left: float
+    """To the left of ``heading``, at most 0."""
+    right: float
+    """To the right of ``heading``, at least 0."""
+    low: float
+    """The lowest elevation."""
+    high: float
+    """The highest elevation."""
+
+    @property
+    def middle(self) -> float:
+        """The heading of its middle, in [0, 360)."""
+        return (self.heading + (self.left + self.right) / 2) % 360
+
+
+def span_of(seen: VisibleObject) -> Span:
+    """Return the part of the panorama that an object takes up.
+
+    Its largest box that is not cut by the edge of its view counts, or all boxes if all are cut.
+    """
+    row = _best_last(seen)[-1:] if _is_whole(seen).any() else slice(None)
+    return box_span(seen.xywh[row], view_angles(seen.view[row]))
+
+
+def box_span(xywh: Array, camera: FloatArray) -> Span:
+    """Return the part of the panorama that boxes take up together.
+
+    Parameters
+    ----------
+    xywh : float or int array of shape (n, 4)
+        Left, top, width and height in pixels of each camera's picture.
+    camera : float array of shape (n, 2)
+        Heading and elevation, radians.
+    """
+    directions = np.concatenate([directions_of(*each) for each in zip(xywh, camera, strict=True)])
+    heading, elevation = np.rad2deg(angles_of(directions)).T
+    middle = np.rad2deg(angles_of(directions[: 4 * _POINTS].mean(axis=0)))[0]
+    offset = np.mod(heading - middle + 180, 360) - 180
+    return Span(
+        heading=float(middle % 360),
+        left=float(offset.min()),
+        right=float(offset.max()),
+        low=float(elevation.min()),
+        high=float(elevation.max()),
+    )
+
+
+def directions_of(xywh: Array, camera: FloatArray) -> FloatArray:
+    """Return the directions along the edges of a box, in order around it.
+
+    Parameters
+    ----------
+    xywh : float or int array of shape (4,)
+        Left, top, width and height in pixels of the camera's picture.
+    camera : float array of shape (2,)
+        Heading and elevation, radians.
+
+    Returns
+    -------
+    float array of shape (n, 3)
+        In the world, 1 long in the direction of the camera.
+    """
+    left, top, width, height = xywh.astype(np.float64)
+    along = np.linspace(0, 1, _POINTS)
+    zero, one = np.zeros(_POINTS), np.ones(_POINTS)
+    x = np.concatenate([along, one, along[::-1], zero])
+    y = np.concatenate([zero, along, one, along[::-1]])
+    pixels = np.column_stack([left + width * x, top + height * y])
+    return np.asarray(rays_of(pixels) @ axes(camera[None])[0])
+
+
+def angles_of(direction: FloatArray) -> FloatArray:
+    """Return heading and elevation, radians, of directions of shape (..., 3) in the world."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    return np.stack([np.arctan2(x, y), np.arctan2(z, np.hypot(x, y))], axis=-1)
+
+
+def view_text(view: int) -> str:
+    """Name a view by its direction: ``heading 30°, level``."""
+    heading, elevation = np.rad2deg(view_angles(np.array([view])))[0].round().astype(int).tolist()
+    return f"heading {heading}°, {_ELEVATIONS[elevation]}"
+
+
+def _find(objects: Sequence[VisibleObject], object_id: int | None) -> VisibleObject | None:
+    return next((each for each in objects if each.object_id == object_id), None)
+
+
+def _best_view(seen: VisibleObject, target: VisibleObject | None) -> int:
+    """Return the view that shows most of an object, and the target as well if any does."""
+    has_target = np.isin(seen.view, [] if target is None else target.view)
+    return int(seen.view[_best_last(seen, has_target)[-1]])
+
+
+def _best_last(seen: VisibleObject, *preferred: BoolArray) -> IntArray:
+    """Order an object's boxes: uncut ones come after cut ones, large ones after small ones."""
+    area = seen.xywh[:, 2].astype(np.int64) * seen.xywh[:, 3]
+    return np.lexsort((area, _is_whole(seen), *preferred))
+
+
+def _is_whole(seen: VisibleObject) -> BoolArray:
+    """Shape (n_boxes,): whether a box does not touch the edge of its view."""
+    x, y, width, height = seen.xywh.T
+    is_cut: BoolArray = (x == 0) | (y == 0) | (x + width == WIDTH) | (y + height == HEIGHT)
+    return ~is_cut
+
+
+def _where(view: int | None, place: str) -> str:
+    return "" if view is None else f"Seen from {place}, {view_text(view)}."
+
+
+def _iou_text(episode: Episode) -> str:
+    """Return the IoU of the predicted box; empty if its view does not show the target."""
+    is_compared = episode.box_outcome in ("correct", "low IoU") and "iou" in episode.values
+    return f"IoU {episode.values['iou']:.2f}" if is_compared else ""
+
+
+def _answer_sentence(episode: Episode, predicted: VisibleObject | None) -> str:
+    if episode.predicted_box:
+        iou = _iou_text(episode)
+        return f"The predicted box has {iou} with the target's box." if iou else ""
+    if episode.predicted_object is None:
+        return "The agent predicted no object."
+    name = episode.object_name(episode.predicted_object)
+    if episode.predicted_object == episode.target_object:
+        name = f"the target, {name}"
+    if predicted is None:
+        return f"The answer is {name}, which is not visible from here."
+    return f"The answer is {name}."
+
+
+def _target_sentence(
+    episode: Episode,
+    predicted: VisibleObject | None,
+    target: VisibleObject | None,
+    view: int | None,
+) -> str:
+    if episode.predicted_object == episode.target_object:
+        return ""
+    name = episode.object_name(episode.target_object)
+    if target is None:
+        is_answer_visible = predicted is not None or episode.predicted_object is None
+        return (
+            f"The target, {name}, is not visible from here."
+            if is_answer_visible
+            else f"Nor is the target, {name}."
+        )
+    if view not in target.view:
+        return f"The target, {name}, is visible from here, but not in this view."
+    return f"The target is {name}."

@@ -1,0 +1,81 @@
+"""The panorama around a person who walks, as SVG: objects and ways on are links."""
+
+from collections.abc import Iterator, Sequence
+from html import escape
+from typing import NamedTuple
+
+import numpy as np
+
+from reverie_eval.analysis import VisibleObject
+from reverie_eval.reporting._answer_svg import (
+    STRIP_HEIGHT,
+    TICKS_HEIGHT,
+    WIDTH,
+    on_panorama,
+    panorama_grid,
+    strip_place,
+)
+from reverie_eval.reporting._answer_views import span_of
+
+_RADIUS = 4
+
+
+class ObjectLink(NamedTuple):
+    """An object, and where pointing at it leads."""
+
+    seen: VisibleObject
+    name: str
+    """Written at it."""
+    label: str
+    """Tells it from others of the same name."""
+    href: str
+
+
+class WayLink(NamedTuple):
+    """A viewpoint that can be walked to, and where that leads."""
+
+    heading: float
+    """Degrees."""
+    elevation: float
+    """Degrees."""
+    label: str
+    href: str
+
+
+def panorama_svg(objects: Sequence[ObjectLink], ways: Sequence[WayLink], heading: float) -> str:
+    """Draw a panorama for a page that includes ``ANSWER_STYLE``.
+
+    Parameters
+    ----------
+    objects, ways
+        What is drawn, as links.
+    heading : float
+        Of the middle, degrees.
+    """
+    height = STRIP_HEIGHT + TICKS_HEIGHT
+    title = f"Panorama, with heading {heading % 360:.0f}° in the middle"
+    return "".join(
+        [
+            f'<svg class="answer-view panorama" viewBox="0 0 {WIDTH} {height:.0f}">',
+            f"<title>{escape(title)}</title>",
+            *panorama_grid(heading),
+            *(element for link in objects for element in _object(link, heading)),
+            *(element for link in ways for element in _way(link, heading)),
+            "</svg>",
+        ]
+    )
+
+
+def _object(link: ObjectLink, middle: float) -> Iterator[str]:
+    span = span_of(link.seen)
+    x, y = strip_place(np.array([span.middle, span.high]), middle)
+    yield f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}">'
+    yield from on_panorama("other", span, middle, link.label)
+    yield f'<text class="name" x="{x:.1f}" y="{max(y - 1, 5):.1f}">{escape(link.name)}</text></a>'
+
+
+def _way(link: WayLink, middle: float) -> Iterator[str]:
+    x, y = strip_place(np.array([link.heading, link.elevation]), middle)
+    place = f'cx="{x:.1f}" cy="{y:.1f}" r="{_RADIUS}"'
+    yield f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}">'
+    yield f'<circle class="way" {place}><title>{escape(link.label)}</title></circle></a>'

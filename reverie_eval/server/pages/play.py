@@ -1,0 +1,149 @@
+"""``/play``: a person walks an episode of an open split and sees how it is scored."""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+from urllib.parse import quote, urlencode
+
+import msgspec
+import numpy as np
+from fastapi import APIRouter, Depends, Query
+from fastapi.responses import Response
+from markupsafe import Markup
+
+from reverie_eval.analysis import VisibleObject
+from reverie_eval.metrics import CATALOGUE
+from reverie_eval.reporting._answer_svg import answer_svg
+from reverie_eval.reporting._answer_views import answer_views, span_of
+from reverie_eval.reporting._map_svg import map_key, map_svg
+from reverie_eval.reporting._maps import EpisodeMap
+from reverie_eval.reporting._panorama_svg import ObjectLink, WayLink, panorama_svg
+from reverie_eval.server.http.callers import Visitor
+from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.pages.rendering import page
+from reverie_eval.server.service.play import MOST_STEPS, HumanWalk, sample
+
+router = APIRouter()
+
+NAME = "Your walk"
+NOTHING = "none"
+"""In place of an object, if the person points at none."""
+MOST_SAMPLED = 500
+
+
+@dataclass(frozen=True)
+class Played:
+    """The query of a page: the sample that is played, and the walk so far."""
+
+    seed: Annotated[int, Query(ge=0, lt=1 << 31)] = 0
+    n: Annotated[int, Query(ge=1, le=MOST_SAMPLED)] = 20
+    walk: Annotated[str, Query(pattern=r"^([0-9]+(\.[0-9]+)*)?$", max_length=6 * MOST_STEPS)] = ""
+    """Numbers of viewpoints with dots between them."""
+    answer: Annotated[str, Query(pattern=rf"^([0-9]+|{NOTHING})?$", max_length=9)] = ""
+    """The object, or ``none``; empty while the walk goes on."""
+
+    @property
+    def steps(self) -> list[int]:
+        """The numbers of the viewpoints."""
+        return [int(number) for number in self.walk.split(".") if number]
+
+    @property
+    def object_id(self) -> int | None:
+        """The object that the person pointed at."""
+        return int(self.answer) if self.answer.isdigit() else None
+
+    def link(self, split: str, instr_id: str = "", walk: str = "", answer: str = "") -> str:
+        """Return the address of the sample, or of an episode and a walk through it."""
+        query = {"seed": self.seed, "n": self.n, "walk": walk, "answer": answer}
+        given = urlencode({key: value for key, value in query.items() if value != ""})
+        place = "/".join(quote(part, safe="") for part in (split, instr_id) if part)
+        return f"/play/{place}?{given}"
+
+
+Asked = Annotated[Played, Depends()]
+
+
+@router.get("/play/{split}")
+def show_sample(split: str, visitor: Visitor, played: Asked) -> Response:
+    """List the episodes of a sample."""
+    with visitor.snapshot() as snapshot:
+        browsing = visitor.server.episodes.browse(snapshot.session, snapshot.caller, split, [])
+        ids = sample(browsing.board, played.seed, played.n)
+        instructions = browsing.annotations.instruction or [""] * len(browsing.annotations.scan)
+        return page(
+            visitor.request,
+            "play-sample.html",
+            snapshot,
+            split=split,
+            played=played,
+            sampled={instr_id: instructions[browsing.row(instr_id)] for instr_id in ids},
+            most=MOST_SAMPLED,
+            count=len(browsing.board.truth.episodes.instr_ids),
+        )
+
+
+@router.get("/play/{split}/{instr_id}")
+def play(split: str, instr_id: str, visitor: Visitor, played: Asked, _: ScoringSlot) -> Response:
+    """Show what a person sees from where they are; or, after the answer, how it is scored."""
+    with visitor.snapshot() as snapshot:
+        browsing = visitor.server.episodes.browse(snapshot.session, snapshot.caller, split, [])
+        walk = HumanWalk.of(browsing, instr_id, played.steps)
+        ids = sample(walk.board, played.seed, played.n)
+        after = ids[ids.index(instr_id) + 1 :] if instr_id in ids else ids
+        content: dict[str, Any] = {
+            "split": split,
+            "walk": walk,
+            "played": played,
+            "place": ids.index(instr_id) + 1 if instr_id in ids else None,
+            "following": played.link(split, after[0]) if after else "",
+        }
+        if played.answer:
+            return page(
+                visitor.request, "play-scored.html", snapshot, **content, **_scored(walk, played)
+            )
+        return page(visitor.request, "play.html", snapshot, **content, **_seen(walk, played))
+
+
+def _seen(walk: HumanWalk, played: Played) -> dict[str, Any]:
+    """Return what can be done from here: as links in a picture, and as a list."""
+    split, instr_id = walk.board.name, walk.annotated.instr_id
+    ways = [
+        WayLink(
+            heading=float(np.rad2deg(way.heading)) % 360,
+            elevation=float(np.rad2deg(way.elevation)),
+            label=f"walk {way.metres:.1f} m, heading {np.rad2deg(way.heading) % 360:.0f}°",
+            href=played.link(split, instr_id, ".".join(map(str, [*walk.steps, way.number]))),
+        )
+        for way in walk.ways
+    ]
+    objects = [_object_link(walk, played, each) for each in walk.objects]
+    drawn = panorama_svg(objects, ways, float(np.rad2deg(walk.heading)))
+    return {
+        "panorama": Markup(drawn),  # noqa: S704  # all text in it was escaped
+        "ways": ways,
+        "objects": objects,
+        "nothing": played.link(split, instr_id, played.walk, NOTHING),
+    }
+
+
+def _object_link(walk: HumanWalk, played: Played, seen: VisibleObject) -> ObjectLink:
+    """Link to the answer with an object; ids are not shown, as an episode's has the target's."""
+    name = seen.name.removesuffix(f" {seen.object_id}")
+    href = played.link(walk.board.name, walk.annotated.instr_id, played.walk, str(seen.object_id))
+    return ObjectLink(seen, name, f"{name}, heading {span_of(seen).middle:.0f}°", href)
+
+
+def _scored(walk: HumanWalk, played: Played) -> dict[str, Any]:
+    """Return how the walk is scored, and what was to be found."""
+    scored = walk.answered(played.object_id)
+    shown = EpisodeMap.of({NAME: scored})
+    return {
+        "scored": scored,
+        "map": Markup(map_svg(shown)),  # noqa: S704  # all text in it was escaped
+        "key": Markup(map_key(shown)),  # noqa: S704
+        "answers": [
+            (name, Markup(answer_svg(view)), view.caption)  # noqa: S704
+            for name, view in answer_views({NAME: scored})
+        ],
+        "headline": [key for key in scored.values if CATALOGUE[key].headline],
+        "record": msgspec.json.encode(walk.record(played.object_id)).decode(),
+    }

@@ -1,0 +1,161 @@
+"""Episodes that a person walks: where they can go, what they can point at, and what it scores.
+
+A person sees what an agent sees: the instruction, the ways on, and the objects that are visible,
+but not which of them is the target. The walk is in the address of the page, so nothing is stored.
+"""
+
+import random
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from reverie_eval.agents import Surroundings
+from reverie_eval.analysis import Episode, VisibleObject, episode
+from reverie_eval.metrics import ABSTAINED
+from reverie_eval.scoring import PreparedSubmission
+from reverie_eval.server.errors import MalformedError, NotFoundError
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.episodes import Browsing, align_walks
+
+MOST_STEPS = 200
+"""Of a walk; twenty times as many as annotated paths have."""
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A viewpoint that can be walked to from where a person is."""
+
+    number: int
+    """Of the viewpoint, among those of its scan."""
+    heading: float
+    """Radians."""
+    elevation: float
+    """Radians."""
+    metres: float
+
+
+@dataclass(frozen=True)
+class HumanWalk:
+    """The steps of a person through an episode so far."""
+
+    board: Board
+    annotated: Episode
+    steps: Sequence[int]
+    """Numbers of viewpoints after the start, among those of the scan."""
+
+    @classmethod
+    def of(cls, browsing: Browsing, instr_id: str, steps: Sequence[int]) -> "HumanWalk":
+        """Follow the steps of a person.
+
+        Raises
+        ------
+        NotFoundError
+            If there is no such episode, or the split has answers alone.
+        MalformedError
+            If a step is not one of the ways on, or there are too many.
+        """
+        if browsing.board.split.track == "grounding":
+            raise NotFoundError(f"in {browsing.board.name} nobody walks: answers alone are scored")
+        walk = cls(browsing.board, browsing.episode(instr_id), steps)
+        if len(steps) > MOST_STEPS:
+            raise MalformedError(f"a walk has at most {MOST_STEPS} steps")
+        for here, there in zip(walk.viewpoints, walk.viewpoints[1:], strict=False):
+            if there not in walk._surroundings.neighbours(here):
+                raise MalformedError("the walk has a step to a viewpoint that is not connected")
+        return walk
+
+    @cached_property
+    def viewpoints(self) -> Sequence[int]:
+        """The viewpoints of the walk, from the start, as the graph numbers them."""
+        graph = self.board.truth.graph
+        start = graph.index[self.annotated.start]
+        scan = np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[start])
+        if not all(step < len(scan) for step in self.steps):
+            raise MalformedError("the walk has a step to a viewpoint that does not exist")
+        return [start, *scan[list(self.steps)].tolist()]
+
+    @property
+    def here(self) -> str:
+        """The id of the viewpoint where the person is."""
+        return self.board.truth.graph.viewpoint_ids[self.viewpoints[-1]]
+
+    @property
+    def heading(self) -> float:
+        """Of the last move, radians; 0 at the start."""
+        return float(self._surroundings.poses(self.viewpoints)[-1][1])
+
+    @property
+    def metres(self) -> float:
+        """How far the person has walked."""
+        walked = np.array(self.viewpoints)
+        return float(self.board.truth.graph.distance_between(walked[:-1], walked[1:]).sum())
+
+    @property
+    def ways(self) -> Sequence[Way]:
+        """The viewpoints that can be walked to, by heading."""
+        graph, here = self.board.truth.graph, self.viewpoints[-1]
+        first = int(np.searchsorted(graph.viewpoint_scan, graph.viewpoint_scan[here]))
+        found = []
+        for there in self._surroundings.neighbours(here):
+            if there != here:
+                (_, heading, elevation) = self._surroundings.poses([here, there])[1]
+                pair = np.array([here]), np.array([there])
+                metres = float(graph.distance_between(*pair)[0])
+                found.append(Way(there - first, float(heading), float(elevation), metres))
+        return sorted(found, key=lambda way: way.heading)
+
+    @property
+    def objects(self) -> Sequence[VisibleObject]:
+        """The objects that are visible, by object id."""
+        return self.annotated.visible_objects(self.here)
+
+    def answered(self, object_id: int | None) -> Episode:
+        """Return the episode as the person ended it, scored by the rules of the split.
+
+        Raises
+        ------
+        MalformedError
+            If no such object is visible.
+        """
+        self._check_visible(object_id)
+        truth, row = self.board.truth, self.board.truth.episodes.index[self.annotated.instr_id]
+        answer = ABSTAINED if object_id is None else object_id
+        walks = align_walks(truth, {row: (self.viewpoints, answer)})
+        scores = self.board.score(PreparedSubmission(walks, truth))
+        return episode(scores, self.annotated.instr_id)
+
+    def record(self, object_id: int | None) -> Mapping[str, Any]:
+        """Return the walk as a record of a submission."""
+        self._check_visible(object_id)
+        return {
+            "instr_id": self.annotated.instr_id,
+            "trajectory": self._surroundings.poses(self.viewpoints),
+            "predObjId": ABSTAINED if object_id is None else object_id,
+        }
+
+    @cached_property
+    def _surroundings(self) -> Surroundings:
+        return Surroundings(self.board.truth)
+
+    def _check_visible(self, object_id: int | None) -> None:
+        if object_id is not None and object_id not in {each.object_id for each in self.objects}:
+            raise MalformedError(f"object {object_id} is not visible from where the walk ends")
+
+
+def sample(board: Board, seed: int, size: int) -> Sequence[str]:
+    """Draw episodes at random, each at most once; the same seed draws the same ones.
+
+    Of all tasks, one instruction each before any has a second: who has seen a target knows it.
+    """
+    ids, tasks = board.truth.episodes.instr_ids, board.truth.episodes.task.tolist()
+    shuffled = random.Random(seed).sample(range(len(ids)), len(ids))  # noqa: S311
+    earlier: Counter[int] = Counter()
+    turns = {}
+    for row in shuffled:
+        turns[row] = earlier[tasks[row]]
+        earlier[tasks[row]] += 1
+    return [ids[row] for row in sorted(shuffled, key=turns.__getitem__)[:size]]

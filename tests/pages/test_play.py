@@ -1,0 +1,120 @@
+"""A person walks an episode: what they see, where they can go, and how it is scored."""
+
+import json
+import re
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import reverie_eval as rv
+from reverie_eval import CATALOGUE, GroundTruth
+from reverie_eval.agents import run_agent
+from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.server.service.play import sample
+from tests.support.serving import (
+    OPEN,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
+from tests.support.visiting import Visitor, said
+
+TRUTH = GroundTruth.load(DEMO_BUNDLES / f"{OPEN}.npz")
+RECORDS = {record["instr_id"]: record for record in run_agent("shortest", TRUTH)}
+"""Walks to the goal that end with the right answer."""
+EPISODES = list(RECORDS)[:3]
+
+
+def numbers(truth: GroundTruth, record: dict[str, Any]) -> list[int]:
+    """Return the steps of a walk: viewpoints after the start, counted within their scan."""
+    graph = truth.graph
+    visited = np.array([graph.index[viewpoint_id] for viewpoint_id, *_ in record["trajectory"]])
+    first = np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[visited[0]])[0]
+    return [int(each) for each in visited[1:] - first]
+
+
+def address(instr_id: str, steps: list[int], answer: str = "") -> str:
+    return f"/play/{OPEN}/{instr_id}?walk={'.'.join(map(str, steps))}&answer={answer}"
+
+
+@pytest.mark.parametrize("instr_id", EPISODES)
+def test_a_walk_is_found_by_links_and_scored_as_its_file(instr_id: str, server: Serving) -> None:
+    visitor, record, truth = Visitor(server), RECORDS[instr_id], TRUTH
+    steps = numbers(truth, record)
+    page = visitor.get(f"/play/{OPEN}/{instr_id}")
+    for made in range(1, len(steps) + 1):
+        walk = ".".join(map(str, steps[:made]))
+        (link, *_) = re.findall(rf'href="([^"]*walk={re.escape(walk)})"', page.text)
+        assert "target" not in said(page)
+        page = visitor.get(unescape(link))
+    (link, *_) = re.findall(rf'href="([^"]*answer={record["predObjId"]})"', page.text)
+    page = visitor.get(unescape(link))
+    (kept,) = re.findall(r'data-record="([^"]*)"', page.text)
+    assert json.loads(unescape(kept)) == record
+    values = rv.evaluate([*RECORDS.values()], split=OPEN, ground_truth=truth).episodes
+    row = truth.episodes.index[instr_id]
+    for key in ("path_length", "success", "spl", "rgs", "rgspl"):
+        shown = f"{CATALOGUE[key].name} {CATALOGUE[key].display_one(values[key][row])}"
+        assert shown in said(page)
+
+
+def test_no_answer_is_an_answer(server: Serving) -> None:
+    page = Visitor(server).get(address(EPISODES[0], [], "none"))
+    assert "predicted no object" in said(page)
+    assert '"predObjId":-1' in unescape(page.text)
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "says"),
+    [
+        pytest.param(address(EPISODES[0], [99999]), 400, "does not exist", id="no viewpoint"),
+        pytest.param(address(EPISODES[0], [0] * 300), 400, "at most 200 steps", id="too long"),
+        pytest.param(address(EPISODES[0], [], "99999"), 400, "not visible", id="another object"),
+        pytest.param(f"/play/{OPEN}/{EPISODES[0]}?walk=a", 400, "walk", id="no numbers"),
+        pytest.param(f"/play/{OPEN}/{EPISODES[0]}?walk=1..2", 400, "walk", id="two dots"),
+        pytest.param(f"/play/{OPEN}/{EPISODES[0]}?answer=lamp", 400, "answer", id="no id"),
+        pytest.param(f"/play/{OPEN}?seed=-1", 400, "seed", id="a seed below zero"),
+        pytest.param(f"/play/{OPEN}?n=0", 400, "n", id="no episodes"),
+        pytest.param(f"/play/{OPEN}/none", 404, "no episode", id="no episode"),
+        pytest.param(f"/play/{PRIVATE}", 404, "private", id="a private split"),
+        pytest.param(f"/play/{PRIVATE}/{EPISODES[0]}", 404, "private", id="an episode of one"),
+    ],
+)
+def test_what_cannot_be_walked(path: str, status: int, says: str, server: Serving) -> None:
+    reply = Visitor(server).get(path)
+    assert reply.status_code == status
+    assert says in said(reply)
+
+
+def test_a_step_leads_to_a_neighbour(server: Serving) -> None:
+    truth, instr_id = TRUTH, EPISODES[0]
+    graph, start = truth.graph, truth.episodes.start[truth.episodes.index[instr_id]]
+    scan = np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[start])
+    far = int(np.flatnonzero(~graph.has_edge(np.full_like(scan, start), scan))[-1])
+    reply = Visitor(server).get(address(instr_id, [far]))
+    assert reply.status_code == 400
+    assert "not connected" in said(reply)
+
+
+def test_nobody_walks_where_answers_alone_are_scored(folder: Path, open_server: OpenServer) -> None:
+    server = open_server(adjusted(settings_of(folder), OPEN, track="grounding"))
+    visitor = Visitor(server)
+    assert visitor.get(f"/play/{OPEN}/{EPISODES[0]}").status_code == 404
+    assert f"/play/{OPEN}" not in visitor.get("/episodes").text
+
+
+def test_a_sample_is_the_same_for_everyone_and_repeats_targets_last(server: Serving) -> None:
+    board, episodes = server.state.board(OPEN), TRUTH.episodes
+    everything = len(episodes.instr_ids)
+    drawn = sample(board, 7, everything)
+    tasks = [int(episodes.task[episodes.index[instr_id]]) for instr_id in drawn]
+    targets = len(set(tasks))
+    assert sorted(drawn) == sorted(episodes.instr_ids)
+    assert len(set(tasks[:targets])) == targets
+    assert sample(board, 7, 5) == drawn[:5]
+    assert sample(board, 8, everything) != drawn

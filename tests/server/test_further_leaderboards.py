@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Phase, Receipt
 from reverie_eval.server.operations.checks import acting, check_folder
@@ -37,6 +38,7 @@ from tests.support.serving import (
     running,
     settings_of,
     submission_for,
+    with_arrays,
 )
 from tests.support.visiting import signed_in
 
@@ -276,6 +278,25 @@ def test_a_change_of_rules_keeps_both_results(
         verify(Receipt.model_validate(earlier["receipt"]), later.state.signer.public_pem)
         page = signed_in(later, ORGANISER).get(f"/submissions/{submission['id']}").text
         assert "Scored again because: More leaderboards." in page
+
+
+def test_a_file_that_fits_no_longer_keeps_all_results(
+    several: Serving, folder: Path, open_server: OpenServer
+) -> None:
+    submission = sent(several)
+    place = folder / "bundles" / f"{OPEN}.npz"
+    bundle = Bundle.load(place)
+    names = bundle.arrays["instr_id"].copy()
+    names[0] = "1_9_9"
+    with_arrays(bundle, instr_id=names).save(place)
+    later = open_server(settings_of(folder), several.tokens)
+    report = rescored(later)
+    assert (report["scored"], report["left"], list(report["rejected"])) == (
+        0,
+        0,
+        [submission["id"]],
+    )
+    assert shown(later, submission)["also"] == submission["also"]
 
 
 def test_the_command_fills_and_prints_each_leaderboard(

@@ -56,6 +56,8 @@ class Board:
     """The name of a further leaderboard; empty for the split's own."""
     also: Mapping[str, "Board"] = field(default_factory=dict)
     """The further leaderboards of the split, by name; only the split's own one has them."""
+    own: "Board | None" = None
+    """The split's own leaderboard; None if it is this one."""
 
     @property
     def title(self) -> str:
@@ -155,13 +157,14 @@ class Board:
         Raises
         ------
         SubmissionError
-            If it does not fit the split.
+            If it does not fit the split at all.
         """
         try:
             reading = reading or self.read(content)
         except SubmissionError as error:
-            if not self.further:
+            if self.own is None:
                 raise
+            self.own.read(content)
             return self._without_scores(
                 f"this file cannot be ranked here: {error.problems[0].message}"
             )
@@ -339,7 +342,7 @@ def _board(name: str, split: Split, truth: GroundTruth, public_fingerprint: str)
     """Return a split's own leaderboard, which has the further ones."""
     own = Board(name, split, truth, public_fingerprint)
     also = {
-        further: replace(own, split=split.ranked_also(further), further=further)
+        further: replace(own, split=split.ranked_also(further), further=further, own=own)
         for further in split.also
     }
     return replace(own, also=MappingProxyType(also))

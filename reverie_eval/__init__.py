@@ -6,7 +6,7 @@
 True
 """
 
-from reverie_eval.analysis import Comparison, compare
+from reverie_eval.analysis import Comparison, Runs, compare
 from reverie_eval.errors import (
     DatasetError,
     GroundTruthError,
@@ -15,6 +15,7 @@ from reverie_eval.errors import (
     RejectedError,
     ReverieEvalError,
     SubmissionError,
+    SubsetError,
 )
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE
@@ -45,9 +46,11 @@ __all__ = [
     "ProtocolError",
     "RejectedError",
     "ReverieEvalError",
+    "Runs",
     "ScoredFiles",
     "Scores",
     "SubmissionError",
+    "SubsetError",
     "Validation",
     "__version__",
     "compare",

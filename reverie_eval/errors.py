@@ -4,6 +4,7 @@ ReverieEvalError
     RejectedError           the input is invalid; lists every problem
         SubmissionError     a submission
         DatasetError        the published files of the dataset
+        SubsetError         a list of episodes
     GroundTruthError        the bundle is missing, damaged, or lacks what is needed
     ProtocolError           the protocol, or another option of scoring, is invalid
 """
@@ -79,6 +80,12 @@ class DatasetError(RejectedError):
     """The published files of the dataset are invalid."""
 
     subject = "dataset"
+
+
+class SubsetError(RejectedError):
+    """The list of episodes of a subset is invalid."""
+
+    subject = "subset"
 
 
 def _listing(problems: Sequence[Problem]) -> Iterator[str]:

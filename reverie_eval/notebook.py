@@ -6,7 +6,7 @@ here when ``reverie_eval`` is imported. Heavy packages are imported when a metho
 
 from typing import TYPE_CHECKING
 
-from reverie_eval.analysis import Comparison, Episode, breakdown, episode
+from reverie_eval.analysis import Comparison, Episode, Runs, breakdown, episode
 from reverie_eval.scoring import Scores
 
 if TYPE_CHECKING:
@@ -28,6 +28,13 @@ def _scores_html(scores: Scores) -> str:
     from reverie_eval.reporting._scores import score_table
 
     return score_table([scores]).to_html()
+
+
+def _runs_html(runs: Runs) -> str:
+    """Show the runs and their mean in a notebook."""
+    from reverie_eval.reporting._runs import runs_table
+
+    return runs_table(runs).to_html()
 
 
 def _comparison_report(comparison: Comparison) -> "ComparisonReport":
@@ -75,6 +82,7 @@ def attach_methods() -> None:
     Scores.episode = episode
     Scores.plot = property(_plots)
     Scores._repr_html_ = _scores_html
+    Runs._repr_html_ = _runs_html
     Comparison.to_report = _comparison_report
     Comparison._repr_html_ = _comparison_html
     Episode.plot = _plot_episode

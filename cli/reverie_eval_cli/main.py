@@ -28,6 +28,8 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "validate": "submissions:validate_submission",
                 "compare": "compare:compare",
                 "report": "compare:report",
+                "plan": "plan:plan",
+                "subset": "submissions:draw_episodes",
                 "convert": "submissions:convert_submission",
                 "agent": "submissions:agent",
             },

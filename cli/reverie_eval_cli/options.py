@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,6 +33,12 @@ class Choice(click.Choice[str]):
         return f"unknown value {value!r}{did_you_mean(value, self.choices)}"
 
 
+class Number(click.IntRange):
+    """A whole number in a range."""
+
+    name = "whole number"
+
+
 class Time(click.ParamType[datetime]):
     """A time with its time zone, as ISO 8601 writes it."""
 
@@ -42,13 +48,38 @@ class Time(click.ParamType[datetime]):
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> datetime:
         """Read a time."""
-        try:
-            time = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
-        except ValueError:
-            time = None
-        if time is None or time.tzinfo is None:
-            self.fail(f"{value!r} is not a time with a time zone: 2027-06-01T12:00:00Z", param, ctx)
+        time = value if isinstance(value, datetime) else _read_time(str(value))
+        if time is None:
+            example = "such as 2027-06-01T12:00:00Z"
+            self.fail(f"{value!r} is not a time with a time zone, {example}", param, ctx)
         return time.astimezone(UTC)
+
+
+class DayOrTime(click.ParamType[str]):
+    """A day, or a time with its time zone."""
+
+    name = "TIME"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return it as written: a day is its first second, or at the end of a phase its last."""
+        try:
+            date.fromisoformat(value)
+        except ValueError:
+            if _read_time(value) is None:
+                example = "such as 2027-06-01 or 2027-06-01T12:00:00Z"
+                self.fail(
+                    f"{value!r} is not a day or a time with a time zone, {example}", param, ctx
+                )
+        return value
+
+
+def _read_time(text: str) -> datetime | None:
+    """Return a time with its time zone, or None if the text is none."""
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    return None if time.tzinfo is None else time
 
 
 def _complete_split(
@@ -91,6 +122,12 @@ track = click.option(
     default="full",
     show_default=True,
     help="grounding: answers alone, with the agent placed at the goal.",
+)
+episodes_from = click.option(
+    "--episodes-from",
+    metavar="FILE",
+    type=PATH,
+    help="Score only the episodes whose instr_ids FILE lists, one a line.",
 )
 cluster = click.option(
     "--cluster",
@@ -153,7 +190,7 @@ def dataset_files(command: Command) -> Command:
 jobs = click.option(
     "--jobs",
     metavar="N",
-    type=click.IntRange(min=1),
+    type=Number(min=1),
     help="Number of worker processes.  [default: number of cores]",
 )
 object_positions = click.option(
@@ -177,7 +214,7 @@ def expiry(default: int | None) -> Callable[[Command], Command]:
     return click.option(
         "--expires-days",
         metavar="N",
-        type=click.IntRange(1, _MOST_DAYS),
+        type=Number(1, _MOST_DAYS),
         default=default,
         show_default="never" if default is None else True,
         help="Days until it expires.",
@@ -187,7 +224,7 @@ def expiry(default: int | None) -> Callable[[Command], Command]:
 days = click.option(
     "--days",
     metavar="N",
-    type=click.IntRange(1, _MOST_DAYS),
+    type=Number(1, _MOST_DAYS),
     default=30,
     show_default=True,
     help="Days until the extra submissions expire.",

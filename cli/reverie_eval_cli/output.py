@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import click
 
-from reverie_eval import ReverieEvalError, SubmissionError
+from reverie_eval import (
+    Evaluator,
+    GroundTruth,
+    ReverieEvalError,
+    Scores,
+    SubmissionError,
+    SubsetError,
+)
 from reverie_eval.files import staged_file
+from reverie_eval.ground_truth import find_ground_truth, read_episode_ids
 from reverie_eval.submissions import source_name
 
 if TYPE_CHECKING:
@@ -21,7 +29,7 @@ STANDARD_OUTPUT = "-"
 
 
 class RejectedSubmission(click.ClickException):
-    """A submission was rejected; the message names the file and lists its problems."""
+    """A submission or subset was rejected; the message names the file and lists its problems."""
 
     exit_code = 1
 
@@ -42,6 +50,31 @@ def naming(submission: str) -> Iterator[None]:
 def rejection(submission: str, error: SubmissionError) -> str:
     """Return what is wrong with which submission."""
     return f"{source_name(submission)}: {error}"
+
+
+def find_truth(ground_truth: str | None, split: str, episodes_from: Path | None) -> GroundTruth:
+    """Find the ground truth of a split, or of the episodes that a file lists."""
+    truth = find_ground_truth(ground_truth, split)
+    if episodes_from is None:
+        return truth
+    try:
+        return truth.subset(read_episode_ids(episodes_from))
+    except SubsetError as error:
+        raise RejectedSubmission(f"{episodes_from}: {error}") from None
+
+
+def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Scores]:
+    """Score all; if some are rejected, list the problems of each of them."""
+    scores: list[Scores] = []
+    rejections: list[str] = []
+    for submission in with_progress(submissions, "Scoring", len(submissions)):
+        try:
+            scores.append(evaluator(submission))
+        except SubmissionError as error:
+            rejections.append(rejection(submission, error))
+    if rejections:
+        raise RejectedSubmission("\n".join(rejections))
+    return scores
 
 
 def check_outputs(

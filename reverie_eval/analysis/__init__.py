@@ -2,6 +2,7 @@
 
 from reverie_eval.analysis._breakdown import GROUPINGS, Grouping, breakdown, find_grouping
 from reverie_eval.analysis._comparison import (
+    BEST,
     SMALLEST_SHOWN_P,
     ComparedSubmissionsError,
     Comparison,
@@ -23,8 +24,10 @@ from reverie_eval.analysis._evidence import (
     spread_of_changes,
 )
 from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_different_routes
+from reverie_eval.analysis._runs import Method, RunIntervals, Runs
 
 __all__ = [
+    "BEST",
     "FEWEST_FILES",
     "GROUPINGS",
     "HONEST_SPREAD",
@@ -35,7 +38,10 @@ __all__ = [
     "Difference",
     "Episode",
     "Grouping",
+    "Method",
     "PredictedBox",
+    "RunIntervals",
+    "Runs",
     "Spread",
     "VisibleObject",
     "breakdown",

@@ -5,12 +5,14 @@ correlated, so differences have intervals of their own, narrower than separate o
 """
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from math import comb
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
+from reverie_eval.analysis._runs import Method, RunIntervals, Runs, crossed_means, runs_of
 from reverie_eval.arrays import Array, IntArray, difference
 from reverie_eval.errors import ProtocolError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
@@ -18,6 +20,7 @@ from reverie_eval.metrics import CATALOGUE, Metric, primary_metric, units_of
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     Clustering,
+    ClusterIntervals,
     Interval,
     Intervals,
     Scores,
@@ -26,11 +29,16 @@ from reverie_eval.scoring import (
     evaluate,
 )
 from reverie_eval.submissions import Submission, check_names, submission_names
+from reverie_eval.text import did_you_mean
 
 if TYPE_CHECKING:
     import pandas as pd
 
+Verdict = Literal["better", "worse", "same", "not significant"]
+
 _MIN_SUBMISSIONS = 2
+BEST = "best"
+"""In place of the baseline's name: choose it by its scores."""
 SMALLEST_SHOWN_P = 0.001
 """P-values below it are shown as ``p < 0.001``."""
 
@@ -51,7 +59,7 @@ class Difference:
     """Episodes in which it is lower."""
     mcnemar_p: float | None
     """P-value of McNemar's exact test, with the same correction; null if the metric is not
-    binary."""
+    binary, or there are several runs."""
 
     @property
     def reversed(self) -> Self:
@@ -74,15 +82,19 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     only those of navigation.
     """
 
-    scores: Mapping[str, Scores]
-    """The scores of all submissions by name."""
-    intervals: Mapping[str, Intervals]
+    scores: Mapping[str, Method]
+    """The scores of all submissions by name; several runs of a method are one of them."""
+    intervals: Mapping[str, ClusterIntervals]
     """Intervals of the differences, by the names of all but the first."""
     differences: Mapping[str, Mapping[str, Difference]] = field(repr=False)
     """The differences, by the names of all but the first, and by metric."""
 
+    pairs: int | None
+    """If the first was chosen as the best: the number of all pairs, which p-values are corrected
+    for; else they are corrected for the comparisons with the first."""
     swaps: int
-    """Random swaps of each test; their number grows with that of the comparisons."""
+    """Random swaps of each test; their number grows with that of the comparisons. 0 if there are
+    runs, whose means are tested by Student's t."""
     smallest_p: float
     """The smallest p-value that any difference could have, after Holm's correction."""
 
@@ -91,27 +103,38 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     _repr_html_: ClassVar[Any]
 
     @classmethod
-    def of(cls, scores: Mapping[str, Scores], by: Clustering = "target", *, seed: int = 0) -> Self:
+    def of(
+        cls,
+        scores: Mapping[str, Method],
+        by: Clustering = "target",
+        *,
+        seed: int = 0,
+        baseline: str | None = None,
+    ) -> Self:
         """Compare existing scores.
 
         Parameters
         ----------
-        scores : mapping of Scores
+        scores : mapping of Scores or Runs
             Two or more, by name, of the same episodes under the same protocol.
         by : "target" or "scan"
             What dependent episodes have in common.
         seed : int
             Seed of the resamples and swaps.
+        baseline : str, optional
+            The name of the submission that all others are compared with, in place of the first; or
+            ``best`` for that with the highest RGSPL, or RGS or SPL if RGSPL is not scored.
 
         Raises
         ------
         ProtocolError
-            If they are not comparable.
+            If they are not comparable, or none has the name of the baseline.
         """
         # Only comparisons and intervals need scipy, which this imports.
         from reverie_eval.metrics.uncertainty import smallest_p, swaps_for
 
         check_comparable(scores)
+        scores = _baseline_first(scores, baseline)
         (_, first), *others = scores.items()
         changes = {
             name: {
@@ -121,17 +144,22 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             }
             for name, other in others
         }
+        # To have compared all pairs for the best one is no less than to test them all.
+        pairs = comb(len(scores), 2) if baseline == BEST else None
+        if any(isinstance(each, Runs) for each in scores.values()):
+            run_intervals, differences = _differences_of_runs(scores, changes, by, pairs)
+            return cls(scores, run_intervals, differences, pairs, 0, 0.0)
         cluster = clusters_of(first.ground_truth, by)
-        intervals = {
-            name: Intervals.of(change, cluster, by, seed=seed) for name, change in changes.items()
-        }
-        swaps = swaps_for(len(others))
+        intervals = Intervals.of_several(changes, cluster, by, seed=seed)
+        n_comparisons = pairs or len(others)
+        swaps = swaps_for(n_comparisons)
         return cls(
             scores,
             intervals,
-            _differences(changes, intervals, cluster, swaps, seed),
+            _differences(changes, intervals, cluster, pairs=pairs, swaps=swaps, seed=seed),
+            pairs,
             swaps,
-            smallest_p(len(others), len(np.unique(cluster))),
+            smallest_p(n_comparisons, len(np.unique(cluster))),
         )
 
     def __getitem__(self, name: str) -> Mapping[str, Difference]:
@@ -169,6 +197,19 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         excludes_zero = interval.low > 0 or interval.high < 0
         return excludes_zero and found.p_value + confidence < 1
 
+    def verdict(self, name: str) -> Verdict:
+        """Return in a word or two whether a submission is better than the first.
+
+        ``better``, ``worse``, ``same`` if the primary metric has the same value in every episode,
+        or else ``not significant``.
+        """
+        found = self[name][self.primary(name).key]
+        if not _changes(found):
+            return "same"
+        if not self.is_significant(name):
+            return "not significant"
+        return "better" if found.mean > 0 else "worse"
+
     def sentence(self, name: str) -> str:
         """Return a sentence that says whether a submission is better than the first."""
         if self.is_identical(name):
@@ -177,21 +218,19 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             return f"{name} and {self.first} {verb} the same in every episode"
         metric = self.primary(name)
         found = self[name][metric.key]
-        if not _changes(found):
+        verdict = self.verdict(name)
+        if verdict == "same":
             return f"{name} and {self.first} score the same {metric.label} in every episode"
-        is_significant = self.is_significant(name)
-        is_worse = is_significant and found.mean < 0
         # "worse by 2" needs a positive difference, with an interval to match.
-        shown = found.reversed if is_worse else found
+        shown = found.reversed if verdict == "worse" else found
         mean, low, high = map(metric.display, (shown.mean, shown.interval.low, shown.interval.high))
         evidence = f"{self.intervals[name].label} interval {low} to {high}, {p_text(shown.p_value)}"
-        if not is_significant:
+        if verdict == "not significant":
             return (
                 f"No significant difference between {name} and {self.first} in {metric.label}: "
                 f"difference {mean}, {evidence}"
             )
-        verdict = f"{name} is {'worse' if is_worse else 'better'} than {self.first}"
-        return f"{verdict} by {mean} {metric.label}, {evidence}"
+        return f"{name} is {verdict} than {self.first} by {mean} {metric.label}, {evidence}"
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a row per submission and metric, indexed by both.
@@ -256,26 +295,28 @@ class ComparedSubmissionsError(SubmissionError):
 
 
 def compare(
-    *submissions: Submission | Scores,
+    *submissions: Submission | Method,
     split: str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
+    subset: Iterable[str] | None = None,
     names: Sequence[str] | None = None,
     by: Clustering = "target",
     seed: int = 0,
+    baseline: str | None = None,
 ) -> Comparison:
     """Score submissions on the same episodes, and compare all others with the first.
 
     Parameters
     ----------
     submissions : two or more
-        As for :func:`reverie_eval.evaluate`, or existing scores.
-    split, ground_truth, protocol, track
+        As for :func:`reverie_eval.evaluate`, or existing scores, or several runs of a method.
+    split, ground_truth, protocol, track, subset
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
         Names of the submissions; by default those of their files.
-    by, seed
+    by, seed, baseline
         As for :meth:`Comparison.of`.
 
     Raises
@@ -297,10 +338,19 @@ def compare(
         given = ", ".join(map(str, names))
         raise ProtocolError(f"every submission needs a name of its own; got {given}")
     named = dict(zip(names, submissions, strict=True))
-    scores = score_all(
-        named, split=split, ground_truth=ground_truth, protocol=protocol, track=track
+    single = {name: each for name, each in named.items() if not isinstance(each, Runs)}
+    scored = score_all(
+        single,
+        split=split,
+        ground_truth=ground_truth,
+        protocol=protocol,
+        track=track,
+        subset=subset,
     )
-    return Comparison.of(scores, by, seed=seed)
+    scores = {
+        name: each if isinstance(each, Runs) else scored[name] for name, each in named.items()
+    }
+    return Comparison.of(scores, by, seed=seed, baseline=baseline)
 
 
 def score_all(
@@ -310,6 +360,7 @@ def score_all(
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
+    subset: Iterable[str] | None = None,
 ) -> Mapping[str, Scores]:
     """Score several submissions by name, and leave existing scores as they are.
 
@@ -325,6 +376,8 @@ def score_all(
     if split is None and not all(isinstance(each, Scores) for each in submissions.values()):
         raise ProtocolError("give the split of the submissions: split=...")
     truth = find_ground_truth(ground_truth, split) if split else None
+    if truth and subset is not None:
+        truth = truth.subset(subset)
     scores: dict[str, Scores] = {}
     errors: dict[str, SubmissionError] = {}
     for name, each in submissions.items():
@@ -352,7 +405,7 @@ def p_text(p_value: float) -> str:
     return "p < 0.001" if p_value < SMALLEST_SHOWN_P else f"p = {p_value:.3f}"
 
 
-def check_comparable(scores: Mapping[str, Scores]) -> None:
+def check_comparable(scores: Mapping[str, Method]) -> None:
     """Check that scores can be compared.
 
     Raises
@@ -368,34 +421,88 @@ def check_comparable(scores: Mapping[str, Scores]) -> None:
         raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
 
 
+def _baseline_first(scores: Mapping[str, Method], baseline: str | None) -> Mapping[str, Method]:
+    """Return the scores with those of the baseline first, the others in their order."""
+    if baseline is None:
+        return scores
+    if baseline == BEST:
+        key = primary_metric({key for each in scores.values() for key in each}).key
+        baseline = max(scores, key=lambda name: scores[name].get(key, -1.0))
+    if baseline not in scores:
+        raise ProtocolError(f"no submission is named {baseline!r}{did_you_mean(baseline, scores)}")
+    return {baseline: scores[baseline], **scores}
+
+
 def _changes(difference: Difference) -> bool:
     """Whether a difference is not 0 in some episode."""
     return bool(difference.higher or difference.lower)
+
+
+def _differences_of_runs(
+    scores: Mapping[str, Method],
+    changes: Mapping[str, Mapping[str, Array]],
+    by: Clustering,
+    pairs: int | None,
+) -> tuple[Mapping[str, RunIntervals], Mapping[str, Mapping[str, Difference]]]:
+    """Test the differences of methods of several runs from the first of them."""
+    from reverie_eval.metrics.uncertainty import holm
+
+    first = runs_of(next(iter(scores.values())))
+    intervals: dict[str, RunIntervals] = {}
+    p_values: dict[str, dict[str, float]] = {}
+    for name, change in changes.items():
+        keys, runs = list(change), runs_of(scores[name])
+        means = crossed_means(runs, keys, by).minus(crossed_means(first, keys, by))
+        intervals[name] = RunIntervals.of(means, keys, by, [len(runs), len(first)])
+        for key, p_value in zip(keys, means.p_value.tolist(), strict=True):
+            p_values.setdefault(key, {})[name] = p_value
+    corrected = {
+        key: dict(zip(found, holm(np.array(list(found.values())), pairs).tolist(), strict=True))
+        for key, found in p_values.items()
+    }
+    differences = {
+        name: {
+            key: Difference(
+                mean=float(values.mean()),
+                interval=intervals[name][key],
+                p_value=corrected[key][name],
+                higher=int((values > 0).sum()),
+                lower=int((values < 0).sum()),
+                mcnemar_p=None,
+            )
+            for key, values in change.items()
+        }
+        for name, change in changes.items()
+    }
+    return intervals, differences
 
 
 def _differences(
     changes: Mapping[str, Mapping[str, Array]],
     intervals: Mapping[str, Intervals],
     cluster: IntArray,
+    *,
+    pairs: int | None,
     swaps: int,
     seed: int,
 ) -> Mapping[str, Mapping[str, Difference]]:
     """Test the changes, arrays of shape (n_episodes,) by submission and metric."""
     from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 
-    pairs = [(name, key) for name, change in changes.items() for key in change]
+    columns = [(name, key) for name, change in changes.items() for key in change]
     # All changes side by side, so that the swaps are drawn once.
-    table = np.column_stack([changes[name][key] for name, key in pairs])
+    table = np.column_stack([changes[name][key] for name, key in columns])
     higher, lower = (table > 0).sum(axis=0), (table < 0).sum(axis=0)
     p_value = randomisation_p(table, cluster, resamples=swaps, seed=seed)
     mcnemar = mcnemar_p(higher, lower)
     # Holm's correction is over the submissions that have a metric.
-    metric = np.array([key for _, key in pairs])
+    metric = np.array([key for _, key in columns])
     for key in set(metric.tolist()):
         rows = metric == key
-        p_value[rows], mcnemar[rows] = holm(p_value[rows]), holm(mcnemar[rows])
+        p_value[rows] = holm(p_value[rows], pairs)
+        mcnemar[rows] = holm(mcnemar[rows], pairs)
     differences: dict[str, dict[str, Difference]] = {name: {} for name in changes}
-    for column, (name, key) in enumerate(pairs):
+    for column, (name, key) in enumerate(columns):
         differences[name][key] = Difference(
             mean=float(changes[name][key].mean()),
             interval=intervals[name][key],

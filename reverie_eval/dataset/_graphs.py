@@ -25,6 +25,8 @@ class ScanGraph:
     viewpoint_ids: tuple[str, ...]
     position: FloatArray
     """Shape (n, 3): metres."""
+    rotation: FloatArray
+    """Shape (n, 3, 3): from the camera's frame to the scan's."""
     edge: BoolArray
     """Shape (n, n): whether the way from the row's to the column's viewpoint is unobstructed; false
     on the diagonal."""
@@ -123,6 +125,9 @@ class Graphs:
             ),
             distance=_flatten_blocks([scan.distance() for scan in scans]),
             edge=_flatten_blocks([scan.edge for scan in scans]),
+            viewpoint_rotation=np.concatenate(
+                [np.zeros((0, 3, 3)), *(scan.rotation for scan in scans)]
+            ),
         )
 
 
@@ -148,6 +153,7 @@ def _scan_graph(scan_id: str, viewpoints: Sequence[Viewpoint]) -> ScanGraph:
         frozenset(v.image_id for v in viewpoints if not v.included),
         tuple(viewpoints[row].image_id for row in rows),
         np.array([viewpoints[row].position for row in rows]).reshape(-1, 3),
+        np.array([viewpoints[row].pose for row in rows]).reshape(-1, 4, 4)[:, :3, :3],
         unobstructed[np.ix_(rows, rows)],
     )
 

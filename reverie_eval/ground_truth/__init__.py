@@ -9,6 +9,7 @@ from reverie_eval.ground_truth._bundle import (
     pack_texts,
 )
 from reverie_eval.ground_truth._graph import NavigationGraph
+from reverie_eval.ground_truth._subset import draw_subset, read_episode_ids
 from reverie_eval.ground_truth._truth import (
     DEMO_BUNDLES,
     DEMO_DATASET,
@@ -33,6 +34,8 @@ __all__ = [
     "NavigationGraph",
     "bundle_name",
     "bundled_splits",
+    "draw_subset",
     "find_ground_truth",
     "pack_texts",
+    "read_episode_ids",
 ]

@@ -1,6 +1,6 @@
 """The answers of a split: targets, annotated paths, and candidates with their boxes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -142,6 +142,10 @@ class Answers:
             packed_categories=bundle.texts.get("target_category"),
             packed_candidate_categories=bundle.texts.get("candidate_category"),
         )
+
+    def take(self, rows: IntArray) -> "Answers":
+        """Return the answers of some episodes; tasks, paths and candidates stay."""
+        return replace(self, target_object=self.target_object[rows], goal=self.goal[rows])
 
     @cached_property
     def target_categories(self) -> tuple[str, ...]:

@@ -57,6 +57,12 @@ OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
         "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
     }
 )
+UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "viewpoint_rotation": "f4",  # (n_viewpoints, 3, 3) from the camera's frame to the scan's
+    }
+)
+"""Optional public arrays that no score depends on; they are not part of the fingerprint."""
 PUBLIC_TEXTS = frozenset({"instruction"})
 """Texts that are public; the categories of targets and candidates are answers."""
 _HEADER = "header"
@@ -116,7 +122,7 @@ class Bundle:
         texts: Mapping[str, Array] = MappingProxyType({}),
     ) -> Self:
         """Build a bundle from arrays, each converted to the type that the format defines."""
-        formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **OPTIONAL_ANSWER_ARRAYS}
+        formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **OPTIONAL_ANSWER_ARRAYS, **UNSCORED_ARRAYS}
         typed = {name: frozen(array.astype(formats[name])) for name, array in arrays.items()}
         header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed))
         return cls(header, typed, other_splits, texts)
@@ -128,7 +134,8 @@ class Bundle:
 
     def public(self) -> Self:
         """Return the bundle without answers."""
-        arrays = {name: self.arrays[name] for name in PUBLIC_ARRAYS}
+        known = [*PUBLIC_ARRAYS, *(UNSCORED_ARRAYS.keys() & self.arrays.keys())]
+        arrays = {name: self.arrays[name] for name in known}
         sources = {"connectivity": self.header.sources["connectivity"]}
         texts = {name: text for name, text in self.texts.items() if name in PUBLIC_TEXTS}
         split, dataset = self.header.split, self.header.dataset
@@ -217,9 +224,11 @@ def _take(members: dict[str, Array], prefix: str) -> dict[str, Array]:
 
 
 def fingerprint_of(arrays: Mapping[str, Array]) -> str:
-    """Return the SHA-256 of the names, types, shapes and bytes of arrays, sorted by name."""
+    """Return the SHA-256 of the names, types, shapes and bytes of scored arrays, by name."""
     digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):
+        if name in UNSCORED_ARRAYS:
+            continue
         # Distances are hashed in single precision: C libraries differ in the last bit of some,
         # and the same dataset must have the same fingerprint on every machine.
         hashed = array.astype("f4") if name == "distance" else np.ascontiguousarray(array)

@@ -2,18 +2,21 @@
 
 import os
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Self
+
+import numpy as np
 
 from reverie_eval.arrays import Array, IntArray
 from reverie_eval.errors import GroundTruthError
 from reverie_eval.ground_truth._answers import Answers
 from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name, unpack_texts
 from reverie_eval.ground_truth._graph import NavigationGraph
+from reverie_eval.ground_truth._subset import subset_digest, subset_rows
 from reverie_eval.text import count_text, did_you_mean
 
 GROUND_TRUTH_VARIABLE = "REVERIE_EVAL_GROUND_TRUTH"
@@ -36,6 +39,13 @@ class Episodes:
     """The viewpoint where each episode starts."""
     # Unpacked when needed: scoring does not read them.
     packed_instructions: Array | None = None
+    taken_from: "tuple[Episodes, IntArray] | None" = None
+    """The episodes from which some were taken, and the rows of these."""
+
+    def take(self, rows: IntArray) -> "Episodes":
+        """Return some of the episodes."""
+        instr_ids = tuple(self.instr_ids[row] for row in rows)
+        return Episodes(instr_ids, self.task[rows], self.start[rows], taken_from=(self, rows))
 
     @cached_property
     def instructions(self) -> tuple[str, ...]:
@@ -46,6 +56,9 @@ class Episodes:
         GroundTruthError
             If the bundle has none.
         """
+        if self.taken_from:
+            whole, rows = self.taken_from
+            return tuple(whole.instructions[row] for row in rows)
         return unpack_texts(self.packed_instructions, "instructions", len(self.instr_ids))
 
     @cached_property
@@ -67,6 +80,9 @@ class GroundTruth:
     """The instr_ids of the dataset's other splits, to recognise a submission for one of them."""
     origin: str
     """The file it was read from; shown with scores."""
+    subset_of: "tuple[GroundTruth, IntArray] | None" = None
+    """The ground truth of the whole split and the rows of the chosen episodes, if this is that of a
+    declared subset."""
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
@@ -103,7 +119,30 @@ class GroundTruth:
     def __repr__(self) -> str:
         kind = "public, " if self.answers is None else ""
         count = count_text(len(self.episodes.instr_ids), "episode")
-        return f"<GroundTruth of {self.split}, {kind}{count}, from {self.origin}>"
+        some = f", subset {self.subset_digest}" if self.subset_of else ""
+        return f"<GroundTruth of {self.split}, {kind}{count}{some}, from {self.origin}>"
+
+    def subset(self, instr_ids: Iterable[str]) -> "GroundTruth":
+        """Return the ground truth of some episodes, for quick or costly evaluations.
+
+        Submissions may have predictions for other episodes of the split as well; these are checked
+        and left out. Signatures tell such scores from those of the whole split.
+
+        Raises
+        ------
+        SubsetError
+            If there are none, or some are unknown or listed twice; lists every problem.
+        """
+        rows = subset_rows(list(instr_ids), self.episodes.index, self.split)
+        answers = self.answers and self.answers.take(rows)
+        whole, all_rows = self.subset_of or (self, np.arange(len(self.episodes.instr_ids)))
+        episodes = self.episodes.take(rows)
+        return replace(self, episodes=episodes, answers=answers, subset_of=(whole, all_rows[rows]))
+
+    @property
+    def subset_digest(self) -> str:
+        """The digest of the chosen episodes; empty for the whole split."""
+        return subset_digest(self.episodes.instr_ids) if self.subset_of else ""
 
     @property
     def split(self) -> str:

@@ -183,7 +183,7 @@ def mcnemar_p(won: Array, lost: Array) -> FloatArray:
     return bounded
 
 
-def holm(p_values: FloatArray) -> FloatArray:
+def holm(p_values: FloatArray, family: int | None = None) -> FloatArray:
     """Correct the p-values of several comparisons by Holm's method.
 
     The probability of any false alarm is then at most that of a single comparison.
@@ -192,6 +192,8 @@ def holm(p_values: FloatArray) -> FloatArray:
     ----------
     p_values : array, shape (n_comparisons, ...)
         Corrected along the first axis.
+    family : int, optional
+        The number of comparisons from which these were chosen, if there were more.
 
     References
     ----------
@@ -200,7 +202,8 @@ def holm(p_values: FloatArray) -> FloatArray:
     """
     order = np.argsort(p_values, axis=0)
     ordered = np.take_along_axis(p_values, order, axis=0)
-    remaining = np.arange(len(p_values), 0, -1).reshape(-1, *[1] * (p_values.ndim - 1))
+    most = len(p_values) if family is None else family
+    remaining = np.arange(most, most - len(p_values), -1).reshape(-1, *[1] * (p_values.ndim - 1))
     # A comparison cannot be more significant than one with a smaller uncorrected p-value.
     stepped = np.minimum(1.0, np.maximum.accumulate(ordered * remaining, axis=0))
     corrected = np.empty_like(stepped)

@@ -3,7 +3,7 @@
 They need no photograph: boxes are drawn in an empty room with its horizon and a grid of headings.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from types import MappingProxyType
 from typing import Literal
@@ -45,6 +45,8 @@ _LETTER: Mapping[str, float] = MappingProxyType({"other": 6.4, "target": 8.3, "a
 """Units that a letter of a label is wide, by role."""
 _LINE = 15.0
 """Units that a line of labels is high."""
+_HIGHEST_LINE, _LOWEST_LINE = 12, HEIGHT - 4
+"""Of a label, in units of the page."""
 _MIN_DEPTH = 0.05
 """Of a direction, as a share of its length: what is nearer to the picture's plane is left out."""
 
@@ -98,14 +100,12 @@ def _view(shown: AnswerView, view: int) -> Iterator[str]:
     # The lower row of views ends at the horizon, and the upper one begins there.
     horizon = view // 12 * HEIGHT / 2
     yield f'<svg width="{WIDTH}" height="{HEIGHT}">'
-    yield f'<rect class="wall" width="{WIDTH}" height="{HEIGHT}"/>'
-    yield f'<rect class="floor" y="{horizon:g}" width="{WIDTH}" height="{HEIGHT}"/>'
+    yield _background(shown.skybox.view(view) if shown.skybox else "", HEIGHT, horizon)
     yield from _meridians(view, horizon)
     for role, each in _outlined(shown):
         for xywh in each.xywh[each.view == view]:
             yield _rect(role, _SCALE * xywh, each.name)
-    if shown.box:
-        outline = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
+    for outline in _predicted_outline(shown, view):
         yield _polygon("answer", outline, "predicted box")
     yield from _labels(shown, view)
     yield "</svg>"
@@ -126,6 +126,14 @@ def _meridians(view: int, horizon: float) -> Iterator[str]:
         yield _text("heading", x, y, f"{round(heading + offset) % 360}°")
 
 
+def _predicted_outline(shown: AnswerView, view: int) -> Sequence[FloatArray]:
+    """Return the outline of the predicted box, if there is one before the view."""
+    if shown.box is None:
+        return []
+    outline = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
+    return [outline] if len(outline) else []
+
+
 def _in_view(directions: FloatArray, view: int) -> FloatArray:
     """Project directions to the page; what is behind the view is cut away."""
     rays = clip_at_depth(directions @ VIEW_AXES[view].T, _MIN_DEPTH)
@@ -135,14 +143,13 @@ def _in_view(directions: FloatArray, view: int) -> FloatArray:
 def _labels(shown: AnswerView, view: int) -> Iterator[str]:
     """Label the boxes in a view, what matters first; others only where there is room."""
     taken: list[tuple[float, float, float]] = []
-    for role, text, (x, y, _, height) in _named_boxes(shown, view):
+    for role, text, box in _named_boxes(shown, view):
         width = _LETTER[role] * len(text)
-        start = min(max(x + 4, 3), WIDTH - width - 3)
-        lines = [y + 13, y - 4, y + height - 4, y + height + 13, y + 28]
+        start = min(max(box[0] + 4, 3), WIDTH - width - 3)
         free = [
             line
-            for line in lines
-            if 12 <= line <= HEIGHT - 4
+            for line in _lines(box, width)
+            if _HIGHEST_LINE <= line <= _LOWEST_LINE
             and not any(
                 abs(line - other) < _LINE and start < end and begin < start + width
                 for begin, end, other in taken
@@ -150,16 +157,23 @@ def _labels(shown: AnswerView, view: int) -> Iterator[str]:
         ]
         if not free and role == "other":
             continue
-        line = free[0] if free else min(max(y + 12, 12), HEIGHT - 4)
+        line = free[0] if free else min(max(box[1], _HIGHEST_LINE), _LOWEST_LINE)
         taken.append((start, start + width, line))
         yield _text(f"label {role}", start, line, text)
 
 
+def _lines(box: FloatArray, width: float) -> Sequence[float]:
+    """Return the lines for a label of a width, the best first: within the box if it fits there."""
+    _, top, box_width, height = box
+    within, beside = [top + 13, top + height - 4], [top - 4, top + height + 13]
+    fits = width + 8 <= box_width and height >= _LINE
+    return [*within, *beside, top + 28] if fits else [*beside, *within]
+
+
 def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, FloatArray]]:
     """Return what is in a view: its role, its label, and its box in units of the page."""
-    if shown.box:
-        pixels = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
-        bounds = np.concatenate([pixels.min(axis=0), np.ptp(pixels, axis=0)])
+    for outline in _predicted_outline(shown, view):
+        bounds = np.concatenate([outline.min(axis=0), np.ptp(outline, axis=0)])
         yield "answer", ", ".join(filter(None, ["predicted box", shown.iou])), bounds
     others = [each for each in shown.objects if each not in (shown.predicted, shown.target)]
     named: list[tuple[Role, str, VisibleObject | None]] = [
@@ -179,13 +193,17 @@ def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, Floa
 def _panorama(shown: AnswerView) -> Iterator[str]:
     """Draw all that is visible around the viewpoint, with the view in the middle."""
     middle = 180.0 if shown.heading is None else float(np.rad2deg(shown.heading))
-    yield from panorama_grid(middle)
+    yield from panorama_grid(
+        middle, shown.skybox.panorama(middle, _HIGHEST) if shown.skybox else ""
+    )
     spans: list[tuple[Role, Span, str]] = [
         (role, span_of(each), each.name) for role, each in _outlined(shown)
     ]
     if shown.box:
         span = box_span(shown.box.xywh[None], shown.box.camera[None])
         spans.append(("answer", span, "predicted box"))
+    # Cameras may look farther up and down than views; boxes in their pictures are cut here.
+    yield f'<svg width="{WIDTH}" height="{STRIP_HEIGHT:.1f}">'
     for role, span, title in spans:
         yield from on_panorama(role, span, middle, title)
     for role, span, _ in spans:
@@ -195,22 +213,18 @@ def _panorama(shown: AnswerView) -> Iterator[str]:
         camera = view_angles(np.array([shown.view]))[0]
         around = np.rad2deg(angles_of(directions_of(picture, camera)))
         yield _polygon("frame", strip_place(around, middle), "the view above")
+    yield "</svg>"
 
 
-def panorama_grid(middle: float) -> Iterator[str]:
-    """Draw the empty room with lines every 30 degrees, and write the headings below."""
-    half = STRIP_HEIGHT / 2
-    yield f'<rect class="wall" width="{WIDTH}" height="{STRIP_HEIGHT:.1f}"/>'
-    yield f'<rect class="floor" y="{half:.1f}" width="{WIDTH}" height="{half:.1f}"/>'
-    heights = [(_HIGHEST - elevation) * _DEGREE for elevation in (-_STEP, _STEP)]
-    headings = np.arange(0, 360, _STEP)
-    across = strip_place(np.column_stack([headings, np.zeros(len(headings))]), middle)[
-        :, 0
-    ].tolist()
-    lines = [f"M0 {y:.1f}H{WIDTH}" for y in heights]
-    lines += [f"M{x:.1f} 0V{STRIP_HEIGHT:.1f}" for x in across]
+def panorama_grid(middle: float, photograph: str = "") -> Iterator[str]:
+    """Draw a photograph, or an empty room, with lines every 30 degrees and the headings below."""
+    yield _background(photograph, STRIP_HEIGHT, STRIP_HEIGHT / 2)
+    angles = np.array([(heading, 0.0) for heading in range(0, 360, _STEP)])
+    across = strip_place(angles, middle)[:, 0].tolist()
+    lines = [f"M{x:.1f} 0V{STRIP_HEIGHT:.1f}" for x in across]
+    lines += [f"M0 {(_HIGHEST - elevation) * _DEGREE:.1f}H{WIDTH}" for elevation in (-_STEP, _STEP)]
     yield f'<path class="grid" d="{"".join(lines)}"/>'
-    for heading, x in zip(headings.tolist(), across, strict=True):
+    for heading, x in zip(range(0, 360, _STEP), across, strict=True):
         if _TICK_MARGIN <= x <= WIDTH - _TICK_MARGIN:
             yield _text("tick", x, STRIP_HEIGHT + 12, f"{heading}°")
 
@@ -244,6 +258,15 @@ def strip_place(angles: FloatArray, middle: float) -> FloatArray:
 
 
 # Elements.
+
+
+def _background(photograph: str, height: float, horizon: float) -> str:
+    """Show a photograph, or an empty room with its horizon if there is none."""
+    size = f'width="{WIDTH}" height="{height:.1f}"'
+    if photograph:
+        return f'<image {size} preserveAspectRatio="none" href="{photograph}"/>'
+    below = f'y="{horizon:.1f}" width="{WIDTH}" height="{height - horizon:.1f}"'
+    return f'<rect class="wall" {size}/><rect class="floor" {below}/>'
 
 
 def _rect(kind: str, xywh: Array, title: str) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
 from reverie_eval.arrays import Array, BoolArray, FloatArray, IntArray
 from reverie_eval.geometry import HEIGHT, WIDTH, axes, rays_of, view_angles
+from reverie_eval.reporting._skyboxes import Skybox, find_skybox
 from reverie_eval.text import count_text
 
 _POINTS = 9
@@ -36,6 +37,8 @@ class AnswerView:
     view: int | None
     """The view to show, 0 to 35; None if none shows an answer or the target."""
     caption: str
+    skybox: Skybox | None = None
+    """The photographs from here, if the reader has them."""
 
     @classmethod
     def at_stop(cls, episode: Episode) -> "AnswerView":
@@ -61,6 +64,7 @@ class AnswerView:
             iou=_iou_text(episode),
             view=view,
             caption=" ".join(filter(None, sentences)),
+            skybox=find_skybox(episode, episode.stop),
         )
 
     @classmethod
@@ -81,6 +85,7 @@ class AnswerView:
             iou="",
             view=view,
             caption=f"{where} The target is {target.name}.",
+            skybox=find_skybox(episode, episode.goal),
         )
 
     @property

@@ -1,21 +1,23 @@
 """A comparison of submissions: scores, differences, and a sentence for each."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import CATALOGUE, Metric, primary_metric
 from reverie_eval.reporting._results import results_table
 from reverie_eval.reporting._table import (
     MISSING,
     Table,
+    fits,
     latex_comments,
     markdown_text,
     print_lines,
     print_table,
 )
-from reverie_eval.schemas.report import Report, ScoreReport
+from reverie_eval.schemas.report import Report, RunsReport, ScoreReport
+from reverie_eval.scoring import Intervals, Scores
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ class ComparisonReport(Report):
 
     first: str
     """The name of the submission that the others are compared with."""
-    submissions: dict[str, ScoreReport]
+    submissions: dict[str, ScoreReport | RunsReport]
     """By name, including the first."""
     intervals: dict[str, str]
     """How the intervals of the differences were computed, by the names of the others."""
@@ -55,6 +57,11 @@ _WON = (
 
 
 def comparison_table(comparison: Comparison) -> Table:
+    """Return two submissions' scores and how they differ, or a row for each of more."""
+    return _pair_table(comparison) if len(comparison) == 1 else _ranked_table(comparison)
+
+
+def _pair_table(comparison: Comparison) -> Table:
     """Return the scores, a row per submission, and below them the differences from the first."""
     scored = {key for scores in comparison.scores.values() for key in scores}
     metrics = [metric for key, metric in CATALOGUE.items() if metric.headline and key in scored]
@@ -67,26 +74,83 @@ def comparison_table(comparison: Comparison) -> Table:
     return Table(headings, [*scores, *differences], frozenset({0}))
 
 
+def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
+    """Return a row per submission, best first: scores, and the difference in the primary metric.
+
+    The narrow table has no other metrics.
+    """
+    scored = {key for scores in comparison.scores.values() for key in scores}
+    primary = _ranking_metric(comparison)
+    metrics = [m for key, m in CATALOGUE.items() if m.headline and key in scored]
+    shown = [primary] if is_narrow else metrics
+    ranked = sorted(comparison.scores.items(), key=lambda each: -each[1].get(primary.key, -1.0))
+    rows = [
+        [
+            name,
+            *(m.display(scores[m.key]) if m.key in scores else MISSING for m in shown),
+            *_difference_cells(comparison, name, primary),
+        ]
+        for name, scores in ranked
+    ]
+    headings = ["", *(m.heading for m in shown), "diff.", "low", "high", "p", "verdict"]
+    return Table(headings, rows, frozenset({0}))
+
+
+def _ranking_metric(comparison: Comparison) -> Metric:
+    return primary_metric(comparison.scores[comparison.first])
+
+
+def _difference_cells(comparison: Comparison, name: str, metric: Metric) -> Sequence[str]:
+    """Return the difference from the first in a metric, its interval, p and verdict."""
+    if name == comparison.first:
+        return [*[MISSING] * 4, "baseline"]
+    if metric.key not in comparison[name]:
+        return [MISSING] * 5
+    found = comparison[name][metric.key]
+    values = (found.mean, found.interval.low, found.interval.high)
+    shown = (_signed(metric, value) for value in values)
+    verdict = comparison.verdict(name)
+    return [*shown, _p_cell(found.p_value), "n.s." if verdict == "not significant" else verdict]
+
+
 def comparison_text(comparison: Comparison) -> str:
     """Return a comparison in aligned columns, for a pipe or a file."""
-    below = [*sentences(comparison), "", *notes(comparison)]
+    below = [*_lines_below(comparison), "", *notes(comparison)]
     return replace(comparison_table(comparison), notes=below).to_text()
 
 
 def print_comparison(console: "Console", comparison: Comparison) -> None:
     """Print a comparison on a terminal."""
-    print_table(console, comparison_table(comparison))
-    for sentence in sentences(comparison):
+    table = comparison_table(comparison)
+    if len(comparison) > 1 and not fits(console, table):
+        table = _ranked_table(comparison, is_narrow=True)
+    print_table(console, table)
+    for sentence in _lines_below(comparison):
         console.print(sentence, style="bold", markup=False, highlight=False)
     console.print()
     print_lines(console, notes(comparison), style="dim")
+
+
+def _lines_below(comparison: Comparison) -> Sequence[str]:
+    """Return a sentence for the other submission, or what the columns of several ones mean."""
+    if len(comparison) == 1:
+        return sentences(comparison)
+    metric, label = _ranking_metric(comparison), next(iter(comparison.intervals.values())).label
+    not_in_table = [
+        f"{comparison.sentence(name)}." for name in comparison if metric.key not in comparison[name]
+    ]
+    columns = (
+        f"diff.: {metric.label} minus that of {comparison.first}; low, high: its {label} interval; "
+        "n.s.: no significant difference."
+    )
+    return [columns, *not_in_table]
 
 
 def comparison_html(comparison: Comparison) -> str:
     """Return the sentences, the table and its notes, for a page or a notebook."""
     from html import escape
 
-    lines = "<br>".join(map(escape, sentences(comparison)))
+    lines = "<br>".join(map(escape, _lines_below(comparison)))
     table = replace(comparison_table(comparison), notes=notes(comparison)).to_html()
     return f"<p><strong>{lines}</strong></p>{table}"
 
@@ -113,12 +177,19 @@ def methods(comparison: Comparison) -> Sequence[str]:
     """Return how intervals, p-values and counts were computed."""
     resampled = next(iter(comparison.intervals.values()))
     corrected = ", corrected by Holm's method" if len(comparison) > 1 else ""
+    if comparison.pairs and len(comparison) > 1:
+        corrected += f" for all {comparison.pairs:,} pairs, among which the best was chosen"
+    if not isinstance(resampled, Intervals):
+        lone = [name for name, each in comparison.scores.items() if isinstance(each, Scores)]
+        fixed = f"; of {', '.join(lone)}, only one run is known and taken as it is" if lone else ""
+        captions = dict.fromkeys(each.caption for each in comparison.intervals.values())
+        return [*captions, f"p: Student's t test with the same variances{corrected}{fixed}"]
     swaps = f"{comparison.swaps:,} random swaps of whole {resampled.by}s"
     test = f"p: paired randomisation test by {swaps}, seed {resampled.seed}"
     return [
         resampled.caption,
         f"{test}{corrected}{_smallest_p(comparison)}",
-        _WON,
+        *([_WON] if len(comparison) == 1 else []),
     ]
 
 
@@ -140,14 +211,17 @@ def notes(comparison: Comparison) -> Sequence[str]:
 def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
     """Yield the rows on how one submission differs from the first, below an empty row."""
     label = comparison.intervals[name].label
-    rows: Mapping[str, Callable[[Metric, Difference], str]] = {
+    rows: dict[str, Callable[[Metric, Difference], str]] = {
         f"{name} - {comparison.first}": lambda metric, found: _signed(metric, found.mean),
         f"{label} low": lambda metric, found: _signed(metric, found.interval.low),
         f"{label} high": lambda metric, found: _signed(metric, found.interval.high),
         "p": lambda _, found: _p_cell(found.p_value),
-        "won : lost": _won_and_lost,
-        "McNemar's p": lambda _, found: _p_cell(found.mcnemar_p),
     }
+    if isinstance(comparison.intervals[name], Intervals):
+        rows |= {
+            "won : lost": _won_and_lost,
+            "McNemar's p": lambda _, found: _p_cell(found.mcnemar_p),
+        }
     pairs = [(metric, comparison[name].get(metric.key)) for metric in metrics]
     yield [""] * (1 + len(metrics))
     for title, cell in rows.items():
@@ -176,5 +250,6 @@ def _smallest_p(comparison: Comparison) -> str:
         return ""
     resampled = next(iter(comparison.intervals.values()))
     clusters = count_text(resampled.n_clusters, resampled.by)
-    among = f" and {len(comparison):,} comparisons" if len(comparison) > 1 else ""
+    n_comparisons = comparison.pairs or len(comparison)
+    among = f" and {n_comparisons:,} comparisons" if n_comparisons > 1 else ""
     return f"; with {clusters}{among}, p is at least about {comparison.smallest_p:.2g}"

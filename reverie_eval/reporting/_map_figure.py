@@ -5,6 +5,7 @@ from textwrap import wrap
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
@@ -60,7 +61,7 @@ def draw_map(episode_map: EpisodeMap, axes: Axes) -> None:
     frame = Frame.around(episode_map)
     place = frame.place(episode_map.position)
     _draw_graph(episode_map, place, axes)
-    axes.plot(*place[episode_map.annotated_path].T, zorder=2, **_STYLES["annotated"])
+    _draw_annotated_path(episode_map, place, axes)
     axes.plot(*place[episode_map.goal_viewpoints].T, zorder=3, **_STYLES["goal"])
     for route in episode_map.routes[: len(_ROUTES)]:
         _draw_sight(place[route.stop], route, axes)
@@ -99,6 +100,18 @@ def _draw_graph(episode_map: EpisodeMap, place: FloatArray, axes: Axes) -> None:
         lines = place[episode_map.edges[edges]]
         axes.add_collection(LineCollection(list(lines), colors=GREY, linewidths=0.8, alpha=alpha))
         axes.plot(*place[viewpoints].T, zorder=1.5, **_STYLES["elsewhere"] | {"alpha": alpha})
+
+
+def _draw_annotated_path(episode_map: EpisodeMap, place: FloatArray, axes: Axes) -> None:
+    """Draw the annotated path, thin and dashed where it is on another level than the start."""
+    style, legs = _STYLES["annotated"], episode_map.annotated_legs
+    off_level = episode_map.is_off_level(legs)
+    dashed = style | {"linestyle": "--", "linewidth": style["linewidth"] / 2}
+    for is_drawn, look in ((~off_level, style), (off_level, dashed)):
+        # A row of NaN between legs leaves a gap.
+        lines = np.full((int(is_drawn.sum()), 3, 2), np.nan)
+        lines[:, :2] = place[legs[is_drawn]]
+        axes.plot(*lines.reshape(-1, 2).T, zorder=2, **look)
 
 
 def _draw_route(episode_map: EpisodeMap, route: Route, frame: Frame, axes: Axes) -> None:

@@ -6,21 +6,22 @@ CVPR 2020) and RGSPL, by which the benchmark has ranked since.
 
 from collections.abc import Mapping, Sequence
 
+from reverie_eval.analysis import Method, Runs
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._table import MISSING, Bold, Table
-from reverie_eval.scoring import Scores
 
 _COLUMNS = ("success", "oracle_success", "spl", "path_length", "rgs", "rgspl")
 
 
-def results_table(results: Mapping[str, Scores | Sequence[Scores]]) -> Table:
+def results_table(results: Mapping[str, Method | Sequence[Method]]) -> Table:
     r"""Return the results of several methods as a table, the best of each column in bold.
 
     Parameters
     ----------
-    results : mapping of Scores, or of several
-        By the name of the method; a method may have scores for several splits.
+    results : mapping of Scores or Runs, or of several
+        By the name of the method; a method may have scores for several splits. Means over runs
+        are shown with half the width of their intervals.
 
     Returns
     -------
@@ -97,10 +98,26 @@ def methods_table(
 
 
 def _column(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[str]:
-    """Return the cells of a column, the best in bold.
+    """Return the cells of a column, the best in bold, means over runs with their intervals.
 
     Digits that are not shown decide nothing: equal cells are bold together.
     """
+    widths = [_half_width(metric, it) for it in values]
+    return [
+        Bold(cell + width) if isinstance(cell, Bold) else cell + width
+        for cell, width in zip(_means(metric, values), widths, strict=True)
+    ]
+
+
+def _half_width(metric: Metric, values: Mapping[str, float]) -> str:
+    """Return half the width of a mean's interval over runs, as it stands behind the mean."""
+    if not isinstance(values, Runs) or metric.key not in values:
+        return ""
+    half = values.intervals[metric.key].high - values[metric.key]
+    return f" \N{PLUS-MINUS SIGN} {metric.display(half)}"
+
+
+def _means(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[str]:
     cells = [metric.display(it[metric.key]) if metric.key in it else MISSING for it in values]
     shown = [float(cell) for cell in cells if cell != MISSING]
     if metric.better == "neither" or len(shown) < 2:
@@ -109,15 +126,15 @@ def _column(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[s
     return [Bold(cell) if cell != MISSING and float(cell) == best else cell for cell in cells]
 
 
-def _by_split(name: str, scores: Scores | Sequence[Scores]) -> Mapping[str, Scores]:
-    several = [scores] if isinstance(scores, Scores) else scores
+def _by_split(name: str, scores: Method | Sequence[Method]) -> Mapping[str, Method]:
+    several = [scores] if isinstance(scores, Method) else scores
     by_split = {each.split: each for each in several}
     if len(by_split) < len(several):
         raise ProtocolError(f"{name} has two scores of the same split; give each a name of its own")
     return by_split
 
 
-def _check_comparable(every: Sequence[Scores]) -> None:
+def _check_comparable(every: Sequence[Method]) -> None:
     if not every:
         raise ProtocolError("a results table needs the scores of at least one method")
     rules = {
@@ -128,15 +145,21 @@ def _check_comparable(every: Sequence[Scores]) -> None:
         raise ProtocolError(f"these scores are not comparable: {', '.join(signatures)}")
 
 
-def _caption(every: Sequence[Scores], metrics: Sequence[Metric]) -> str:
+def _caption(every: Sequence[Method], metrics: Sequence[Metric]) -> str:
     truth = every[0].ground_truth
     world = "the synthetic demo world" if truth.is_demo else truth.header.dataset
     lengths = [metric.label for metric in metrics if metric.unit == "metres"]
     unit = f"{lengths[0]} in metres, all else in percent" if lengths else "In percent"
     parts = [dict(part.split(":", 1) for part in each.signature.split("|")) for each in every]
-    data = {it["split"]: f"{it['split']} {it['data']} ({it['n']} episodes)" for it in parts}
+    data = {
+        it["split"]: f"{it['split']} {it['data']} ({it['n']} episodes"
+        + (f" of subset {it['subset']})" if "subset" in it else ")")
+        for it in parts
+    }
     rules = " ".join(filter(None, (parts[0]["protocol"], every[0].qualifier)))
+    captions = dict.fromkeys(each.intervals.method for each in every if isinstance(each, Runs))
+    spread = "".join(f" \N{PLUS-MINUS SIGN}: half the width of {each}." for each in captions)
     return (
-        f"Results on {world}. {unit}; the best of each column in bold. Scored by reverie-eval "
-        f"{parts[0]['version']}, protocol {rules}; data: {', '.join(data.values())}."
+        f"Results on {world}. {unit}; the best of each column in bold.{spread} Scored by "
+        f"reverie-eval {parts[0]['version']}, protocol {rules}; data: {', '.join(data.values())}."
     )

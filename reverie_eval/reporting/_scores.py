@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING, TextIO
 
 from reverie_eval.metrics import CATALOGUE, Metric, table_metrics
 from reverie_eval.reporting._table import MARK, MISSING, Table, print_table
-from reverie_eval.scoring import ScoredFiles, Scores
+from reverie_eval.scoring import Evaluator, ScoredFiles, Scores, find_protocol, scored_metrics
 from reverie_eval.submissions import submission_names
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+
+_WATCH_WIDTH = 7
+"""Letters of a column, such as ``RGSPL %`` and ``100.00``."""
 
 
 def score_table(results: Sequence[Scores]) -> Table:
@@ -137,6 +141,22 @@ RANKING_FORMATS: Mapping[str, Callable[[ScoredFiles], str]] = MappingProxyType(
     }
 )
 """What ``--format`` offers for several files."""
+
+
+def watch_heading(evaluator: Evaluator) -> str:
+    """Return the headings above the lines of :func:`watch_line`."""
+    cells = (metric.heading.rjust(_WATCH_WIDTH) for metric in _watched_metrics(evaluator))
+    return "  ".join([*cells, "file"])
+
+
+def watch_line(path: str, scores: Scores, evaluator: Evaluator) -> str:
+    """Return a file's scores in a line, its path last so that the columns stay in line."""
+    cells = (_cell(metric, scores).rjust(_WATCH_WIDTH) for metric in _watched_metrics(evaluator))
+    return "  ".join([*cells, path])
+
+
+def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
+    return table_metrics(scored_metrics(find_protocol(evaluator.protocol), evaluator.track))
 
 
 def write_episodes(scores: Scores, file: TextIO) -> None:

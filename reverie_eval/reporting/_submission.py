@@ -48,8 +48,10 @@ def result_tables(submission: SubmissionReport, server: str) -> Mapping[str, Tab
     }
 
 
-def submission_lines(submission: SubmissionReport, *, is_repeat: bool) -> Iterator[str]:
-    """Yield which submission it is, and its status."""
+def submission_lines(
+    submission: SubmissionReport, *, is_repeat: bool, to_publish: str
+) -> Iterator[str]:
+    """Yield which submission it is, its status, and what to do to publish it."""
     about = f"submission {submission.id} of {submission.team}: {submission.method.name}"
     yield printable(f"{about}, received {time_text(submission.received_at)}")
     if is_repeat:
@@ -66,7 +68,7 @@ def submission_lines(submission: SubmissionReport, *, is_repeat: bool) -> Iterat
         ends = time_text(submission.scores_held_until)
         yield f"scores are published when the phase ends at {ends}"
     if submission.status == "unpublished":
-        yield "not published: submit it again with --publish, which does not use a submission"
+        yield f"not published: {to_publish}"
     else:
         yield submission.status
 

@@ -256,6 +256,7 @@ _NAMED = {
     "<": "less",
     ">": "greater",
     "|": "bar",
+    "\N{PLUS-MINUS SIGN}": "pm",
 }
 _SPECIAL = str.maketrans(
     {letter: f"\\{letter}" for letter in "&%$#_{}"}
@@ -317,7 +318,7 @@ def print_table(console: "Console", *layouts: Table) -> None:
     """
     first, *_ = layouts
     for layout in layouts:
-        if _fits(console, layout):
+        if _fits_wrapped(console, layout):
             console.print(_rich_table(layout))
             if not any(layout.headings):  # without headings, rich adds no empty line
                 console.print()
@@ -334,16 +335,20 @@ def print_lines(console: "Console", lines: Iterable[str], style: str) -> None:
         console.print(line, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
-def _fits(console: "Console", table: Table) -> bool:
+def fits(console: "Console", table: Table) -> bool:
+    """Return whether a table fits a terminal without wrapping anything."""
+    options = console.options.update_width(_ANY_WIDTH)
+    return console.measure(_rich_table(table), options=options).maximum <= console.width
+
+
+def _fits_wrapped(console: "Console", table: Table) -> bool:
     """Return whether a table fits a terminal with its last text column as narrow as may be."""
     wrapped = max(table.text_columns, default=None)
     narrowest = [
         [cell[:_NARROWEST_TEXT] if number == wrapped else cell for number, cell in enumerate(row)]
         for row in table.rows
     ]
-    options = console.options.update_width(_ANY_WIDTH)
-    shown = _rich_table(replace(table, rows=narrowest))
-    return console.measure(shown, options=options).maximum <= console.width
+    return fits(console, replace(table, rows=narrowest))
 
 
 def _rich_table(table: Table) -> "RichTable":

@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from reverie_eval.schemas.report import SplitName
 from reverie_eval.schemas.service import (
+    Accepted,
     BoardName,
     MethodDescription,
     Phases,
@@ -424,6 +425,28 @@ class NewSnapshot(WireModel):
 
     split: Name = Field(examples=["test"])
     title: Name = Field(examples=["CVPR 2027 challenge"])
+
+
+class EmailedFile(WireModel):
+    """A file that a person sent to the organiser, by e-mail for example."""
+
+    split: SplitName
+    team: Name = Field(examples=["Blue"])
+    person: Name = Field(examples=["Ada"])
+    """Who sent it."""
+    received_at: Instant = Field(examples=["2027-06-01T12:00:00Z"])
+    """When the organiser received it."""
+    publish: bool = False
+    """Put the result on the leaderboard at once."""
+
+
+class EmailedFileReport(Accepted):
+    """What an upload would have been answered, and a reply to the sender."""
+
+    reply: str = Field(
+        examples=["Dear Blue,\n\nYour file submit.json, received 2027-06-01 12:00:00 UTC, was ..."]
+    )
+    """Plain text, to be sent with the receipt."""
 
 
 class AttemptReport(WireModel):

@@ -80,6 +80,29 @@ class ScoreReport(Report):
     """What readers of the numbers should know, a sentence each."""
 
 
+class RunsReport(Report):
+    """The mean of several runs of a method, with its uncertainty over runs and episodes."""
+
+    schema_version: Literal[1] = 1
+    signature: str
+    """What the scores of all runs depend on."""
+    scores: dict[str, float]
+    """Means over runs and episodes by metric key, in the units of the runs' scores."""
+    by: Literal["target", "scan"]
+    """What the episodes of a cluster share."""
+    clusters: int
+    confidence: float
+    """The share of such intervals that contain the true mean."""
+    intervals: dict[str, tuple[float, float]]
+    """Low and high by metric key: other runs and other episodes would give other means."""
+    deviations: dict[str, float]
+    """Standard deviations between the runs by metric key."""
+    run_shares: dict[str, float]
+    """By metric key: the part of the mean's variance that more runs would reduce, in [0, 1]."""
+    runs: dict[str, ScoreReport]
+    """By name."""
+
+
 class ProblemReport(Report):
     """One thing that is wrong with a submission."""
 

@@ -533,6 +533,8 @@ class ProblemDocument(WireModel):
     problems: list[ProblemReport] = Field(default_factory=list)
     """What is wrong with the submission, each with its place."""
     quota: QuotaReport | None = None
+    reply: str | None = None
+    """Given to organisers only: the text to send to the person whose file was refused."""
     request_id: str | None = None
     """Given if the server failed: the organiser finds the cause by it."""
 

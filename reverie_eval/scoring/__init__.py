@@ -14,6 +14,7 @@ from reverie_eval.scoring._evaluation import (
 from reverie_eval.scoring._intervals import (
     FEW_CLUSTERS,
     Clustering,
+    ClusterIntervals,
     Interval,
     Intervals,
     clusters_of,
@@ -46,6 +47,7 @@ __all__ = [
     "PROTOCOLS",
     "TABLE_KEYS",
     "BoxScores",
+    "ClusterIntervals",
     "Clustering",
     "EpisodeTable",
     "Evaluator",

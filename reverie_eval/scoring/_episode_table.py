@@ -11,6 +11,7 @@ from reverie_eval.arrays import Array, BoolArray, FloatArray, frozen
 from reverie_eval.metrics import CATALOGUE, candidate_match
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._protocol import Protocol
+from reverie_eval.text import did_you_mean
 
 Track = Literal["full", "grounding"]
 """The agent's task: to navigate and ground the object, or to ground it from the goal."""
@@ -68,6 +69,8 @@ class EpisodeTable(Mapping[str, Array]):
         self._columns: dict[str, Array] = dict(columns)
 
     def __getitem__(self, key: str) -> Array:
+        if key not in CATALOGUE:
+            raise KeyError(f"no metric has the key {key!r}{did_you_mean(key, self._keys)}")
         if key not in self._keys:
             raise KeyError(f"{key} is not scored; the scored metrics are {', '.join(self._keys)}")
         if key not in self._columns:

@@ -1,6 +1,6 @@
 """Evaluation: read a submission, align it with the ground truth, and score it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
@@ -13,7 +13,7 @@ from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_o
 from reverie_eval.scoring._literal_reading import check_first_of_hop, literal_reading_notes
 from reverie_eval.scoring._lookups import Lookups, find_jumps
 from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, find_protocol
-from reverie_eval.scoring._scores import Scores, Validation
+from reverie_eval.scoring._scores import Scores, Validation, signature_of
 from reverie_eval.submissions import (
     AlignedSubmission,
     Predictions,
@@ -34,6 +34,7 @@ def evaluate(
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
+    subset: Iterable[str] | None = None,
 ) -> Scores:
     """Score a submission.
 
@@ -53,6 +54,9 @@ def evaluate(
     track : "full" or "grounding"
         In the grounding track the agent answers from the end of the annotated path: trajectories
         are ignored and may be missing, and RGS is the only score.
+    subset : instr_ids, optional
+        The episodes to score, if not all. The submission may have others of the split as well;
+        they are checked and left out. Scores are comparable with those on the same subset only.
 
     Returns
     -------
@@ -67,6 +71,8 @@ def evaluate(
         If there is no valid ground truth with answers for the split and protocol.
     ProtocolError
         If there is no such protocol or track.
+    SubsetError
+        If episodes of the subset are unknown or listed twice; lists every problem.
     OSError
         If a file cannot be read.
 
@@ -78,7 +84,7 @@ def evaluate(
     """
     # First what is quick to check: a misspelt protocol should not wait for files to be read.
     rules = find_protocol(protocol)
-    truth = _find_answers(ground_truth, split)
+    truth = _find_answers(ground_truth, split, subset)
     return _prepare(submission, truth, track).score(rules)
 
 
@@ -132,12 +138,14 @@ def validate(
     split: str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
     track: Track = "full",
+    subset: Iterable[str] | None = None,
 ) -> Validation:
     """Check a submission as :func:`evaluate` does, but without the answers.
 
     A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
     """
-    return _prepare(submission, find_ground_truth(ground_truth, split), track).validation()
+    truth = _choose(find_ground_truth(ground_truth, split), subset)
+    return _prepare(submission, truth, track).validation()
 
 
 class Evaluator:
@@ -147,7 +155,7 @@ class Evaluator:
 
     Parameters
     ----------
-    split, ground_truth, protocol, track
+    split, ground_truth, protocol, track, subset
         As for :func:`reverie_eval.evaluate`.
 
     Raises
@@ -156,6 +164,8 @@ class Evaluator:
         If there is no valid ground truth with answers for the split, protocol and track.
     ProtocolError
         If there is no such protocol or track.
+    SubsetError
+        If episodes of the subset are unknown or listed twice; lists every problem.
 
     Examples
     --------
@@ -171,12 +181,13 @@ class Evaluator:
         ground_truth: str | PathLike[str] | GroundTruth | None = None,
         protocol: str = DEFAULT_PROTOCOL,
         track: Track = "full",
+        subset: Iterable[str] | None = None,
     ) -> None:
         # Unusable settings must raise here, and not after the first epoch of training.
         rules = find_protocol(protocol)
         self.protocol = rules.name
         self.track = check_track(track)
-        self.ground_truth = _find_answers(ground_truth, split)
+        self.ground_truth = _find_answers(ground_truth, split, subset)
         reason = why_not(rules, self.ground_truth, track)
         if reason:
             raise GroundTruthError(reason)
@@ -191,6 +202,10 @@ class Evaluator:
             protocol=self.protocol,
             track=self.track,
         )
+
+    def __repr__(self) -> str:
+        rules, qualifier = find_protocol(self.protocol), qualifier_of(self.track)
+        return f"<Evaluator {signature_of(self.ground_truth, rules, qualifier)}>"
 
 
 @dataclass(frozen=True)
@@ -321,12 +336,18 @@ def why_not(rules: Protocol, truth: GroundTruth, track: Track) -> str | None:
 
 
 def _find_answers(
-    ground_truth: str | PathLike[str] | GroundTruth | None, split: str
+    ground_truth: str | PathLike[str] | GroundTruth | None,
+    split: str,
+    subset: Iterable[str] | None = None,
 ) -> GroundTruth:
     """Find the ground truth, and refuse a public bundle before the submission is read."""
     truth = find_ground_truth(ground_truth, split)
     truth.require_answers()
-    return truth
+    return _choose(truth, subset)
+
+
+def _choose(truth: GroundTruth, subset: Iterable[str] | None) -> GroundTruth:
+    return truth if subset is None else truth.subset(subset)
 
 
 def _prepare(submission: Submission, truth: GroundTruth, track: Track) -> PreparedSubmission:

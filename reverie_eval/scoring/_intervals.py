@@ -1,5 +1,6 @@
 """Confidence intervals of a submission's scores."""
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Self, get_args
@@ -19,6 +20,8 @@ FEW_CLUSTERS = 5
 docs/uncertainty.md."""
 
 _MIN_CLUSTERS = 2
+_TABLES_AT_ONCE = 50
+"""Resamples of so many tables, with all metrics, take 60 MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,15 +33,60 @@ class Interval:
 
 
 @dataclass(frozen=True, eq=False)
-class Intervals(Mapping[str, Interval]):
-    """The interval of every metric by its key, and how they were computed."""
+class ClusterIntervals(Mapping[str, Interval]):
+    """The interval of every metric by its key, over clusters of episodes."""
 
     by: Clustering
     n_clusters: int
     confidence: float
+    _by_key: Mapping[str, Interval] = field(repr=False)
+
+    def __getitem__(self, key: str) -> Interval:
+        return self._by_key[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_key)
+
+    def __len__(self) -> int:
+        return len(self._by_key)
+
+    @property
+    def label(self) -> str:
+        """The confidence for people: ``95 %``."""
+        return f"{100 * self.confidence:g} %"
+
+    @property
+    @abstractmethod
+    def method(self) -> str:
+        """How the intervals were computed, so that they can be reproduced."""
+
+    @property
+    def caption(self) -> str:
+        """How the intervals were computed, and any caution."""
+        return "; ".join(filter(None, [self.method, self.caution]))
+
+    @property
+    def caution(self) -> str:
+        """A caution if there are few clusters; else empty."""
+        if self.n_clusters >= FEW_CLUSTERS:
+            return ""
+        return (
+            f"only {self.clusters_text}: such intervals contain the true mean less often than "
+            f"{self.label} of the time"
+        )
+
+    @property
+    def clusters_text(self) -> str:
+        """The number of clusters with their kind: ``513 targets``."""
+        return count_text(self.n_clusters, self.by)
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals(ClusterIntervals):
+    """The interval of every metric by its key, by a bootstrap, and how it was computed."""
+
     resamples: int
     seed: int
-    _by_key: Mapping[str, Interval] = field(repr=False)
 
     @classmethod
     def of(
@@ -69,6 +117,27 @@ class Intervals(Mapping[str, Interval]):
         ProtocolError
             If all episodes are in one cluster, or confidence, resamples or seed are out of range.
         """
+        several = cls.of_several(
+            {by: episodes}, cluster, by, confidence=confidence, resamples=resamples, seed=seed
+        )
+        return several[by]
+
+    @classmethod
+    def of_several(
+        cls,
+        tables: Mapping[str, Mapping[str, Array]],
+        cluster: IntArray,
+        by: Clustering,
+        *,
+        confidence: float | None = None,
+        resamples: int | None = None,
+        seed: int | None = None,
+    ) -> Mapping[str, Self]:
+        """Compute the intervals of several tables of the same episodes from the same resamples.
+
+        ``tables`` has episode tables by name; the other parameters and errors are those of
+        :meth:`of`.
+        """
         # Importing scipy would double the start-up time of commands that show no intervals.
         from reverie_eval.metrics import uncertainty
 
@@ -84,11 +153,19 @@ class Intervals(Mapping[str, Interval]):
                 f"confidence {confidence}, {resamples} resamples, seed {seed}; expected a "
                 "confidence between 0 and 1, at least one resample, and a seed of 0 or more"
             )
-        values = np.column_stack(list(episodes.values()))
-        means = uncertainty.bootstrap_means(values, cluster, resamples=resamples, seed=seed)
-        low, high = uncertainty.interval(means, n_clusters, confidence=confidence).tolist()
-        by_key = dict(zip(episodes, map(Interval, low, high), strict=True))
-        return cls(by, n_clusters, confidence, resamples, seed, by_key)
+        found: dict[str, Self] = {}
+        for start in range(0, len(tables), _TABLES_AT_ONCE):
+            names = list(tables)[start : start + _TABLES_AT_ONCE]
+            columns = [column for name in names for column in tables[name].values()]
+            means = uncertainty.bootstrap_means(
+                np.column_stack(columns), cluster, resamples=resamples, seed=seed
+            )
+            low, high = uncertainty.interval(means, n_clusters, confidence=confidence).tolist()
+            ends = map(Interval, low, high)
+            for name in names:
+                by_key = {key: next(ends) for key in tables[name]}
+                found[name] = cls(by, n_clusters, confidence, by_key, resamples, seed)
+        return found
 
     @staticmethod
     def why_not(truth: GroundTruth, by: Clustering) -> str | None:
@@ -96,42 +173,13 @@ class Intervals(Mapping[str, Interval]):
         n_clusters = len(np.unique(clusters_of(truth, by)))
         return _one_cluster(by) if n_clusters < _MIN_CLUSTERS else None
 
-    def __getitem__(self, key: str) -> Interval:
-        return self._by_key[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._by_key)
-
-    def __len__(self) -> int:
-        return len(self._by_key)
-
     @property
-    def label(self) -> str:
-        """The confidence for people: ``95 %``."""
-        return f"{100 * self.confidence:g} %"
-
-    @property
-    def caption(self) -> str:
-        """How the intervals were computed, so that they can be reproduced, and any caution."""
-        method = (
-            f"{self.label} intervals: {self.resamples:,} bootstrap resamples of "
-            f"{self._clusters}, seed {self.seed}"
-        )
-        return "; ".join(filter(None, [method, self.caution]))
-
-    @property
-    def caution(self) -> str:
-        """A caution if there are few clusters; else empty."""
-        if self.n_clusters >= FEW_CLUSTERS:
-            return ""
+    def method(self) -> str:
+        """How the intervals were computed, so that they can be reproduced."""
         return (
-            f"only {self._clusters}: such intervals contain the true mean less often than "
-            f"{self.label} of the time"
+            f"{self.label} intervals: {self.resamples:,} bootstrap resamples of "
+            f"{self.clusters_text}, seed {self.seed}"
         )
-
-    @property
-    def _clusters(self) -> str:
-        return count_text(self.n_clusters, self.by)
 
 
 def clusters_of(truth: GroundTruth, by: Clustering) -> IntArray:

@@ -122,6 +122,7 @@ def evaluate_many(
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
+    subset: Iterable[str] | None = None,
     jobs: int | None = None,
     executor: Executor | None = None,
 ) -> ScoredFiles:
@@ -131,7 +132,7 @@ def evaluate_many(
     ----------
     paths : paths
         The result files. A path that is given twice is scored once.
-    split, ground_truth, protocol, track
+    split, ground_truth, protocol, track, subset
         As for :func:`reverie_eval.evaluate`.
     jobs : int, optional
         Number of processes; by default as many as pay, up to the number of processors.
@@ -147,7 +148,7 @@ def evaluate_many(
 
     Raises
     ------
-    GroundTruthError, ProtocolError
+    GroundTruthError, ProtocolError, SubsetError
         As :func:`reverie_eval.evaluate` does.
 
     Examples
@@ -159,7 +160,9 @@ def evaluate_many(
     >>> list(scored.failures)
     ['fixtures/submissions/broken.json']
     """
-    evaluator = Evaluator(split=split, ground_truth=ground_truth, protocol=protocol, track=track)
+    evaluator = Evaluator(
+        split=split, ground_truth=ground_truth, protocol=protocol, track=track, subset=subset
+    )
     names = list(dict.fromkeys(os.fspath(path) for path in paths))
     return ScoredFiles.of(score_files(names, evaluator, jobs=jobs, executor=executor))
 
@@ -185,8 +188,9 @@ def score_files(
     # A path is a short message, and a process elsewhere may read the bundle faster than receive it.
     place = truth.origin if Path(truth.origin).is_file() else truth
     size = min(_CHUNK, math.ceil(len(paths) / jobs)) if executor is None else _CHUNK
+    subset = truth.episodes.instr_ids if truth.subset_of else None
     chunks = [
-        _Chunk(paths[begin : begin + size], place, truth.split, rules, track, keys)
+        _Chunk(paths[begin : begin + size], place, truth.split, rules, track, subset, keys)
         for begin in range(0, len(paths), size)
     ]
     if executor is None:
@@ -214,6 +218,7 @@ class _Chunk(NamedTuple):
     split: str
     protocol: str
     track: Track
+    subset: tuple[str, ...] | None
     keys: Collection[str]
 
 
@@ -228,9 +233,15 @@ def _score_chunk(chunk: _Chunk) -> tuple[str, list[Scores | Failure]]:
 
 @lru_cache(maxsize=1)
 def _evaluator(
-    ground_truth: str | GroundTruth, split: str, protocol: str, track: Track
+    ground_truth: str | GroundTruth,
+    split: str,
+    protocol: str,
+    track: Track,
+    subset: tuple[str, ...] | None,
 ) -> Evaluator:
-    return Evaluator(split=split, ground_truth=ground_truth, protocol=protocol, track=track)
+    return Evaluator(
+        split=split, ground_truth=ground_truth, protocol=protocol, track=track, subset=subset
+    )
 
 
 def _result(evaluator: Evaluator, path: str) -> Scores | Failure:

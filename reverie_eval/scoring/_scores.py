@@ -233,6 +233,7 @@ def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
         f"split:{truth.split}",
         f"protocol:{protocol.name}",
         *([qualifier] if qualifier else []),
+        *([f"subset:{truth.subset_digest}"] if truth.subset_of else []),
         f"data:{truth.fingerprint[:_FINGERPRINT_SHOWN]}",
         f"n:{len(truth.episodes.instr_ids)}",
         f"version:{__version__}",

@@ -60,6 +60,8 @@ class RequestError(ReverieEvalError):
     """When to try again."""
     quota: QuotaReport | None = None
     """The submissions left, if the quota is why the request was refused."""
+    reply: str | None = None
+    """To the sender of a file that an organiser submitted."""
     request_id: str | None = None
 
     @classmethod
@@ -76,6 +78,7 @@ class RequestError(ReverieEvalError):
             code=self.code,
             problems=[ProblemReport.model_validate(problem) for problem in self.problems],
             quota=self.quota,
+            reply=self.reply,
             request_id=self.request_id,
         )
 
@@ -235,16 +238,16 @@ class BytesSpentError(RequestError):
 
 
 class TooManyError(RequestError):
-    """More requests in a minute than an address, a token or a session may make."""
+    """More requests than an address, a token or a session may make."""
 
     status = HTTPStatus.TOO_MANY_REQUESTS
     code = "too-many-requests"
     heading = "Too many requests"
     example_arguments = (7,)
 
-    def __init__(self, seconds: int) -> None:
+    def __init__(self, seconds: int, message: str = "") -> None:
         self.seconds = seconds
-        super().__init__(f"too many requests; try again in {seconds} seconds")
+        super().__init__(message or f"too many requests; try again in {seconds} seconds")
 
 
 class TooLargeError(RequestError):

@@ -34,13 +34,16 @@ from sqlalchemy.exc import ArgumentError
 
 from reverie_eval.errors import Problem, ProtocolError, RejectedError
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE
+from reverie_eval.reporting._skyboxes import PANORAMAS_VARIABLE
 from reverie_eval.schemas.service import Phase, Phases, ReleaseScores
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE, Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
 
 SETTINGS_FILE = "reverie-eval.toml"
 _PREFIX = "REVERIE_EVAL_"
-_NO_SETTINGS = frozenset({GROUND_TRUTH_VARIABLE, SERVER_VARIABLE, TOKEN_VARIABLE})
+_NO_SETTINGS = frozenset(
+    {GROUND_TRUTH_VARIABLE, PANORAMAS_VARIABLE, SERVER_VARIABLE, TOKEN_VARIABLE}
+)
 """Environment variables of other commands."""
 _POSTGRESQL = "postgresql+psycopg://USER:PASSWORD@HOST/NAME"
 _DATABASES = f"must be an SQLite file, sqlite:///FILE, or PostgreSQL, {_POSTGRESQL}"

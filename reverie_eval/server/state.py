@@ -11,6 +11,7 @@ from reverie_eval.errors import Problem
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import AuditLog
 from reverie_eval.server.service.boards import Board, board_named, leaderboards, load_boards
+from reverie_eval.server.service.emailed_files import EmailedFiles
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
 from reverie_eval.server.service.evidence import EvidenceService
@@ -49,6 +50,7 @@ class ServerState:
     transactions: Transactions
     intake: Intake
     submissions: SubmissionService
+    emailed_files: EmailedFiles
     rescoring: Rescoring
     evidence: EvidenceService
     retention: Retention
@@ -119,6 +121,7 @@ class ServerState:
             transactions,
             intake,
             submissions,
+            EmailedFiles(intake, submissions),
             Rescoring(boards, database, uploads, signer, transactions),
             EvidenceService(boards, database, uploads, signer),
             Retention(uploads, transactions, settings.keep_uploads_days),

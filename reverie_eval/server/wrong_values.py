@@ -26,6 +26,8 @@ _SENTENCES: Mapping[str, str] = {
     "string_pattern_mismatch": "must match the pattern {pattern}",
     "string_too_short": "must have {min_length:,} or more characters",
     "string_too_long": "must have at most {max_length:,} characters",
+    "too_short": "must have {min_length:,} or more entries",
+    "too_long": "must have at most {max_length:,} entries",
     "url_type": _LINK,
     "url_parsing": _LINK,
     "url_scheme": _LINK,

@@ -22,9 +22,11 @@ from reverie_eval.submissions._sources import (
     Source,
     check_names,
     find_files,
+    find_runs,
     read_bytes,
     source_name,
     submission_names,
+    watch_files,
 )
 
 __all__ = [
@@ -43,6 +45,7 @@ __all__ = [
     "check_navigation_only",
     "convert",
     "find_files",
+    "find_runs",
     "parse_predictions",
     "read_bytes",
     "read_predictions",
@@ -50,4 +53,5 @@ __all__ = [
     "submission_hints",
     "submission_names",
     "submission_schema",
+    "watch_files",
 ]

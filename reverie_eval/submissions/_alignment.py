@@ -53,18 +53,21 @@ class AlignedSubmission:
 def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
     """Align predictions with the episodes of a split, without looking at answers.
 
+    For a subset, records of other episodes are checked as well, and then left out.
+
     Raises
     ------
     SubmissionError
         Listing every problem, including those found while reading.
     """
-    predictions, episode, viewpoint = _look_up(predictions, ground_truth)
+    whole, rows = ground_truth.subset_of or (ground_truth, None)
+    predictions, episode, viewpoint = _look_up(predictions, whole)
     _raise_problems(
         predictions.problems,
         _episode_problems(predictions, episode, ground_truth),
-        _trajectory_problems(predictions, episode, viewpoint, ground_truth),
+        _trajectory_problems(predictions, episode, viewpoint, whole),
     )
-    order = np.argsort(episode)
+    order = _in_order(episode, rows)
     return _aligned(
         predictions,
         episode,
@@ -85,13 +88,14 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     SubmissionError
         Listing every problem, including those found while reading.
     """
-    predictions, episode, _ = _look_up(predictions, ground_truth)
+    whole, rows = ground_truth.subset_of or (ground_truth, None)
+    predictions, episode, _ = _look_up(predictions, whole)
     _raise_problems(predictions.problems, _episode_problems(predictions, episode, ground_truth))
     # A public bundle has no goals; the starts serve as well to check the answers.
     answers = ground_truth.answers
     stop = ground_truth.episodes.start if answers is None else answers.goal
     offsets = np.arange(len(stop) + 1)
-    return _aligned(predictions, episode, np.argsort(episode), viewpoint=stop, offsets=offsets)
+    return _aligned(predictions, episode, _in_order(episode, rows), viewpoint=stop, offsets=offsets)
 
 
 def check_navigation_only(*, found: bool, declared: bool) -> None:
@@ -166,7 +170,11 @@ def _aligned(
     offsets: IntArray,
 ) -> AlignedSubmission:
     """Put the answers into the given order; the trajectories are in it already."""
-    boxes = replace(predictions.boxes, row=episode[predictions.boxes.row])
+    # Where each record comes in the order, -1 for those that are left out.
+    place = np.full(len(episode), -1)
+    place[order] = np.arange(len(order))
+    boxes = replace(predictions.boxes, row=place[predictions.boxes.row])
+    boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
     return AlignedSubmission(
         viewpoint=viewpoint,
         offsets=offsets,
@@ -176,6 +184,12 @@ def _aligned(
         boxes=boxes.take(np.argsort(boxes.row)),
         is_navigation_only=predictions.is_navigation_only,
     )
+
+
+def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
+    """Return the records in the order of the ground truth, those of some episodes alone."""
+    order = np.argsort(episode)
+    return order if rows is None else order[np.isin(episode[order], rows)]
 
 
 def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:
@@ -188,9 +202,11 @@ def _episode_problems(
     predictions: Predictions, episode: IntArray, ground_truth: GroundTruth
 ) -> Iterator[Problem]:
     """Report unknown, duplicate and missing episodes."""
+    whole, rows = ground_truth.subset_of or (ground_truth, slice(None))
     known = episode[episode != _UNKNOWN]
-    times_predicted = np.bincount(known, minlength=len(ground_truth.episodes.instr_ids))
-    if (times_predicted == 1).all() and len(known) == len(episode):
+    times_predicted = np.bincount(known, minlength=len(whole.episodes.instr_ids))
+    is_complete = (times_predicted[rows] == 1).all() and (times_predicted <= 1).all()
+    if is_complete and len(known) == len(episode):
         return  # nearly always: what follows loops over records in Python
     unknown = _unknown_by_split(predictions, episode, ground_truth)
     if ground_truth.is_demo and not known.size and unknown.keys() == {None}:
@@ -211,7 +227,7 @@ def _episode_problems(
     if not known.size:
         yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
         return
-    missing = [instr_ids[index] for index in np.flatnonzero(times_predicted == 0).tolist()]
+    missing = [instr_ids[index] for index in np.flatnonzero(times_predicted[rows] == 0).tolist()]
     if len(missing) > SHOWN_PROBLEMS:
         yield problems.missing_episodes(missing, len(instr_ids), ground_truth.split)
         return

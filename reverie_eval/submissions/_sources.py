@@ -6,8 +6,9 @@ import os
 import re
 import sys
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from glob import glob, has_magic
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import BinaryIO, TextIO, TypeAlias
@@ -172,20 +173,68 @@ def find_files(names: Sequence[str]) -> list[str]:
     ProtocolError
         If there is no submission in a folder, or no file for a pattern.
     """
-    return list(dict.fromkeys(file for name in names for file in _files(name)))
+    found = {name: _files(name) for name in names}
+    for name, files in found.items():
+        if not files:
+            raise ProtocolError(
+                f"{name}: there is no submission; they end in {', '.join(_ENDINGS)}"
+            )
+    return list(dict.fromkeys(chain.from_iterable(found.values())))
+
+
+def find_runs(word: str) -> tuple[str, Sequence[str]] | None:
+    """Split ``NAME=FILE,FILE`` into a method's name and the files of its runs.
+
+    Files may be folders and patterns, as for :func:`find_files`. A word that is itself a file,
+    folder or pattern, or has no name, gives None.
+    """
+    name, _, files = word.partition("=")
+    if not files or not name or "/" in name or has_magic(name) or Path(word).exists():
+        return None
+    return name, find_files([files] if Path(files).exists() else files.split(","))
+
+
+def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[str]:
+    """Yield files that are there, and from then on those that appear or change, without end.
+
+    A file is yielded once its size and time of change are the same before and after a pause: until
+    then it may be half written.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Files, folders and patterns, as for :func:`find_files`; there may be nothing yet.
+    pause : function
+        Waits before the files are looked at again.
+    """
+    seen: dict[str, tuple[int, int] | None] = {}
+    yielded: dict[str, tuple[int, int] | None] = {}
+    while True:
+        for path in dict.fromkeys(chain.from_iterable(map(_files, names))):
+            state = _state(path)
+            if state and state == seen.get(path) != yielded.get(path):
+                yielded[path] = state
+                yield path
+            seen[path] = state
+        pause()
+
+
+def _state(path: str) -> tuple[int, int] | None:
+    """Return a file's size and time of change; None if it is not there."""
+    try:
+        found = Path(path).stat()
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns
 
 
 def _files(name: str) -> Sequence[str]:
     path = Path(name)
     if path.is_dir():
-        found = [str(file) for file in path.iterdir() if _is_submission(file)]
-    elif has_magic(name) and not path.exists():
-        found = glob(name, recursive=True)  # noqa: PTH207  # a pattern may begin with /
-    else:
-        return [name]
-    if not found:
-        raise ProtocolError(f"{name}: there is no submission; they end in {', '.join(_ENDINGS)}")
-    return sorted(found)
+        return sorted(str(file) for file in path.iterdir() if _is_submission(file))
+    if has_magic(name) and not path.exists():
+        return sorted(glob(name, recursive=True))  # noqa: PTH207  # a pattern may begin with /
+    return [name]
 
 
 def _is_submission(file: Path) -> bool:

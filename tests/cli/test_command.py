@@ -167,7 +167,7 @@ def bash_script() -> str:
         pytest.param("reverie-eval agent sh", {"shortest"}, id="agent"),
         pytest.param("reverie-eval agent random --se", {"--seed"}, id="option of the agents"),
         pytest.param("reverie-eval schema sub", {"submission"}, id="schema"),
-        pytest.param("reverie-eval sub", {"submit", "submit.json"}, id="command or file"),
+        pytest.param("reverie-eval sub", {"submit", "subset", "submit.json"}, id="command or file"),
         pytest.param("reverie-eval validate sub", {"submit.json"}, id="file of a command"),
         pytest.param("reverie-eval completion z", {"zsh"}, id="shell"),
     ],

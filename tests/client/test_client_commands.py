@@ -218,9 +218,9 @@ def test_sending_again_publishes_and_renames(run: Run) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        pytest.param(["--paper", "http://x.org"], "--paper: URL scheme should be", id="http"),
+        pytest.param(["--paper", "http://x.org"], "--paper: must be a link that begins", id="http"),
         pytest.param(
-            ["--method", "x" * 101, "--code", "no"], "--method: String should have at", id="two"
+            ["--method", "x" * 101, "--code", "no"], "--method: must have at most 100", id="two"
         ),
         pytest.param(["--receipt", "no/receipt.json"], "no is not a folder", id="no folder"),
         pytest.param(["--receipt", "submit.json"], "submit.json already exists", id="taken"),

@@ -23,6 +23,7 @@ from reverie_eval.ground_truth._bundle import (
     OPTIONAL_ANSWER_ARRAYS,
     PUBLIC_ARRAYS,
     PUBLIC_TEXTS,
+    UNSCORED_ARRAYS,
     pack_texts,
 )
 from tests.conftest import SAMPLES
@@ -121,7 +122,7 @@ def test_the_fingerprint_depends_on_every_array(bundle: Bundle) -> None:
         changed.flat[-1] = "?" if array.dtype.kind == "U" else not array.flat[-1]
         other = Bundle.build(SPLIT, "demo", {}, {**bundle.arrays, name: changed}, {})
         fingerprints.add(other.header.fingerprint)
-    assert len(fingerprints) == 1 + len(bundle.arrays)
+    assert len(fingerprints) == 1 + len(bundle.arrays.keys() - UNSCORED_ARRAYS.keys())
 
 
 # Files that are no bundle.
@@ -227,8 +228,9 @@ def test_a_pickle_is_never_loaded(content: Callable[[_Trap], bytes], tmp_path: P
 
 
 def test_a_public_bundle_has_no_answers(bundle: Bundle) -> None:
-    assert bundle.arrays.keys() == PUBLIC_ARRAYS.keys() | PRIVATE
-    assert bundle.public().arrays.keys() == PUBLIC_ARRAYS.keys()
+    public = PUBLIC_ARRAYS.keys() | UNSCORED_ARRAYS.keys()
+    assert bundle.arrays.keys() == public | PRIVATE
+    assert bundle.public().arrays.keys() == public
     assert not bundle.is_public
     assert bundle.public().is_public
 
@@ -247,6 +249,7 @@ def test_a_public_bundle_has_exactly_these_arrays() -> None:
         "edge",
     }
     assert not PRIVATE & PUBLIC_ARRAYS.keys()
+    assert set(UNSCORED_ARRAYS) == {"viewpoint_rotation"}
     assert set(PUBLIC_TEXTS) == {"instruction"}
 
 
@@ -281,6 +284,24 @@ def test_categories_of_candidates_equal_those_of_the_box_files(
         file = f"{graph.scan_of(viewpoint)}_{name}.json"
         boxes = json.loads((demo_world / "tasks/REVERIE/data/BBox" / file).read_text())
         assert boxes[name][str(object_id)]["name"] == category
+
+
+def test_a_bundle_has_the_directions_of_cameras(demo_world: Path, regenerated: Path) -> None:
+    """As published, also in a public bundle, and without an effect on the fingerprint."""
+    bundle = Bundle.load(regenerated / "test.public.npz")
+    graph = GroundTruth.from_bundle(bundle).graph
+    assert graph.viewpoint_rotation is not None
+    scan = graph.scan_ids[0]
+    file = demo_world / "connectivity" / f"{scan}_connectivity.json"
+    for viewpoint in json.loads(file.read_text()):
+        if viewpoint["included"]:
+            expected = np.array(viewpoint["pose"]).reshape(4, 4)[:3, :3]
+            found = graph.viewpoint_rotation[graph.index[viewpoint["image_id"]]]
+            assert found == pytest.approx(expected, abs=1e-6)
+    without = {name: bundle.arrays[name] for name in PUBLIC_ARRAYS}
+    again = Bundle.build("test", "demo", bundle.header.sources, without, bundle.other_splits)
+    assert again.header.fingerprint == bundle.header.fingerprint
+    assert GroundTruth.from_bundle(again).graph.viewpoint_rotation is None
 
 
 def test_the_fingerprint_does_not_depend_on_texts(bundle: Bundle) -> None:

@@ -255,7 +255,7 @@ def test_episodes_with_different_values() -> None:
     assert (frame["good"] - frame["mediocre"]).abs().eq(1).all()
     assert frame.attrs["units"] == {"good": "fraction", "mediocre": "fraction"}
     assert comparison.episodes("steps").attrs["units"]["good"] == "count"
-    first = comparison.scores["good"].to_pandas()["success"]
+    first = scores_of(GOOD).to_pandas()["success"]
     pd.testing.assert_series_equal(frame["good"], first[frame.index], check_names=False)
 
 
@@ -349,6 +349,49 @@ def test_no_number_is_truncated_on_a_terminal(columns: int, tmp_path: Path) -> N
     if columns >= 80:
         assert max(map(len, table.splitlines())) <= columns
         assert re.search(r"p +0\.\d{3}( +(0\.\d{3}|< 0\.001)){5}", table)
+
+
+RANKED = """\
+          TL m   SR %  OSR %  SPL %  RGS %  RGSPL %   diff.     low    high      p   verdict
+good      9.84  80.95  88.10  72.88  65.48    57.22       -       -       -      -  baseline
+drawn     9.84  80.95  88.10  72.88  57.14    48.90   -8.33  -14.45   -2.50  0.031     worse
+mediocre  8.72  41.67  55.95  35.89  40.48    34.52  -22.70  -34.24  -10.51  0.001     worse
+"""
+
+
+def test_several_submissions_have_a_row_each_best_first(run: Run, tmp_path: Path) -> None:
+    status, out, err = run("compare", MEDIOCRE, DRAWN, GOOD, "--baseline", GOOD, "--split", SPLIT)
+    assert (status, err) == (0, "")
+    assert out.startswith(RANKED)
+    assert "RGSPL minus that of good" in out
+
+
+def test_of_a_folder_the_best_is_the_baseline(run: Run, tmp_path: Path) -> None:
+    for file in (MEDIOCRE, DRAWN, GOOD):
+        shutil.copy(file, tmp_path)
+    folder = run("compare", str(tmp_path), "--split", SPLIT).out
+    assert "corrected by Holm's method for all 3 pairs, among which the best was chosen" in folder
+    best = run("compare", MEDIOCRE, DRAWN, GOOD, "--baseline", "best", "--split", SPLIT).out
+    assert folder.splitlines()[:4] == best.splitlines()[:4]
+    named = compare(DRAWN, MEDIOCRE, GOOD, split=SPLIT, baseline="good")
+    chosen = compare(DRAWN, MEDIOCRE, GOOD, split=SPLIT, baseline="best")
+    assert (named.first, chosen.first) == ("good", "good")
+    p_values = [each["drawn"]["rgs"].p_value for each in (named, chosen)]
+    assert p_values[1] == pytest.approx(p_values[0] * 3 / 2, rel=0.5)
+    assert p_values[1] > p_values[0]
+    with pytest.raises(ProtocolError, match="no submission is named 'god'; did you mean good"):
+        compare(DRAWN, GOOD, split=SPLIT, baseline="god")
+
+
+def test_names_are_not_folded_on_a_terminal_where_the_numbers_fit(tmp_path: Path) -> None:
+    """Other metrics than the primary one are left out instead."""
+    names = [f"{letter * 20}" for letter in "abc"]
+    for name, file in zip(names, (MEDIOCRE, DRAWN, GOOD), strict=True):
+        shutil.copy(file, tmp_path / f"{name}.json")
+    shown = ESCAPES.sub("", on_terminal(80, "compare", str(tmp_path), "--split", SPLIT))
+    table = [line for line in shown.splitlines() if line.strip().startswith(tuple("abc"))]
+    assert [line.split()[0] for line in table] == names[::-1]
+    assert table[2].split()[1:] == ["34.52", "-22.70", "-34.24", "-10.51", "0.002", "worse"]
 
 
 def test_the_command_writes_json_and_csv(run: Run, tmp_path: object) -> None:

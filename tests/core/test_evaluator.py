@@ -149,6 +149,17 @@ def test_importing_and_calling_loads_nothing_heavy() -> None:
 # One call after another.
 
 
+def test_an_evaluator_shows_what_its_scores_depend_on() -> None:
+    few = rv.Evaluator(split=SPLIT, track="grounding", subset=["1196_0_0"])
+    assert repr(few) == f"<Evaluator {few(SAMPLES / 'good.json').signature}>"
+    assert "|track:grounding|subset:" in repr(few)
+
+
+def test_a_misspelt_metric_is_answered_with_a_suggestion(evaluator: rv.Evaluator) -> None:
+    with pytest.raises(KeyError, match="no metric has the key 'rgspll'; did you mean rgspl"):
+        evaluator(SAMPLES / "good.json")["rgspll"]
+
+
 def test_calls_are_independent(evaluator: rv.Evaluator) -> None:
     good, mediocre = SAMPLE_FILES[:2]
     first = evaluator(good)

@@ -50,7 +50,7 @@ def test_intervals_of_scores_equal_those_of_their_values(
 
 @pytest.mark.parametrize(("clusters", "is_cautious"), [(2, True), (4, True), (5, False)])
 def test_few_clusters_have_a_caution(clusters: int, *, is_cautious: bool) -> None:
-    drawn = Intervals("target", clusters, 0.9, 500, 0, {})
+    drawn = Intervals("target", clusters, 0.9, {}, 500, 0)
     assert bool(drawn.caution) is is_cautious
     assert ("less often than 90 % of the time" in drawn.caption) is is_cautious
 

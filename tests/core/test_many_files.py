@@ -3,10 +3,14 @@
 import json
 import pickle
 import shutil
-from collections.abc import Iterator
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from subprocess import PIPE
 from typing import Any
 
 import pytest
@@ -15,8 +19,10 @@ from distributed import Client, LocalCluster
 import reverie_eval as rv
 from reverie_eval.agents import run_agent
 from reverie_eval.scoring import Executor
+from reverie_eval.submissions import watch_files
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
+from tests.support.terminals import COMMAND
 
 SPLIT = "val_unseen"
 NAMES = ("mediocre", "good", "broken", "drawn")
@@ -177,6 +183,8 @@ def test_reports_of_all_files(run: Run, files: list[str]) -> None:
         (["a.json", "b.json", "--protocol", "all"], "go with one file"),
         (["empty"], "empty: there is no submission; they end in .json, .json.gz, .zip"),
         (["*.nothing"], "*.nothing: there is no submission"),
+        (["--watch", "none"], "none: there is no such file or folder to watch"),
+        (["--watch", "empty", "--format", "csv"], "--watch prints lines; it goes without"),
     ],
 )
 def test_what_cannot_be_ranked(run: Run, here: Path, words: list[str], said: str) -> None:
@@ -184,3 +192,50 @@ def test_what_cannot_be_ranked(run: Run, here: Path, words: list[str], said: str
     outcome = run("score", *words, "--split", SPLIT)
     assert outcome.status == 2
     assert said in outcome.err
+
+
+# Watching.
+
+
+def test_files_are_yielded_when_they_rest(tmp_path: Path) -> None:
+    first, second = tmp_path / "a.json", tmp_path / "b.json"
+    looks: list[Callable[[], object]] = [
+        lambda: first.write_text("half"),
+        lambda: first.write_text("half of it"),
+        lambda: second.write_text("all"),
+        lambda: None,
+        lambda: first.write_text("all of it"),
+        first.unlink,
+        lambda: first.write_text("all of it again"),
+        lambda: None,
+    ]
+    steps = iter(looks)
+    yielded: list[tuple[str, str]] = []
+
+    def pause() -> None:
+        yielded.append(("look", ""))
+        next(steps)()
+
+    with suppress(RuntimeError):  # a generator turns the end of the steps into one
+        for path in watch_files([str(tmp_path)], pause):
+            yielded += [(Path(path).name, Path(path).read_text())]
+    seen = [each for each in yielded if each[0] != "look"]
+    assert seen == [("a.json", "half of it"), ("b.json", "all"), ("a.json", "all of it again")]
+    assert [number for number, each in enumerate(yielded) if each in seen] == [3, 5, 10]
+
+
+def test_watching_a_folder_until_it_is_interrupted(tmp_path: Path) -> None:
+    shutil.copy(SAMPLES / "good.json", tmp_path)
+    words = [str(COMMAND), "--watch", str(tmp_path), "--split", SPLIT]
+    with subprocess.Popen(words, stdout=PIPE, stderr=PIPE, text=True) as watching:
+        assert watching.stdout
+        assert watching.stderr
+        heading, good = watching.stdout.readline(), watching.stdout.readline()
+        shutil.copy(SAMPLES / "broken.json", tmp_path)
+        broken = watching.stderr.readline()
+        watching.send_signal(signal.SIGINT)
+        out, err = watching.communicate()
+    assert heading.split()[-3:] == ["RGSPL", "%", "file"]
+    assert good.split()[-2:] == ["57.22", str(tmp_path / "good.json")]
+    assert broken.startswith(f"{tmp_path / 'broken.json'}: submission rejected: ")
+    assert (out, err, watching.returncode) == ("", "", 0)

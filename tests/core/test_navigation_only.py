@@ -63,6 +63,9 @@ def test_a_comparison_is_about_what_both_say(
     assert compared["other"]["rgspl"].p_value == alone["other"]["rgspl"].p_value
     assert "is worse than good by 22.70 RGSPL" in compared.sentence("other")
     rows = {row[0]: row for row in comparison_table(compared).rows}
+    assert rows["silent"][-7:] == ["-"] * 7
+    pair = comparison_table(here(good, silent, names=["good", "silent"]))
+    rows = {row[0]: row for row in pair.rows}
     assert rows["silent"][-2:] == rows["silent - good"][-2:] == ["-", "-"]
 
 

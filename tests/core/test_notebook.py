@@ -101,11 +101,10 @@ def test_a_score_is_the_mean_over_the_episodes(key: str, scores: rv.Scores) -> N
     assert column.shape == (len(scores.instr_ids),)
 
 
-@pytest.mark.parametrize("key", ["spice", "iou"])
-def test_a_metric_that_is_not_scored(key: str, scores: rv.Scores) -> None:
+def test_a_metric_that_is_not_scored(scores: rv.Scores) -> None:
     with pytest.raises(KeyError) as error:
-        scores[key]
-    says = f"{key} is not scored; the scored metrics are {', '.join(scores)}"
+        scores["iou"]
+    says = f"iou is not scored; the scored metrics are {', '.join(scores)}"
     assert error.value.args == (says,)
 
 

@@ -78,6 +78,8 @@ GET  /desk/uploads                  sign-in    403       403       403       200
 GET  /desk/reviews                  sign-in    403       403       403       200
 POST /desk/reviews                  sign-in    403       403       403       303
 POST /desk/reviews/{review_id}/lift sign-in    403       403       403       303
+GET  /desk/emailed-files            sign-in    403       403       403       200
+POST /desk/emailed-files            sign-in    403       403       403       200
 GET  /desk/reported                 sign-in    403       403       403       200
 POST /desk/reported                 sign-in    403       403       403       303
 GET  /desk/reported/import          sign-in    403       403       403       200
@@ -95,8 +97,7 @@ POST /desk/phases                   sign-in    403       403       403       303
 GET  /desk/snapshots                sign-in    403       403       403       200
 POST /desk/snapshots                sign-in    403       403       403       303
 GET  /desk/requests                 sign-in    403       403       403       200
-POST /desk/requests/{request_id}/accept sign-in 403      403       403       200
-POST /desk/requests/{request_id}/reject sign-in 403      403       403       303
+POST /desk/requests                 sign-in    403       403       403       303
 GET  /desk/people                   sign-in    403       403       403       200
 POST /desk/people                   sign-in    403       403       403       303
 POST /desk/people/teams/merge       sign-in    403       403       403       303
@@ -141,6 +142,12 @@ FORMS: Mapping[str, dict[str, str]] = {
         "source": "https://example.org/",
         "spl": "7",
     },
+    "POST /desk/emailed-files": {
+        "person": "1",
+        "split": OPEN,
+        "received_at": "2026-03-02T12:00:00Z",
+        "name": "Walker",
+    },
     "POST /desk/quotas": {
         "team": "Blue",
         "split": OPEN,
@@ -150,6 +157,7 @@ FORMS: Mapping[str, dict[str, str]] = {
     },
     "POST /desk/phases": {"split": OPEN, "what": "pause"},
     "POST /desk/snapshots": {"split": OPEN, "title": "CVPR 2027"},
+    "POST /desk/requests": {"request": "{request_id}", "what": "reject"},
     "POST /desk/people": {"name": "Dora", "team": "Red", "role": "participant"},
     "POST /join": {"team": "Green", "people": "Dora, dora@example.org", "institution": "Here"},
     "POST /desk/people/teams/merge": {"team": "Red", "into": "Organisers"},
@@ -162,7 +170,9 @@ FORMS: Mapping[str, dict[str, str]] = {
     "POST /desk/notice": {"banner": "Soon"},
 }
 """What a form's own fields hold."""
-FILES = {"POST /submit": {"file": ("answers.json", GOOD)}}
+FILES = {
+    form: {"file": ("answers.json", GOOD)} for form in ("POST /submit", "POST /desk/emailed-files")
+}
 FIELD = re.compile(r'name="csrf_token" value="([^"]+)"')
 
 

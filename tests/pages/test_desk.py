@@ -48,6 +48,7 @@ PAGES = (
     "/desk/uploads",
     "/desk/reviews",
     "/desk/reported",
+    "/desk/emailed-files",
     "/desk/corrections",
     "/desk/evidence",
     "/desk/people",
@@ -114,8 +115,8 @@ def test_the_desk_is_the_organiser_s(path: str, desk: Visitor) -> None:
         "/desk/people/1",
         "/desk/people/1/delete",
         "/desk/people/import",
-        "/desk/requests/1/accept",
-        "/desk/requests/1/reject",
+        "/desk/requests",
+        "/desk/emailed-files",
         "/desk/people/teams",
         "/desk/people/teams/rename",
         "/desk/people/teams/merge",
@@ -420,7 +421,14 @@ def test_a_token_is_shown_once(kind: str, desk: Visitor) -> None:
 def test_a_date_is_a_date(until: str, desk: Visitor) -> None:
     form = {"person": "1", "kind": "invite", "until": until}
     page = sending(desk, "/desk/people/tokens", **form)
-    assert (page.status_code, "expires_at:" in said(page)) == (400, True)
+    told = f"'{until}' is not a day; write it as 2027-06-01."
+    assert (page.status_code, told in said(page)) == (400, True)
+
+
+def test_a_phase_has_a_name(desk: Visitor) -> None:
+    page = sending(desk, "/desk/phases", split=OPEN, **{"name-0": "", "opens-0": "2026-05-01"})
+    told = "phases.0.name: required but missing"
+    assert (page.status_code, told in said(page)) == (400, True)
 
 
 def test_an_invitation_is_not_over_before_it_is_made(desk: Visitor) -> None:

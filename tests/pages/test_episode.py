@@ -9,9 +9,11 @@ from urllib.parse import parse_qsl, urlsplit
 import html5lib
 import numpy as np
 import pytest
+from PIL import Image
 
 import reverie_eval as rv
 from reverie_eval.ground_truth import Bundle, pack_texts
+from reverie_eval.reporting._skyboxes import PANORAMAS_VARIABLE
 from tests.support.episode_pages import drawn, linked, listed, picture, send, visitor, walks
 from tests.support.home import OTHER_WALKS
 from tests.support.serving import OPEN, OWNER, OpenServer, Serving, adjusted, settings_of
@@ -95,6 +97,22 @@ def test_the_answer_is_drawn(
     captions = [each.findtext("figcaption") for each in figures]
     assert len(re.findall('<svg class="answer-view', page.text)) == len(headings)
     assert all(captions)
+
+
+def test_photographs_lie_under_the_boxes_if_the_operator_has_them(
+    home: Serving, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    images = tmp_path / "photographs" / "home" / "matterport_skybox_images"
+    images.mkdir(parents=True)
+    mottled = Image.effect_noise((6 * 128, 128), 60).resize((6 * 512, 512)).convert("RGB")
+    mottled.save(images / "room_skybox_small.jpg")
+    browser, path = visitor(home, None), f"/episodes/{OPEN}/1_3_0"
+    assert "<image " not in browser.get(path).text
+    monkeypatch.setenv(PANORAMAS_VARIABLE, str(tmp_path / "photographs"))
+    page = browser.get(path)
+    assert page.text.count('<image width="400"') == 2  # the view and the panorama
+    assert "img-src 'self' data:" in page.headers["content-security-policy"]
+    assert len(page.content) < 300_000 / 3  # at most two answers and the target are shown
 
 
 def test_an_episode_s_metrics_are_yes_or_no(home: Serving, submission: str) -> None:

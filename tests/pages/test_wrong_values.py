@@ -46,6 +46,15 @@ WRONG = [
         "must be in the years 2000 to 2999",
         id="another century",
     ),
+    pytest.param(
+        Annotated[list[int], Field(min_length=1)], [], "must have 1 or more entries", id="no entry"
+    ),
+    pytest.param(
+        Annotated[dict[str, int], Field(max_length=1)],
+        {"a": 1, "b": 2},
+        "must have at most 1 entries",
+        id="many entries",
+    ),
     pytest.param(Method, {}, "required but missing", id="missing"),
     pytest.param(Method, [], "must be an object", id="a list for an object"),
     pytest.param(SubmissionChange, {"score": 1}, "unknown field; remove it", id="one too many"),

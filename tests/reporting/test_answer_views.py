@@ -13,7 +13,7 @@ import reverie_eval as rv
 from reverie_eval.analysis import Episode, PredictedBox, VisibleObject
 from reverie_eval.reporting._answer_svg import answer_picture, answer_svg
 from reverie_eval.reporting._answer_views import AnswerView, answer_views, box_span, span_of
-from tests.conftest import SAMPLES
+from tests.conftest import REPOSITORY, SAMPLES
 from tests.support.home import OTHER_WALKS, home_scores
 
 MARKUP = '<script src="x">&amp;"\''
@@ -235,6 +235,15 @@ def test_a_box_of_another_camera_is_carried_to_the_view() -> None:
     assert y == pytest.approx(240, abs=0.2)
 
 
+def test_a_box_behind_the_view_of_its_camera_is_in_the_panorama_alone() -> None:
+    """A camera that looks straight up shows at its upper edge what is behind it."""
+    box = PredictedBox(np.array([300.0, 0.0, 40.0, 5.0]), np.array([0.0, np.pi / 2]), 24)
+    view = showing(seen(1, {24: [0, 0, 9, 9]}), seen(2, {18: [0, 0, 9, 9]}), view=24)
+    answers = boxes_of(answer_svg(replace(view, box=box, predicted=None)), "answer")
+    assert {each.tag for each in answers} == {"rect"}
+    assert "predicted box" not in answer_svg(replace(view, predicted=None))
+
+
 def test_what_lies_behind_is_at_both_ends_of_the_panorama() -> None:
     behind = seen(1, {18: [300, 200, 40, 40]})
     svg = answer_svg(showing(behind, seen(2, {12: [300, 200, 40, 40]})))
@@ -268,6 +277,11 @@ def test_roles_differ_without_colour(scores: rv.Scores) -> None:
     looks = [re.sub(r"stroke: var.*?;", "", rule).strip() for rule in rules.values()]
     assert len(set(looks)) == 3
     assert "stroke-dasharray" in rules["answer"]
+
+
+def test_the_picture_in_the_docs_is_drawn_by_this_code(drawn: rv.Scores) -> None:
+    picture = (REPOSITORY / "docs" / "pictures" / "answer.svg").read_text()
+    assert picture == f"{answer_picture(AnswerView.at_stop(drawn.episode('1196_0_0')))}\n"
 
 
 def test_it_says_what_it_shows_and_escapes_it() -> None:

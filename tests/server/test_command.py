@@ -271,6 +271,13 @@ def test_all_tokens_are_revoked_at_once(
         pytest.param("person revoke {} Eve", "there is no person 'Eve'", id="nobody's token"),
         pytest.param("grant {} Green test 1 --reason x", "no team 'Green'", id="grant to nobody"),
         pytest.param("grant {} Blue train 1 --reason x", "no split 'train'", id="grant of nothing"),
+        pytest.param("news remove {} x", "'x' is not a valid whole number", id="no number"),
+        pytest.param(
+            "phase set {} test a --closes soon", "'soon' is not a day or a time", id="no time"
+        ),
+        pytest.param("submissions {} --team Green", "no team 'Green'", id="nobody's submissions"),
+        pytest.param("submissions {} --split tset", "no split 'tset'", id="submissions to nothing"),
+        pytest.param("notify {}", "add one to ", id="no way to notify"),
     ],
 )
 def test_what_is_not_there_is_named(command: str, told: str, lab: str, run: Run) -> None:

@@ -2,18 +2,26 @@
 
 import csv
 import io
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from datetime import timedelta
+from html import unescape
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import httpx
 import pytest
+import time_machine
+from limits.storage import MemoryStorage
 from sqlalchemy import select
 
+from reverie_eval.server.http.runtime import Joining
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service import joining
 from reverie_eval.server.store.tables import JoinRequest
-from tests.support.acting import ask_to_join
+from tests.support.acting import NOON, ask_to_join
 from tests.support.flat import Run
 from tests.support.serving import OPEN, ORGANISER, OWNER, OpenServer, Serving, settings_of
 from tests.support.visiting import said, signed_in
@@ -22,8 +30,14 @@ DORA = {"name": "Dora", "email": "dora@example.org"}
 NEW = {"team": "Green", "people": [DORA], "institution": "University of Adelaide"}
 
 
-def ask(server: Serving, **changes: Any) -> httpx.Response:
-    return server.ask(None, "POST", "/join", json={**NEW, **changes})
+PROXIES = [ip_network("127.0.0.1/32")]
+FORM = {"team": "Last", "people": "Dora, dora@example.org", "institution": "The last one"}
+
+
+def ask(
+    server: Serving, headers: Mapping[str, str] | None = None, **changes: Any
+) -> httpx.Response:
+    return server.ask(None, "POST", "/join", json={**NEW, **changes}, headers=headers or {})
 
 
 def open_requests(server: Serving) -> Sequence[Any]:
@@ -96,6 +110,34 @@ def test_only_so_many_requests_wait(server: Serving, monkeypatch: pytest.MonkeyP
     assert ask(server, team="C").status_code == 202
 
 
+def test_an_address_sends_only_so_many_in_a_day(open_server: OpenServer, folder: Path) -> None:
+    server = open_server(settings_of(folder).model_copy(update={"trusted_proxies": PROXIES}))
+
+    def status(team: str, address: str) -> int:
+        return ask(server, headers={"X-Forwarded-For": address}, team=team).status_code
+
+    teams = [f"Team {number}" for number in range(6)]
+    with time_machine.travel(NOON, tick=False) as time:
+        assert ask(server, team="x" * 101).status_code == 400  # does not count
+        assert [status(team, "192.0.2.7") for team in teams] == [*5 * [202], 429]
+        assert status(teams[0], "192.0.2.7") == 202  # as it waits already
+        assert status(teams[5], "192.0.2.8") == 202
+        page = server.client.post("/join", data=FORM, headers={"X-Forwarded-For": "192.0.2.7"})
+        assert page.status_code == 429
+        assert page.headers["retry-after"] == "86400"
+        assert "5 requests to join came from your address in the last 24 hours" in said(page)
+        assert FORM["institution"] in page.text  # what was typed stays
+        time.shift(timedelta(days=1, seconds=1))
+        assert status("Team 6", "192.0.2.7") == 202
+
+
+def test_addresses_are_counted_by_their_digests() -> None:
+    counts = MemoryStorage()
+    Joining(counts, b"key").count({"client": ("192.0.2.7", 1)})
+    assert "LIMITER/join/" in str(counts.storage)
+    assert "192.0.2.7" not in str(counts.storage)
+
+
 def test_an_answer_removes_what_the_request_said_of_people(server: Serving) -> None:
     for team in ("A", "B"):
         ask(server, team=team, purpose="Maps")
@@ -143,11 +185,56 @@ def test_the_form_and_the_desk(server: Serving) -> None:
     assert "1 request to join." in said(desk.get("/desk"))
     words = said(desk.get("/desk/requests"))
     assert "<b> new team Dora, dora@example.org Emil, of Adelaide, emil@example.org" in words
-    shown = desk.send("/desk/requests/1/accept", {})
-    assert (shown.status_code, shown.text.count("rv_")) == (200, 2)
+    shown = desk.send("/desk/requests", {"request": "1", "what": "accept"})
+    assert (shown.status_code, shown.text.count('id="secret-')) == (200, 2)
     assert "No request is open." in said(desk.get("/desk/requests"))
+
+
+def test_several_requests_are_answered_at_once_at_the_desk(server: Serving) -> None:
+    for team in ("A", "B", "Blue", "Spam", "More spam"):
+        ask_to_join(server.state.transactions, team, OWNER if team == "Blue" else "Dora")
+    desk, place = signed_in(server, ORGANISER), "/desk/requests"
+    assert "checked" not in desk.get(place).text
+    assert desk.get(f"{place}?tick=all").text.count(" checked") == 5
+    taken = desk.send(place, {"request": ["1", "2", "3"], "what": "accept"})
+    assert (taken.status_code, "has a person 'Ada' already" in unescape(taken.text)) == (409, True)
+    assert taken.text.count(" checked") == 3  # what was ticked stays, and nobody was added
+    assert [each["id"] for each in open_requests(server)] == [1, 2, 3, 4, 5]
+    shown = desk.send(place, {"request": ["1", "2"], "what": "accept"})
+    written = re.search(r'<code id="csv">(.*?)</code>', shown.text, re.DOTALL)
+    linked = re.search(r'href="data:text/csv;charset=utf-8,([^"]*)" download', shown.text)
+    assert written is not None
+    assert linked is not None
+    assert unquote(linked[1]) == unescape(written[1])
+    rows = list(csv.DictReader(io.StringIO(unescape(written[1]))))
+    assert [(row["team"], row["email"]) for row in rows] == [
+        ("A", "Dora@example.org"),
+        ("B", "Dora@example.org"),
+    ]
+    assert re.findall(r'<code id="secret-\d">(.*?)<', shown.text) == [r["invitation"] for r in rows]
+    spam = {"request": ["4", "5"], "what": "reject", "reason": "spam"}
+    assert desk.send(place, spam).status_code == 303
+    assert [each["id"] for each in open_requests(server)] == [3]
+
+
+@pytest.mark.parametrize(
+    ("form", "status", "told"),
+    [
+        pytest.param({}, 400, "Tick the requests that you want to answer first.", id="none"),
+        pytest.param({"request": "7"}, 404, "There is no open request number 7;", id="unknown"),
+        pytest.param({"request": "x"}, 404, "There is no open request number 0;", id="no number"),
+        pytest.param(
+            {"request": "1", "reason": "x" * 501}, 400, "at most 500 characters", id="a long reason"
+        ),
+    ],
+)
+def test_a_wrong_answer_at_the_desk(
+    form: Mapping[str, str], status: int, told: str, server: Serving
+) -> None:
     ask(server)
-    assert desk.send("/desk/requests/2/reject", {"reason": "spam"}).status_code == 303
+    reply = signed_in(server, ORGANISER).send("/desk/requests", {"what": "reject", **form})
+    assert (reply.status_code, told in said(reply)) == (status, True)
+    assert len(open_requests(server)) == 1
 
 
 def test_requests_are_answered_on_the_command_line(server: Serving, run: Run) -> None:

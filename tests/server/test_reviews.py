@@ -87,7 +87,7 @@ def test_a_lifted_review_does_not_stand_and_is_not_lifted_twice(server: Serving)
     twice = f"^review {number} was already lifted$"
     with pytest.raises(ConflictError, match=twice), server.acting() as transaction:
         lift_review(transaction, number)
-    missing = f"^there is no review {number + 1}$"
+    missing = f"^there is no review {number + 1};"
     with pytest.raises(NotFoundError, match=missing), server.acting() as transaction:
         lift_review(transaction, number + 1)
 
@@ -182,7 +182,8 @@ def test_the_longest_reason_is_kept(server: Serving) -> None:
 def test_nothing_is_said_of_what_is_not_there(submission_id: str, server_on: Serving) -> None:
     with pytest.raises(NotFoundError) as refused:
         say(server_on, submission_id, "verified")
-    assert str(refused.value) == f"there is no submission {submission_id!r}"
+    told = f"there is no submission {submission_id!r}; the list of submissions has all"
+    assert str(refused.value) == told
 
 
 def test_reviews_are_listed_the_latest_first_and_shown_the_earliest_first(server: Serving) -> None:
@@ -273,7 +274,7 @@ def test_what_is_removed_is_on_no_board_and_can_be_entered_again(server: Serving
         pytest.param({"scores": {"path_length": 99.5}}, 201, "", id="metres"),
         pytest.param({"scores": {"path_length": -1}}, 400, "0 or more", id="metres below 0"),
         pytest.param({"scores": {"bleu": 0.5}}, 400, "there is no metric 'bleu'", id="no metric"),
-        pytest.param({"scores": {}}, 400, "at least 1", id="no score"),
+        pytest.param({"scores": {}}, 400, "must have 1 or more entries", id="no score"),
         pytest.param({"split": "train"}, 404, "there is no split 'train'", id="no split"),
         pytest.param({"source": "http://example.org"}, 400, "source", id="no https"),
         pytest.param({"source": "javascript:alert(1)"}, 400, "source", id="no address"),

@@ -23,6 +23,7 @@ from tests.support.serving import (
     OWNER,
     PRIVATE,
     Serving,
+    submission_for,
 )
 
 ROLES = ("anonymous", "other team", "team mate", "owner", "organiser", "revoked", "invitation")
@@ -65,6 +66,7 @@ POST   /join                                      202    202   202    202       
 GET    /organiser/requests                        401    403   403    403        200      401         401
 POST   /organiser/requests/{request_id}/accept    401    403   403    403        200      401         401
 POST   /organiser/requests/{request_id}/reject    401    403   403    403        204      401         401
+POST   /organiser/submissions                     401    403   403    403        201      401         401
 GET    /organiser/teams                           401    403   403    403        200      401         401
 POST   /organiser/teams                           401    403   403    403        201      401         401
 PATCH  /organiser/teams/{name:path}              401    403   403    403        200      401         401
@@ -114,6 +116,16 @@ BODIES: Mapping[str, dict[str, Any]] = {
     "POST /splits/{split}/validate": {"content": GOOD},
     "POST /splits/{split}/submissions": {"content": GOOD, "params": {"name": "Walker"}},
     "PATCH /submissions/{submission_id}": {"json": {"published": True}},
+    "POST /organiser/submissions": {
+        "content": submission_for(PRIVATE),
+        "params": {
+            "split": PRIVATE,
+            "team": "Red",
+            "person": OTHER,
+            "received_at": "2026-03-02T12:00:00Z",
+            "name": "Walker",
+        },
+    },
     "POST /organiser/teams": {"json": {"name": "Green"}},
     "PATCH /organiser/teams/{name:path}": {"json": {"name": "Azure"}},
     "POST /join": {"json": REQUEST},

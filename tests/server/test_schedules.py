@@ -256,7 +256,7 @@ def test_a_wrong_time_is_refused_in_a_line(server: Serving, folder: Path, run: R
     words = ["server", "phase", "set", str(folder), OPEN]
     wrong = run(*words, "always", "--closes", "tomorrow")
     assert wrong.status == 2
-    assert "phases.0.closes: must be a time with its time zone" in wrong.err
+    assert "'--closes': 'tomorrow' is not a day or a time with a time zone" in wrong.err
     assert run(*words[:-1], "none", "a").status == 2
     assert shown(server)["phases"][0]["closes"] is None
 

@@ -93,6 +93,7 @@ EXAMPLES = (
     Example("/desk/reviews", ORGANISER),
     Example("/desk/reviews", ORGANISER, "?submission={wordy_id}"),
     Example("/desk/reported", ORGANISER),
+    Example("/desk/emailed-files", ORGANISER),
     Example("/desk/corrections", ORGANISER),
     Example("/desk/evidence", ORGANISER),
     Example("/desk/evidence", ORGANISER, "?split={split}"),

@@ -1,7 +1,7 @@
 """Somebody's browser with scripts off: it keeps a cookie, fills in forms and follows redirects."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import unescape
 
@@ -35,7 +35,7 @@ class Visitor:
     def send(
         self,
         path: str,
-        fields: Mapping[str, str],
+        fields: Mapping[str, str | Sequence[str]],
         *,
         csrf_token: str | None = None,
         file: bytes | None = None,

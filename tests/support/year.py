@@ -25,6 +25,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_public_key
 from fixtures.published import published_folder
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.server.app import create_app
+from reverie_eval.server.http.runtime import MOST_JOINING
 from reverie_eval.server.operations.listening import listen, url_of
 from reverie_eval.server.operations.run import configuration
 from reverie_eval.server.settings import load_settings
@@ -214,8 +215,9 @@ def live(year: Year, organiser: Organiser) -> None:
     laptop = year.laptop
     organiser.import_history(*history(laptop.folder))
 
-    year.move_to(at(1, 11))
     for number, team in enumerate(TEAMS):
+        days = number // MOST_JOINING  # all are sent from one address
+        year.move_to(at(1, 11) + timedelta(days=days, minutes=days))
         person = {"name": f"Person {number}", "email": f"person{number}@example.org"}
         said = {"team": team, "people": [person], "institution": "University"}
         for _ in range(1 + number % 2):  # some press the button twice

@@ -2,20 +2,22 @@
 
 import sys
 from collections.abc import Mapping, Sequence
+from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval import Scores
-from reverie_eval.analysis import ComparedSubmissionsError, score_all
+from reverie_eval import Evaluator, Scores
+from reverie_eval.analysis import BEST, Method, Runs
 from reverie_eval.scoring import Intervals
-from reverie_eval.submissions import submission_names
+from reverie_eval.submissions import find_files, find_runs, submission_names
 from reverie_eval_cli import options
 from reverie_eval_cli.output import (
-    RejectedSubmission,
     check_outputs,
+    find_truth,
     open_output,
-    rejection,
+    score_each,
     show,
     write_text,
 )
@@ -25,12 +27,24 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("first", type=click.Path(allow_dash=True))
-@click.argument("others", nargs=-1, required=True, type=click.Path(allow_dash=True))
+@click.argument(
+    "submissions",
+    metavar="SUBMISSION...",
+    nargs=-1,
+    required=True,
+    type=click.Path(allow_dash=True),
+)
+@click.option(
+    "--baseline",
+    metavar="FILE|best",
+    help="What the others are compared with.  [default: the first file; of a folder or a pattern, "
+    "the best]",
+)
 @options.split
 @options.ground_truth
 @options.protocol
 @options.track
+@options.episodes_from
 @options.cluster
 @options.layout(
     "table",
@@ -51,12 +65,13 @@ if TYPE_CHECKING:
 )
 def compare(
     *,
-    first: str,
-    others: Sequence[str],
+    submissions: Sequence[str],
+    baseline: str | None,
     split: str,
     ground_truth: str | None,
     protocol: str,
     track: "Track",
+    episodes_from: Path | None,
     cluster: "Clustering",
     layout: str,
     output: str | None,
@@ -64,7 +79,9 @@ def compare(
 ) -> None:
     """Compare submissions: differences, intervals, significance.
 
-    The OTHERS are each compared with the FIRST.
+    Each SUBMISSION is compared with the first, or with the baseline. It is a result file (.json,
+    .json.gz or .zip), - for standard input, a folder, a pattern ('runs/*/val_unseen.json'), or
+    several runs of a method: ours=seed1.json,seed2.json or ours='seed*.json'.
     """
     from reverie_eval import Comparison
     from reverie_eval.reporting._comparison import (
@@ -74,10 +91,20 @@ def compare(
         print_comparison,
     )
 
-    submissions = [first, *others]
-    check_outputs([output, episodes], [*submissions, ground_truth])
-    scores = _score(submissions, split, ground_truth, protocol, track)
-    comparison = Comparison.of(scores, cluster)
+    methods = _methods(submissions)
+    files = [file for runs in methods.values() for file in runs]
+    check_outputs([output, episodes], [*files, ground_truth, episodes_from])
+    if baseline is None and len(methods) > len(submissions):
+        baseline = BEST
+    name_of = {runs[0]: name for name, runs in methods.items() if len(runs) == 1}
+    truth = find_truth(ground_truth, split, episodes_from)
+    evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
+    scored = iter(score_each(files, evaluator))
+    scores = {
+        name: _method(list(islice(scored, len(runs))), runs, cluster)
+        for name, runs in methods.items()
+    }
+    comparison = Comparison.of(scores, cluster, baseline=name_of.get(str(baseline), baseline))
     if episodes:
         with open_output(episodes) as file:
             comparison.episodes().to_csv(file)
@@ -101,6 +128,7 @@ def compare(
 @options.ground_truth
 @options.protocol
 @options.track
+@options.episodes_from
 @options.cluster
 @options.output("the report")
 def report(
@@ -111,6 +139,7 @@ def report(
     ground_truth: str | None,
     protocol: str,
     track: "Track",
+    episodes_from: Path | None,
     cluster: "Clustering",
     output: str | None,
 ) -> None:
@@ -121,10 +150,13 @@ def report(
     from reverie_eval.reporting import report_html
 
     submissions = [submission, *filter(None, [other])]
-    check_outputs([output], [*submissions, ground_truth])
+    check_outputs([output], [*submissions, ground_truth, episodes_from])
     if output is None and sys.stdout.isatty():
         raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
-    scores = _score(submissions, split, ground_truth, protocol, track)
+    truth = find_truth(ground_truth, split, episodes_from)
+    evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
+    scored = score_each(submissions, evaluator)
+    scores = dict(zip(submission_names(submissions), scored, strict=True))
     # With too few clusters there are no intervals, and the report says so.
     page = {
         name: it if Intervals.why_not(it.ground_truth, cluster) else it.with_intervals(cluster)
@@ -133,19 +165,22 @@ def report(
     write_text(report_html(page, cluster), output)
 
 
-def _score(
-    submissions: Sequence[str],
-    split: str,
-    ground_truth: str | None,
-    protocol: str,
-    track: "Track",
-) -> Mapping[str, Scores]:
-    """Score all; if some are rejected, list the problems of each of them."""
-    named = dict(zip(submission_names(submissions), submissions, strict=True))
-    try:
-        return score_all(
-            named, split=split, ground_truth=ground_truth, protocol=protocol, track=track
-        )
-    except ComparedSubmissionsError as error:
-        lines = [rejection(named[name], each) for name, each in error.errors.items()]
-        raise RejectedSubmission("\n".join(lines)) from None
+def _methods(words: Sequence[str]) -> Mapping[str, Sequence[str]]:
+    """Return the files of each method by its name; without a name, a file is one method."""
+    named = [find_runs(word) for word in words]
+    single = [[] if runs else find_files([word]) for word, runs in zip(words, named, strict=True)]
+    names = iter(submission_names([file for files in single for file in files]))
+    methods: dict[str, Sequence[str]] = {}
+    for runs, files in zip(named, single, strict=True):
+        for name, several in [runs] if runs else [(next(names), [file]) for file in files]:
+            if name in methods:
+                raise click.UsageError(f"two methods are named {name}; give each a name of its own")
+            methods[name] = several
+    return methods
+
+
+def _method(scores: Sequence[Scores], files: Sequence[str], by: "Clustering") -> Method:
+    """Return the scores of a single file, or those of several runs together."""
+    if len(files) == 1:
+        return scores[0]
+    return Runs.of(dict(zip(submission_names(files), scores, strict=True)), by)

@@ -1,8 +1,12 @@
 """``reverie-eval SUBMISSION --split SPLIT``: print the score table of a submission."""
 
 import sys
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
+from glob import has_magic
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -11,24 +15,36 @@ from reverie_eval import (
     CATALOGUE,
     PROTOCOLS,
     Evaluator,
+    GroundTruth,
+    Runs,
     ScoredFiles,
     Scores,
+    SubmissionError,
     diagnose,
     evaluate,
     evaluate_protocols,
 )
-from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.reporting._scores import (
     FORMATS,
     RANKING_FORMATS,
     print_ranking,
     print_scores,
+    watch_heading,
+    watch_line,
     write_episodes,
 )
 from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, TABLE_KEYS, Failure, score_files
-from reverie_eval.submissions import find_files
+from reverie_eval.submissions import find_files, find_runs, submission_names, watch_files
 from reverie_eval_cli import options
-from reverie_eval_cli.output import check_outputs, naming, open_output, show, with_progress
+from reverie_eval_cli.output import (
+    check_outputs,
+    find_truth,
+    naming,
+    open_output,
+    score_each,
+    show,
+    with_progress,
+)
 
 if TYPE_CHECKING:
     from reverie_eval.scoring import Clustering, Track
@@ -36,6 +52,8 @@ if TYPE_CHECKING:
 _ALL = "all"
 _KEYS = {"csv": CATALOGUE.keys(), "json": CATALOGUE.keys()}
 """The metrics of formats that have more than the table has."""
+_SECONDS_BETWEEN_LOOKS = 1.0
+"""A file that has not changed for so long is taken to be complete."""
 
 
 @click.command()
@@ -58,6 +76,7 @@ _KEYS = {"csv": CATALOGUE.keys(), "json": CATALOGUE.keys()}
     f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; or {_ALL} of them.",
 )
 @options.track
+@options.episodes_from
 @click.option(
     "--diagnose",
     "diagnosed",
@@ -69,6 +88,11 @@ _KEYS = {"csv": CATALOGUE.keys(), "json": CATALOGUE.keys()}
     "--cluster",
     type=options.Choice(["target", "scan"]),
     help="What to resample for intervals; implies --ci.  [default: target]",
+)
+@click.option(
+    "--watch",
+    is_flag=True,
+    help="Score files as they come and change, a line each, until Ctrl-C.",
 )
 @options.jobs
 @options.layout(*FORMATS)
@@ -86,9 +110,11 @@ def score(
     ground_truth: str | None,
     protocol: str,
     track: "Track",
+    episodes_from: Path | None,
     diagnosed: bool,
     ci: bool,
     cluster: "Clustering | None",
+    watch: bool,
     jobs: int | None,
     layout: str,
     output: str | None,
@@ -97,36 +123,33 @@ def score(
     """Score a submission, or many.
 
     SUBMISSION is a result file (.json, .json.gz or .zip), or - for standard input. Several files, a
-    folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking. The word `score` may be
-    left out.
+    folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking; several runs of a method
+    (ours=seed1.json,seed2.json or ours='seed*.json') their mean. The word `score` may be left out.
     """
-    check_outputs([output, episodes], [*submissions, ground_truth])
+    check_outputs([output, episodes], [*submissions, ground_truth, episodes_from])
     if diagnosed and (protocol == _ALL or track != "full"):
         raise click.UsageError("--diagnose goes with one protocol, on the full track")
-    truth = find_ground_truth(ground_truth, split)
-    files = find_files(submissions)
-    if files != list(submissions) or len(files) > 1:
-        if diagnosed or ci or cluster or episodes or protocol == _ALL:
+    truth = find_truth(ground_truth, split, episodes_from)
+    submission = None if watch else _only_file(submissions)
+    if submission is None:
+        has_interval = (ci or cluster) and not any(map(find_runs, submissions))
+        if diagnosed or has_interval or episodes or protocol == _ALL:
             raise click.UsageError(
                 "--diagnose, --ci, --cluster, --episodes and --protocol all go with one file; "
                 "`reverie-eval compare` compares several with intervals"
             )
         evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
-        return _rank(files, evaluator, jobs, layout, output)
-    (submission,) = files
+        if watch:
+            return _watch(submissions, evaluator, layout, output)
+        if any(map(find_runs, submissions)):
+            return _score_runs(submissions, evaluator, cluster or "target", layout, output)
+        return _rank(find_files(submissions), evaluator, jobs, layout, output)
     results: Sequence[Scores]
     with naming(submission):
         if diagnosed:
             results = diagnose(submission, split=split, ground_truth=truth, protocol=protocol)
-        elif protocol == _ALL:
-            tables = evaluate_protocols(submission, split=split, ground_truth=truth, track=track)
-            results = list(tables.values())
         else:
-            results = [
-                evaluate(
-                    submission, split=split, ground_truth=truth, protocol=protocol, track=track
-                )
-            ]
+            results = _score_one(submission, truth, protocol, track)
     if ci or cluster:
         results = [scores.with_intervals(cluster or "target") for scores in results]
     if episodes:
@@ -138,6 +161,24 @@ def score(
     else:
         show(text, output)
     return 0
+
+
+def _only_file(submissions: Sequence[str]) -> str | None:
+    """Return the only file that is to be scored; None if there are several, or runs of a method."""
+    (first, *others) = submissions
+    return first if not others and not find_runs(first) and find_files([first]) == [first] else None
+
+
+def _score_one(
+    submission: str, truth: GroundTruth, protocol: str, track: "Track"
+) -> Sequence[Scores]:
+    """Score a file by a protocol, or by all."""
+    if protocol == _ALL:
+        tables = evaluate_protocols(submission, split=truth.split, ground_truth=truth, track=track)
+        return list(tables.values())
+    return [
+        evaluate(submission, split=truth.split, ground_truth=truth, protocol=protocol, track=track)
+    ]
 
 
 def _rank(
@@ -155,6 +196,47 @@ def _rank(
     for path, error in scored.failures.items():
         print(_failure(path, error), file=sys.stderr)
     return 1 if scored.failures else 0
+
+
+def _score_runs(
+    words: Sequence[str], evaluator: Evaluator, by: "Clustering", layout: str, output: str | None
+) -> int:
+    """Print the mean of several runs of a method, with its interval."""
+    from reverie_eval.reporting._runs import RUNS_FORMATS, print_runs
+
+    (first, *others) = words
+    found = find_runs(first)
+    if found is None or others:
+        raise click.UsageError(
+            "NAME=FILES goes alone; `reverie-eval compare` takes several methods and their runs"
+        )
+    name, files = found
+    check_outputs([output], files)
+    names = submission_names(files)
+    runs = Runs.of(dict(zip(names, score_each(files, evaluator), strict=True)), by)
+    text = partial(RUNS_FORMATS[layout], name, runs)
+    if layout == "table":
+        show(text, output, lambda console: print_runs(console, runs))
+    else:
+        show(text, output)
+    return 0
+
+
+def _watch(names: Sequence[str], evaluator: Evaluator, layout: str, output: str | None) -> int:
+    """Print a line for each file that comes or changes, until the user interrupts."""
+    if output or layout != "table":
+        raise click.UsageError("--watch prints lines; it goes without --output and --format")
+    for name in names:
+        if not (has_magic(name) or Path(name).exists()):
+            raise click.UsageError(f"{name}: there is no such file or folder to watch")
+    print(watch_heading(evaluator), flush=True)
+    with suppress(KeyboardInterrupt):
+        for path in watch_files(names, partial(time.sleep, _SECONDS_BETWEEN_LOOKS)):
+            try:
+                print(watch_line(path, evaluator(path), evaluator), flush=True)
+            except (SubmissionError, OSError) as error:
+                print(_failure(path, error), file=sys.stderr)
+    return 0
 
 
 def _failure(path: str, error: Failure) -> str:

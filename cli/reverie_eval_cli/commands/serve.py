@@ -21,14 +21,16 @@ _SAMPLE_SPLIT = "val_unseen"
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option(
     "--port",
-    type=click.IntRange(0, 0xFFFF),
+    metavar="N",
+    type=options.Number(0, 0xFFFF),
     default=8000,
     show_default=True,
     help="Port to listen at; 0 for any free one.",
 )
 @click.option(
     "--workers",
-    type=click.IntRange(1, 64),
+    metavar="N",
+    type=options.Number(1, 64),
     default=1,
     show_default=True,
     help="Processes that score uploads and answer requests.",

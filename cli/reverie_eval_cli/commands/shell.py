@@ -11,6 +11,7 @@ from reverie_eval_cli.output import show
 SCHEMAS = (
     "submission",
     "score-report",
+    "runs-report",
     "validation-report",
     "comparison-report",
     "lint-report",
@@ -31,13 +32,14 @@ def _schema(name: str) -> dict[str, Any]:
 
     from reverie_eval.dataset import DatasetDescription, LintReport
     from reverie_eval.reporting._comparison import ComparisonReport
-    from reverie_eval.schemas.report import ScoreReport, ValidationReport
+    from reverie_eval.schemas.report import RunsReport, ScoreReport, ValidationReport
     from reverie_eval.submissions import submission_schema
 
     if name == "submission":
         return submission_schema()
     adapters: dict[str, TypeAdapter[Any]] = {
         "score-report": TypeAdapter(ScoreReport),
+        "runs-report": TypeAdapter(RunsReport),
         "validation-report": TypeAdapter(ValidationReport),
         "comparison-report": TypeAdapter(ComparisonReport),
         "lint-report": TypeAdapter(LintReport),

@@ -2,6 +2,8 @@
 
 import sys
 from collections.abc import Sequence
+from itertools import repeat
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -12,6 +14,7 @@ from reverie_eval_cli import options
 from reverie_eval_cli.output import (
     RejectedSubmission,
     check_outputs,
+    find_truth,
     naming,
     rejection,
     show,
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
 @options.split
 @options.ground_truth
 @options.track
+@options.episodes_from
 @options.layout("text", "json", explained=" json lists all problems, text the first 20.")
 @options.output("the outcome")
 def validate_submission(
@@ -36,6 +40,7 @@ def validate_submission(
     split: str,
     ground_truth: str | None,
     track: "Track",
+    episodes_from: Path | None,
     layout: str,
     output: str | None,
 ) -> int:
@@ -44,9 +49,10 @@ def validate_submission(
     SUBMISSION is a result file, or - for standard input. A public bundle, without answers, is
     enough.
     """
-    check_outputs([output], [submission, ground_truth])
+    check_outputs([output], [submission, ground_truth, episodes_from])
+    truth = find_truth(ground_truth, split, episodes_from)
     try:
-        checked = validate(submission, split=split, ground_truth=ground_truth, track=track)
+        checked = validate(submission, split=split, ground_truth=truth, track=track)
     except SubmissionError as error:
         if layout == "text":
             raise RejectedSubmission(rejection(submission, error)) from None
@@ -62,7 +68,10 @@ def validate_submission(
 def _as_text(checked: Validation, submission: str) -> str:
     truth = checked.ground_truth
     count = len(truth.episodes.instr_ids)
-    verdict = f"valid, with a prediction for each of the {count:,} episodes of {truth.split}"
+    chosen = "chosen " if truth.subset_of else ""
+    verdict = (
+        f"valid, with a prediction for each of the {count:,} {chosen}episodes of {truth.split}"
+    )
     notes = [f"note: {note}" for note in checked.notes]
     first = f"{source_name(submission)}: {verdict}"
     return "\n".join([first, f"ground truth: {truth.provenance}", *notes])
@@ -108,6 +117,44 @@ def convert_submission(
     write_text(submission_text(conversion.records), output)
     for each in conversion.notes:
         print(f"{source_name(submission)}: {each}", file=sys.stderr)
+
+
+@click.command("subset")
+@options.split
+@options.ground_truth
+@click.option(
+    "--n", "number", metavar="N", type=int, required=True, help="Number of episodes to draw."
+)
+@click.option(
+    "--stratify",
+    type=options.Choice(["scan"]),
+    help="Draw from each scan in proportion to its episodes.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Other seeds draw others.")
+@options.output("the list")
+def draw_episodes(
+    *,
+    split: str,
+    ground_truth: str | None,
+    number: int,
+    stratify: str | None,
+    seed: int,
+    output: str | None,
+) -> None:
+    """Draw some episodes of a split at random.
+
+    Prints their instr_ids, one a line, for `--episodes-from`. The same options always draw the same
+    episodes. Standard error shows what signatures will call this subset.
+    """
+    from reverie_eval.ground_truth import draw_subset, find_ground_truth
+
+    check_outputs([output], [ground_truth])
+    truth = find_ground_truth(ground_truth, split)
+    scans = map(truth.graph.scan_of, truth.episodes.start.tolist())
+    strata = dict(zip(truth.episodes.instr_ids, scans if stratify else repeat(""), strict=False))
+    chosen = draw_subset(strata, number, seed, split)
+    write_text("".join(f"{instr_id}\n" for instr_id in chosen), output)
+    print(f"subset:{truth.subset(chosen).subset_digest}|n:{number}", file=sys.stderr)
 
 
 @click.command()

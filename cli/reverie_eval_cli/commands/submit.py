@@ -59,6 +59,7 @@ class MethodOptions:
         from pydantic import ValidationError
 
         from reverie_eval.schemas.service import Method
+        from reverie_eval.server.wrong_values import wrong_value
 
         stem = "" if submission == "-" else Path(submission).name.partition(".")[0]
         name = printable(stem)[:_LONGEST_NAME].strip() or "unnamed"
@@ -66,10 +67,10 @@ class MethodOptions:
             return Method.model_validate({"name": name, **self.given})
         except ValidationError as error:
             wrong = []
-            for detail in error.errors(include_url=False):
+            for detail in error.errors():
                 field = str(detail["loc"][0])
                 option = _TEXTS[field][0] if field in _TEXTS else f"--{field.replace('_', '-')}"
-                wrong.append(f"{option}: {detail['msg']}")
+                wrong.append(f"{option}: {wrong_value(detail).message}")
             raise ReverieEvalError("; ".join(wrong)) from None
 
     def changes(self, before: "Method", submission: str) -> Mapping[str, Any]:
@@ -244,7 +245,11 @@ def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
         _show_table(table)
     print(
         "",
-        *submission_lines(submission, is_repeat=accepted.is_repeat),
+        *submission_lines(
+            submission,
+            is_repeat=accepted.is_repeat,
+            to_publish="submit it again with --publish, which does not use a submission",
+        ),
         *map("receipt: {}".format, kept),
         *quota_lines(accepted.quota, submission.split),
         sep="\n",

@@ -1,4 +1,4 @@
-"""The state of one running application: admission of uploads, metrics, health.
+"""The state of one running application: admission of uploads, requests to join, metrics, health.
 
 Admission limits how many uploads are held in memory, and how many are scored, at once; of several
 worker processes, each has its part of both.
@@ -9,7 +9,11 @@ the slots, and of the queue, so a team that sends many slow uploads delays only 
 """
 
 import asyncio
+import hashlib
+import hmac
+import math
 import os
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
@@ -17,14 +21,22 @@ from typing import Annotated, Self
 from weakref import WeakValueDictionary
 
 from fastapi import Depends, Request
+from limits import RateLimitItemPerDay
+from limits.storage import Storage
+from limits.strategies import FixedWindowRateLimiter
+from starlette.types import Scope
 
-from reverie_eval.server.errors import BusyError
+from reverie_eval.server.errors import BusyError, TooManyError
+from reverie_eval.server.http.exchange import address_of
 from reverie_eval.server.http.health import Health
+from reverie_eval.server.http.middleware import site_of
 from reverie_eval.server.http.telemetry import Metrics
 from reverie_eval.server.http.workers import ALONE, Workers
 from reverie_eval.server.state import ServerState
 
 SECONDS_TO_RETRY = 10
+MOST_JOINING = 5
+"""Requests to join that an address may send in 24 hours."""
 
 _SHARE = 4
 """A team may hold one in this many slots and places in the queue, and at least one."""
@@ -116,11 +128,43 @@ class _Team:
         self.waiting = 0
 
 
+class Joining:
+    """Counts requests to join by address, so that one sender cannot fill the list of open ones.
+
+    An address is kept as a keyed digest, for 24 hours from its first request.
+    """
+
+    def __init__(self, counts: Storage, key: bytes) -> None:
+        self._limit = RateLimitItemPerDay(MOST_JOINING)
+        self._counts = FixedWindowRateLimiter(counts)
+        self._key = key
+
+    def count(self, scope: Scope) -> None:
+        """Count a request to join.
+
+        Raises
+        ------
+        TooManyError
+            If the address has sent as many as it may.
+        """
+        address = site_of(address_of(scope)).encode()
+        sender = hmac.digest(self._key, address, hashlib.sha256).hex()
+        if self._counts.hit(self._limit, "join", sender):
+            return
+        until = self._counts.get_window_stats(self._limit, "join", sender).reset_time
+        raise TooManyError(
+            max(1, math.ceil(until - time.time())),
+            f"{MOST_JOINING} requests to join came from your address in the last 24 hours; try "
+            "again tomorrow, or write to the organiser",
+        )
+
+
 @dataclass(frozen=True)
 class RuntimeState:
-    """Admission, metrics and health checks of an application."""
+    """Admission, requests to join, metrics and health checks of an application."""
 
     admission: Admission
+    joining: Joining
     metrics: Metrics
     health: Health
 
@@ -135,7 +179,8 @@ class RuntimeState:
             workers,
             metrics.uploads_waiting.set,
         )
-        return cls(admission, metrics, Health(server))
+        joining = Joining(workers.counts(), server.signer.secret_for("requests to join"))
+        return cls(admission, joining, metrics, Health(server))
 
 
 async def runtime_of(request: Request) -> RuntimeState:

@@ -11,10 +11,11 @@ from typing import Annotated, Any, NamedTuple
 
 from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
+from pydantic import BaseModel
 
 from reverie_eval.schemas.service import Method, QuotaReport
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http.callers import Caller, Server
+from reverie_eval.server.http.callers import Caller, Organiser, Server
 from reverie_eval.server.http.examples import FORM, SUBMISSION
 from reverie_eval.server.http.exchange import Exchange, exchange_of
 from reverie_eval.server.http.forms import parse_form
@@ -29,18 +30,23 @@ from reverie_eval.submissions._sources import unpack
 
 _FORM_OVERHEAD = 64 << 10
 """Bytes of a form besides the file."""
-_METHOD_FIELDS: dict[str, Any] = Method.model_json_schema()["properties"]
 _PACKED = {"schema": {"type": "string", "format": "binary"}}
 
-METHOD_PARAMETERS = [
-    {
-        "name": name,
-        "in": "query",
-        "description": f"{schema.get('description', 'Of the method.')} Or a field of the form.",
-        "schema": schema,
-    }
-    for name, schema in _METHOD_FIELDS.items()
-]
+
+def parameters_of(model: type[BaseModel], otherwise: str) -> list[dict[str, Any]]:
+    """Describe a model's fields as query parameters; one without a description gets another."""
+    return [
+        {
+            "name": name,
+            "in": "query",
+            "description": f"{schema.get('description', otherwise)} Or a field of the form.",
+            "schema": schema,
+        }
+        for name, schema in model.model_json_schema()["properties"].items()
+    ]
+
+
+METHOD_PARAMETERS = parameters_of(Method, "Of the method.")
 """The query parameters that describe a method, for the API's description."""
 
 FILE_BODY: dict[str, Any] = {
@@ -58,7 +64,7 @@ FILE_BODY: dict[str, Any] = {
                     "required": ["file"],
                     "properties": {
                         "file": {"type": "string", "format": "binary"},
-                        **_METHOD_FIELDS,
+                        **Method.model_json_schema()["properties"],
                     },
                 },
                 "example": FORM,
@@ -67,6 +73,18 @@ FILE_BODY: dict[str, Any] = {
     }
 }
 """The body of an upload, for the API's description."""
+
+OF_FILES = (
+    "malformed-request",
+    "not-signed-in",
+    "not-found",
+    "too-slow",
+    "too-large",
+    "submission-rejected",
+    "busy",
+)
+OF_UPLOADS = (*OF_FILES, "not-open", "conflict", "quota-spent", "bytes-spent")
+"""The problems of files that are checked, and of those that are scored."""
 
 
 class Upload(NamedTuple):
@@ -173,6 +191,21 @@ async def received(
 Received = Annotated[Upload, Depends(received, scope="function")]
 
 
+async def received_by_organiser(
+    request: Request, organiser: Organiser, server: Server, runtime: Runtime, began: Began
+) -> AsyncIterator[Upload]:
+    """Read a file that an organiser submits for a person."""
+    person = await run_in_threadpool(organiser.person)
+    async with (
+        taken(request, server, runtime, began, person) as upload,
+        runtime.admission.score(),
+    ):
+        yield upload
+
+
+ReceivedByOrganiser = Annotated[Upload, Depends(received_by_organiser, scope="function")]
+
+
 async def scoring_slot(runtime: Runtime) -> AsyncIterator[None]:
     """Wait for a slot for scoring, without occupying a thread."""
     async with runtime.admission.score():
@@ -189,12 +222,17 @@ def content_of(upload: Received, server: Server) -> bytes:
 
 
 async def method_of(request: Request, upload: Received) -> Method:
-    """Return the description of the method; the form takes precedence over the query."""
-    given = {**request.query_params, **upload.fields}
-    return method_from({name: value for name, value in given.items() if name != "file"})
+    """Return the description of the method."""
+    return method_from(fields_of(request, upload))
 
 
 SentMethod = Annotated[Method, Depends(method_of)]
+
+
+def fields_of(request: Request, upload: Upload) -> dict[str, Any]:
+    """Return what describes an upload; the form takes precedence over the query."""
+    given = {**request.query_params, **upload.fields}
+    return {name: value for name, value in given.items() if name != "file"}
 
 
 def method_from(given: Mapping[str, Any]) -> Method:

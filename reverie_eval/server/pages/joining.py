@@ -1,6 +1,7 @@
 """``/join``: anyone may ask the organiser for accounts."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form
@@ -10,6 +11,7 @@ from reverie_eval.schemas.joining import MOST_PEOPLE, NewJoinRequest
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.http.callers import Call, Visitor, own_page
 from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.pages.rendering import page, show_faults_with
 from reverie_eval.server.service.joining import receive_request
 
@@ -28,7 +30,9 @@ def show_join(visitor: Visitor) -> Response:
 
 @router.post("/join", dependencies=[Depends(own_page)])
 def ask_to_join(
+    *,
     visitor: Visitor,
+    runtime: Runtime,
     team: Text = "",
     people: Text = "",
     institution: Text = "",
@@ -39,8 +43,12 @@ def ask_to_join(
     show_faults_with(visitor.request, lambda problem: _draw(visitor, typed, problem))
     new = read_model(NewJoinRequest, {**typed, "people": people_in(people)})
     server = visitor.server
-    accepted = server.settings.accept_requests_to_join
-    reply = receive_request(server.transactions, new, are_accepted=accepted)
+    reply = receive_request(
+        server.transactions,
+        new,
+        are_accepted=server.settings.accept_requests_to_join,
+        count=partial(runtime.joining.count, visitor.request.scope),
+    )
     return _draw(visitor, {}, done=reply.message)
 
 

@@ -9,7 +9,7 @@ signed in can cause that: requests from other sites have no session, which is kn
 is read.
 """
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from functools import partial
 from typing import Annotated, Any
 
@@ -29,7 +29,8 @@ from reverie_eval.server.pages.teams import split_quotas
 router = APIRouter()
 OK = 200
 
-_NOTHING = dict.fromkeys(("split", *Method.model_fields), "")
+NOTHING = dict.fromkeys(("split", *Method.model_fields), "")
+"""The input of an empty form."""
 
 
 def draw(member: Call, typed: Mapping[str, str], status: int = OK, **outcome: Any) -> Response:
@@ -41,7 +42,7 @@ def draw(member: Call, typed: Mapping[str, str], status: int = OK, **outcome: An
             "submit.html",
             snapshot,
             status,
-            typed={**_NOTHING, **typed},
+            typed={**NOTHING, **typed},
             splits=split_quotas(server, snapshot),
             required=server.settings.required_metadata,
             method_fields=Method.model_fields,
@@ -56,27 +57,39 @@ def draw_fault(member: Call, typed: Mapping[str, str], problem: ProblemDocument)
     return draw(member, typed, OK if is_answer else problem.status, problem=problem)
 
 
-async def posted_upload(
-    request: Request, member: Member, server: Server, runtime: Runtime, began: Began
-) -> AsyncIterator[Upload]:
-    """Read the form when a slot is free; after a problem, the input is kept.
+def check_form(
+    call: Call,
+    upload: Upload,
+    draw_fault: Callable[[Call, Mapping[str, str], ProblemDocument], Response],
+) -> None:
+    """Check that one of this server's pages sent a form, with a file; it shows further problems.
 
     Raises
     ------
+    ForgedError
+        If it has no valid CSRF token.
     MalformedError
         If no file was chosen.
     """
+    call.server.sessions.check_csrf_token(
+        call.session_id or "", upload.fields.get("csrf_token", "")
+    )
+    show_faults_with(call.request, partial(draw_fault, call, upload.fields))
+    if not upload.filename:
+        raise MalformedError("choose a file first")
+
+
+async def posted_upload(
+    request: Request, member: Member, server: Server, runtime: Runtime, began: Began
+) -> AsyncIterator[Upload]:
+    """Read the form when a slot is free; after a problem, the input is kept."""
     exchange = exchange_of(request.scope)
     exchange.uploaded_to = ""
     person = await run_in_threadpool(member.person)
     async with taken(request, server, runtime, began, person) as upload:
         is_to_be_scored = upload.fields.get("what") == "score"
         exchange.uploaded_to = upload.fields.get("split", "") if is_to_be_scored else None
-        shown = upload.fields.get("csrf_token", "")
-        server.sessions.check_csrf_token(member.session_id or "", shown)
-        show_faults_with(request, partial(draw_fault, member, upload.fields))
-        if not upload.filename:
-            raise MalformedError("choose a file first")
+        check_form(member, upload, draw_fault)
         async with runtime.admission.score():
             yield upload
 

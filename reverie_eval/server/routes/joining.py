@@ -1,6 +1,8 @@
 """Asking to join, the organiser's answers, and files of people."""
 
-from fastapi import APIRouter
+from functools import partial
+
+from fastapi import APIRouter, Request
 
 from reverie_eval.schemas.joining import (
     AcceptedRequest,
@@ -14,6 +16,7 @@ from reverie_eval.schemas.joining import (
 from reverie_eval.server.http.callers import Organiser, Server
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Number, Paging
+from reverie_eval.server.http.runtime import Runtime
 from reverie_eval.server.service import joining, people_files
 
 router = APIRouter()
@@ -23,10 +26,19 @@ _REFUSALS = problems("not-signed-in", "not-allowed", "not-found", "conflict")
 @router.post(
     "/join", status_code=202, tags=["access"], responses=problems("not-allowed", "conflict")
 )
-def ask_to_join(new: NewJoinRequest, server: Server) -> JoinReply:
-    """Ask the organiser for accounts; the reply does not tell who has an account."""
-    accepted = server.settings.accept_requests_to_join
-    return joining.receive_request(server.transactions, new, are_accepted=accepted)
+def ask_to_join(
+    request: Request, new: NewJoinRequest, server: Server, runtime: Runtime
+) -> JoinReply:
+    """Ask the organiser for accounts; the reply does not tell who has an account.
+
+    An address may send five requests a day.
+    """
+    return joining.receive_request(
+        server.transactions,
+        new,
+        are_accepted=server.settings.accept_requests_to_join,
+        count=partial(runtime.joining.count, request.scope),
+    )
 
 
 @router.get(

@@ -2,11 +2,13 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Path, Request, Response
 
 from reverie_eval.schemas.organising import (
     AttemptReport,
     AuditReport,
+    EmailedFile,
+    EmailedFileReport,
     GrantReport,
     ImportReport,
     MergeReport,
@@ -41,7 +43,17 @@ from reverie_eval.schemas.wire import LONGEST_NAME
 from reverie_eval.server.http.callers import Organiser
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Number, Paging
-from reverie_eval.server.http.uploads import ScoringSlot
+from reverie_eval.server.http.problems import read_model
+from reverie_eval.server.http.uploads import (
+    FILE_BODY,
+    METHOD_PARAMETERS,
+    OF_UPLOADS,
+    ReceivedByOrganiser,
+    ScoringSlot,
+    fields_of,
+    method_from,
+    parameters_of,
+)
 from reverie_eval.server.service import (
     attempts,
     audit,
@@ -64,6 +76,36 @@ router = APIRouter(
 Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$", examples=["rv_3Zk0b9Xw"])]
 SplitName = Annotated[str, Path(examples=["test"])]
 TeamName = Annotated[str, Path(max_length=LONGEST_NAME, examples=["Blue"])]
+
+
+@router.post(
+    "/submissions",
+    status_code=201,
+    responses={
+        200: {"model": EmailedFileReport, "description": "The reply to the same file, again"},
+        **problems(*OF_UPLOADS),
+    },
+    openapi_extra={
+        **FILE_BODY,
+        "parameters": [*parameters_of(EmailedFile, "Required."), *METHOD_PARAMETERS],
+    },
+)
+def submit_emailed_file(
+    request: Request, organiser: Organiser, upload: ReceivedByOrganiser, response: Response
+) -> EmailedFileReport:
+    """Submit a file for the person who sent it, as if they had uploaded it when it was received.
+
+    The reply has a text for that person; so has a problem document that says why the file is
+    refused. Describe the file and the method in the query, or in fields of the form.
+    """
+    given = fields_of(request, upload)
+    own = {name: given.pop(name) for name in EmailedFile.model_fields if name in given}
+    file, method = read_model(EmailedFile, own), method_from(given)
+    report = organiser.server.emailed_files.submit(
+        organiser.person(), file, upload.filename, upload.packed, method
+    )
+    response.status_code = 200 if report.is_repeat else 201
+    return report
 
 
 @router.get("/teams")

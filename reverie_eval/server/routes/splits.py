@@ -25,6 +25,8 @@ from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.uploads import (
     FILE_BODY,
     METHOD_PARAMETERS,
+    OF_FILES,
+    OF_UPLOADS,
     Content,
     Counted,
     Received,
@@ -50,15 +52,6 @@ _OF_CSV: dict[int | str, dict[str, Any]] = {
     200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
     **problems("malformed-request", "not-found"),
 }
-_OF_FILES = (
-    "malformed-request",
-    "not-signed-in",
-    "not-found",
-    "too-slow",
-    "too-large",
-    "submission-rejected",
-    "busy",
-)
 
 
 @router.get("", responses=problems("not-signed-in"), openapi_extra=_ALSO_FOR_ANYBODY)
@@ -83,7 +76,7 @@ def show_split(split: SplitName, call: Anybody) -> SplitReport:
     status_code=status.HTTP_201_CREATED,
     responses={
         200: {"model": Accepted, "description": "The reply to the same file or key, again"},
-        **problems(*_OF_FILES, "not-open", "conflict", "quota-spent", "bytes-spent"),
+        **problems(*OF_UPLOADS),
     },
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
@@ -113,7 +106,7 @@ def submit(
 
 @router.post(
     "/{split}/validate",
-    responses=problems(*_OF_FILES),
+    responses=problems(*OF_FILES),
     openapi_extra={**FILE_BODY, "parameters": METHOD_PARAMETERS},
 )
 def validate(split: SplitName, person: Sender, content: Content, server: Server) -> Checked:

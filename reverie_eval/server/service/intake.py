@@ -36,7 +36,7 @@ from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.results import store_result
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.submissions import View, check_metadata
-from reverie_eval.server.service.transactions import Transactions
+from reverie_eval.server.service.transactions import Actor, Transactions
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.server.store.uploads import Uploads
@@ -100,7 +100,7 @@ class Intake:
         key: str | None,
         *,
         arrived: datetime,
-        organiser: str = "",
+        organiser: Actor | None = None,
     ) -> Accepted:
         """Unpack a submission, score and store it, and record the attempt.
 
@@ -145,7 +145,7 @@ class Intake:
         key: str | None,
         *,
         arrived: datetime,
-        organiser: str,
+        organiser: Actor | None,
     ) -> Accepted:
         split, sha256 = board.name, hashlib.sha256(content).hexdigest()
         with self.database.reading() as session:

@@ -6,6 +6,7 @@ names, addresses and texts are removed.
 """
 
 import hashlib
+from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
 from sqlalchemy import exists, func, select
@@ -37,11 +38,16 @@ RECEIVED = JoinReply(message="Your request was received. The organiser will answ
 
 
 def receive_request(
-    transactions: Transactions, new: NewJoinRequest, *, are_accepted: bool
+    transactions: Transactions,
+    new: NewJoinRequest,
+    *,
+    are_accepted: bool,
+    count: Callable[[], None],
 ) -> JoinReply:
     """Keep a request for the organiser; the same one again changes nothing.
 
-    The audit log has no entry of it before it is answered, so that strangers cannot fill the log.
+    ``count`` is called before one is kept, and may refuse it. The audit log has no entry of a
+    request before it is answered, so that strangers cannot fill the log.
 
     Raises
     ------
@@ -60,6 +66,7 @@ def receive_request(
             return RECEIVED
         if count_open(session) >= MOST_OPEN:
             raise ConflictError("too many requests to join wait for an answer; try again next week")
+        count()
         session.add(JoinRequest(**content, digest=digest, created_at=transaction.now))
         who = count_text(len(new.people), "person", "people")
         text = f"{who} of {new.institution} asked to join as {new.team}"
@@ -118,10 +125,25 @@ def accept_request(transaction: Transaction, request_id: int) -> AcceptedRequest
     return AcceptedRequest(team=team, invitations=invitations)
 
 
+def accept_requests(
+    transaction: Transaction, request_ids: Iterable[int]
+) -> Sequence[AcceptedRequest]:
+    """Accept several requests, as :func:`accept_request` does; after an error, none."""
+    return [accept_request(transaction, each) for each in dict.fromkeys(request_ids)]
+
+
 def reject_request(transaction: Transaction, request_id: int, rejection: Rejection) -> None:
     """Reject a request; NotFoundError if there is no such open request."""
     request = _open_request(transaction.session, request_id)
     _answer(transaction, request, "request rejected", reason=rejection.reason)
+
+
+def reject_requests(
+    transaction: Transaction, request_ids: Iterable[int], rejection: Rejection
+) -> None:
+    """Reject several requests; with an unknown one, none."""
+    for each in dict.fromkeys(request_ids):
+        reject_request(transaction, each, rejection)
 
 
 def invite(transaction: Transaction, person: NewPerson) -> PersonInvitation:
@@ -135,7 +157,9 @@ def invite(transaction: Transaction, person: NewPerson) -> PersonInvitation:
 def _open_request(session: Session, request_id: int) -> JoinRequest:
     request = session.get(JoinRequest, request_id)
     if request is None or request.decision is not None:
-        raise NotFoundError(f"there is no open request number {request_id}")
+        raise NotFoundError(
+            f"there is no open request number {request_id}; the list of requests has all"
+        )
     return request
 
 

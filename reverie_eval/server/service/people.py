@@ -164,7 +164,7 @@ def team_named(session: Session, name: str) -> Team:
     """Return a team by name; raise NotFoundError if it does not exist, or was merged."""
     team = session.scalars(select(Team).where(Team.name == name)).first()
     if team is None:
-        raise NotFoundError(f"there is no team {name!r}")
+        raise NotFoundError(f"there is no team {name!r}; the list of teams has all")
     if team.merged_into is not None:
         raise NotFoundError(f"the team {name!r} was merged into {team.merged_into.name!r}")
     return team
@@ -185,9 +185,9 @@ def person_named(session: Session, name: str, team: str | None = None) -> Person
         chosen = chosen.join(Team, Person.team_id == Team.id).where(Team.name == team)
     found = session.scalars(chosen.order_by(Person.id)).all()
     if not found and team is not None:
-        raise NotFoundError(f"the team {team!r} has no person {name!r}")
+        raise NotFoundError(f"the team {team!r} has no person {name!r}; the list of people has all")
     if not found:
-        raise NotFoundError(f"there is no person {name!r}")
+        raise NotFoundError(f"there is no person {name!r}; the list of people has all")
     if len(found) > 1:
         teams = ", ".join(repr(person.team.name) for person in found)
         raise ConflictError(

@@ -31,7 +31,7 @@ from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.service.results import results_of, store_result
 from reverie_eval.server.service.reviews import find_submission, is_disqualified, standing_reviews
 from reverie_eval.server.service.schedules import Schedules
-from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.database import AT_ONCE, Database
 from reverie_eval.server.store.tables import Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
@@ -307,7 +307,11 @@ class SubmissionService:
         return replace(scores, episodes=MappingProxyType(dict(scores.episodes)))
 
     def change(
-        self, person: Person, submission_id: str, change: SubmissionChange, organiser: str = ""
+        self,
+        person: Person,
+        submission_id: str,
+        change: SubmissionChange,
+        organiser: Actor | None = None,
     ) -> SubmissionReport:
         """Publish, withdraw or edit a submission, or hide its team until a date.
 

@@ -15,7 +15,7 @@ from reverie_eval_cli.organising import acting, checked, minute, now
 @options.server_folder
 @click.argument("team")
 @click.argument("split")
-@click.argument("number", type=click.IntRange(1, MOST_EXTRA))
+@click.argument("number", type=options.Number(1, MOST_EXTRA))
 @click.option("--reason", required=True, metavar="TEXT", help="The reason, for the audit log.")
 @options.days
 def grant(*, folder: Path, team: str, split: str, number: int, reason: str, days: int) -> None:

@@ -44,7 +44,7 @@ def list_entries(*, folder: Path) -> None:
 
 @news.command()
 @options.server_folder
-@click.argument("number", type=click.IntRange(1))
+@click.argument("number", type=options.Number(1))
 def remove(*, folder: Path, number: int) -> None:
     """Remove an entry."""
     from reverie_eval.server.service.news import remove_news

@@ -34,12 +34,12 @@ def phase() -> None:
 @click.argument("name")
 @click.option(
     "--opens",
-    metavar="TIME",
+    type=options.DayOrTime(),
     help="Its first second: 2027-01-01T00:00:00Z, or a day in UTC.",
 )
 @click.option(
     "--closes",
-    metavar="TIME",
+    type=options.DayOrTime(),
     help="Its last second: 2027-06-01T23:59:59Z, or a day in UTC, of which the whole counts.",
 )
 @click.option(

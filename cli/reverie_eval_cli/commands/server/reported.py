@@ -150,7 +150,7 @@ def _read_changes(
 
 @reported.command()
 @options.server_folder
-@click.argument("number", type=click.IntRange(1))
+@click.argument("number", type=options.Number(1))
 @click.argument(
     "changes", metavar="FIELD=VALUE...", nargs=-1, required=True, callback=_read_changes
 )
@@ -172,7 +172,7 @@ def edit(*, folder: Path, number: int, changes: "Mapping[str, str]") -> None:
 
 @reported.command()
 @options.server_folder
-@click.argument("numbers", metavar="NUMBER...", type=click.IntRange(1), nargs=-1, required=True)
+@click.argument("numbers", metavar="NUMBER...", type=options.Number(1), nargs=-1, required=True)
 def remove(*, folder: Path, numbers: "Sequence[int]") -> None:
     """Remove reported results from their leaderboards."""
     from reverie_eval.server.service.reported import remove_reported

@@ -48,17 +48,17 @@ def list_requests(*, folder: Path) -> None:
 
 @request.command()
 @options.server_folder
-@click.argument("numbers", metavar="NUMBER...", type=click.IntRange(1), nargs=-1, required=True)
+@click.argument("numbers", metavar="NUMBER...", type=options.Number(1), nargs=-1, required=True)
 def accept(*, folder: Path, numbers: "Sequence[int]") -> None:
     """Add the people of requests to their teams.
 
     Prints an invitation for each person, as CSV. They cannot be shown again.
     """
-    from reverie_eval.server.service.joining import accept_request
+    from reverie_eval.server.service.joining import accept_requests
     from reverie_eval.server.service.people_files import invitations_csv
 
     with acting(folder) as transaction:
-        accepted = [accept_request(transaction, number) for number in dict.fromkeys(numbers)]
+        accepted = accept_requests(transaction, numbers)
     invitations = [each for one in accepted for each in one.invitations]
     print(invitations_csv(invitations), end="")
     added = count_text(len(invitations), "person", "people")
@@ -67,7 +67,7 @@ def accept(*, folder: Path, numbers: "Sequence[int]") -> None:
 
 @request.command()
 @options.server_folder
-@click.argument("numbers", metavar="NUMBER...", type=click.IntRange(1), nargs=-1, required=True)
+@click.argument("numbers", metavar="NUMBER...", type=options.Number(1), nargs=-1, required=True)
 @click.option("--reason", default="", metavar="TEXT", help="The reason, for the audit log.")
 def reject(*, folder: Path, numbers: "Sequence[int]", reason: str) -> None:
     """Reject requests to join.
@@ -75,10 +75,9 @@ def reject(*, folder: Path, numbers: "Sequence[int]", reason: str) -> None:
     What they say of people is removed.
     """
     from reverie_eval.schemas.joining import Rejection
-    from reverie_eval.server.service.joining import reject_request
+    from reverie_eval.server.service.joining import reject_requests
 
     rejection = checked(Rejection, reason=reason)
     with acting(folder) as transaction:
-        for number in dict.fromkeys(numbers):
-            reject_request(transaction, number, rejection)
+        reject_requests(transaction, numbers, rejection)
     print(f"{count_text(len(set(numbers)), 'request')} rejected")

@@ -21,10 +21,17 @@ if TYPE_CHECKING:
 @click.option("--team", metavar="NAME", help="Only those of this team.")
 def submissions(*, folder: Path, split: str | None, team: str | None) -> None:
     """List the submissions of all teams, the latest first."""
+    from reverie_eval.server.service.people import team_named
+    from reverie_eval.server.service.schedules import Schedules
     from reverie_eval.server.service.submissions import all_submissions
+    from reverie_eval.server.settings import load_settings
 
     with reading(folder) as session:
+        if team is not None:
+            team_named(session, team)
         rows = [_cells(row) for row in all_submissions(session, split=split, team=team)]
+        if split is not None and not rows:  # the settings may not have it any more
+            Schedules(load_settings(folder).splits).of(session, split)
     headings = ("submission", "received (UTC)", "split", "team", "person", "method", "status")
     print_list(headings, rows)
 
@@ -81,7 +88,7 @@ def list_all(*, folder: Path) -> None:
 
 @review.command()
 @options.server_folder
-@click.argument("number", type=click.IntRange(1))
+@click.argument("number", type=options.Number(1))
 def lift(*, folder: Path, number: int) -> None:
     """Lift a review."""
     from reverie_eval.server.service.reviews import lift_review

@@ -4,6 +4,7 @@ from fastapi import APIRouter
 
 from reverie_eval.server.pages.desk import (
     corrections,
+    emailed_files,
     evidence,
     news,
     notice,
@@ -27,6 +28,7 @@ for part in (
     snapshots,
     reviews,
     reported,
+    emailed_files,
     corrections,
     evidence,
     news,

@@ -4,7 +4,8 @@ Actions that are hard to undo need confirmation: the first reply describes the a
 form with the same fields to confirm it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from datetime import date
 from functools import wraps
 from typing import Annotated, Any, Protocol, TypeAlias
 
@@ -12,11 +13,18 @@ from fastapi import Query
 from fastapi.responses import Response
 from starlette.datastructures import FormData, UploadFile
 
+from reverie_eval.schemas.joining import PersonInvitation
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Call, Snapshot
-from reverie_eval.server.pages.rendering import page, see_other, show_faults_with
+from reverie_eval.server.pages.rendering import (
+    address_of_site,
+    page,
+    see_other,
+    show_faults_with,
+)
 from reverie_eval.server.service.paging import Page
+from reverie_eval.server.service.people_files import invitations_csv
 
 ON_A_PAGE = 100
 """The number of rows on a page of a list."""
@@ -86,6 +94,20 @@ def ask(desk: Call, typed: Typed, template: str = "confirm.html", **content: Any
         return desk_page(desk, snapshot, template, fields=typed, action=action, **content)
 
 
+def show_invitations(desk: Call, invitations: Sequence[PersonInvitation], back: str) -> Response:
+    """Show invitations that can be shown only once, and a link back."""
+    with desk.snapshot() as snapshot:
+        return desk_page(
+            desk,
+            snapshot,
+            "invitations.html",
+            invitations=invitations,
+            table=invitations_csv(invitations),
+            sign_in=address_of_site(desk.request, "/sign-in"),
+            back=back,
+        )
+
+
 def page_at(desk: Call, name: str) -> Page:
     """Return the requested page of a list, by the name of its cursor in the query."""
     return Page(ON_A_PAGE, desk.request.query_params.get(name))
@@ -138,13 +160,25 @@ def is_confirmed(form: FormData) -> bool:
     return form.get("confirmed") == "yes"
 
 
-def end_of_day(date: str) -> str | None:
-    """Return the last second of a date in UTC, or None for an empty text.
+def end_of_day(day: str) -> str | None:
+    """Return the last second of a day in UTC, or None for an empty text.
 
+    Raises
+    ------
+    MalformedError
+        If it is not a day.
+
+    Examples
+    --------
     >>> end_of_day("2027-06-01"), end_of_day("")
     ('2027-06-01T23:59:59Z', None)
     """
-    return f"{date}T23:59:59Z" if date else None
+    if not day:
+        return None
+    try:
+        return f"{date.fromisoformat(day)}T23:59:59Z"
+    except ValueError:
+        raise MalformedError(f"{day!r} is not a day; write it as 2027-06-01") from None
 
 
 def done(path: str, what: str) -> Response:

@@ -142,17 +142,7 @@ def import_file(desk: Desk, form: Posted) -> Response:
         return forms.ask(desk, typed, "confirm-people.html", report=report)
     if not report.invitations:
         return forms.done(PAGE, "imported")
-    sign_in = address_of_site(desk.request, "/sign-in")
-    with desk.snapshot() as snapshot:
-        return forms.desk_page(
-            desk,
-            snapshot,
-            "invitations.html",
-            team="",
-            invitations=report.invitations,
-            sign_in=sign_in,
-            back=PAGE,
-        )
+    return forms.show_invitations(desk, report.invitations, PAGE)
 
 
 def draw_person(

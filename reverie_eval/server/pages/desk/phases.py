@@ -86,9 +86,10 @@ def _asked(timetable: Timetable, typed: forms.Typed, now: datetime) -> NewSchedu
 def _typed_schedule(typed: forms.Typed, *, paused: bool) -> NewSchedule:
     numbers = sorted(int(found[1]) for found in map(_NAME.fullmatch, typed) if found)
     rows = [
-        {field: typed.get(f"{field}-{number}") or None for field in _FIELDS} for number in numbers
+        {field: value for field in _FIELDS if (value := typed.get(f"{field}-{number}"))}
+        for number in numbers
     ]
-    phases = [row for row in rows if any(row.values())]
+    phases = [row for row in rows if row]
     release_scores = typed.get("release_scores", "at-once")
     fields = {"phases": phases, "release_scores": release_scores, "paused": paused}
     return read_model(NewSchedule, fields)

@@ -1,17 +1,18 @@
-"""``/desk/requests``: requests to join."""
+"""``/desk/requests``: requests to join, several of which can be answered at once."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection
+from functools import partial
+from typing import Annotated
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from reverie_eval.schemas.joining import Rejection
-from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
-from reverie_eval.server.http.paging import Number
+from reverie_eval.schemas.service import ProblemDocument
+from reverie_eval.server.errors import MalformedError
+from reverie_eval.server.http.callers import Call, Desk, Posted
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
-from reverie_eval.server.pages.rendering import address_of_site
 from reverie_eval.server.service import joining
 
 router = APIRouter()
@@ -19,42 +20,49 @@ router = APIRouter()
 PAGE = "/desk/requests"
 
 
-@forms.shown_by("requests.html")
-def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
-    """Show the open requests."""
-    return {
-        "requests": joining.list_requests(snapshot.session, forms.page_at(desk, "requests")),
-        "are_accepted": desk.server.settings.accept_requests_to_join,
-    }
-
-
-@router.get(PAGE)
-def show_requests(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the open requests."""
-    return draw(desk, {}, what=done)
-
-
-@router.post(f"{PAGE}/{{request_id}}/accept")
-def accept(request_id: Number, desk: Desk, _: Posted) -> Response:
-    """Accept a request, and show the invitations in this one reply."""
-    forms.show_faults(desk, {}, draw)
-    accepted = desk.perform(joining.accept_request, request_id)
-    sign_in = address_of_site(desk.request, "/sign-in")
+def draw(
+    ticked: Collection[int] | None,
+    desk: Call,
+    typed: forms.Typed,
+    problem: ProblemDocument | None = None,
+    what: str = "",
+) -> Response:
+    """Show the open requests, with a tick at some of them, or with None at all."""
     with desk.snapshot() as snapshot:
         return forms.desk_page(
             desk,
             snapshot,
-            "invitations.html",
-            team=accepted.team,
-            invitations=accepted.invitations,
-            sign_in=sign_in,
-            back=PAGE,
+            "requests.html",
+            problem,
+            requests=joining.list_requests(snapshot.session, forms.page_at(desk, "requests")),
+            cursor=desk.request.query_params.get("requests", ""),
+            are_accepted=desk.server.settings.accept_requests_to_join,
+            ticked=ticked,
+            typed=typed,
+            done=what,
         )
 
 
-@router.post(f"{PAGE}/{{request_id}}/reject")
-def reject(request_id: Number, desk: Desk, form: Posted) -> Response:
-    """Reject a request."""
-    typed = forms.typed_by(desk, form, draw)
-    desk.perform(joining.reject_request, request_id, read_model(Rejection, typed))
+@router.get(PAGE)
+def show_requests(
+    desk: Desk, done: forms.Done = "", tick: Annotated[str, Query(max_length=20)] = ""
+) -> Response:
+    """Show the open requests, all of them ticked if the query says so."""
+    return draw(None if tick == "all" else (), desk, {}, what=done)
+
+
+@router.post(PAGE)
+def answer(desk: Desk, form: Posted) -> Response:
+    """Accept the ticked requests, and show the invitations in this one reply; or reject them."""
+    ticked = [forms.number(text) for text in form.getlist("request") if isinstance(text, str)]
+    typed = forms.typed_by(desk, form, partial(draw, ticked))
+    if not ticked:
+        raise MalformedError("tick the requests that you want to answer first")
+    if typed.get("what") == "accept":
+        accepted = desk.perform(joining.accept_requests, ticked)
+        return forms.show_invitations(
+            desk, [each for one in accepted for each in one.invitations], PAGE
+        )
+    rejection = read_model(Rejection, {"reason": typed.get("reason", "")})
+    desk.perform(joining.reject_requests, ticked, rejection)
     return forms.done(PAGE, "rejected")

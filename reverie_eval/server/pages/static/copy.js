@@ -1,6 +1,6 @@
 // Buttons that copy text from elsewhere on the page.
 for (const button of document.querySelectorAll("button.copy")) {
-  const words = document.querySelector(".copied");
+  const words = button.nextElementSibling;
   const text = document.getElementById(button.dataset.copies);
   button.hidden = false;
   button.addEventListener("click", async () => {

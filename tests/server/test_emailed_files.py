@@ -1,13 +1,16 @@
 """Files that people sent to the organiser: scored, counted and answered as uploads are."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import timedelta
+from html import unescape
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries
 from tests.support.acting import NOON
@@ -20,9 +23,12 @@ from tests.support.serving import (
     OTHER,
     OWNER,
     PRIVATE,
+    OpenServer,
     Serving,
+    settings_of,
     submission_for,
 )
+from tests.support.visiting import said, signed_in
 
 TEAM = "Blue"
 WHEN = "2026-03-02T12:00:00Z"
@@ -76,7 +82,10 @@ def test_each_file_is_scored_and_answered(office: Office, mailed: Path) -> None:
     assert f"Your file first.json, received 2026-03-02 12:00:00 UTC, was scored on {OPEN}." in first
     assert "RGSPL" in first
     assert "submissions left on val_unseen: 199" in first
-    assert "The signed receipt is attached: first.json.receipt.json" in first
+    assert "The signed receipt is attached." in first
+    assert outcome.err.splitlines() == [
+        f"note: attach {mailed / name}.receipt.json" for name in ("first.json", "third.json")
+    ]
     assert "was not scored, and no submission was used" in second
     assert "[1]" in second
     assert "submissions left on val_unseen: 198" in third
@@ -111,6 +120,7 @@ def test_again_is_the_same_result(office: Office, mailed: Path) -> None:
     again = office.submit(mailed / "first.json", received="2026-03-02T11:00:00+00:00")
     assert (first.status, again.status) == (0, 0)
     assert "already scored" in again.out
+    assert "not published: answer this message if you want it on the leaderboard" in again.out
     (only,) = office.submissions()
     assert only["received_at"] == WHEN
     assert len(list(mailed.glob("*.receipt.json"))) == 1
@@ -177,3 +187,106 @@ def test_a_folder_without_files(office: Office, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     outcome = office.submit(tmp_path / "empty")
     assert (outcome.status, "there is no submission; they end in .json" in outcome.err) == (2, True)
+
+
+# The other doors: the API and the desk.
+
+
+EVERYTHING: Mapping[str, Any] = {
+    **{key: ["false", "true"] for key in METHOD_FLAGS},
+    **dict.fromkeys(("paper", "code"), "https://example.org/"),
+    "description": "It walks.",
+    "publish": "true",
+}
+"""All that browsers send if every field is filled in: as many fields as a form may have."""
+
+
+@pytest.mark.parametrize(("content", "status"), [(GOOD, 200), (BROKEN, 422)], ids=["good", "bad"])
+def test_every_door_gives_the_same_reply(
+    content: bytes, status: int, office: Office, tmp_path: Path
+) -> None:
+    file = tmp_path / "answers.json"
+    file.write_bytes(content)
+    office.submit(file, "--publish")  # so that the good one is a repeat at every door
+    by_api = sent_to_the_api(office.server, file=("answers.json", content))
+    reply = by_api.json()["reply"]
+    assert by_api.status_code == status
+    at_desk = sent_to_the_desk(office.server, content)
+    shown = re.search(r'<code id="reply">(.*?)</code>', at_desk.text, re.DOTALL)
+    assert shown is not None
+    assert (at_desk.status_code, unescape(shown[1])) == (status, reply)
+    assert at_desk.text.count("<tr><td><code>") == len(by_api.json().get("problems", []))
+    by_command, is_scored, _ = office.submit(file).out.partition("submissions left")
+    assert (by_command.rstrip("\n"), bool(is_scored)) == (
+        reply.partition("submissions left")[0].rstrip("\n"),
+        status == 200,
+    )
+
+
+def test_the_audit_log_names_the_organiser_who_was_signed_in(server: Serving) -> None:
+    scored = sent_to_the_api(server, content=GOOD, publish="true")
+    assert scored.status_code == 201, scored.text
+    assert scored.json()["submission"]["status"] == "published"
+    assert scored.json()["submission"]["received_at"] == WHEN
+    assert scored.json()["reply"].startswith(
+        "Dear Blue,\n\nYour file, received 2026-03-02 12:00:00 UTC, was scored on val_unseen.\n"
+    )
+    *_, submitted, published = server.ask(ORGANISER, "GET", "/organiser/audit").json()
+    assert (submitted["action"], published["action"]) == ("submitted", "changed")
+    assert {submitted["actor"], published["actor"]} == {ORGANISER}
+    assert server.ask(OWNER, "GET", "/submissions").json()[0]["person"] == OWNER
+
+
+WRONG = {
+    "a time without a zone": ({"received_at": "2026-03-02T12:00"}, 400, "with its time zone"),
+    "a time to come": ({"received_at": "2999-01-01T00:00:00Z"}, 400, "which is in the future"),
+    "another split": ({"split": "tset"}, 404, "is no split 'tset'"),
+    "a method without a name": ({"name": ""}, 400, "required but missing"),
+}
+
+
+@pytest.mark.parametrize(("change", "status", "told"), WRONG.values(), ids=WRONG)
+def test_wrong_fields_are_named_and_nothing_is_submitted(
+    change: Mapping[str, str], status: int, told: str, server: Serving
+) -> None:
+    by_api = sent_to_the_api(server, content=GOOD, **change)
+    assert (by_api.status_code, told in by_api.text) == (status, True), by_api.text
+    at_desk = sent_to_the_desk(server, GOOD, **change)
+    assert (at_desk.status_code, told in unescape(at_desk.text)) == (status, True)
+    assert server.ask(ORGANISER, "GET", "/submissions").json() == []
+
+
+def test_a_file_of_an_organiser_is_no_larger_than_others(
+    open_server: OpenServer, folder: Path
+) -> None:
+    settings = settings_of(folder)
+    limits = settings.limits.model_copy(update={"upload_mebibytes": 1})
+    server = open_server(settings.model_copy(update={"limits": limits}))
+    large = GOOD + b" " * (1 << 20)
+    by_api = sent_to_the_api(server, content=large)
+    assert (by_api.status_code, by_api.json()["code"]) == (413, "too-large")
+    assert sent_to_the_desk(server, large + b" " * (64 << 10)).status_code == 413
+
+
+def test_the_desk_asks_for_the_sender(server: Serving) -> None:
+    nobody = sent_to_the_desk(server, GOOD, person="")
+    assert (nobody.status_code, "Choose the person who sent the file." in said(nobody)) == (
+        400,
+        True,
+    )
+    assert "Walker" in nobody.text  # what was typed stays
+
+
+def sent_to_the_api(server: Serving, *, content: bytes | None = None, **more: Any) -> Any:
+    """Send a file of the owner's as the organiser, as a body or in a form."""
+    files = {"file": more.pop("file")} if "file" in more else None
+    given = {"split": OPEN, "team": TEAM, "person": OWNER, "received_at": WHEN, "name": "Walker"}
+    fields = {**given, **more}
+    place = {"data": fields, "files": files} if files else {"content": content, "params": fields}
+    return server.ask(ORGANISER, "POST", "/organiser/submissions", **place)
+
+
+def sent_to_the_desk(server: Serving, content: bytes, **more: Any) -> Any:
+    """Send a file of the owner's with the form of the desk."""
+    given = {"split": OPEN, "person": "1", "received_at": WHEN, "name": "Walker"}
+    return signed_in(server, ORGANISER).send("/desk/emailed-files", {**given, **more}, file=content)

@@ -1,0 +1,26 @@
+"""Draw the picture of an answer, ``answer.svg`` beside this file, to standard output.
+
+It is an answer by box in the demo world, as docs/report.md explains.
+"""
+
+from pathlib import Path
+
+import reverie_eval as rv
+from reverie_eval.reporting._answer_svg import answer_picture
+from reverie_eval.reporting._answer_views import AnswerView
+
+SAMPLE = Path(__file__).parents[2] / "fixtures" / "submissions" / "drawn.json"
+EPISODE = "1196_0_0"
+"""Its predicted box has an IoU of 0.25 with the target's."""
+
+
+def picture() -> str:
+    """Draw the answer from where the agent stopped."""
+    episode = rv.evaluate(SAMPLE, split="val_unseen").episode(EPISODE)
+    return answer_picture(AnswerView.at_stop(episode)) + "\n"
+
+
+if __name__ == "__main__":
+    import sys
+
+    sys.stdout.write(picture())

@@ -1,0 +1,228 @@
+"""Several runs of one method, such as trainings with other seeds: mean, interval, variance."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
+
+import numpy as np
+
+from reverie_eval.arrays import Array, FloatArray, frozen
+from reverie_eval.errors import ProtocolError
+from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.scoring import (
+    Clustering,
+    ClusterIntervals,
+    Interval,
+    Intervals,
+    Protocol,
+    Scores,
+    clusters_of,
+)
+from reverie_eval.submissions import check_names
+from reverie_eval.text import count_text
+
+if TYPE_CHECKING:
+    from reverie_eval.metrics.runs import CrossedMeans
+    from reverie_eval.schemas.report import RunsReport
+
+FEWEST_RUNS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class RunIntervals(ClusterIntervals):
+    """The interval of every metric by its key, over runs and clusters of episodes together."""
+
+    n_runs: Sequence[int]
+    """Number of runs of each method whose means or differences these are."""
+    run_shares: Mapping[str, float]
+    """By metric: the part of the variance that more runs would reduce, in [0, 1]; the rest is due
+    to the choice of episodes."""
+
+    @classmethod
+    def of(
+        cls,
+        means: "CrossedMeans",
+        keys: Iterable[str],
+        by: Clustering,
+        n_runs: Sequence[int],
+    ) -> Self:
+        """Compute the intervals of means or differences, whose columns are metrics."""
+        from reverie_eval.metrics.uncertainty import CONFIDENCE
+
+        named = list(keys)
+        low, high = means.interval(CONFIDENCE).tolist()
+        ends = dict(zip(named, map(Interval, low, high), strict=True))
+        shares = dict(zip(named, means.run_share.tolist(), strict=True))
+        return cls(by, len(means.deviation), CONFIDENCE, ends, n_runs, shares)
+
+    @property
+    def method(self) -> str:
+        """How the intervals were computed, so that they can be reproduced."""
+        runs = " and ".join(map(str, self.n_runs))
+        return (
+            f"{self.label} intervals: Student's t, by the variance among {runs} runs and among "
+            f"{self.clusters_text}"
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Runs(Mapping[str, float]):
+    """Several runs of one method: ``runs["rgspl"]`` is the mean over runs and episodes.
+
+    Keys are the metrics that all runs have, in the order of the CATALOGUE.
+    """
+
+    runs: Mapping[str, Scores]
+    """The scores of each run, by name."""
+    intervals: RunIntervals
+    """Confidence intervals: other seeds and other episodes would give other means."""
+
+    # Set by reverie_eval.notebook, because it needs a package above this one.
+    _repr_html_: ClassVar[Any]
+
+    @classmethod
+    def of(cls, runs: Mapping[str, Scores], by: Clustering = "target") -> Self:
+        """Summarise existing scores.
+
+        Parameters
+        ----------
+        runs : mapping of Scores
+            Two or more, by name, of the same episodes under the same protocol.
+        by : "target" or "scan"
+            What dependent episodes have in common.
+
+        Raises
+        ------
+        ProtocolError
+            If there are fewer than two runs, they are not comparable, or all episodes are in one
+            cluster.
+        """
+        if len(runs) < FEWEST_RUNS:
+            raise ProtocolError(
+                f"{count_text(len(runs), 'run')} given; the variance between runs takes two or more"
+            )
+        check_names(runs)
+        first, *_ = runs.values()
+        if len({each.signature for each in runs.values()}) > 1:
+            listed = sorted({each.signature for each in runs.values()})
+            raise ProtocolError(f"these runs are not comparable: {', '.join(listed)}")
+        reason = Intervals.why_not(first.ground_truth, by)
+        if reason:
+            raise ProtocolError(reason)
+        keys = common_keys(runs.values())
+        means = crossed_means(list(runs.values()), keys, by)
+        return cls(runs, RunIntervals.of(means, keys, by, [len(runs)]))
+
+    def __getitem__(self, key: str) -> float:
+        return float(self.episodes[key].mean())
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.episodes)
+
+    def __len__(self) -> int:
+        return len(self.episodes)
+
+    @cached_property
+    def episodes(self) -> Mapping[str, Array]:
+        """For each metric and episode the mean over runs, as in ``Scores.episodes``."""
+        several = list(self.runs.values())
+        return {
+            key: frozen(np.mean([each.episodes[key] for each in several], axis=0))
+            for key in common_keys(several)
+        }
+
+    def deviation(self, key: str) -> float:
+        """Return the standard deviation of a metric between the runs, in its own unit."""
+        return float(np.std([each[key] for each in self.runs.values()], ddof=1))
+
+    @property
+    def signature(self) -> str:
+        """The signature that all runs have."""
+        return self._first.signature
+
+    @property
+    def split(self) -> str:
+        """The split that was scored."""
+        return self._first.split
+
+    @property
+    def ground_truth(self) -> GroundTruth:
+        """What the runs were scored against."""
+        return self._first.ground_truth
+
+    @property
+    def protocol(self) -> Protocol:
+        """The rules they were scored by."""
+        return self._first.protocol
+
+    @property
+    def qualifier(self) -> str:
+        """What the scores depend on besides split, protocol and data."""
+        return self._first.qualifier
+
+    @property
+    def instr_ids(self) -> Sequence[str]:
+        """The episodes, in the order of their values in ``episodes``."""
+        return self._first.instr_ids
+
+    @property
+    def headline(self) -> Sequence[Metric]:
+        """The scored metrics that every score table shows, in its order."""
+        return [CATALOGUE[key] for key in self if CATALOGUE[key].headline]
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What a reader should know about each run."""
+        return [f"{name}: {note}" for name, each in self.runs.items() for note in each.notes]
+
+    @property
+    def _first(self) -> Scores:
+        return next(iter(self.runs.values()))
+
+    def to_report(self) -> "RunsReport":
+        """Return the report of the runs, which ``--format json`` prints."""
+        from reverie_eval.schemas.report import RunsReport
+
+        return RunsReport(
+            signature=self.signature,
+            scores=dict(self),
+            by=self.intervals.by,
+            clusters=self.intervals.n_clusters,
+            confidence=self.intervals.confidence,
+            intervals={key: (each.low, each.high) for key, each in self.intervals.items()},
+            deviations={key: self.deviation(key) for key in self},
+            run_shares=dict(self.intervals.run_shares),
+            runs={name: each.to_report() for name, each in self.runs.items()},
+        )
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{m.heading} {m.display(self[m.key])}" for m in self.headline)
+        return f"<Runs of {len(self.runs)}: {values}; {self.signature}>"
+
+
+Method: TypeAlias = Scores | Runs
+"""What can be compared: one run, or several of the same method."""
+
+
+def runs_of(method: Method) -> Sequence[Scores]:
+    """Return the runs of a method; scores are those of one run."""
+    return list(method.runs.values()) if isinstance(method, Runs) else [method]
+
+
+def common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
+    """Return the metrics that all have, in the order of the CATALOGUE."""
+    first, *others = scores
+    return [key for key in first if all(key in each for each in others)]
+
+
+def crossed_means(runs: Sequence[Scores], keys: Sequence[str], by: Clustering) -> "CrossedMeans":
+    """Return the means of metrics over runs and episodes, with the parts of their variance."""
+    # Importing scipy would double the start-up time of commands that show no intervals.
+    from reverie_eval.metrics.runs import CrossedMeans
+
+    values: FloatArray = np.stack(
+        [np.column_stack([each.episodes[key] for key in keys]) for each in runs]
+    )
+    return CrossedMeans.of(values, clusters_of(runs[0].ground_truth, by))

@@ -1,0 +1,112 @@
+"""Declared subsets: some episodes of a split, for quick or costly evaluations.
+
+A list of episodes has a digest, which is part of the signature of every score: results on a subset
+are comparable with each other, and never with those on the whole split.
+"""
+
+import hashlib
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from reverie_eval.arrays import IntArray
+from reverie_eval.errors import Problem, ProtocolError, SubsetError
+from reverie_eval.text import count_text
+
+_DIGEST_SHOWN = 12
+
+
+def read_episode_ids(path: str | PathLike[str]) -> Sequence[str]:
+    """Read a list of episodes: an instr_id a line; blank lines are left out.
+
+    Raises
+    ------
+    SubsetError
+        If the file is not text.
+    OSError
+        If it cannot be read.
+    """
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        message = "is not a text file; expected an instr_id on each line"
+        raise SubsetError([Problem("not-text", "file", message)]) from None
+    return [line.strip() for line in lines if line.strip()]
+
+
+def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> IntArray:
+    """Return the rows of the chosen episodes, ascending.
+
+    Raises
+    ------
+    SubsetError
+        If there are none, or some are unknown or listed twice; lists every problem.
+    """
+    if not chosen:
+        message = f"no episode is listed; list the instr_ids of some episodes of {split}"
+        raise SubsetError([Problem("no-episode", "list", message)])
+    first = {instr_id: place for place, instr_id in reversed(list(enumerate(chosen, 1)))}
+    times = Counter(chosen)
+    problems = []
+    for place, instr_id in enumerate(chosen, 1):
+        where = f"entry {place}"
+        if instr_id not in index:
+            message = f"{instr_id!r} is not an episode of {split}; remove it, or choose its split"
+            problems.append(Problem("unknown-episode", where, message, (place,)))
+        elif times[instr_id] > 1 and first[instr_id] < place:
+            message = f"{instr_id} is listed already, in entry {first[instr_id]}; remove one"
+            problems.append(Problem("duplicate-episode", where, message, (place,)))
+    if problems:
+        raise SubsetError(problems)
+    return np.array(sorted(index[instr_id] for instr_id in chosen))
+
+
+def subset_digest(instr_ids: Sequence[str]) -> str:
+    """Return the digest of a list of episodes, whatever their order."""
+    return hashlib.sha256("\n".join(sorted(instr_ids)).encode()).hexdigest()[:_DIGEST_SHOWN]
+
+
+def draw_subset(strata: Mapping[str, str], number: int, seed: int, split: str) -> Sequence[str]:
+    """Draw episodes at random, from each stratum in proportion to its size.
+
+    Episodes are ordered by the SHA-256 of the seed and their id, so that the same ones are drawn by
+    every version of every program.
+
+    Parameters
+    ----------
+    strata : mapping of str to str
+        The stratum of each episode, by instr_id; one for all draws from them all alike.
+    number : int
+        How many episodes to draw.
+    seed : int
+    split : str
+        For the error.
+
+    Raises
+    ------
+    ProtocolError
+        If there are not as many.
+    """
+    if not 1 <= number <= len(strata):
+        raise ProtocolError(
+            f"{split} has {count_text(len(strata), 'episode')}; choose between 1 and all of them, "
+            f"got {number:,}"
+        )
+    members: defaultdict[str, list[str]] = defaultdict(list)
+    for instr_id in sorted(strata, key=lambda each: _random_key(seed, each)):
+        members[strata[instr_id]].append(instr_id)
+    # Largest remainders: each stratum has its share, rounded down or up.
+    exact = {stratum: number * len(ids) / len(strata) for stratum, ids in members.items()}
+    count = {stratum: int(share) for stratum, share in exact.items()}
+    by_remainder = sorted(exact, key=lambda each: (count[each] - exact[each], each))
+    for stratum in by_remainder[: number - sum(count.values())]:
+        count[stratum] += 1
+    drawn = {each for stratum, ids in members.items() for each in ids[: count[stratum]]}
+    return [instr_id for instr_id in strata if instr_id in drawn]
+
+
+def _random_key(seed: int, instr_id: str) -> bytes:
+    return hashlib.sha256(f"{seed}:{instr_id}".encode()).digest()

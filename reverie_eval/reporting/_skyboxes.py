@@ -1,0 +1,147 @@
+"""Photographs under pictures of answers, for those who have Matterport3D's.
+
+The environment variable ``REVERIE_EVAL_PANORAMAS`` names the folder of the scans, as
+Matterport3DSimulator lays it out. A panorama there is a skybox: the six faces of a cube around the
+camera, side by side in one file [1]_. Photographs that cannot be used are left out, and the log
+says why.
+
+References
+----------
+.. [1] ``scripts/downsize_skybox.py``, ``loadCubemapImages`` in ``NavGraph.cpp`` and ``renderScene``
+   in ``MatterSim.cpp`` of peteanderson80/Matterport3DSimulator.
+"""
+
+import logging
+import os
+from base64 import b64encode
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from reverie_eval.analysis import Episode
+from reverie_eval.arrays import Array, FloatArray
+from reverie_eval.geometry import HEIGHT, VIEW_AXES, WIDTH, rays_of
+
+PANORAMAS_VARIABLE = "REVERIE_EVAL_PANORAMAS"
+"""The environment variable that names the folder of the scans."""
+_FACES = 6
+_FACE_OF_AXIS = np.array([(2, 4), (0, 5), (1, 3)])
+"""Which face the positive and the negative direction of each axis of the cube map look at [1]_."""
+_SHRINK = 0.625
+"""Pixels of a photograph for each pixel of a view."""
+_QUALITY = 70
+"""Of JPEG: two answers and a target with many details leave a page below 300 kB."""
+_log = logging.getLogger(__name__)
+
+
+class Skybox(NamedTuple):
+    """The skybox of a viewpoint."""
+
+    path: Path
+    rotation: FloatArray
+    """Shape (3, 3): from the camera's frame (right, down, forward) to the scan's."""
+
+    def view(self, view: int) -> str:
+        """Return what a view shows as a ``data:`` address; empty if the file cannot be used."""
+        columns, rows = round(_SHRINK * WIDTH), round(_SHRINK * HEIGHT)
+        x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
+        return self._picture(rays_of(np.stack([x, y], axis=-1) / _SHRINK) @ VIEW_AXES[view])
+
+    def panorama(self, middle: float, highest: float) -> str:
+        """Return the panorama as a ``data:`` address; empty if the file cannot be used.
+
+        Parameters
+        ----------
+        middle : float
+            The heading in the middle, degrees.
+        highest : float
+            The elevation of the upper edge, degrees; the lower one is as far down.
+        """
+        columns = round(_SHRINK * WIDTH)
+        rows = round(columns * highest / 180)
+        across = middle + 360 * ((np.arange(columns) + 0.5) / columns - 0.5)
+        down = highest - 2 * highest * (np.arange(rows) + 0.5) / rows
+        heading, elevation = np.meshgrid(np.deg2rad(across), np.deg2rad(down))
+        flat = np.cos(elevation)
+        parts = [np.sin(heading) * flat, np.cos(heading) * flat, np.sin(elevation)]
+        return self._picture(np.stack(parts, axis=-1))
+
+    def _picture(self, direction: FloatArray) -> str:
+        """Return the picture whose pixels look in directions of shape (rows, columns, 3)."""
+        try:
+            from PIL import Image
+        except ModuleNotFoundError:
+            warn_once(
+                "photographs need pillow; install it with: pip install 'reverie-eval[pictures]'"
+            )
+            return ""
+        try:
+            with Image.open(self.path) as file:
+                faces = np.asarray(file.convert("RGB"))
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            warn_once(f"{self.path} is left out: {error}")
+            return ""
+        size, width, _ = faces.shape
+        if width != _FACES * size:
+            warn_once(f"{self.path} is left out: {width} x {size} pixels, expected six squares")
+            return ""
+        written = BytesIO()
+        pixels = faces[pixels_of_skybox(direction @ self.rotation, size)]
+        Image.fromarray(pixels).save(written, "JPEG", quality=_QUALITY)
+        return f"data:image/jpeg;base64,{b64encode(written.getvalue()).decode()}"
+
+
+def find_skybox(episode: Episode, viewpoint_id: str) -> Skybox | None:
+    """Return the skybox of a viewpoint, if there is one."""
+    folder, rotation = os.environ.get(PANORAMAS_VARIABLE), episode.graph.viewpoint_rotation
+    if not folder:
+        return None
+    if not Path(folder).is_dir():
+        warn_once(f"{PANORAMAS_VARIABLE}={folder} is not a folder; pictures have no photographs")
+        return None
+    if rotation is None:
+        warn_once("the bundle has no directions of cameras for photographs; compile it again")
+        return None
+    name = f"{viewpoint_id}_skybox_small.jpg"
+    path = Path(folder) / episode.scan / "matterport_skybox_images" / name
+    if not path.is_file():
+        return None
+    return Skybox(path, rotation[episode.graph.index[viewpoint_id]].astype(np.float64))
+
+
+def pixels_of_skybox(direction: FloatArray, size: int) -> tuple[Array, Array]:
+    """Return the row and the column of the pixel that shows each direction.
+
+    The simulator looks a direction up in an OpenGL cube map whose axes are opposite to those of
+    the camera [1]_.
+
+    Parameters
+    ----------
+    direction : float array of shape (..., 3)
+        In the frame of the skybox's camera: right, down, forward.
+    size : int
+        Pixels of a face from edge to edge.
+
+    References
+    ----------
+    .. [1] The OpenGL specification, version 2.1, section 3.8.6, "Cube Map Texture Selection".
+    """
+    x, y, z = np.moveaxis(-direction, -1, 0)
+    axis = np.abs(direction).argmax(axis=-1)
+    along = np.choose(axis, [x, y, z])
+    side = np.where(along >= 0, 1, -1)
+    across = np.choose(axis, [-side * z, x, side * x])
+    down = np.choose(axis, [-y, side * z, -y])
+    place = (np.stack([down, across]) / np.abs(along) + 1) / 2 * size
+    row, column = np.clip(place.astype(np.int64), 0, size - 1)
+    face = _FACE_OF_AXIS[axis, (side < 0).astype(np.int64)]
+    return row, column + face * size
+
+
+@cache
+def warn_once(text: str) -> None:
+    """Say something once."""
+    _log.warning(text)

@@ -1,0 +1,109 @@
+"""Files that people sent to the organiser, by e-mail for example: submitted for them.
+
+Each gets a reply to its sender, as text; a refused one too.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from reverie_eval.errors import ReverieEvalError, SubmissionError
+from reverie_eval.reporting._submission import quota_lines, result_tables, submission_lines
+from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport
+from reverie_eval.schemas.service import Accepted, Method, SubmissionChange
+from reverie_eval.server.errors import MalformedError, request_error
+from reverie_eval.server.service.attempts import FAILURES
+from reverie_eval.server.service.boards import board_named
+from reverie_eval.server.service.intake import Intake
+from reverie_eval.server.service.people import person_named
+from reverie_eval.server.service.submissions import SubmissionService
+from reverie_eval.server.service.transactions import Actor
+from reverie_eval.server.store.tables import Person
+from reverie_eval.text import printable, time_text
+
+
+@dataclass(frozen=True, slots=True)
+class EmailedFiles:
+    """Submits files for the people who sent them."""
+
+    intake: Intake
+    submissions: SubmissionService
+
+    def submit(
+        self, organiser: Actor, file: EmailedFile, filename: str, packed: bytes, method: Method
+    ) -> EmailedFileReport:
+        """Score a file as if its sender had uploaded it when it was received.
+
+        A pause does not matter. A file that was submitted before gets its earlier result. The reply
+        names the file, if it has a name.
+
+        Raises
+        ------
+        NotFoundError
+            If the team has no such person, or the server no such split.
+        MalformedError
+            If the time is in the future.
+        RequestError
+            If the file is refused as an upload would be; it has the reply to the sender.
+        """
+        board_named(self.intake.boards, file.split)
+        with self.intake.database.reading() as session:
+            sender = person_named(session, file.person, file.team)
+        if file.received_at > self.intake.clock():
+            raise MalformedError(
+                f"the file was received at {time_text(file.received_at)}, which is in the future; "
+                "give the time at which the e-mail came"
+            )
+        named = f"file {printable(filename)}" if filename else "file"
+        about = f"Your {named}, received {time_text(file.received_at)}, was"
+        try:
+            accepted = self._submit(organiser, sender, file, packed, method)
+        except ReverieEvalError as error:
+            refusal = request_error(error)
+            if not isinstance(refusal, FAILURES):
+                raise
+            opening = f"{about} not scored, and no submission was used."
+            refusal.reply = _letter(file, opening, _reason(error))
+            raise refusal from error
+        reply = _letter(file, f"{about} scored on {file.split}.", *_result(accepted))
+        return EmailedFileReport(**dict(accepted), reply=reply)
+
+    def _submit(
+        self, organiser: Actor, sender: Person, file: EmailedFile, packed: bytes, method: Method
+    ) -> Accepted:
+        accepted = self.intake.submit(
+            sender,
+            file.split,
+            packed,
+            method,
+            key=None,
+            arrived=file.received_at,
+            organiser=organiser,
+        )
+        if not file.publish or accepted.submission.status == "published":
+            return accepted
+        change = SubmissionChange(published=True)
+        published = self.submissions.change(sender, accepted.submission.id, change, organiser)
+        return accepted.model_copy(update={"submission": published})
+
+
+def _letter(file: EmailedFile, opening: str, *lines: str) -> str:
+    return "\n".join([f"Dear {file.team},", "", opening, "", *lines])
+
+
+def _reason(error: ReverieEvalError) -> str:
+    if isinstance(error, SubmissionError):
+        return f"{error}\n\n`reverie-eval validate` finds the same problems before you send a file."
+    return str(error)
+
+
+def _result(accepted: Accepted) -> Iterator[str]:
+    submission = accepted.submission
+    for further, table in result_tables(submission, submission.receipt.server).items():
+        yield from [f"On the leaderboard {further}:"] if further else []
+        yield table.to_text()
+        yield ""
+    to_publish = "answer this message if you want it on the leaderboard"
+    yield from submission_lines(submission, is_repeat=accepted.is_repeat, to_publish=to_publish)
+    yield from quota_lines(accepted.quota, submission.split)
+    yield ""
+    yield f"The signed {'receipts are' if submission.also else 'receipt is'} attached."

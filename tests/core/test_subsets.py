@@ -1,0 +1,195 @@
+"""Declared subsets: the same values as on the whole split, another signature, never mixed."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import reverie_eval as rv
+from reverie_eval.ground_truth import draw_subset
+from reverie_eval.reporting import results_table
+from tests.conftest import SAMPLES
+from tests.support.flat import Run
+
+if TYPE_CHECKING:
+    from reverie_eval.submissions import Submission
+
+SPLIT = "val_unseen"
+GOOD, DRAWN = SAMPLES / "good.json", SAMPLES / "drawn.json"
+
+
+@pytest.fixture
+def ids(demo: rv.GroundTruth) -> list[str]:
+    """Choose every third episode, in another order."""
+    return list(demo.episodes.instr_ids[::-3])
+
+
+@pytest.fixture
+def records() -> list[dict[str, Any]]:
+    return list(json.loads(DRAWN.read_bytes()))
+
+
+def rows_of(ids: list[str], truth: rv.GroundTruth) -> list[int]:
+    return sorted(truth.episodes.index[each] for each in ids)
+
+
+@pytest.mark.parametrize("protocol", list(rv.PROTOCOLS))
+def test_values_are_those_of_the_whole_split(
+    protocol: str, ids: list[str], demo: rv.GroundTruth, records: list[dict[str, Any]]
+) -> None:
+    """Bit for bit, whether or not the file has the other episodes."""
+    whole = rv.evaluate(DRAWN, split=SPLIT, protocol=protocol)
+    rows = rows_of(ids, demo)
+    chosen = [record for record in records if record["instr_id"] in ids]
+    files: list[Submission] = [DRAWN, chosen]
+    for file in files:
+        scores = rv.evaluate(file, split=SPLIT, protocol=protocol, subset=ids)
+        assert list(scores) == list(whole)
+        for key, column in scores.episodes.items():
+            assert column.tolist() == whole.episodes[key][rows].tolist()
+            assert scores[key] == whole.episodes[key][rows].mean()
+        assert scores.box_outcomes == [whole.box_outcomes[row] for row in rows]
+        assert scores.instr_ids == tuple(demo.episodes.instr_ids[row] for row in rows)
+
+
+def test_the_grounding_track(ids: list[str], demo: rv.GroundTruth) -> None:
+    whole = rv.evaluate(GOOD, split=SPLIT, track="grounding")
+    scores = rv.Evaluator(split=SPLIT, track="grounding", subset=ids)(GOOD)
+    rows = rows_of(ids, demo)
+    assert scores.episodes["rgs"].tolist() == whole.episodes["rgs"][rows].tolist()
+    assert "|track:grounding|subset:" in scores.signature
+
+
+def test_the_signature_names_the_subset(ids: list[str], demo: rv.GroundTruth) -> None:
+    scores = rv.evaluate(GOOD, split=SPLIT, subset=ids)
+    again = rv.evaluate(GOOD, split=SPLIT, subset=reversed(ids))
+    other = rv.evaluate(GOOD, split=SPLIT, subset=ids[1:])
+    digest = scores.ground_truth.subset_digest
+    assert f"|protocol:official-v1|subset:{digest}|data:6f9511abdb3f|n:28|" in scores.signature
+    assert scores.signature == again.signature != other.signature
+    assert demo.subset(ids).subset(ids[:5]).subset_digest == demo.subset(ids[:5]).subset_digest
+    assert repr(demo.subset(ids)).startswith("<GroundTruth of val_unseen, 28 episodes, subset ")
+
+
+def test_episodes_keep_their_instructions_and_groups(ids: list[str]) -> None:
+    whole = rv.evaluate(GOOD, split=SPLIT)
+    scores = rv.evaluate(GOOD, split=SPLIT, subset=ids)
+    assert scores.episode(ids[3]).instruction == whole.episode(ids[3]).instruction
+    assert scores.episode(ids[3]).outcome == whole.episode(ids[3]).outcome
+    assert scores.breakdown(by="category")["episodes"].sum() == len(ids)
+    assert scores.with_intervals().intervals is not None
+
+
+def test_every_episode_of_the_subset_needs_a_prediction(
+    ids: list[str], records: list[dict[str, Any]]
+) -> None:
+    chosen = [record for record in records if record["instr_id"] in ids]
+    with pytest.raises(rv.SubmissionError) as rejected:
+        rv.evaluate(chosen[1:], split=SPLIT, subset=ids)
+    (problem,) = rejected.value.problems
+    assert problem.code == "missing-episode"
+    assert str(chosen[0]["instr_id"]) in problem.message
+
+
+def test_other_episodes_are_checked_as_well(ids: list[str], records: list[dict[str, Any]]) -> None:
+    (other, *_) = [record for record in records if record["instr_id"] not in ids]
+    twice = [*records, {**other, "trajectory": other["trajectory"] * 2}]
+    with pytest.raises(rv.SubmissionError, match="already has a prediction"):
+        rv.evaluate(twice, split=SPLIT, subset=ids)
+
+
+def test_a_subset_is_never_mixed_with_the_whole_split(ids: list[str]) -> None:
+    whole = rv.evaluate(GOOD, split=SPLIT)
+    some = rv.evaluate(GOOD, split=SPLIT, subset=ids)
+    with pytest.raises(rv.ProtocolError, match=r"not comparable: .*subset:"):
+        rv.compare(whole, some, names=["a", "b"])
+    with pytest.raises(rv.ProtocolError, match=r"not comparable: .*subset:"):
+        results_table({"a": whole, "b": some})
+    with pytest.raises(rv.ProtocolError, match=r"not comparable: .*subset:"):
+        rv.Runs.of({"a": whole, "b": some})
+    assert "(28 episodes of subset " in results_table({"a": some}).caption
+
+
+def test_a_list_with_problems_is_refused_with_all_of_them(ids: list[str]) -> None:
+    with pytest.raises(rv.SubsetError) as refused:
+        rv.Evaluator(split=SPLIT, subset=[*ids, "nowhere_1_0", ids[2], ids[2]])
+    assert [(each.code, each.where) for each in refused.value.problems] == [
+        ("unknown-episode", "entry 29"),
+        ("duplicate-episode", "entry 30"),
+        ("duplicate-episode", "entry 31"),
+    ]
+    assert "listed already, in entry 3;" in refused.value.problems[1].message
+    with pytest.raises(rv.SubsetError, match="no episode is listed"):
+        rv.Evaluator(split=SPLIT, subset=[])
+
+
+def test_many_files_in_several_processes(ids: list[str]) -> None:
+    alone = rv.evaluate(GOOD, split=SPLIT, subset=ids)
+    scored = rv.evaluate_many([GOOD, DRAWN], split=SPLIT, subset=ids, jobs=2)
+    found = scored[str(GOOD)]
+    assert (dict(found), found.signature) == (dict(alone), alone.signature)
+
+
+# Drawing.
+
+
+def test_draws_are_the_same_for_ever() -> None:
+    """By ``printf 0:e1 | sha256sum``: e2 is 6bd7..., e3 is b4d2..., e1 is e312..."""
+    strata = dict.fromkeys(["e1", "e2", "e3"], "")
+    drawn = [set(draw_subset(strata, number, 0, SPLIT)) for number in (1, 2, 3)]
+    assert drawn[0] < drawn[1] < drawn[2] == set(strata)
+    assert list(draw_subset(strata, 2, 0, SPLIT)) == ["e2", "e3"]
+
+
+def test_strata_have_their_share() -> None:
+    strata = {f"e{number}": scan for number, scan in enumerate("aaaaaabbbc")}
+    drawn = draw_subset(strata, 7, 0, SPLIT)
+    assert [sum(strata[each] == scan for each in drawn) for scan in "abc"] == [4, 2, 1]
+    assert list(drawn) == [each for each in strata if each in drawn]
+
+
+@pytest.mark.parametrize("number", [0, 85, -1])
+def test_more_than_there_are_cannot_be_drawn(number: int, run: Run) -> None:
+    status, out, err = run("subset", "--split", SPLIT, "--n", str(number))
+    assert (status, out) == (2, "")
+    assert f"has 84 episodes; choose between 1 and all of them, got {number}" in err
+
+
+# The command line.
+
+
+def test_a_subset_is_drawn_and_scored(run: Run, tmp_path: Path) -> None:
+    ids = tmp_path / "ids.txt"
+    drawn = run("subset", "--split", SPLIT, "--n", "20", "--stratify", "scan", "-o", str(ids))
+    assert (drawn.status, drawn.out) == (0, "")
+    assert run("subset", "--split", SPLIT, "--n", "20", "--stratify", "scan").out == ids.read_text()
+    options = ("--split", SPLIT, "--episodes-from", str(ids))
+    subset, n = drawn.err.strip().split("|")
+    for words in (
+        ["score", str(GOOD)],
+        ["compare", str(GOOD), str(DRAWN)],
+        ["score", f"a={GOOD},{DRAWN}"],
+    ):
+        status, out, err = run(*words, *options)
+        assert (status, err) == (0, "")
+        assert f"|{subset}|" in out
+        assert f"|{n}|" in out
+    assert "each of the 20 chosen episodes" in run("validate", str(GOOD), *options).out
+    assert subset in run("report", str(GOOD), *options).out
+    scores = rv.evaluate(GOOD, split=SPLIT, subset=ids.read_text().split())
+    assert f"{100 * scores['rgspl']:.2f}" in run(str(GOOD), *options).out
+    assert np.isclose(scores["success"] * 20 % 1, 0)
+
+
+def test_a_list_that_is_wrong_names_its_file(run: Run, tmp_path: Path) -> None:
+    ids = tmp_path / "ids.txt"
+    ids.write_text("nowhere_1_0\n\nelsewhere_2_0\n")
+    status, out, err = run(str(GOOD), "--split", SPLIT, "--episodes-from", str(ids))
+    assert (status, out) == (1, "")
+    assert err.startswith(f"{ids}: subset rejected, 2 problems\nentry 1: 'nowhere_1_0' is not")
+    ids.write_bytes(b"\xff\xfe")
+    assert "is not a text file" in run(str(GOOD), "--split", SPLIT, "--episodes-from", str(ids)).err
+    gone = run(str(GOOD), "--split", SPLIT, "--episodes-from", str(tmp_path / "gone.txt"))
+    assert (gone.status, gone.err.strip()[-26:]) == (2, ": No such file or directory"[-26:])

@@ -62,7 +62,7 @@ class Health:
     def __init__(self, server: ServerState) -> None:
         self._checks: Mapping[str, Callable[[], None]] = {
             **{
-                f"scoring of {board.title}": Canary(server, board).score
+                f"scoring of {board.label}": Canary(server, board).score
                 for board in server.leaderboards
             },
             "signing key": partial(_compare_key, server),

@@ -31,7 +31,7 @@ def show_feed(request: Request, server: Server) -> Response:
 @of_board.get("/feed.atom")
 def show_feed_of_board(board: NamedBoard, request: Request, server: Server) -> Response:
     """Return the feed of a leaderboard."""
-    title = f"{board.title} leaderboard, {server.settings.title}"
+    title = f"{board.label} leaderboard, {server.settings.title}"
     return _feed(request, f"/boards/{board.place}", title, _items(server, [board]))
 
 

@@ -60,7 +60,7 @@ class Board:
     """The split's own leaderboard; None if it is this one."""
 
     @property
-    def title(self) -> str:
+    def label(self) -> str:
         """How people call it: the split, or the split and the further leaderboard."""
         return f"{self.name}, {self.further}" if self.further else self.name
 

@@ -42,7 +42,7 @@ def items_of(ranking: Ranking) -> Iterator[Item]:
         yield Item(
             id=_urn("correction", board.name, board.further, correction.created_at.isoformat()),
             at=correction.created_at,
-            title=f"{board.title}: results corrected",
+            title=f"{board.label}: results corrected",
             text=correction.reason,
             path=f"/boards/{board.place}#corrections",
         )
@@ -71,7 +71,7 @@ def _items_of_entry(entry: Entry, submission_id: str, ranking: Ranking) -> Itera
     path = f"/submissions/{submission_id}"
     primary = board.primary
     score = entry.scores.get(primary.key)
-    title = f"{board.title}: {name}, {team}"
+    title = f"{board.label}: {name}, {team}"
     if score is not None:
         title += f": {primary.heading} {primary.display(score)}"
     shown = [
@@ -89,7 +89,7 @@ def _items_of_entry(entry: Entry, submission_id: str, ranking: Ranking) -> Itera
                     "disqualified", submission_id, board.further, review.created_at.isoformat()
                 ),
                 at=review.created_at,
-                title=f"{board.title}: {name}, {team}: disqualified",
+                title=f"{board.label}: {name}, {team}: disqualified",
                 text=review.reason,
                 path=path,
             )

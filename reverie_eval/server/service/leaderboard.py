@@ -249,14 +249,14 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
     """
     board = ranking.board
     if not metrics:
-        nothing = f"No result of {board.title} is shown at {address}"
+        nothing = f"No result of {board.label} is shown at {address}"
         return "\n".join(latex_comments([nothing])) + "\n"
     methods = {
         name: [row.entry.scores]
         for name, row in zip(_method_names(ranking, rows), rows, strict=True)
     }
-    caption = f"Leaderboard of {board.title}: {board.signature}. {address}"
-    return methods_table(methods, [board.title], metrics, caption).to_latex() + "\n"
+    caption = f"Leaderboard of {board.label}: {board.signature}. {address}"
+    return methods_table(methods, [board.label], metrics, caption).to_latex() + "\n"
 
 
 def _method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
@@ -281,9 +281,9 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
     """
     board, today = ranking.board, ranking.now.astimezone(UTC)
     of_board = _bibtex_entry(
-        f"reverie-{board.title}-{today:%Y-%m-%d}",
+        f"reverie-{board.label}-{today:%Y-%m-%d}",
         author=title,
-        title=f"Leaderboard of {board.title}",
+        title=f"Leaderboard of {board.label}",
         address=address,
         at=today,
         note=f"{board.signature}, as of {today:%Y-%m-%d}",

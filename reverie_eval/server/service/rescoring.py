@@ -295,7 +295,7 @@ def _announced(transaction: Transaction, board: Board, reason: str) -> str:
         created_at=transaction.now,
     )
     transaction.add(row)
-    transaction.record("correction announced", row, board.title, reason=reason)
+    transaction.record("correction announced", row, board.label, reason=reason)
     return reason
 
 

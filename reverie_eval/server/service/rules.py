@@ -20,7 +20,7 @@ _ACTOR = "server"
 
 def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
     """Return what scores depend on, by leaderboard; a protocol is that of every version."""
-    return {board.title: without_version(board.signature) for board in leaderboards(boards)}
+    return {board.label: without_version(board.signature) for board in leaderboards(boards)}
 
 
 def record_rules(transactions: Transactions, rules: Mapping[str, str]) -> None:

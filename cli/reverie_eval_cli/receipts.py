@@ -1,8 +1,8 @@
-"""Where a receipt is kept: beside the submission, and never over another file."""
+"""Where receipts are kept: beside the submission, and never over another file."""
 
 import errno
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ from reverie_eval import ReverieEvalError
 from reverie_eval.submissions import RECEIPT_ENDING
 
 if TYPE_CHECKING:
-    from reverie_eval.schemas.service import Receipt, Snapshot
+    from reverie_eval.schemas.service import Receipt, Snapshot, SubmissionReport
 
 
 def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
@@ -34,15 +34,29 @@ def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
             raise ReverieEvalError(f"{place} already exists; choose another file for the receipt")
 
 
-def keep_receipt(receipt: "Receipt", place: str | None, submission: str) -> Path:
-    """Write a receipt, unless it has been written before, and return its path.
+def keep_receipts(report: "SubmissionReport", place: str | None, submission: str) -> Sequence[Path]:
+    """Write the receipts of a submission, unless they have been written before; return their paths.
+
+    Those of further leaderboards are beside the first, with the leaderboard in their names.
 
     Raises
     ------
     OSError
-        If it cannot be written.
+        If one cannot be written.
     """
-    for path in [Path(place)] if place else _names(submission, receipt):
+    base = submission if submission != "-" else f"submission-{_letters(report.id)}"
+    own = _keep(report.receipt, [Path(place)] if place else _names(base))
+    further = (
+        _keep(result.receipt, _names(f"{place or base}.{_letters(name)}"))
+        for name, result in report.also.items()
+    )
+    return [own, *further]
+
+
+def _keep(receipt: "Receipt", places: Iterable[Path]) -> Path:
+    """Write a receipt to the first place that has no other file."""
+    path = Path()
+    for path in places:
         try:
             with path.open("x", encoding="utf-8") as file:
                 file.write(receipt.model_dump_json(indent=2) + "\n")
@@ -51,7 +65,7 @@ def keep_receipt(receipt: "Receipt", place: str | None, submission: str) -> Path
                 return path
         else:
             return path
-    raise FileExistsError(errno.EEXIST, "already exists", place)
+    raise FileExistsError(errno.EEXIST, "already exists", str(path))
 
 
 def read_signed(path: Path) -> "Receipt | Snapshot":
@@ -84,10 +98,13 @@ def _receipt_in(path: Path) -> "Receipt | None":
     return signed if isinstance(signed, Receipt) else None
 
 
-def _names(submission: str, receipt: "Receipt") -> Iterator[Path]:
+def _letters(name: str) -> str:
+    """Return what is safe in the name of a file; the name comes from the server."""
+    return "".join(letter for letter in name if letter.isalnum() or letter in "-_")
+
+
+def _names(base: str) -> Iterator[Path]:
     """Return ``FILE.receipt.json``, then names with a number, for when it is taken."""
-    letters = "".join(filter(str.isalnum, receipt.submission_id))  # it comes from the server
-    base = f"submission-{letters}" if submission == "-" else submission
     yield Path(f"{base}{RECEIPT_ENDING}")
     for number in itertools.count(2):
         yield Path(f"{base}.{number}{RECEIPT_ENDING}")

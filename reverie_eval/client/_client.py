@@ -123,7 +123,7 @@ class Client:
         """Return all keys that the server has signed receipts with, the earliest first."""
         return self._send(list[KeyReport], Call("GET", "/keys"))
 
-    def leaderboard(self, split: str, metric: str | None = None) -> Leaderboard:
+    def leaderboard(self, split: str, metric: str | None = None, *, board: str = "") -> Leaderboard:
         """Return the published submissions of a split, ranked by a metric.
 
         Parameters
@@ -131,14 +131,17 @@ class Client:
         split : str
             ``test``.
         metric : str, optional
-            A key of ``CATALOGUE`` whose metric has a direction; by default the split's primary one.
+            A key of ``CATALOGUE`` whose metric has a direction; by default the leaderboard's
+            primary one.
+        board : str, optional
+            A further leaderboard of the split, by its name.
         """
-        path = f"/splits/{_quote(split)}/leaderboard"
+        path = f"{_leaderboards(split, board)}/leaderboard"
         return self._send(Leaderboard, Call("GET", path, query=_by(metric)))
 
-    def leaderboard_csv(self, split: str, metric: str | None = None) -> str:
+    def leaderboard_csv(self, split: str, metric: str | None = None, *, board: str = "") -> str:
         """Return the leaderboard as CSV: a row per submission, a column per metric."""
-        path = f"/splits/{_quote(split)}/leaderboard.csv"
+        path = f"{_leaderboards(split, board)}/leaderboard.csv"
         response = self._sender.send(Call("GET", path, query=_by(metric)))
         if "csv" not in _media_type(response):
             raise NotAServerError(f"{self.url} is not an evaluation server")
@@ -254,6 +257,11 @@ class Client:
             if "json" not in _media_type(response):
                 raise NotAServerError(f"{self.url} is not an evaluation server") from None
             raise incompatible_version(self.url) from None
+
+
+def _leaderboards(split: str, board: str) -> str:
+    """Return where the server has a split's own leaderboard, or a further one."""
+    return f"/splits/{_quote(split)}" + (f"/also/{_quote(board)}" if board else "")
 
 
 def _by(metric: str | None) -> Mapping[str, str]:

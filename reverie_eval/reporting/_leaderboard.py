@@ -83,7 +83,8 @@ def _board_notes(board: Leaderboard) -> Sequence[str]:
     metric = CATALOGUE.get(board.metric)
     label = metric.label if metric else board.metric
     data = board.fingerprint[:_FINGERPRINT_SHOWN]
-    about = f"split:{board.split}|protocol:{board.protocol}|data:{data}, sorted by {label}"
+    track = "track:grounding|" if "|track:grounding|" in board.signature else ""
+    about = f"split:{board.split}|protocol:{board.protocol}|{track}data:{data}, sorted by {label}"
     empty = [] if _all_rows(board) else ["no results are published yet"]
     warnings = [
         printable(f"{review.verdict}: {row.method.name} ({review.reviewer}: {review.reason})")

@@ -1,6 +1,6 @@
 """What a server replies about a submission: its scores, status, quota and receipt."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from reverie_eval.ground_truth import DEMO_DATASET
 from reverie_eval.metrics import CATALOGUE, table_metrics
@@ -33,6 +33,19 @@ def submission_table(report: ScoreReport, server: str) -> Table:
         ],
         notes=list(map(printable, notes)),
     )
+
+
+def result_tables(submission: SubmissionReport, server: str) -> Mapping[str, Table]:
+    """Return the scores on each leaderboard of the split by its name; none while held back.
+
+    The name of the split's own leaderboard is "".
+    """
+    if submission.scores_held_until is not None:
+        return {}
+    return {
+        further: submission_table(result.report, server)
+        for further, result in submission.results.items()
+    }
 
 
 def submission_lines(

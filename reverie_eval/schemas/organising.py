@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from reverie_eval.schemas.report import SplitName
 from reverie_eval.schemas.service import (
     Accepted,
+    BoardName,
     MethodDescription,
     Phases,
     PublicReview,
@@ -334,15 +335,17 @@ class RescoringReport(WireModel):
     signature: str
     """What their scores depend on now."""
     scored: int = Field(examples=[20])
+    """Number of new results; a submission has one on each leaderboard of the split."""
     rejected: dict[str, str] = Field(examples=[{}])
     """Submissions that cannot be scored again, and why; they keep their earlier results."""
     left: int = Field(examples=[65])
-    """How many are still to be scored again."""
+    """How many results are still to be computed, on all leaderboards of the split."""
 
 
 class ResultChange(WireModel):
     """How a correction changed a result."""
 
+    board: BoardName = ""
     submission_id: SubmissionId
     team: TeamName
     method: str = Field(examples=["Walker"])

@@ -1,6 +1,7 @@
 """Messages between the evaluation server and its clients."""
 
 import re
+from collections.abc import Mapping
 from datetime import date, datetime
 from typing import Annotated, Literal, Self
 
@@ -39,6 +40,9 @@ Verdict = Literal["verified", "baseline", "flagged", "disqualified"]
 Standing = Literal["ranked", "reported", "other-dataset", "other-rules", "disqualified"]
 """Of a leaderboard's row: whether it takes part in the ranking, and if not, why."""
 WindowName = Literal["day", "month", "year"]
+
+BoardName = Annotated[str, Field(examples=["grounding"])]
+"""A further leaderboard of a split; empty for its own one."""
 
 _DAY = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
 
@@ -270,6 +274,13 @@ class PhaseReport(WireModel):
     is_open: bool = Field(examples=[True])
 
 
+class FurtherBoard(WireModel):
+    """The rules of a further leaderboard of a split."""
+
+    protocol: str
+    track: Literal["full", "grounding"] = "full"
+
+
 class SplitReport(WireModel):
     """A split that accepts submissions."""
 
@@ -294,6 +305,10 @@ class SplitReport(WireModel):
     """Whether the organiser has paused submissions to this split."""
     one_per_team: bool = False
     """Whether publishing a submission takes the team's earlier one off the leaderboard."""
+    also: dict[str, FurtherBoard] = Field(
+        default_factory=dict, examples=[{"grounding": {"protocol": "paper", "track": "grounding"}}]
+    )
+    """Its further leaderboards, by name; every submission is scored for them, too."""
     quota: QuotaReport | None
     """Yours; null if you are not signed in."""
 
@@ -343,6 +358,17 @@ class EarlierResult(WireModel):
     reason: str = Field(examples=["Targets of 40 episodes were corrected."])
 
 
+class BoardResult(WireModel):
+    """What a submission scored on a leaderboard of its split."""
+
+    report: ScoreReport
+    """Without scores if the file cannot be ranked there; a note then says why."""
+    receipt: Receipt
+    earlier: list[EarlierResult] = Field(default_factory=list)
+    """Its results before it was scored again, the earliest first; empty while scores are held
+    back."""
+
+
 class SubmissionReport(WireModel):
     """A scored submission."""
 
@@ -359,6 +385,8 @@ class SubmissionReport(WireModel):
     earlier: list[EarlierResult] = Field(default_factory=list)
     """Its results before it was scored again, the earliest first; empty while scores are held
     back."""
+    also: dict[str, BoardResult] = Field(default_factory=dict, examples=[{}])
+    """Its results on the further leaderboards of the split, by name."""
     scores_held_until: datetime | None = None
     """When the phase ends until which nobody sees the scores, UTC; null if they are released."""
     status: Literal["unpublished", "published", "withdrawn"]
@@ -369,6 +397,12 @@ class SubmissionReport(WireModel):
     """Whether everyone may look at its episodes while it is published."""
     upload_deleted_at: datetime | None = None
     """When the file was deleted, as its organiser keeps unpublished ones for some time only."""
+
+    @property
+    def results(self) -> Mapping[str, BoardResult]:
+        """All its results by leaderboard; first that on the split's own one, whose name is ""."""
+        own = BoardResult(report=self.report, receipt=self.receipt, earlier=self.earlier)
+        return {"": own, **self.also}
 
 
 class Checked(ValidationReport):
@@ -453,6 +487,7 @@ class CorrectionReport(WireModel):
     """A change of a split's ground truth or rules, for which its submissions are scored again."""
 
     split: SplitName
+    board: BoardName = ""
     created_at: datetime
     reason: str = Field(examples=["Targets of 40 episodes were corrected."])
     signature: str
@@ -463,6 +498,7 @@ class Leaderboard(WireModel):
     """The published results of a split."""
 
     split: SplitName
+    board: BoardName = ""
     protocol: str
     metric: str
     """What the rows are sorted by; rows without it come last."""

@@ -73,6 +73,16 @@ def _known_protocol(name: str) -> str:
         raise ValueError(str(error)) from None
 
 
+def _plain_name(name: str) -> str:
+    """Check the name of a further leaderboard, which is part of addresses and of file names."""
+    if not _PLAIN_NAME.fullmatch(name):
+        raise ValueError(
+            f"{name!r} must have up to 40 lower-case letters, digits, - and _, and begin with a "
+            "letter"
+        )
+    return name
+
+
 def _known_database(address: str) -> str:
     """Check the URL of a database.
 
@@ -120,6 +130,7 @@ def _known_address(address: str) -> str:
 
 _URL: TypeAdapter[HttpUrl] = TypeAdapter(HttpUrl)
 _EMAIL: TypeAdapter[str] = TypeAdapter(Email)
+_PLAIN_NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}")
 _PLAIN_PATH = re.compile(r"(/[A-Za-z0-9._~-]+)*")
 """Written in the same way in a browser's address, an HTTP request, HTML and a proxy's settings."""
 
@@ -154,6 +165,15 @@ OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
 """For splits with public answers: limits scripts, not people."""
 
 
+class Also(_Section):
+    """A further leaderboard of a split: the same submissions, ranked by other rules."""
+
+    protocol: Annotated[str, AfterValidator(_known_protocol)] | None = None
+    """By default the split's."""
+    track: Track | None = None
+    """By default the split's."""
+
+
 class Split(_Section):
     """A split that accepts submissions."""
 
@@ -171,6 +191,27 @@ class Split(_Section):
     """Phase-end: nobody sees the scores of a private split before the phase ends."""
     one_per_team: bool = False
     """Publishing a submission takes the team's earlier one off the leaderboard."""
+    also: dict[Annotated[str, AfterValidator(_plain_name)], Also] = {}  # pydantic copies it
+    """Further leaderboards, by name."""
+
+    @model_validator(mode="after")
+    def _each_board_has_rules_of_its_own(self) -> Self:
+        known = {(self.protocol, self.track): "the split"}
+        for name in self.also:
+            further = self.ranked_also(name)
+            other = known.setdefault((further.protocol, further.track), f"also.{name}")
+            if other != f"also.{name}":
+                raise ValueError(
+                    f"also.{name} has the protocol and the track of {other}; give it another "
+                    "protocol or track, or remove it"
+                )
+        return self
+
+    def ranked_also(self, name: str) -> Self:
+        """Return the split with the rules of a further leaderboard."""
+        rules = self.also[name]
+        changed = {"protocol": rules.protocol or self.protocol, "track": rules.track or self.track}
+        return self.model_copy(update={**changed, "also": {}})
 
     @model_validator(mode="after")
     def _can_hold_scores(self) -> Self:

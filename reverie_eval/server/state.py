@@ -1,6 +1,6 @@
 """The state of a running server, opened once and shared by all requests."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Self
@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.errors import Problem
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.boards import Board, board_named, load_boards
+from reverie_eval.server.service.boards import Board, board_named, leaderboards, load_boards
 from reverie_eval.server.service.emailed_files import EmailedFiles
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
@@ -137,21 +137,20 @@ class ServerState:
             clock,
         )
 
-    def board(self, split: str) -> Board:
-        """Return a split's board; raises the errors of :func:`board_named`."""
-        return board_named(self.boards, split)
+    def board(self, split: str, further: str = "") -> Board:
+        """Return a split's own leaderboard, or a further one, as :func:`board_named`."""
+        return board_named(self.boards, split, further)
 
-    def ranking(self, session: Session, split: str, metric: str | None) -> Ranking:
-        """Return a split's leaderboard as it is now; also raises the errors of :func:`leaderboard`.
+    @property
+    def leaderboards(self) -> Sequence[Board]:
+        """The leaderboards of all splits."""
+        return leaderboards(self.boards)
 
-        Without a metric, it is ranked by the split's primary one.
+    def ranking(self, session: Session, board: Board, metric: str | None = None) -> Ranking:
+        """Return a leaderboard as it is now; raises the errors of :func:`leaderboard`.
 
-        Raises
-        ------
-        NotFoundError
-            If the server has no such split.
+        Without a metric, it is ranked by its primary one.
         """
-        board = self.board(split)
         by = board.primary.key if metric is None else metric
         ranking = leaderboard(session, self.entries, board, by, self.clock())
         places = self.rank_intervals.places(session, board, by, ranking.rows)

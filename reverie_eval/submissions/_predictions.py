@@ -154,6 +154,11 @@ class Predictions:
             continues_hop=self.continues_hop[poses],
         )
 
+    def without_trajectories(self) -> "Predictions":
+        """Return the answers of a file in the plain official form, as if it had nothing else."""
+        offsets = np.zeros_like(self.offsets)
+        return replace(self, viewpoint_ids=(), offsets=offsets, has_degrees=False)
+
 
 def look_like_degrees(stop_angles: FloatArray) -> bool:
     """Whether most headings or elevations exceed a full turn in radians.

@@ -78,9 +78,9 @@ def read_predictions(submission: Submission, *, answers_only: bool = False) -> P
 
 def parse_predictions(content: bytes, *, answers_only: bool = False) -> Predictions:
     """Read the unpacked JSON text of a submission, as :func:`read_predictions` does."""
-    predictions = None if answers_only else decode_official(content)
+    predictions = decode_official(content)
     if predictions is not None:
-        return predictions
+        return predictions.without_trajectories() if answers_only else predictions
     log = ReadingLog()
     return read_carefully(parse_document(content, log), log, answers_only=answers_only)
 

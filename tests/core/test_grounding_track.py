@@ -35,6 +35,37 @@ def answers(tmp_path: Path) -> list[str]:
     return files
 
 
+def shifted(records: list[dict[str, Any]]) -> None:
+    for record in records:
+        record["trajectory"] = [["nowhere", 400.0, 0.0]]
+
+
+def doubled(records: list[dict[str, Any]]) -> None:
+    records += [dict(records[0]), {**records[1], "predObjId": 3}]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda _: None, id="as it is"),
+        pytest.param(shifted, id="trajectories that are ignored"),
+        pytest.param(doubled, id="records that are there twice"),
+        pytest.param(list.pop, id="a missing record"),
+    ],
+)
+def test_a_file_says_what_its_records_say(change: Callable[[Any], object]) -> None:
+    """A file in the official form is decoded; Python objects are read value by value."""
+    records = json.loads(Path(MEDIOCRE).read_bytes())
+    change(records)
+    outcomes: list[object] = []
+    for given in (json.dumps(records).encode(), records):
+        try:
+            outcomes.append(rv.evaluate(given, split=SPLIT, track="grounding").to_report())
+        except SubmissionError as error:
+            outcomes.append(error.problems)
+    assert outcomes[0] == outcomes[1]
+
+
 @pytest.mark.parametrize(
     "prepare",
     [

@@ -15,6 +15,7 @@ from tests.support.acting import NOON, ask_to_join, create_token, review
 from tests.support.page_routes import page_routes
 from tests.support.serving import (
     GOOD,
+    GROUNDING,
     MATE,
     OPEN,
     ORGANISER,
@@ -43,6 +44,11 @@ GET  /boards/{split}/chart          200        200       200       200       200
 GET  /boards/{split}/latex          200        200       200       200       200
 GET  /boards/{split}/bibtex         200        200       200       200       200
 GET  /boards/{split}/feed.atom      200        200       200       200       200
+GET  /boards/{split}/also/{further}           200  200    200       200       200
+GET  /boards/{split}/also/{further}/chart     200  200    200       200       200
+GET  /boards/{split}/also/{further}/latex     200  200    200       200       200
+GET  /boards/{split}/also/{further}/bibtex    200  200    200       200       200
+GET  /boards/{split}/also/{further}/feed.atom 200  200    200       200       200
 GET  /feed.atom                     200        200       200       200       200
 GET  /sign-in                       200        200       200       200       200
 POST /sign-in                       401        303       303       303       303
@@ -171,6 +177,12 @@ FIELD = re.compile(r'name="csrf_token" value="([^"]+)"')
 
 
 @pytest.fixture
+def server(several: Serving) -> Serving:
+    """Return a server with every page that there can be."""
+    return several
+
+
+@pytest.fixture
 def parts(server: Serving) -> Mapping[str, str]:
     """Return what stands for the braces of a path: what belongs to the owner."""
     ids = {
@@ -202,6 +214,7 @@ def parts(server: Serving) -> Mapping[str, str]:
         "result_id": str(result.id),
         "number": str(taken.number),
         "split": OPEN,
+        "further": GROUNDING,
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],
         "instr_id": "1196_0_0",

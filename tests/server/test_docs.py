@@ -115,7 +115,7 @@ def settings_of(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, 
         if section is None:
             yield place, field.default
         else:
-            entry = ".NAME." if name == "splits" else "."
+            entry = ".NAME." if name in {"splits", "also"} else "."
             yield from settings_of(section, place + entry)
 
 

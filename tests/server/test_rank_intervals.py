@@ -84,7 +84,7 @@ def test_pages_and_csv_have_them_too(three: Serving) -> None:
 def test_a_result_without_stored_sums_may_have_any_rank(three: Serving) -> None:
     worst = leaderboard(three)[-1]["submission_id"]
     with three.state.database.writing() as session:
-        session.delete(session.get_one(ClusterSums, worst))
+        session.delete(session.get_one(ClusterSums, (worst, "")))
     publish(three, GOOD + b"\n", "Good again")
     *rest, last = sorted(places(leaderboard(three)))
     assert last == ("Random", None, None)
@@ -127,6 +127,6 @@ def test_scoring_again_renews_what_ranks_are_compared_by(
     again.state.rescoring.rescore(again.person(ORGANISER), new)
     scores = evaluate(GOOD, split=OPEN, protocol="paper")
     with again.state.database.reading() as session:
-        stored = session.get_one(ClusterSums, submission).sums
+        stored = session.get_one(ClusterSums, (submission, "")).sums
     assert sum(stored["rgs"]) == pytest.approx(scores.episodes["rgs"].sum())
     assert sorted(places(leaderboard(again))) == EXPECTED

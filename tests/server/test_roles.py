@@ -16,6 +16,7 @@ from tests.support.acting import ask_to_join, create_token, review
 from tests.support.description import API, Description
 from tests.support.serving import (
     GOOD,
+    GROUNDING,
     OPEN,
     ORGANISER,
     OTHER,
@@ -46,6 +47,8 @@ GET    /splits                                    200    200   200    200       
 GET    /splits/{split}                            200    200   200    200        200      401         401
 GET    /splits/{split}/leaderboard                200    200   200    200        200      200         200
 GET    /splits/{split}/leaderboard.csv            200    200   200    200        200      200         200
+GET    /splits/{split}/also/{further}/leaderboard      200  200   200    200        200      200         200
+GET    /splits/{split}/also/{further}/leaderboard.csv  200  200   200    200        200      200         200
 GET    /splits/{split}/snapshots                  200    200   200    200        200      200         200
 GET    /splits/{split}/snapshots/{number}         200    200   200    200        200      200         200
 GET    /splits/{split}/snapshots/{number}.csv     200    200   200    200        200      200         200
@@ -55,6 +58,7 @@ GET    /submissions                               401    200   200    200       
 GET    /submissions/{submission_id}               401    404   200    200        200      401         401
 PATCH  /submissions/{submission_id}               401    404   200    200        200      401         401
 GET    /submissions/{submission_id}/receipt       401    404   200    200        200      401         401
+GET    /submissions/{submission_id}/also/{further}/receipt  401  404  200  200  200    401         401
 GET    /submissions/{submission_id}/file          401    404   200    200        200      401         401
 GET    /submissions/{submission_id}/episodes      401    404   200    200        200      401         401
 GET    /submissions/{private_id}/episodes         401    404   404    404        404      401         401
@@ -173,6 +177,12 @@ def tokens(server: Serving) -> Mapping[str, str | None]:
 
 
 @pytest.fixture
+def server(several: Serving) -> Serving:
+    """Return a server with everything that has an address."""
+    return several
+
+
+@pytest.fixture
 def path_parts(server: Serving) -> Mapping[str, str]:
     """Return what stands for the braces of a path: what belongs to the owner."""
     ids = {
@@ -195,6 +205,7 @@ def path_parts(server: Serving) -> Mapping[str, str]:
         told = add_news(transaction, NewNews(text="The workshop is on 12 June."))
     return {
         "split": OPEN,
+        "further": GROUNDING,
         "name": "Red",
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],

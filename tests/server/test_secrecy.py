@@ -28,10 +28,12 @@ from tests.support.page_routes import page_routes
 from tests.support.planted import BOX, CATEGORY, FIRST_OBJECT, Secrets, planted
 from tests.support.serving import (
     ANYBODY,
+    FURTHER,
     ORGANISER,
     OTHER,
     OWNER,
     PRIVATE,
+    STRICT,
     OpenServer,
     Serving,
     adjusted,
@@ -142,7 +144,7 @@ def secrets(planted_bundle: Path) -> Secrets:
 def server(planted_folder: Path, open_server: OpenServer) -> Serving:
     """Return a server with planted answers and quota for everything."""
     quota = settings_of(planted_folder).splits[PRIVATE].effective_quota.model_copy(update=PLENTY)
-    return open_server(adjusted(settings_of(planted_folder), quota=quota))
+    return open_server(adjusted(settings_of(planted_folder), quota=quota, also=FURTHER))
 
 
 Ask = Callable[..., httpx.Response]
@@ -185,12 +187,20 @@ def said_of_uploads(ask: Ask, ids: list[str]) -> Iterator[httpx.Response]:
         yield published
 
 
+def placed(route: str, submission_id: str) -> str:
+    """Return a path of the private split and a submission to it."""
+    parts = {"{split}": PRIVATE, "{submission_id}": submission_id, "{further}": STRICT}
+    for name, value in parts.items():
+        route = route.replace(name, value)
+    return route
+
+
 def everything_declared(ask: Ask, submission_id: str) -> Iterator[httpx.Response]:
     """Ask for every operation of the API's description, as everybody."""
     described = ask(ANYBODY, "GET", "/api/v1/openapi.json").json()["paths"]
     assert len(described) > 10
     for template, operations in described.items():
-        path = template.replace("{split}", PRIVATE).replace("{submission_id}", submission_id)
+        path = placed(template, submission_id)
         if path.endswith("/file"):  # what somebody sent is theirs to see
             continue
         for method in operations.keys() & {"get", "post", "patch", "put", "delete"}:
@@ -208,7 +218,7 @@ def everything_shown(ask: Ask, server: Serving, submission_id: str) -> Iterator[
     for who in EVERYBODY:
         cookie = signed_in(ask, server.tokens[who]) if who else {}
         for route in routes:
-            path = route.replace("{split}", PRIVATE).replace("{submission_id}", submission_id)
+            path = placed(route, submission_id)
             for query in ({}, {"metric": "rgs", "columns": "all"}):
                 yield ask(ANYBODY, "GET", path, headers=cookie, params=query)
 

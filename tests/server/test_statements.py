@@ -138,6 +138,12 @@ def test_an_upload_asks_no_more_than_it_needs(key: str | None, busy: Serving) ->
     assert counts["transactions"] == 4  # who sends it; before; after it was scored; its outcome
 
 
+def test_further_leaderboards_take_no_statement_more(several: Serving) -> None:
+    with counting(several) as counts:
+        assert several.upload(OWNER).status_code == 201
+    assert counts["statements"] <= UPLOAD
+
+
 def parts(server: Serving) -> dict[str, str]:
     listed = server.ask(OWNER, "GET", "/submissions").json()
     return {"split": OPEN, "submission_id": next(e["id"] for e in listed if e["split"] == OPEN)}

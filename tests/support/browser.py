@@ -25,7 +25,7 @@ from playwright.sync_api import (
 from fixtures.servers import make_folder
 from tests.conftest import unavailable
 from tests.support.demo_site import Site, furnish
-from tests.support.serving import running
+from tests.support.serving import OPEN, add_boards, running
 from tests.support.sharing import shared_folder
 
 CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -68,6 +68,7 @@ def browsing(chromium: str) -> Iterator[Browser]:
 def demo_site(folder: Path) -> Iterator[Site]:
     """Run a server with the demo world's people until the end."""
     make_folder(folder)
+    add_boards(folder, OPEN)
     with running(folder, **UNLIMITED) as (_, url):
         yield furnish(url, folder)
 

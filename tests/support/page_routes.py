@@ -19,6 +19,7 @@ from tests.support.demo_site import (
     WORDY,
     Site,
 )
+from tests.support.serving import GROUNDING
 
 
 class Example(NamedTuple):
@@ -39,6 +40,7 @@ class Example(NamedTuple):
         """Return where it is on a server."""
         parts = {
             "split": OPEN,
+            "further": GROUNDING,
             "submission_id": site.ids[OPEN, "Walker"],
             "other_id": site.ids[OPEN, BOLD],
             "wordy_id": site.ids[OPEN, ENDLESS],
@@ -56,6 +58,7 @@ EXAMPLES = (
     Example("/boards/{split}"),
     Example("/boards/{split}", OWNER, "?metric=spl&extra_data=without&columns=all"),
     Example("/boards/{split}", None, "?text=nothing+is+called+so"),
+    Example("/boards/{split}/also/{further}"),
     Example("/boards/{split}/snapshots/{number}"),
     Example("/sign-in"),
     Example("/join"),
@@ -116,6 +119,10 @@ NO_PAGES = frozenset(
         "/boards/{split}/chart",
         "/boards/{split}/latex",
         "/boards/{split}/bibtex",
+        "/boards/{split}/also/{further}/feed.atom",
+        "/boards/{split}/also/{further}/chart",
+        "/boards/{split}/also/{further}/latex",
+        "/boards/{split}/also/{further}/bibtex",
         "/desk/people/{person_id}/data",
     }
 )

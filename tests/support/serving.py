@@ -44,7 +44,7 @@ from reverie_eval.server.http import middleware
 from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.transactions import Transaction
-from reverie_eval.server.settings import Limits, Settings, load_settings
+from reverie_eval.server.settings import SETTINGS_FILE, Also, Limits, Settings, load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person
@@ -63,6 +63,9 @@ ANYBODY = None
 GOOD = (SAMPLES / "good.json").read_bytes()
 BROKEN = (SAMPLES / "broken.json").read_bytes()
 OPEN, PRIVATE = "val_unseen", "test"
+GROUNDING, STRICT = "grounding", "strict"
+FURTHER = {GROUNDING: Also(track="grounding"), STRICT: Also(protocol="paper")}
+"""Further leaderboards, for the settings of a split."""
 NO_TLS = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 """For requests to our servers: to load whom the machine trusts takes longer than most replies."""
 
@@ -183,6 +186,14 @@ def adjusted(settings: Settings, split: str = PRIVATE, **changes: object) -> Set
     """Return settings with other settings of one split."""
     splits = {**settings.splits, split: settings.splits[split].model_copy(update=changes)}
     return settings.model_copy(update={"splits": splits})
+
+
+def add_boards(folder: Path, *splits: str) -> None:
+    """Write the further leaderboards into the settings of a folder."""
+    with (folder / SETTINGS_FILE).open("a", encoding="utf-8") as file:
+        for split in splits:
+            file.write(f'[splits.{split}.also.{GROUNDING}]\ntrack = "grounding"\n')
+            file.write(f'[splits.{split}.also.{STRICT}]\nprotocol = "paper"\n')
 
 
 def broken_private() -> bytes:
@@ -363,6 +374,13 @@ def within_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     standing = SimpleNamespace(time=NOON.timestamp, monotonic=time.monotonic)
     monkeypatch.setattr(middleware, "time", standing)
     monkeypatch.setattr(memory, "time", standing)
+
+
+@pytest.fixture
+def several(folder: Path, open_server: OpenServer) -> Serving:
+    """Return a server whose splits have further leaderboards."""
+    add_boards(folder, OPEN, PRIVATE)
+    return open_server()
 
 
 @pytest.fixture

@@ -20,9 +20,11 @@ import pytest
 
 from reverie_eval.arrays import Array
 from reverie_eval.ground_truth import Bundle, pack_texts
+from reverie_eval.schemas.service import BoardResult
 from reverie_eval.server.http.callers import COOKIE
+from reverie_eval.server.service.results import results_of, store_result
 from reverie_eval.server.store.tables import Submission
-from tests.support.serving import PRIVATE, OpenServer, Serving, adjusted, settings_of
+from tests.support.serving import FURTHER, PRIVATE, OpenServer, Serving, adjusted, settings_of
 from tests.support.visiting import FIELD
 
 PLENTY = {"day": 1_000_000, "month": 1_000_000, "year": 1_000_000}
@@ -156,9 +158,11 @@ class Twins:
         for server in self.servers:
             with server.state.database.writing() as session:
                 row = session.get_one(Submission, submission_id)
-                scores = dict.fromkeys(row.report["scores"], _MADE_UP)
-                row.report = {**row.report, "scores": scores}
-                row.receipt = {**row.receipt, "scores": scores, "proof": ""}
+                for further, result in results_of(row).items():
+                    scores = dict.fromkeys(result.report.scores, _MADE_UP)
+                    report = result.report.model_copy(update={"scores": scores})
+                    receipt = result.receipt.model_copy(update={"scores": scores, "proof": ""})
+                    store_result(row, further, BoardResult(report=report, receipt=receipt))
 
     def _ask(
         self, server: Serving, identifiers: Identifiers, who: str | None, *request: str, **more: Any
@@ -215,6 +219,6 @@ def open_twins(open_server: OpenServer, folders: tuple[Path, Path], seed: int) -
     for folder in folders:
         settings = settings_of(folder)
         quota = settings.splits[PRIVATE].effective_quota.model_copy(update=PLENTY)
-        servers.append(open_server(adjusted(settings, quota=quota)))
+        servers.append(open_server(adjusted(settings, quota=quota, also=FURTHER)))
     left, right = servers
     return Twins((left, right))

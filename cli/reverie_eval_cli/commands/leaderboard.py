@@ -13,16 +13,23 @@ _RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither
 @click.command()
 @server_options
 @click.option("--split", help="Whose leaderboard.  [default: the server's first split]")
+@click.option("--board", default="", metavar="NAME", help="A further leaderboard of the split.")
 @click.option(
     "--metric",
     type=options.Choice(_RANKED),
     metavar="KEY",
-    help=f"Rank by this metric: {', '.join(_RANKED)}.  [default: the split's primary metric]",
+    help=f"Rank by this metric: {', '.join(_RANKED)}.  [default: the leaderboard's primary one]",
 )
 @options.layout("table", "json", "csv")
 @options.output("the leaderboard")
 def leaderboard(
-    *, server: ServerOptions, split: str | None, metric: str | None, layout: str, output: str | None
+    *,
+    server: ServerOptions,
+    split: str | None,
+    board: str,
+    metric: str | None,
+    layout: str,
+    output: str | None,
 ) -> None:
     """Show a server's leaderboard."""
     from reverie_eval.reporting._leaderboard import leaderboard_text, print_leaderboard
@@ -36,15 +43,15 @@ def leaderboard(
                 raise ReverieEvalError(f"{client.url} accepts submissions to no split")
             split = splits[0].name
         if layout == "csv":
-            lines = client.leaderboard_csv(split, metric).splitlines()
+            lines = client.leaderboard_csv(split, metric, board=board).splitlines()
             show(lambda: "\n".join(map(printable, lines)), output)
             return
-        board = client.leaderboard(split, metric)
+        found = client.leaderboard(split, metric, board=board)
     if layout == "json":
-        show(lambda: board.model_dump_json(indent=2, ensure_ascii=True), output)
+        show(lambda: found.model_dump_json(indent=2, ensure_ascii=True), output)
     else:
         show(
-            lambda: leaderboard_text(board),
+            lambda: leaderboard_text(found),
             output,
-            lambda console: print_leaderboard(console, board),
+            lambda console: print_leaderboard(console, found),
         )

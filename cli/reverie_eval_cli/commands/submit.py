@@ -3,7 +3,7 @@
 import functools
 import hashlib
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,11 +16,12 @@ from reverie_eval.text import did_you_mean, printable
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submissions import validation_json
 from reverie_eval_cli.output import rejection, show, transfer_bar
-from reverie_eval_cli.receipts import check_receipt_path, keep_receipt
+from reverie_eval_cli.receipts import check_receipt_path, keep_receipts
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
+    from reverie_eval.reporting._table import Table
     from reverie_eval.schemas.service import Accepted, Method, SplitReport, SubmissionReport
 
 _AGAIN = "send the same file again, which uses no submission,"
@@ -194,14 +195,14 @@ def _check(client: "Client", split: "SplitReport", content: bytes) -> None:
         client.validate(split.name, content)
 
 
-def _keep(accepted: "Accepted", receipt: str | None, submission: str) -> Path | None:
-    """Write the receipt; the result is shown whether or not that succeeds."""
+def _keep(accepted: "Accepted", receipt: str | None, submission: str) -> Sequence[Path]:
+    """Write the receipts; the result is shown whether or not that succeeds."""
     try:
-        return keep_receipt(accepted.submission.receipt, receipt, submission)
+        return keep_receipts(accepted.submission, receipt, submission)
     except OSError as error:
         reason = f"{error.filename}: {error.strerror}"
         _warn(f"scored, but the receipt could not be written ({reason}); {_AGAIN} with --receipt")
-        return None
+        return ()
 
 
 def _asked(
@@ -234,14 +235,14 @@ def _change(client: "Client", accepted: "Accepted", asked: Mapping[str, Any]) ->
     return accepted.model_copy(update={"submission": submission})
 
 
-def _show(accepted: "Accepted", server: str, kept: Path | None) -> None:
-    from reverie_eval.reporting._submission import quota_lines, submission_lines, submission_table
-    from reverie_eval.reporting._table import print_table
+def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
+    from reverie_eval.reporting._submission import quota_lines, result_tables, submission_lines
 
     submission = accepted.submission
-    if submission.scores_held_until is None:
-        table = submission_table(submission.report, server)
-        show(table.to_text, None, lambda console: print_table(console, table, table.stacked()))
+    for further, table in result_tables(submission, server).items():
+        if further:
+            print(f"\n{printable(further)}")
+        _show_table(table)
     print(
         "",
         *submission_lines(
@@ -249,7 +250,13 @@ def _show(accepted: "Accepted", server: str, kept: Path | None) -> None:
             is_repeat=accepted.is_repeat,
             to_publish="submit it again with --publish, which does not use a submission",
         ),
-        *([f"receipt: {kept}"] if kept else []),
+        *map("receipt: {}".format, kept),
         *quota_lines(accepted.quota, submission.split),
         sep="\n",
     )
+
+
+def _show_table(table: "Table") -> None:
+    from reverie_eval.reporting._table import print_table
+
+    show(table.to_text, None, lambda console: print_table(console, table, table.stacked()))

@@ -47,7 +47,7 @@ _NOBODY = -1
 _EMPTY: Mapping[str, Any] = {
     **dict.fromkeys(("split", "actor", "action", "row", "subject", "key_id", "outcome"), ""),
     **dict.fromkeys(("size", "problems", "milliseconds"), 0),
-    **{name: {} for name in ("method", "report", "receipt", "details")},
+    **{name: {} for name in ("method", "report", "receipt", "also", "details")},
 }
 """Values of columns that say nothing here."""
 
@@ -60,9 +60,11 @@ class Health:
     """Checks a server, at most once every few seconds."""
 
     def __init__(self, server: ServerState) -> None:
-        canaries = {name: Canary(server, board) for name, board in server.boards.items()}
         self._checks: Mapping[str, Callable[[], None]] = {
-            **{f"scoring of {name}": canary.score for name, canary in canaries.items()},
+            **{
+                f"scoring of {board.label}": Canary(server, board).score
+                for board in server.leaderboards
+            },
             "signing key": partial(_compare_key, server),
             "same rules as other servers": partial(_compare_rules, server, LastRules()),
             "database": partial(_write, server),
@@ -130,8 +132,7 @@ class Canary:
         UnhealthyError
             If its scores are wrong.
         """
-        reading = self._board.read(self._content)
-        report = self._board.report(self._board.score(reading), reading)
+        report = self._board.scored(self._content).report
         scores = report.scores
         # Of an agent that stays where it starts; in the grounding track nobody walks.
         if scores.get("path_length") or scores.get("success") != scores.get("oracle_success"):

@@ -15,10 +15,11 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
 from reverie_eval.ground_truth import DEMO_DATASET
+from reverie_eval.metrics import CATALOGUE
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.boards import Board, load_boards
+from reverie_eval.server.service.boards import Board, leaderboards, load_boards
 from reverie_eval.server.service.keys import current_key, open_key
 from reverie_eval.server.service.receipts import KeyMissingError, load_key, public_pem_of
 from reverie_eval.server.service.rescoring import count_outdated
@@ -284,6 +285,8 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
         what = f"{name}: {truth.header.dataset}, {board.split.visibility}, {truth.fingerprint[:12]}"
         yield Finding("ground truth", "ok", what)
         episodes = len(truth.episodes.instr_ids)
+        if board.is_private and board.also:
+            yield Finding("ground truth", "note", _told_by_further(board, episodes))
         if board.is_private and episodes < _FEW_EPISODES and truth.header.dataset != DEMO_DATASET:
             message = (
                 f"{name} is private and has only {episodes} episodes: exact counts can be worked "
@@ -291,6 +294,25 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
                 "tenth of them; lower its quota (see SECURITY.md)"
             )
             yield Finding("ground truth", "note", message)
+
+
+def _told_by_further(board: Board, episodes: int) -> str:
+    """Word what further leaderboards of a private split give away."""
+    own, all_counts = (
+        sum(
+            CATALOGUE[key].is_binary and CATALOGUE[key].headline
+            for each in boards
+            for key in each.metrics
+        )
+        for boards in ([board], board.all)
+    )
+    year = board.split.effective_quota.year
+    return (
+        f"{board.name} is private and has {count_text(len(board.also), 'further leaderboard')}: a "
+        f"submission tells up to {all_counts} counts of outcomes in place of {own}, so a year's "
+        f"{count_text(year, 'submission')} tell up to {year * all_counts:,} outcomes of "
+        f"{episodes:,} episodes in place of {year * own:,} (see SECURITY.md)"
+    )
 
 
 def _at_signing_key(settings: Settings) -> Iterator[Finding]:
@@ -333,10 +355,10 @@ def _at_rules(settings: Settings) -> Iterator[Finding]:
     """Look whether the last server on the database had other rules, such as another bundle."""
     for boards, session in _boards_and_data(settings):
         rules, last = rules_of(boards), LastRules().read(session)
-        for split in different(rules, last):
-            ours, theirs = (each.get(split, "no such split") for each in (rules, last))
+        for board in different(rules, last):
+            ours, theirs = (each.get(board, "no such leaderboard") for each in (rules, last))
             message = (
-                f"{split}: here it is {ours}, at the server that last started on this database "
+                f"{board}: here it is {ours}, at the server that last started on this database "
                 f"{theirs}; two such servers would score a file differently: restart all of them "
                 "with the same bundles and settings"
             )
@@ -371,7 +393,8 @@ def _at_results(settings: Settings) -> Iterator[Finding]:
         try:
             for board in filter(lambda board: board.is_private, boards.values()):
                 yield from _at_exact_values(session, board)
-            yield from _at_outdated(session, boards, settings.folder)
+            for board in leaderboards(boards):
+                yield from _at_outdated(session, board, settings.folder)
             for board in filter(lambda board: board.split.one_per_team, boards.values()):
                 yield from _at_several(session, board)
         except REFUSALS:
@@ -392,11 +415,16 @@ def _boards_and_data(settings: Settings) -> Iterator[tuple[Mapping[str, Board], 
 
 
 def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
-    kept = select(Submission.report, Submission.earlier).where(Submission.split == board.name)
+    kept = select(Submission.report, Submission.earlier, Submission.also)
     exact = 0
-    for report, earlier in session.execute(kept.execution_options(yield_per=AT_ONCE)):
-        reports = [report, *(result["report"] for result in earlier)]
-        exact += not all(board.may_keep(ScoreReport.model_validate(each)) for each in reports)
+    for report, earlier, also in session.execute(
+        kept.where(Submission.split == board.name).execution_options(yield_per=AT_ONCE)
+    ):
+        results = [{"report": report}, *earlier]
+        for further in also.values():
+            results += [further, *further["earlier"]]
+        reports = (ScoreReport.model_validate(result["report"]) for result in results)
+        exact += not all(map(board.may_keep, reports))
     if exact:
         message = (
             f"{board.name} is private, but exact values of {count_text(exact, 'result')} were "
@@ -425,14 +453,20 @@ def _at_several(session: Session, board: Board) -> Iterator[Finding]:
         yield Finding("results", "note", message)
 
 
-def _at_outdated(session: Session, boards: Mapping[str, Board], folder: Path) -> Iterator[Finding]:
-    for split, number in count_outdated(session, boards).items():
-        message = (
-            f"{count_text(number, 'submission')} to {split} scored with other ground truth or "
-            "rules than the current ones, and so not ranked; score them again with "
-            f"`reverie-eval server rescore {folder} {split}`"
-        )
-        yield Finding("results", "note", message)
+def _at_outdated(session: Session, board: Board, folder: Path) -> Iterator[Finding]:
+    number = count_outdated(session, board)
+    if not number:
+        return
+    sent, command = count_text(number, "submission"), f"reverie-eval server rescore {folder}"
+    message = (
+        f"{sent} to {board.name} without a result by the current ground truth and rules on its "
+        f"further leaderboard {board.further}, and so not ranked there; score them with "
+        f"`{command} {board.name}`"
+        if board.further
+        else f"{sent} to {board.name} scored with other ground truth or rules than the current "
+        f"ones, and so not ranked; score them again with `{command} {board.name}`"
+    )
+    yield Finding("results", "note", message)
 
 
 def _at_uploads(settings: Settings) -> Iterator[Finding]:

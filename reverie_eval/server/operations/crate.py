@@ -67,8 +67,8 @@ class Crate:
         """Describe the files of a server's site."""
         papers: dict[str, str] = {}
         with state.database.reading() as session:
-            for split in state.boards:
-                ranking = state.ranking(session, split, None)
+            for board in state.boards.values():
+                ranking = state.ranking(session, board)
                 for row in (*ranking.rows, *ranking.apart):
                     if row.entry.method["paper"]:
                         papers.setdefault(row.entry.method["paper"], row.entry.method["name"])

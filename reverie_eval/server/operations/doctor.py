@@ -13,7 +13,14 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.receipts import ReceiptError, verify_by_history
-from reverie_eval.schemas.service import KeyReport, Snapshot, SnapshotEntry, SubmissionReport
+from reverie_eval.schemas.service import (
+    BoardResult,
+    EarlierResult,
+    KeyReport,
+    Snapshot,
+    SnapshotEntry,
+    SubmissionReport,
+)
 from reverie_eval.server.operations.checks import REFUSALS, Finding, acting, check_folder, said_by
 from reverie_eval.server.service.audit import (
     AuditLog,
@@ -175,17 +182,18 @@ class _Reports:
         self._current = 0
 
     def check(self, submission: SubmissionReport) -> Iterator[Finding]:
-        fingerprint, board = submission.report.fingerprint, self._boards.get(submission.split)
-        if f"|data:{fingerprint[:12]}|" not in submission.report.signature:
-            message = (
-                f"{submission.id}: its signature names another ground truth than its report; "
-                "restore the last backup"
-            )
-            yield Finding("reports", "fault", message)
+        board = self._boards.get(submission.split)
+        for result in submission.results.values():
+            fingerprint = result.report.fingerprint
+            if f"|data:{fingerprint[:12]}|" not in result.report.signature:
+                message = (
+                    f"{submission.id}: its signature names another ground truth than its report; "
+                    "restore the last backup"
+                )
+                yield Finding("reports", "fault", message)
+            self._current += board is not None and board.truth.fingerprint == fingerprint
         if board is None:
             self._without_board[submission.split] += 1
-        else:
-            self._current += board.truth.fingerprint == fingerprint
 
     def sum_up(self) -> Iterator[Finding]:
         for split, number in self._without_board.items():
@@ -206,18 +214,20 @@ class _Receipts:
 
     def check(self, submission: SubmissionReport) -> Iterator[Finding]:
         """Check the receipts of all results that a submission has had."""
-        yield from self._check_one(submission)
-        for result in submission.earlier:
-            before = {"report": result.report, "receipt": result.receipt}
-            yield from self._check_one(submission.model_copy(update=before))
+        for current in submission.results.values():
+            yield from self._check_one(submission, current)
+            for earlier in current.earlier:
+                yield from self._check_one(submission, earlier)
 
-    def _check_one(self, submission: SubmissionReport) -> Iterator[Finding]:
+    def _check_one(
+        self, submission: SubmissionReport, result: BoardResult | EarlierResult
+    ) -> Iterator[Finding]:
         try:
-            verify_by_history(submission.receipt, self._keys)
+            verify_by_history(result.receipt, self._keys)
         except ReceiptError as error:
             trouble = str(error)
         else:
-            is_said = _matches_row(submission, self._names[submission.team])
+            is_said = _matches_row(submission, result, self._names[submission.team])
             trouble = "" if is_said else "the receipt differs from the submission's row"
         self._sound += not trouble
         if trouble:
@@ -228,13 +238,15 @@ class _Receipts:
         yield Finding("receipts", "ok", f"{count_text(self._sound, 'receipt')} verified")
 
 
-def _matches_row(kept: SubmissionReport, names: Collection[str]) -> bool:
-    said = kept.receipt
+def _matches_row(
+    kept: SubmissionReport, result: BoardResult | EarlierResult, names: Collection[str]
+) -> bool:
+    said = result.receipt
     return (
         (said.submission_id, said.split) == (kept.id, kept.split)
         and said.team in names
         and (said.sha256, said.received_at) == (kept.sha256, kept.received_at)
-        and (said.signature, said.scores) == (kept.report.signature, kept.report.scores)
+        and (said.signature, said.scores) == (result.report.signature, result.report.scores)
     )
 
 

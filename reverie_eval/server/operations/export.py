@@ -13,6 +13,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import spreadsheet_cell
 from reverie_eval.server.service.leaderboard import as_json
 from reverie_eval.server.settings import Settings
@@ -63,16 +64,16 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
     reviews: list[Row] = []
     corrections: list[Row] = []
     with state.database.reading() as session:
-        for split in state.boards:
-            shown = json.loads(as_json(state.ranking(session, split, None)))
-            names = ("split", "protocol", "metric", "fingerprint", "signature")
-            boards.append({name: shown[name] for name in names})
+        for board in state.leaderboards:
+            shown = json.loads(as_json(state.ranking(session, board)))
+            boards.append({name: shown[name] for name in _BOARD})
             corrections += shown["corrections"]
             for row in (*shown["rows"], *shown["apart"]):
                 said = row.pop("reviews")
-                of = {"split": split, "submission_id": row["submission_id"]}
-                reviews += [of | review for review in said]
-                results.append(_flat(split, row))
+                of = {"split": board.name, "submission_id": row["submission_id"]}
+                if not board.further:  # reviews are of submissions, and the same on all of them
+                    reviews += [of | review for review in said]
+                results.append(_flat(board, row))
     metrics = {key: "number" for key in CATALOGUE if any(key in row for row in results)}
     yield _table("leaderboards", boards, _BOARD)
     yield _table("results", results, {**_RESULT, **metrics})
@@ -80,7 +81,7 @@ def _tables(state: ServerState) -> Iterator[ExportedTable]:
     yield _table("corrections", corrections, _CORRECTION)
 
 
-def _flat(split: str, row: dict[str, Any]) -> Row:
+def _flat(board: Board, row: dict[str, Any]) -> Row:
     """Return a row of a leaderboard with a column for each field of its method and each metric."""
     scores, method = row.pop("scores"), row.pop("method")
     bounds = {
@@ -90,13 +91,14 @@ def _flat(split: str, row: dict[str, Any]) -> Row:
     }
     method["method"] = method.pop("name")
     row["rank_low"], row["rank_high"] = row.pop("rank_interval") or (None, None)
-    return {"split": split, **row, **method, **scores, **bounds}
+    return {"split": board.name, "board": board.further, **row, **method, **scores, **bounds}
 
 
 _TEXT, _FLAG = "string", "boolean"
-_BOARD = dict.fromkeys(("split", "protocol", "metric", "fingerprint", "signature"), _TEXT)
+_BOARD = dict.fromkeys(("split", "board", "protocol", "metric", "fingerprint", "signature"), _TEXT)
 _RESULT = {
     "split": _TEXT,
+    "board": _TEXT,
     "standing": _TEXT,
     "rank": "integer",
     "rank_low": "integer",
@@ -123,7 +125,7 @@ _RESULT = {
 _REVIEW = dict.fromkeys(
     ("split", "submission_id", "verdict", "reason", "reviewer", "created_at"), _TEXT
 )
-_CORRECTION = dict.fromkeys(("split", "created_at", "reason", "signature"), _TEXT)
+_CORRECTION = dict.fromkeys(("split", "board", "created_at", "reason", "signature"), _TEXT)
 
 
 def _table(name: str, rows: Sequence[Row], columns: Mapping[str, str]) -> ExportedTable:

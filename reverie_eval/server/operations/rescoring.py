@@ -1,11 +1,11 @@
 """Score a split's submissions again from the server's own machine, in several processes."""
 
 import shutil
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from functools import cache, partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from reverie_eval.files import staged_file
 from reverie_eval.ground_truth import Bundle
@@ -13,9 +13,10 @@ from reverie_eval.processes import map_in_processes
 from reverie_eval.schemas.organising import ResultChange
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.operations.checks import opened_server
-from reverie_eval.server.service.boards import load_board, load_boards
+from reverie_eval.server.service.boards import Board, load_board, load_boards
 from reverie_eval.server.service.rescoring import Job, Outcome, Scorer, changes, outdated
 from reverie_eval.server.settings import Settings, Split
+from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.uploads import open_uploads
 
 Progress: TypeAlias = Callable[[Iterable[tuple[Job, Outcome]], int], Iterable[tuple[Job, Outcome]]]
@@ -29,6 +30,8 @@ def preview(
 ) -> Sequence[ResultChange]:
     """Return how results would change if they were scored again; nothing is changed.
 
+    Those on the split's own leaderboard come first, then those on each further one.
+
     With a bundle, this is the ground truth in place of the one that the settings name.
 
     Raises
@@ -40,14 +43,14 @@ def preview(
     """
     if bundle is not None:
         settings = _with_bundle(settings, split, bundle)
+    found: list[ResultChange] = []
     with opened_server(settings) as state:
-        board = state.board(split)
-        with state.database.reading() as session:
-            found = outdated(session, board)
-        with closing(_score(found, settings=settings, split=split, jobs=jobs)) as outcomes:
-            scored = _collect(progress(zip(found, outcomes, strict=True), len(found)))
-        with state.database.reading() as session:
-            return changes(session, board, scored)
+        for board in state.board(split).all:
+            with _scoring(state, board, jobs) as (waiting, outcomes):
+                scored = _collect(progress(zip(waiting, outcomes, strict=True), len(waiting)))
+            with state.database.reading() as session:
+                found += changes(session, board, scored)
+    return found
 
 
 def rescore(
@@ -62,33 +65,54 @@ def rescore(
     SettingsError, NotFoundError
         As :func:`preview`.
     """
+    found: list[ResultChange] = []
     with opened_server(settings) as state:
-        board = state.board(split)
-        with state.database.reading() as session:
-            found = outdated(session, board)
-        with closing(_score(found, settings=settings, split=split, jobs=jobs)) as outcomes:
-            replaced = state.rescoring.replace_results(actor, board, reason, found, outcomes)
-            scored = _collect(progress(replaced, len(found)))
-        with state.database.reading() as session:
-            return changes(session, board, scored)
+        for board in state.board(split).all:
+            with _scoring(state, board, jobs) as (waiting, outcomes):
+                replaced = state.rescoring.replace_results(actor, board, reason, waiting, outcomes)
+                scored = _collect(progress(replaced, len(waiting)))
+            new = {job.submission_id for job in waiting if not job.was_scored}
+            with state.database.reading() as session:
+                found += changes(session, board, scored, first_results=new)
+    return found
 
 
-def _score(
-    found: Sequence[Job], *, settings: Settings, split: str, jobs: int
-) -> Generator[Outcome]:
-    """Score many submissions in several processes, each of which loads the ground truth."""
-    work = partial(_score_one, settings.folder, settings.uploads, split, settings.splits[split])
-    return map_in_processes(work, found, min(jobs, 1 + len(found) // FOR_ONE))
+@contextmanager
+def _scoring(
+    state: ServerState, board: Board, jobs: int
+) -> Iterator[tuple[Sequence[Job], Iterable[Outcome]]]:
+    """Score what is outdated on a leaderboard in processes that each load the ground truth."""
+    with state.database.reading() as session:
+        waiting = outdated(session, board)
+    settings = state.settings
+    rules = settings.splits[board.name].model_dump_json()
+    source = _Source(settings.folder, settings.uploads, board.name, board.further, rules)
+    processes = min(jobs, 1 + len(waiting) // FOR_ONE)
+    with closing(map_in_processes(partial(_score_one, source), waiting, processes)) as outcomes:
+        yield waiting, outcomes
 
 
-def _score_one(folder: Path, uploads: str, split: str, rules: Split, job: Job) -> Outcome:
-    return _scorer(folder, uploads, split, rules)(job)
+class _Source(NamedTuple):
+    """What a process needs to score; the key of a cache."""
+
+    folder: Path
+    uploads: str
+    split: str
+    further: str
+    rules: str
+    """The split's settings as JSON."""
+
+
+def _score_one(source: _Source, job: Job) -> Outcome:
+    return _scorer(source)(job)
 
 
 @cache
-def _scorer(folder: Path, uploads: str, split: str, rules: Split) -> Scorer:
-    board = load_board(split, rules, folder / rules.bundle)
-    return Scorer(board, open_uploads(uploads, folder))
+def _scorer(source: _Source) -> Scorer:
+    rules = Split.model_validate_json(source.rules)
+    own = load_board(source.split, rules, source.folder / rules.bundle)
+    board = own.also[source.further] if source.further else own
+    return Scorer(board, open_uploads(source.uploads, source.folder))
 
 
 def _collect(outcomes: Iterable[tuple[Job, Outcome]]) -> Mapping[str, Outcome]:
@@ -121,5 +145,5 @@ def _with_bundle(settings: Settings, split: str, bundle: Path) -> Settings:
         raise NotFoundError(
             f"there is no split {split!r} here; there are: {', '.join(settings.splits)}"
         )
-    changed = settings.splits[split].model_copy(update={"bundle": str(bundle.absolute())})
+    changed = settings.splits[split].model_copy(update={"bundle": bundle.absolute()})
     return settings.model_copy(update={"splits": {**settings.splits, split: changed}})

@@ -27,11 +27,15 @@ from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
 
 PER_PAGE = 100
+PLACES = ("/boards/{split}", "/boards/{split}/also/{further}")
+"""Of a split's own leaderboard, and of the further ones."""
 NEWS_SHOWN = 5
 _AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
 """Metrics of navigation in the order of the REVERIE paper's tables; the others follow."""
 
 router = APIRouter()
+of_board = APIRouter()
+"""What every leaderboard has."""
 
 Choice = Literal["", "with", "without"]
 
@@ -107,10 +111,18 @@ class BoardQuery(BaseModel):
 Shown = Annotated[BoardQuery, Query()]
 
 
-def ranked(split: str, server: Server, query: Shown) -> Ranking:
-    """Return the requested leaderboard."""
+def named(split: str, server: Server, request: Request) -> Board:
+    """Return the leaderboard that an address names."""
+    return server.board(split, request.path_params.get("further", ""))
+
+
+NamedBoard = Annotated[Board, Depends(named)]
+
+
+def ranked(board: NamedBoard, server: Server, query: Shown) -> Ranking:
+    """Return the requested leaderboard, ranked."""
     with server.database.reading() as session:
-        return server.ranking(session, split, query.on(server.board(split)).ranked_by)
+        return server.ranking(session, board, query.on(board).ranked_by)
 
 
 Ranked = Annotated[Ranking, Depends(ranked)]
@@ -156,12 +168,12 @@ class Packed(Response):
         await GZipMiddleware(super().__call__, compresslevel=5)(scope, receive, send)
 
 
-@router.get("/boards/{split}")
-def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
+@of_board.get("")
+def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
     """Show the published results, ranked."""
-    query = query.on(visitor.server.board(split))
+    query = query.on(board)
     with visitor.snapshot() as snapshot:
-        ranking = visitor.server.ranking(snapshot.session, split, query.ranked_by)
+        ranking = visitor.server.ranking(snapshot.session, board, query.ranked_by)
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
         charted = query.shown.of(ranking.rows, ranking)
         is_copy = visitor.request.app.state.is_copy
@@ -169,13 +181,14 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
             visitor.request,
             "board.html",
             snapshot,
-            board=ranking.board,
+            board=board,
+            of_split=visitor.server.board(board.name).all,
             ranking=ranking,
             query=query,
             groups=_groups(ranking.board, query, [*part.rows, *apart]),
             columns=_columns(ranking.board, query, [*part.rows, *apart]),
             scale=Scale.of(part.rows, query.metric),
-            schedule=visitor.server.schedules.in_effect(snapshot.session)[split],
+            schedule=visitor.server.schedules.in_effect(snapshot.session)[board.name],
             now=snapshot.now,
             own_team=snapshot.caller and snapshot.caller.team_id,
             axes={
@@ -198,7 +211,7 @@ def show_board(split: str, visitor: Visitor, query: Shown) -> Response:
         )
 
 
-@router.get("/boards/{split}/chart")  # noqa: FAST003  # of Ranked
+@of_board.get("/chart")
 def show_chart(ranking: Ranked, query: Shown) -> Response:
     """Return the data of the charts."""
     rows = query.shown.of(ranking.rows, ranking)
@@ -206,7 +219,7 @@ def show_chart(ranking: Ranked, query: Shown) -> Response:
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
 
 
-@router.get("/boards/{split}/latex")  # noqa: FAST003  # of Ranked
+@of_board.get("/latex")
 def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     """Return the rows of a page as a LaTeX table; its signature is that of scored results only."""
     query = query.on(ranking.board)
@@ -216,7 +229,7 @@ def show_latex(ranking: Ranked, request: Request, query: Shown) -> Response:
     return PlainTextResponse(as_latex(ranking, rows, metrics, _address(request, query)))
 
 
-@router.get("/boards/{split}/bibtex")  # noqa: FAST003  # of Ranked
+@of_board.get("/bibtex")
 def show_bibtex(ranking: Ranked, request: Request, server: Server, query: Shown) -> Response:
     """Return BibTeX entries for the leaderboard and for each result that was scored on a page."""
     query = query.on(ranking.board)
@@ -241,6 +254,10 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
                 metric for key, metric in CATALOGUE.items() if metric.headline and key in scored
             ],
         )
+
+
+for place in PLACES:
+    router.include_router(of_board, prefix=place)
 
 
 def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:

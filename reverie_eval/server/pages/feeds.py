@@ -2,18 +2,20 @@
 
 from collections.abc import Iterable
 from datetime import UTC, datetime
-from urllib.parse import quote
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from reverie_eval.server.http.callers import Server
+from reverie_eval.server.pages.boards import PLACES, NamedBoard
 from reverie_eval.server.pages.rendering import address_of_site, render
+from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.feed import MOST_ITEMS, Item, items_of, items_of_news, latest
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.state import ServerState
 
 router = APIRouter()
+of_board = APIRouter()
 
 _BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)
 """When a feed without items was updated: Atom requires a time."""
@@ -21,22 +23,27 @@ _BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)
 
 @router.get("/feed.atom")
 def show_feed(request: Request, server: Server) -> Response:
-    """Return the feed of all leaderboards."""
-    return _feed(request, "", server.settings.title, _items(server, server.boards))
+    """Return the feed of all splits, with the scores on their own leaderboards."""
+    items = _items(server, server.boards.values())
+    return _feed(request, "", server.settings.title, items)
 
 
-@router.get("/boards/{split}/feed.atom")
-def show_feed_of_board(split: str, request: Request, server: Server) -> Response:
+@of_board.get("/feed.atom")
+def show_feed_of_board(board: NamedBoard, request: Request, server: Server) -> Response:
     """Return the feed of a leaderboard."""
-    title = f"{server.board(split).name} leaderboard, {server.settings.title}"
-    return _feed(request, f"/boards/{quote(split)}", title, _items(server, [split]))
+    title = f"{board.label} leaderboard, {server.settings.title}"
+    return _feed(request, f"/boards/{board.place}", title, _items(server, [board]))
 
 
-def _items(server: ServerState, splits: Iterable[str]) -> list[Item]:
+for place in PLACES:
+    router.include_router(of_board, prefix=place)
+
+
+def _items(server: ServerState, boards: Iterable[Board]) -> list[Item]:
     with server.database.reading() as session:
         items = [*items_of_news(latest_news(session, MOST_ITEMS))]
-        for split in splits:
-            items += items_of(server.ranking(session, split, None))
+        for board in boards:
+            items += items_of(server.ranking(session, board))
     return items
 
 

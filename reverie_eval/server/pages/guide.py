@@ -65,12 +65,14 @@ def show_metrics(visitor: Visitor) -> Response:
 @router.get("/protocols")
 def show_protocols(visitor: Visitor) -> Response:
     """Show the rules of the published evaluators."""
-    used = {name: board.split.protocol for name, board in visitor.server.boards.items()}
+    boards = visitor.server.leaderboards
     aliases = {
         name: [alias for alias, canonical in ALIASES.items() if canonical == name]
         for name in PROTOCOLS
     }
-    return _page(visitor, "guide/protocols.html", protocols=PROTOCOLS, used=used, aliases=aliases)
+    return _page(
+        visitor, "guide/protocols.html", protocols=PROTOCOLS, boards=boards, aliases=aliases
+    )
 
 
 @router.get("/rules")

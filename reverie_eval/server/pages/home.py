@@ -76,7 +76,7 @@ def _leaders(server: ServerState, snapshot: Snapshot) -> Sequence[Leaders]:
     schedules = server.schedules.in_effect(snapshot.session)
     found = []
     for name, board in server.boards.items():
-        ranking = server.ranking(snapshot.session, name, None)
+        ranking = server.ranking(snapshot.session, board)
         rows = ranking.rows[:MOST_LEADERS]
         has_results = any(row.entry.standing == "ranked" for row in ranking.rows)
         references = {} if has_results else server.episodes.references(board)

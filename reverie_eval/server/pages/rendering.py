@@ -19,7 +19,7 @@ from markupsafe import Markup, escape
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import CATALOGUE, primary_metric
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import MOST_EXTRA
 from reverie_eval.schemas.service import Method, ProblemDocument
@@ -222,6 +222,7 @@ def _environment() -> Environment:
         "metric": lambda value, key: CATALOGUE[key].display(value),
         "number": "{:,}".format,
         "ordinal": ordinal,
+        "primary": lambda scores: primary_metric(scores or CATALOGUE).key,
         "sentence": sentence,
     }
     return environment
@@ -326,8 +327,9 @@ def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument
     way_on = Place("To the first page", "/")
     # To the same leaderboard if only its query was invalid.
     if problem.code == MalformedError.code and request.url.path.startswith("/boards/"):
-        split = request.path_params["split"]
-        way_on = Place(f"To the whole {split} leaderboard", f"/boards/{quote(split)}")
+        split, further = (request.path_params.get(name, "") for name in ("split", "further"))
+        url = f"/boards/{quote(split)}" + (f"/also/{quote(further)}" if further else "")
+        way_on = Place(f"To the whole {split} leaderboard", url)
     return page(request, "fault.html", snapshot, problem.status, problem=problem, way_on=way_on)
 
 

@@ -9,7 +9,6 @@ from fastapi import APIRouter, Query
 from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
-from reverie_eval.metrics import CATALOGUE, primary_metric
 from reverie_eval.schemas.service import (
     Method,
     ProblemDocument,
@@ -55,7 +54,7 @@ def show_submission(
             snapshot,
             shown=shown,
             method_fields=Method.model_fields,
-            primary=primary_metric(shown.report.scores or CATALOGUE).key,
+            also=_further_boards(visitor, shown.split),
             has_episodes=shown.shows_episodes and _has_episodes(visitor, shown),
         )
 
@@ -115,11 +114,17 @@ def _own_page(
         now=snapshot.now,
         typed={**_texts(shown.method), **typed},
         method_fields=Method.model_fields,
-        primary=primary_metric(shown.report.scores or CATALOGUE).key,
+        also=_further_boards(visit, shown.split),
         required=server.settings.required_metadata,
         done=done,
         problem=problem,
     )
+
+
+def _further_boards(visit: Call, split: str) -> Mapping[str, Board]:
+    """Return the further leaderboards that a split has now."""
+    board = visit.server.boards.get(split)
+    return {} if board is None else board.also
 
 
 def _has_episodes(visit: Call, shown: SubmissionReport | Publication) -> bool:
@@ -150,7 +155,7 @@ def _standing(
     if own is None or shown.status != "unpublished" or not board.measures_as(shown.report):
         return None
     key = board.primary.key
-    rows = server.ranking(session, board.name, key).rows
+    rows = server.ranking(session, board, key).rows
     others = [row.entry.scores[key] for row in rows if row.rank is not None]
     rank = ranks([own, *others], board.primary)[0] or 1
     # The first of the others has the best value.

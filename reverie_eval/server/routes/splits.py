@@ -10,6 +10,7 @@ from fastapi.responses import PlainTextResponse
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,
+    FurtherBoard,
     Leaderboard,
     PhaseReport,
     QuotaReport,
@@ -40,12 +41,17 @@ from reverie_eval.server.service.snapshots import snapshot_of
 router = APIRouter(prefix="/splits", tags=["splits"])
 
 SplitName = Annotated[str, Path(examples=["test"])]
+FurtherName = Annotated[str, Path(examples=["grounding"])]
 SortedBy = Annotated[str | None, Query(json_schema_extra={"enum": list(SORTABLE)})]
 
 _CSV = (
     "rank,submission_id,team,published_at,...\n1,5f2b0c9a4d7e1f36,Blue,2027-06-02T12:00:00Z,...\n"
 )
 _ALSO_FOR_ANYBODY: dict[str, Any] = {"security": [{}]}
+_OF_CSV: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
+    **problems("malformed-request", "not-found"),
+}
 
 
 @router.get("", responses=problems("not-signed-in"), openapi_extra=_ALSO_FOR_ANYBODY)
@@ -123,22 +129,47 @@ def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) 
     without a rank.
     """
     with server.database.reading() as session:
-        ranking = server.ranking(session, split, metric)
+        ranking = server.ranking(session, server.board(split), metric)
     return Response(as_json(ranking), media_type="application/json")
 
 
 @router.get(
     "/{split}/leaderboard.csv",
     response_class=Response,
-    responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}, "example": _CSV}}},
-        **problems("malformed-request", "not-found"),
-    },
+    responses=_OF_CSV,
 )
 def download_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
     """Return the leaderboard as CSV."""
     with server.database.reading() as session:
-        ranking = server.ranking(session, split, metric)
+        ranking = server.ranking(session, server.board(split), metric)
+    return PlainTextResponse(as_csv(ranking), media_type="text/csv")
+
+
+@router.get(
+    "/{split}/also/{further}/leaderboard",
+    response_model=Leaderboard,
+    responses=problems("malformed-request", "not-found"),
+)
+def show_further_leaderboard(
+    split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
+) -> Response:
+    """Rank the submissions on a further leaderboard of the split."""
+    with server.database.reading() as session:
+        ranking = server.ranking(session, server.board(split, further), metric)
+    return Response(as_json(ranking), media_type="application/json")
+
+
+@router.get(
+    "/{split}/also/{further}/leaderboard.csv",
+    response_class=Response,
+    responses=_OF_CSV,
+)
+def download_further_leaderboard(
+    split: SplitName, further: FurtherName, server: Server, metric: SortedBy = None
+) -> Response:
+    """Return a further leaderboard of the split as CSV."""
+    with server.database.reading() as session:
+        ranking = server.ranking(session, server.board(split, further), metric)
     return PlainTextResponse(as_csv(ranking), media_type="text/csv")
 
 
@@ -209,5 +240,9 @@ def _report(
         release_scores=schedule.release_scores,
         paused=schedule.paused,
         one_per_team=board.split.one_per_team,
+        also={
+            name: FurtherBoard(protocol=each.split.protocol, track=each.split.track)
+            for name, each in board.also.items()
+        },
         quota=quota,
     )

@@ -13,7 +13,8 @@ from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.http.openapi import problems
 from reverie_eval.server.http.paging import Paging
 from reverie_eval.server.http.uploads import ScoringSlot
-from reverie_eval.server.service.submissions import list_submissions, submission_of
+from reverie_eval.server.routes.splits import FurtherName
+from reverie_eval.server.service.submissions import list_submissions, result_on, submission_of
 
 router = APIRouter(prefix="/submissions", tags=["submissions"])
 
@@ -50,6 +51,14 @@ def change_submission(
 def show_receipt(submission_id: SubmissionId, caller: Caller) -> Receipt:
     """Return the signed receipt."""
     return show_submission(submission_id, caller).receipt
+
+
+@router.get("/{submission_id}/also/{further}/receipt", responses=_OF_ONE)
+def show_further_receipt(
+    submission_id: SubmissionId, further: FurtherName, caller: Caller
+) -> Receipt:
+    """Return the signed receipt of the result on a further leaderboard of the split."""
+    return result_on(further, show_submission(submission_id, caller)).receipt
 
 
 @router.get(

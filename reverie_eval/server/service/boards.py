@@ -1,14 +1,21 @@
-"""The splits that a server scores, with their ground truth in memory."""
+"""The splits that a server scores, with their ground truth in memory.
+
+A split has a leaderboard, and perhaps further ones, which rank the same submissions by other rules.
+Each of them is a :class:`Board`.
+"""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 
-from reverie_eval.errors import GroundTruthError, Problem
+from reverie_eval.errors import GroundTruthError, Problem, ProtocolError, SubmissionError
 from reverie_eval.ground_truth import Bundle, GroundTruth
 from reverie_eval.metrics import CATALOGUE, Metric, primary_metric
 from reverie_eval.schemas.report import ScoreReport
@@ -25,6 +32,7 @@ from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.settings import Settings, SettingsError, Split
 from reverie_eval.submissions import parse_predictions
 from reverie_eval.submissions._document import check_value_count
+from reverie_eval.version import __version__
 
 MAX_VALUES = 5_000_000
 """JSON values in an upload: about thirty times as many as in a usual file for the largest split,
@@ -34,21 +42,54 @@ _OTHERS_MAY_READ = 0o077
 _BENCHMARK = re.compile(r"^reverie[ -]*")
 
 
+class Scored(NamedTuple):
+    """What a submission scores on a leaderboard."""
+
+    report: ScoreReport
+    scores: Scores | None
+    """None if the file does not have what is scored there."""
+
+
 @dataclass(frozen=True)
 class Board:
-    """A split: its settings and its ground truth."""
+    """A leaderboard: the settings and the ground truth of its split, and its own rules."""
 
     name: str
+    """Of the split."""
     split: Split
+    """With the protocol and the track of this leaderboard."""
     truth: GroundTruth
     public_fingerprint: str
     """Of the bundle without its answers, which participants may have."""
+    further: str = ""
+    """The name of a further leaderboard; empty for the split's own."""
+    also: Mapping[str, "Board"] = field(default_factory=dict)
+    """The further leaderboards of the split, by name; only the split's own one has them."""
+    own: "Board | None" = None
+    """The split's own leaderboard; None if it is this one."""
+
+    @property
+    def label(self) -> str:
+        """How people call it: the split, or the split and the further leaderboard."""
+        return f"{self.name}, {self.further}" if self.further else self.name
+
+    @property
+    def place(self) -> str:
+        """Its part of addresses: ``test`` or ``test/also/grounding``."""
+        own = quote(self.name, safe="")
+        return f"{own}/also/{self.further}" if self.further else own
+
+    @property
+    def all(self) -> Sequence["Board"]:
+        """The split's leaderboards, its own one first."""
+        return [self, *self.also.values()]
 
     @property
     def title(self) -> str:
-        """What its leaderboard is called: ``Val unseen leaderboard``."""
+        """Its heading: ``Val unseen leaderboard``, or ``Test leaderboard: grounding``."""
         name = self.name.replace("_", " ")
-        return f"{name[:1].upper()}{name[1:]} leaderboard"
+        further = f": {self.further}" if self.further else ""
+        return f"{name[:1].upper()}{name[1:]} leaderboard{further}"
 
     @property
     def is_private(self) -> bool:
@@ -102,8 +143,64 @@ class Board:
         return PreparedSubmission.of(predictions, truth, self.split.track)
 
     def score(self, reading: PreparedSubmission) -> Scores:
-        """Score a submission by the split's protocol."""
+        """Score a submission by the leaderboard's protocol."""
         return reading.score(find_protocol(self.split.protocol))
+
+    def reports(self, content: bytes, reading: PreparedSubmission) -> Mapping[str, ScoreReport]:
+        """Return what a submission that was read scores on each leaderboard of the split, by name.
+
+        It is read again only for another track.
+        """
+        return {
+            board.further: board.scored(
+                content, reading if board.split.track == self.split.track else None
+            ).report
+            for board in self.all
+        }
+
+    def scored(
+        self,
+        content: bytes,
+        reading: PreparedSubmission | None = None,
+        *,
+        has_intervals: bool = False,
+    ) -> "Scored":
+        """Score a submission's JSON text, which is read unless it was before.
+
+        On a further leaderboard, a file without what is scored there gets a report without scores,
+        whose note says why.
+
+        Raises
+        ------
+        SubmissionError
+            If it does not fit the split at all.
+        """
+        try:
+            reading = reading or self.read(content)
+        except SubmissionError as error:
+            if self.own is None:
+                raise
+            self.own.read(content)
+            note = f"this file cannot be ranked here: {error.problems[0].message}"
+            return Scored(self._without_scores(note), None)
+        scores = self.score(reading)
+        if has_intervals:
+            with suppress(ProtocolError):  # no intervals from a single target
+                scores = scores.with_intervals()
+        return Scored(self.report(scores, reading), scores)
+
+    def _without_scores(self, note: str) -> ScoreReport:
+        return ScoreReport(
+            signature=self.signature,
+            split=self.name,
+            protocol=self.split.protocol,
+            dataset=self.truth.header.dataset,
+            fingerprint=self.truth.fingerprint,
+            version=__version__,
+            episodes=len(self.truth.episodes.instr_ids),
+            scores={},
+            notes=[note],
+        )
 
     def measures_as(self, report: ScoreReport) -> bool:
         """Whether a report was scored with the current ground truth, protocol and track."""
@@ -203,18 +300,30 @@ def _have_same_answers(board: Board, other: Board) -> bool:
     )
 
 
-def board_named(boards: Mapping[str, Board], split: str) -> Board:
-    """Return a split's board.
+def leaderboards(boards: Mapping[str, Board]) -> Sequence[Board]:
+    """Return the leaderboards of all splits."""
+    return [board for own in boards.values() for board in own.all]
+
+
+def board_named(boards: Mapping[str, Board], split: str, further: str = "") -> Board:
+    """Return a split's own leaderboard, or a further one.
 
     Raises
     ------
     NotFoundError
-        If the server has no such split.
+        If the server has no such split, or the split no such leaderboard.
     """
     board = boards.get(split)
     if board is None:
         raise NotFoundError(f"there is no split {split!r} here; there are: {', '.join(boards)}")
-    return board
+    if not further:
+        return board
+    if further not in board.also:
+        known = ", ".join(board.also) or "none"
+        raise NotFoundError(
+            f"{split} has no further leaderboard {further!r}; its further leaderboards: {known}"
+        )
+    return board.also[further]
 
 
 def load_board(name: str, split: Split, path: Path) -> Board:
@@ -232,11 +341,23 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     truth.require_answers()
     if truth.split != name:
         raise GroundTruthError(f"this is the ground truth of {truth.split}, not of {name}")
-    reason = why_not(find_protocol(split.protocol), truth, split.track)
-    if reason:
-        raise GroundTruthError(reason)
     mode = path.stat().st_mode
     if split.visibility == "private" and mode & _OTHERS_MAY_READ:
         raise GroundTruthError(f"others can read these answers; run `chmod 600 {path}`")
     public_fingerprint = bundle.public().header.fingerprint
-    return Board(name, split, replace(truth, origin=name), public_fingerprint)
+    board = _board(name, split, replace(truth, origin=name), public_fingerprint)
+    for each in board.all:
+        reason = why_not(find_protocol(each.split.protocol), truth, each.split.track)
+        if reason:
+            raise GroundTruthError(f"also.{each.further}: {reason}" if each.further else reason)
+    return board
+
+
+def _board(name: str, split: Split, truth: GroundTruth, public_fingerprint: str) -> Board:
+    """Return a split's own leaderboard, which has the further ones."""
+    own = Board(name, split, truth, public_fingerprint)
+    also = {
+        further: replace(own, split=split.ranked_also(further), further=further, own=own)
+        for further in split.also
+    }
+    return replace(own, also=MappingProxyType(also))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from reverie_eval.errors import ReverieEvalError, SubmissionError
-from reverie_eval.reporting._submission import quota_lines, submission_lines, submission_table
+from reverie_eval.reporting._submission import quota_lines, result_tables, submission_lines
 from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport
 from reverie_eval.schemas.service import Accepted, Method, SubmissionChange
 from reverie_eval.server.errors import MalformedError, request_error
@@ -98,11 +98,12 @@ def _reason(error: ReverieEvalError) -> str:
 
 def _result(accepted: Accepted) -> Iterator[str]:
     submission = accepted.submission
-    if submission.scores_held_until is None:
-        yield submission_table(submission.report, submission.receipt.server).to_text()
+    for further, table in result_tables(submission, submission.receipt.server).items():
+        yield from [f"On the leaderboard {further}:"] if further else []
+        yield table.to_text()
         yield ""
     to_publish = "answer this message if you want it on the leaderboard"
     yield from submission_lines(submission, is_repeat=accepted.is_repeat, to_publish=to_publish)
     yield from quota_lines(accepted.quota, submission.split)
     yield ""
-    yield "The signed receipt is attached."
+    yield f"The signed {'receipts are' if submission.also else 'receipt is'} attached."

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.schemas.service import BoardResult, SubmissionReport
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.results import results_of
 from reverie_eval.server.service.schedules import Timetable
 from reverie_eval.server.store.tables import Submission
 
@@ -45,9 +46,23 @@ class Embargo:
                 "report": without_scores(known.report),
                 "receipt": self.signer.sign_again(known.receipt, scores={}),
                 "earlier": [],
+                "also": self.also(row),
                 "scores_held_until": until,
             }
         )
+
+    def also(self, row: Submission) -> Mapping[str, BoardResult]:
+        """Return what a submission scored on further leaderboards, as far as it may be seen."""
+        known = {name: result for name, result in results_of(row).items() if name}
+        if self.until(row) is None:
+            return known
+        return {
+            name: BoardResult(
+                report=without_scores(result.report),
+                receipt=self.signer.sign_again(result.receipt, scores={}),
+            )
+            for name, result in known.items()
+        }
 
 
 def without_scores(report: ScoreReport) -> ScoreReport:

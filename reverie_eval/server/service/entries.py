@@ -101,7 +101,12 @@ class _Report(msgspec.Struct):
     intervals: _Intervals | None = None
 
 
+class _Result(msgspec.Struct):
+    report: _Report
+
+
 _REPORT = msgspec.json.Decoder(_Report)
+_FURTHER = msgspec.json.Decoder(dict[str, _Result])
 _METHOD = msgspec.json.Decoder(dict[str, Any])
 
 
@@ -146,6 +151,7 @@ class EntriesCache:
     def __init__(self, schedules: Schedules) -> None:
         self._schedules = schedules
         self._cached: dict[str, BoardEntries] = {}
+        """By the place of the leaderboard."""
         self._counts: tuple[int, Mapping[str, Counter[int]]] = (0, {})
         """As of an entry of the audit log: the submissions of each team, by split."""
         self._lock = Lock()
@@ -155,11 +161,11 @@ class EntriesCache:
         """Return the entries of a leaderboard."""
         number, _ = _last_recorded(session)
         with self._lock:
-            cached = self._cached.get(board.name)
+            cached = self._cached.get(board.place)
             if cached is None or cached.number < number or cached.is_over(now):
                 timetable = self._schedules.read(session)[board.name]
                 cached = _read_entries(session, board, timetable, number, now)
-                self._cached[board.name] = cached
+                self._cached[board.place] = cached
             return cached
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
@@ -197,7 +203,9 @@ def _were_teams_merged(session: Session, since: int) -> bool:
 def _read_entries(
     session: Session, board: Board, timetable: Timetable, number: int, now: datetime
 ) -> BoardEntries:
-    entries = [*_scored(session, board, timetable, now), *_reported(session, board)]
+    # Results of papers are by the split's own rules, as far as anybody knows.
+    reported = [] if board.further else _reported(session, board)
+    entries = [*_scored(session, board, timetable, now), *reported]
     listed = [entry for entry in entries if entry.standing in _LISTED]
     apart = [Row(None, entry) for entry in entries if entry.standing not in _LISTED]
     metrics = frozenset(key for entry in listed for key in entry.scores)
@@ -207,16 +215,19 @@ def _read_entries(
         listed,
         apart,
         metrics,
-        corrections=corrections_of(session, board.name),
-        snapshots=list_snapshots(session, board.name),
+        corrections=corrections_of(session, board),
+        snapshots=[] if board.further else list_snapshots(session, board.name),
         held_until=min(held, default=None),
     )
 
 
-def corrections_of(session: Session, split: str) -> Sequence[CorrectionReport]:
-    """Return the corrections of a split, the latest first."""
-    chosen = select(Correction).where(Correction.split == split).order_by(Correction.id.desc())
-    return [CorrectionReport.model_validate(row) for row in session.scalars(chosen)]
+def corrections_of(session: Session, board: Board) -> Sequence[CorrectionReport]:
+    """Return the corrections of a leaderboard, the latest first."""
+    chosen = select(Correction).where(
+        Correction.split == board.name, Correction.board == board.further
+    )
+    latest = session.scalars(chosen.order_by(Correction.id.desc()))
+    return [CorrectionReport.model_validate(row) for row in latest]
 
 
 def list_snapshots(session: Session, split: str | None = None) -> Sequence[SnapshotEntry]:
@@ -247,7 +258,7 @@ def _scored(session: Session, board: Board, timetable: Timetable, now: datetime)
             Submission.team_id,
             Team.name.label("team"),
             cast(Submission.method, Text).label("method"),
-            cast(Submission.report, Text).label("report"),
+            cast(Submission.also if board.further else Submission.report, Text).label("stored"),
             Submission.published_at,
             Submission.received_at,
             Submission.anonymous_until,
@@ -267,18 +278,31 @@ def _scored(session: Session, board: Board, timetable: Timetable, now: datetime)
     return [
         _entry(
             row,
+            report,
             reviews.get(row.id, ()),
             rules,
             timetable.held_until(row.received_at, now),
         )
         for row in session.execute(chosen)
+        if (report := _report_on(board, row.stored)) is not None
     ]
 
 
+def _report_on(board: Board, stored: str) -> _Report | None:
+    """Return the report on a leaderboard; None if the file is not, or cannot be, ranked there."""
+    if not board.further:
+        return _REPORT.decode(stored)
+    result = _FURTHER.decode(stored).get(board.further)
+    return None if result is None or not result.report.scores else result.report
+
+
 def _entry(
-    row: Any, reviews: Sequence[PublishedReview], rules: str, held_until: datetime | None
+    row: Any,
+    report: _Report,
+    reviews: Sequence[PublishedReview],
+    rules: str,
+    held_until: datetime | None,
 ) -> Entry:
-    report = _REPORT.decode(row.report)
     drawn = {} if report.intervals is None else report.intervals.intervals
     standing: Standing = "ranked"
     if any(review.verdict == "disqualified" for review in reviews):

@@ -7,7 +7,6 @@ no scores that are held back, no team that is anonymous, nothing that was withdr
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from urllib.parse import quote
 from uuid import NAMESPACE_URL, uuid5
 
 from reverie_eval.metrics import CATALOGUE
@@ -35,17 +34,17 @@ class Item:
 
 def items_of(ranking: Ranking) -> Iterator[Item]:
     """Yield what happened on a leaderboard, in no order."""
-    split = ranking.board.name
+    board = ranking.board
     for row in (*ranking.rows, *ranking.apart):
         if row.entry.submission_id is not None:
             yield from _items_of_entry(row.entry, row.entry.submission_id, ranking)
     for correction in ranking.corrections:
         yield Item(
-            id=_urn("correction", split, correction.created_at.isoformat()),
+            id=_urn("correction", board.name, board.further, correction.created_at.isoformat()),
             at=correction.created_at,
-            title=f"{split}: results corrected",
+            title=f"{board.label}: results corrected",
             text=correction.reason,
-            path=f"/boards/{quote(split)}#corrections",
+            path=f"/boards/{board.place}#corrections",
         )
 
 
@@ -67,12 +66,12 @@ def latest(items: Iterable[Item]) -> Sequence[Item]:
 
 
 def _items_of_entry(entry: Entry, submission_id: str, ranking: Ranking) -> Iterator[Item]:
-    name, split = entry.method["name"], ranking.board.name
+    name, board = entry.method["name"], ranking.board
     team = ranking.team(entry) or ANONYMOUS
     path = f"/submissions/{submission_id}"
-    primary = ranking.board.primary
+    primary = board.primary
     score = entry.scores.get(primary.key)
-    title = f"{split}: {name}, {team}"
+    title = f"{board.label}: {name}, {team}"
     if score is not None:
         title += f": {primary.heading} {primary.display(score)}"
     shown = [
@@ -81,17 +80,20 @@ def _items_of_entry(entry: Entry, submission_id: str, ranking: Ranking) -> Itera
         if metric.headline and key in entry.scores
     ]
     text = ", ".join(shown) or "Its scores are published when the phase ends."
-    yield Item(_urn("published", submission_id), entry.published_at, title, text, path, team)
+    published = _urn("published", submission_id, board.further)
+    yield Item(published, entry.published_at, title, text, path, team)
     for review in entry.reviews:
         if review.verdict == "disqualified":
             yield Item(
-                id=_urn("disqualified", submission_id, review.created_at.isoformat()),
+                id=_urn(
+                    "disqualified", submission_id, board.further, review.created_at.isoformat()
+                ),
                 at=review.created_at,
-                title=f"{split}: {name}, {team}: disqualified",
+                title=f"{board.label}: {name}, {team}: disqualified",
                 text=review.reason,
                 path=path,
             )
 
 
 def _urn(*parts: str) -> str:
-    return uuid5(NAMESPACE_URL, "/".join(parts)).urn
+    return uuid5(NAMESPACE_URL, "/".join(filter(None, parts))).urn

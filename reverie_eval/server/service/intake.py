@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.schemas.organising import NoticeReport
 from reverie_eval.schemas.service import (
     Accepted,
+    BoardResult,
     Checked,
     Method,
     QuotaReport,
@@ -32,6 +33,7 @@ from reverie_eval.server.service.notices import Notices
 from reverie_eval.server.service.outbox import announce
 from reverie_eval.server.service.quotas import QuotaUsage, usage_of
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.results import store_result
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.submissions import View, check_metadata
 from reverie_eval.server.service.transactions import Actor, Transactions
@@ -161,7 +163,7 @@ class Intake:
         reading = board.read(content)
         is_navigation_only = reading.submission.is_navigation_only
         check_navigation_only(found=is_navigation_only, declared=method.navigation_only)
-        report = board.report(board.score(reading), reading)
+        reports = board.reports(content, reading)
         row = Submission(
             id=secrets.token_hex(8),
             split=split,
@@ -170,7 +172,7 @@ class Intake:
             size=len(content),
             idempotency_key=key,
             method=method.model_dump(mode="json"),
-            report=report.model_dump(mode="json"),
+            also={},
         )
         with (
             self.uploads.staged(sha256, content) as keep,
@@ -186,17 +188,9 @@ class Intake:
             quota = usage.with_one_more(arrived).state(arrived)
             row.person = session.merge(person, load=False)
             row.team = row.person.team
-            receipt = self.signer.sign(
-                submission_id=row.id,
-                team=row.team.name,
-                sha256=sha256,
-                received_at=arrived,
-                split=split,
-                signature=report.signature,
-                scores=report.scores,
-                quota=quota,
-            )
-            row.receipt = receipt.model_dump(mode="json")
+            for further, report in reports.items():
+                receipt = self.signer.sign_result(row, report, quota)
+                store_result(row, further, BoardResult(report=report, receipt=receipt))
             transaction.add(row)
             transaction.record("submitted", row, row.id, split=split, sha256=sha256)
             said = f"{row.team.name} ({person.name}) submitted {method.name} to {split}"

@@ -131,6 +131,8 @@ def leaderboard(
 ) -> Ranking:
     """Rank the published submissions of a split, and sort reported results in among them.
 
+    On a further leaderboard there are only submissions that have a result there.
+
     Equal values share a rank, and the next rank counts all submissions before it: 1, 2, 2, 4.
     Results without a value for the metric have no rank and come last. Equal results are in the
     order of publication, reported ones after submissions; these never have a rank.
@@ -194,6 +196,7 @@ def _content(ranking: Ranking) -> Mapping[str, Any]:
     board = ranking.board
     return {
         "split": board.name,
+        "board": board.further,
         "protocol": board.split.protocol,
         "metric": ranking.metric,
         "fingerprint": board.truth.fingerprint,
@@ -275,14 +278,14 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
     """
     board = ranking.board
     if not metrics:
-        nothing = f"No result of {board.name} is shown at {address}"
+        nothing = f"No result of {board.label} is shown at {address}"
         return "\n".join(latex_comments([nothing])) + "\n"
     methods = {
         name: [row.entry.scores]
         for name, row in zip(_method_names(ranking, rows), rows, strict=True)
     }
-    caption = f"Leaderboard of {board.name}: {board.signature}. {address}"
-    return methods_table(methods, [board.name], metrics, caption).to_latex() + "\n"
+    caption = f"Leaderboard of {board.label}: {board.signature}. {address}"
+    return methods_table(methods, [board.label], metrics, caption).to_latex() + "\n"
 
 
 def _method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
@@ -308,9 +311,9 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
     """
     board, today = ranking.board, ranking.now.astimezone(UTC)
     of_board = _bibtex_entry(
-        f"reverie-{board.name}-{today:%Y-%m-%d}",
+        f"reverie-{board.label}-{today:%Y-%m-%d}",
         author=title,
-        title=f"Leaderboard of {board.name}",
+        title=f"Leaderboard of {board.label}",
         address=address,
         at=today,
         note=f"{board.signature}, as of {today:%Y-%m-%d}",

@@ -8,6 +8,7 @@ means are used and how many tasks there are, which the public instructions tell.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
+from typing import TypeAlias
 
 import numpy as np
 from sqlalchemy import select
@@ -32,6 +33,9 @@ _COMPARED = tuple(
 )
 """The metrics by which results are compared."""
 
+Sums: TypeAlias = dict[str, list[float]]
+"""Of a result over each cluster of episodes, by metric."""
+
 
 @dataclass(frozen=True, slots=True)
 class Place:
@@ -44,7 +48,7 @@ class Place:
     first of them."""
 
 
-def cluster_sums(scores: Scores) -> dict[str, list[float]]:
+def cluster_sums(scores: Scores) -> Sums:
     """Return the sums of a result over clusters of episodes, as they are stored."""
     _, cluster = np.unique(clusters_of(scores.ground_truth, "target"), return_inverse=True)
     return {
@@ -54,6 +58,11 @@ def cluster_sums(scores: Scores) -> dict[str, list[float]]:
     }
 
 
+def store_sums(session: Session, submission_id: str, board: Board, sums: Sums) -> None:
+    """Store what a published result is compared by on a leaderboard."""
+    session.merge(ClusterSums(submission_id=submission_id, board=board.further, sums=sums))
+
+
 @dataclass(frozen=True)
 class RankIntervals:
     """The places of all results, computed again only when the results have changed."""
@@ -61,7 +70,7 @@ class RankIntervals:
     _cached: dict[tuple[str, str], tuple[Sequence[tuple[str, float]], Mapping[str, Place]]] = field(
         default_factory=dict
     )
-    """By split and metric: the values that were compared, and the places."""
+    """By leaderboard and metric: the values that were compared, and the places."""
     _lock: Lock = field(default_factory=Lock)
     """So that concurrent requests compute them only once."""
 
@@ -80,10 +89,10 @@ class RankIntervals:
         if metric not in _COMPARED or not _FEWEST_COMPARED <= len(ranked) <= MOST_COMPARED:
             return {}
         with self._lock:
-            known, places = self._cached.get((board.name, metric), ((), {}))
+            known, places = self._cached.get((board.place, metric), ((), {}))
             if known != ranked:
                 places = _places(session, board, CATALOGUE[metric], ranked)
-                self._cached[board.name, metric] = ranked, places
+                self._cached[board.place, metric] = ranked, places
             return places
 
 
@@ -94,7 +103,9 @@ def _places(
     if board.is_private:
         covariance, n_clusters = _of_shown_means(board, np.array([*means.values()])), np.inf
     else:
-        chosen = select(ClusterSums).where(ClusterSums.submission_id.in_(means))
+        chosen = select(ClusterSums).where(
+            ClusterSums.submission_id.in_(means), ClusterSums.board == board.further
+        )
         sums = {
             row.submission_id: row.sums[metric.key]
             for row in session.scalars(chosen)

@@ -19,7 +19,9 @@ from cryptography.hazmat.primitives.serialization import (
 
 from reverie_eval import receipts
 from reverie_eval.receipts import ReceiptError, canonical, key_id_of
+from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Leaderboard, QuotaReport, Receipt, Snapshot
+from reverie_eval.server.store.tables import Submission
 
 Signed = TypeVar("Signed", Receipt, Snapshot)
 
@@ -74,6 +76,19 @@ class Signer:
             proof="",
         )
         return self._signed(unsigned)
+
+    def sign_result(self, row: Submission, report: ScoreReport, quota: QuotaReport) -> Receipt:
+        """Return a signed receipt of what a submission scores on a leaderboard of its split."""
+        return self.sign(
+            submission_id=row.id,
+            team=row.team.name,
+            sha256=row.sha256,
+            received_at=row.received_at,
+            split=row.split,
+            signature=report.signature,
+            scores=report.scores,
+            quota=quota,
+        )
 
     def sign_snapshot(
         self, *, split: str, number: int, title: str, as_of: datetime, leaderboard: Leaderboard

@@ -1,36 +1,39 @@
 """Scoring submissions again after a split's ground truth or rules were corrected.
 
-Each submission is scored from its upload. The new result replaces the old one in a transaction of
-its own; the old one stays on record with its receipt. So an interrupted run is continued by the
-next one, which finds only what is left. When a submission was received, what it used of the quota,
-and how it was reviewed do not change.
+Each submission is scored from its upload, on one leaderboard of its split after the other. The new
+result replaces the old one in a transaction of its own; the old one stays on record with its
+receipt. So an interrupted run is continued by the next one, which finds only what is left. When a
+submission was received, what it used of the quota, and how it was reviewed do not change.
+
+A further leaderboard that was added to a split gets its results in the same way.
 """
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import chain
 from typing import NamedTuple, TypeAlias
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.errors import ProtocolError, SubmissionError
+from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import Metric
 from reverie_eval.schemas.organising import NewCorrection, RescoringReport, ResultChange
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import CorrectionReport, EarlierResult, Receipt
+from reverie_eval.schemas.service import BoardResult, CorrectionReport, EarlierResult
 from reverie_eval.server.errors import ConflictError
 from reverie_eval.server.service.boards import Board, board_named, without_version
+from reverie_eval.server.service.entries import corrections_of
 from reverie_eval.server.service.leaderboard import ranks
 from reverie_eval.server.service.paging import Listed, Page, list_page
-from reverie_eval.server.service.rank_intervals import cluster_sums
+from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.results import results_of, store_result, stored_in_report
 from reverie_eval.server.service.reviews import reviews_of
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.database import Database
-from reverie_eval.server.store.tables import ClusterSums, Correction, Review, Submission
+from reverie_eval.server.store.tables import Correction, Review, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
 
 AT_ONCE = 20
@@ -44,13 +47,15 @@ class Job(NamedTuple):
     sha256: str
     has_intervals: bool
     upload_deleted_at: datetime | None
+    was_scored: bool
+    """Whether it has a result, by other ground truth or rules."""
 
 
 class Rescored(NamedTuple):
     """What scoring a submission again gives."""
 
     report: ScoreReport
-    sums: dict[str, list[float]] | None
+    sums: Sums | None
     """What its rank is compared by; None for what has no intervals either."""
 
 
@@ -60,7 +65,7 @@ Outcome: TypeAlias = Rescored | str
 
 @dataclass(frozen=True, slots=True)
 class Scorer:
-    """Scores the uploads of a split again."""
+    """Scores uploads for a leaderboard again."""
 
     board: Board
     uploads: Uploads
@@ -77,13 +82,10 @@ class Scorer:
             return str(error)
 
     def _score(self, job: Job) -> Rescored:
-        reading = self.board.read(stored_upload(self.uploads, job.sha256))
-        scores = self.board.score(reading)
-        sums = None
-        if job.has_intervals:
-            with suppress(ProtocolError):  # no intervals from a single target
-                scores, sums = scores.with_intervals(), cluster_sums(scores)
-        return Rescored(self.board.report(scores, reading), sums)
+        content = stored_upload(self.uploads, job.sha256)
+        report, scores = self.board.scored(content, has_intervals=job.has_intervals)
+        sums = cluster_sums(scores) if scores and report.intervals else None
+        return Rescored(report, sums)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +99,7 @@ class Rescoring:
     transactions: Transactions
 
     def rescore(self, actor: Actor, new: NewCorrection) -> RescoringReport:
-        """Score the next submissions that were scored with other ground truth or rules.
+        """Score the next submissions that were scored with other ground truth or rules, or not yet.
 
         Raises
         ------
@@ -106,26 +108,31 @@ class Rescoring:
         ConflictError
             If all were scored with the current ones.
         """
-        board = board_named(self.boards, new.split)
+        own = board_named(self.boards, new.split)
         with self.database.reading() as session:
-            jobs = outdated(session, board)
-        if not jobs:
+            waiting = [(board, outdated(session, board)) for board in own.all]
+        left = sum(len(jobs) for _, jobs in waiting)
+        if not left:
             raise ConflictError(
-                f"all submissions to {board.name} were scored with the current ground truth and "
-                "rules"
+                f"all submissions to {own.name} were scored with the current ground truth and rules"
             )
-        outcomes = map(Scorer(board, self.uploads), jobs)
+        outcomes = chain.from_iterable(
+            self.replace_results(
+                actor, board, new.reason, jobs, map(Scorer(board, self.uploads), jobs)
+            )
+            for board, jobs in waiting
+        )
         scored, rejected = 0, {}
-        for job, outcome in self.replace_results(actor, board, new.reason, jobs, outcomes):
+        for job, outcome in outcomes:
+            left -= 1
             if isinstance(outcome, str):
                 rejected[job.submission_id] = outcome
             else:
                 scored += 1
             if scored == AT_ONCE:
                 break
-        left = len(jobs) - scored - len(rejected)
         return RescoringReport(
-            split=new.split, signature=board.signature, scored=scored, rejected=rejected, left=left
+            split=new.split, signature=own.signature, scored=scored, rejected=rejected, left=left
         )
 
     def replace_results(
@@ -138,12 +145,12 @@ class Rescoring:
     ) -> Iterator[tuple[Job, Outcome]]:
         """Announce the correction and replace results one by one; without jobs, do nothing.
 
-        ``outcomes`` are those of the jobs, in their order.
+        ``outcomes`` are those of the jobs, in their order. Results where there were none correct
+        nothing, and are not announced.
         """
-        if not jobs:
-            return
-        with self.transactions.begin(actor) as transaction:
-            reason = _correction(transaction, board, reason).reason
+        if any(job.was_scored for job in jobs):
+            with self.transactions.begin(actor) as transaction:
+                reason = _announced(transaction, board, reason)
         for job, outcome in zip(jobs, outcomes, strict=True):
             if isinstance(outcome, Rescored):
                 with self.transactions.begin(actor) as transaction:
@@ -155,34 +162,36 @@ class Rescoring:
     ) -> None:
         report = rescored.report
         row = transaction.session.get_one(Submission, job.submission_id)
-        known, receipt = ScoreReport.model_validate(row.report), Receipt.model_validate(row.receipt)
-        if board.measures_as(known):
+        results = results_of(row)
+        known, quota = results.get(board.further), results[""].receipt.quota
+        if known is not None and board.measures_as(known.report):
             return  # another process has done it meanwhile
-        earlier = EarlierResult(
-            report=known, receipt=receipt, replaced_at=transaction.now, reason=reason
+        earlier = [] if known is None else [*known.earlier, _replaced(known, transaction, reason)]
+        receipt = self.signer.sign_result(row, report, quota)
+        store_result(
+            row, board.further, BoardResult(report=report, receipt=receipt, earlier=earlier)
         )
-        row.earlier = [*row.earlier, earlier.model_dump(mode="json")]
         row.rescored_at = transaction.now
-        row.report = report.model_dump(mode="json")
         if rescored.sums is not None:
-            transaction.session.merge(ClusterSums(submission_id=row.id, sums=rescored.sums))
-        row.receipt = self.signer.sign(
-            submission_id=row.id,
-            team=row.team.name,
-            sha256=row.sha256,
-            received_at=row.received_at,
-            split=row.split,
-            signature=report.signature,
-            scores=report.scores,
-            quota=receipt.quota,
-        ).model_dump(mode="json")
+            store_sums(transaction.session, row.id, board, rescored.sums)
         transaction.record(
-            "scored again", row, row.id, before=known.signature, after=report.signature
+            "scored again",
+            row,
+            row.id,
+            board=board.further,
+            before="" if known is None else known.report.signature,
+            after=report.signature,
         )
+
+
+def _replaced(known: BoardResult, transaction: Transaction, reason: str) -> EarlierResult:
+    return EarlierResult(
+        report=known.report, receipt=known.receipt, replaced_at=transaction.now, reason=reason
+    )
 
 
 def outdated(session: Session, board: Board) -> Sequence[Job]:
-    """Return the submissions that were scored with other ground truth or rules, the oldest first.
+    """Return the submissions without a result by current ground truth and rules, the oldest first.
 
     Those that are published come with intervals, if the split is open.
     """
@@ -190,8 +199,7 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
         select(
             Submission.id,
             Submission.sha256,
-            Submission.report["signature"].as_string(),
-            Submission.report["fingerprint"].as_string(),
+            *_signature_and_fingerprint(board),
             Submission.published_at,
             Submission.upload_deleted_at,
         )
@@ -199,30 +207,35 @@ def outdated(session: Session, board: Board) -> Sequence[Job]:
         .order_by(Submission.received_at, Submission.id)
     )
     return [
-        Job(name, sha256, published is not None and not board.is_private, deleted)
+        Job(
+            submission_id=name,
+            sha256=sha256,
+            has_intervals=published is not None and not board.is_private,
+            upload_deleted_at=deleted,
+            was_scored=signature is not None,
+        )
         for name, sha256, signature, fingerprint, published, deleted in session.execute(chosen)
-        if not board.is_current(signature, fingerprint)
+        if not board.is_current(signature or "", fingerprint or "")
     ]
 
 
-def count_outdated(session: Session, boards: Mapping[str, Board]) -> Mapping[str, int]:
-    """Count the submissions that :func:`outdated` returns, for each split that has any."""
-    scored_by = (
-        select(
-            Submission.split,
-            Submission.report["signature"].as_string().label("signature"),
-            Submission.report["fingerprint"].as_string().label("fingerprint"),
-        )
-        .where(Submission.split.in_(boards))
-        .subquery()
-        .columns
+def count_outdated(session: Session, board: Board) -> int:
+    """Count the submissions that :func:`outdated` returns."""
+    scored_by = select(*_signature_and_fingerprint(board)).where(Submission.split == board.name)
+    signatures, fingerprints = scored_by.subquery().columns
+    counted = select(signatures, fingerprints, func.count()).group_by(signatures, fingerprints)
+    return sum(
+        number
+        for signature, fingerprint, number in session.execute(counted)
+        if not board.is_current(signature or "", fingerprint or "")
     )
-    counts: Counter[str] = Counter()
-    counted = select(*scored_by, func.count().label("number")).group_by(*scored_by)
-    for row in session.execute(counted):
-        if not boards[row.split].is_current(row.signature, row.fingerprint):
-            counts[row.split] += row.number
-    return counts
+
+
+def _signature_and_fingerprint(
+    board: Board,
+) -> tuple[ColumnElement[str | None], ColumnElement[str | None]]:
+    signature = stored_in_report(board.further, "signature").label("signature")
+    return signature, stored_in_report(board.further, "fingerprint").label("fingerprint")
 
 
 def list_corrections(session: Session, page: Page) -> Listed[CorrectionReport]:
@@ -232,23 +245,35 @@ def list_corrections(session: Session, page: Page) -> Listed[CorrectionReport]:
 
 
 def changes(
-    session: Session, board: Board, outcomes: Mapping[str, Outcome]
+    session: Session,
+    board: Board,
+    outcomes: Mapping[str, Outcome],
+    *,
+    first_results: Collection[str] = (),
 ) -> Sequence[ResultChange]:
-    """Compare a split's results before and after its correction, the largest changes first.
+    """Compare a leaderboard's results before and after a correction, the largest changes first.
 
     ``outcomes`` are those of submissions whose results were not replaced, by submission.
+    ``first_results`` are submissions that had no result before.
     """
     correction = _current_correction(session, board)
     chosen = select(Submission).where(Submission.split == board.name)
     rows = session.scalars(chosen.order_by(Submission.received_at, Submission.id)).all()
-    before = [_before(row, correction).scores for row in rows]
-    after = [_after(row, board, outcomes.get(row.id)) for row in rows]
+    known = [results_of(row).get(board.further) for row in rows]
+    before = [
+        {} if row.id in first_results else _before(result, correction)
+        for row, result in zip(rows, known, strict=True)
+    ]
+    after = [
+        _after(result, board, outcomes.get(row.id)) for row, result in zip(rows, known, strict=True)
+    ]
     reviews, ranked_by = reviews_of(session, board.name), board.primary
     is_ranked = [_is_ranked(row, reviews) for row in rows]
     ranks_before = _ranks_among(is_ranked, before, ranked_by)
     ranks_after = _ranks_among(is_ranked, after, ranked_by)
     found = [
         ResultChange(
+            board=board.further,
             submission_id=row.id,
             team=row.team.name,
             method=row.method["name"],
@@ -263,43 +288,49 @@ def changes(
     return sorted(found, key=lambda change: -abs(change.difference(ranked_by.key)))
 
 
-def _current_correction(session: Session, board: Board) -> Correction | None:
-    """Return the latest correction of a split, if it led to the current ground truth and rules."""
-    chosen = select(Correction).where(Correction.split == board.name).order_by(Correction.id.desc())
-    latest = session.scalars(chosen.limit(1)).first()
+def _current_correction(session: Session, board: Board) -> CorrectionReport | None:
+    """Return a leaderboard's latest correction, if it led to the current ground truth and rules."""
+    latest = next(iter(corrections_of(session, board)), None)
     if latest is None or without_version(latest.signature) != without_version(board.signature):
         return None
     return latest
 
 
-def _correction(transaction: Transaction, board: Board, reason: str) -> Correction:
-    """Return the correction that led to the current ground truth and rules, announced if new."""
+def _announced(transaction: Transaction, board: Board, reason: str) -> str:
+    """Announce a correction to the current ground truth and rules, and return its reason.
+
+    If one was announced already, it is continued for its own reason.
+    """
     known = _current_correction(transaction.session, board)
     if known is not None:
-        return known
+        return known.reason
     row = Correction(
-        split=board.name, signature=board.signature, reason=reason, created_at=transaction.now
+        split=board.name,
+        board=board.further,
+        signature=board.signature,
+        reason=reason,
+        created_at=transaction.now,
     )
     transaction.add(row)
-    transaction.record("correction announced", row, board.name, reason=reason)
-    return row
+    transaction.record("correction announced", row, board.label, reason=reason)
+    return reason
 
 
-def _before(row: Submission, correction: Correction | None) -> ScoreReport:
-    is_replaced = (
-        correction is not None
-        and row.rescored_at is not None
-        and row.rescored_at >= correction.created_at
-    )
-    return ScoreReport.model_validate(row.earlier[-1]["report"] if is_replaced else row.report)
+def _before(known: BoardResult | None, correction: CorrectionReport | None) -> Mapping[str, float]:
+    """Return the scores before a correction; empty if there were none."""
+    if known is None:
+        return {}
+    last = known.earlier[-1] if known.earlier else None
+    if last is not None and correction is not None and last.replaced_at >= correction.created_at:
+        return last.report.scores
+    return known.report.scores
 
 
-def _after(row: Submission, board: Board, outcome: Outcome | None) -> Mapping[str, float]:
+def _after(known: BoardResult | None, board: Board, outcome: Outcome | None) -> Mapping[str, float]:
     """Return the scores by the current ground truth and rules; empty if there are none."""
-    known = ScoreReport.model_validate(row.report)
     if isinstance(outcome, Rescored):
         return outcome.report.scores
-    return known.scores if board.measures_as(known) else {}
+    return known.report.scores if known and board.measures_as(known.report) else {}
 
 
 def _ranks_among(

@@ -1,7 +1,6 @@
 """Replacing the signing key, and revoking one that others may have."""
 
 from dataclasses import replace
-from typing import Any
 
 from sqlalchemy import select
 
@@ -16,6 +15,7 @@ from reverie_eval.server.service.keys import (
     new_row,
 )
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.results import results_of, store_result
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.database import AT_ONCE
 from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submission
@@ -107,16 +107,19 @@ def revoke_key(transaction: Transaction, key_id: str, revocation: KeyRevocation)
 
 def _sign_again(row: Submission, key_id: str, signer: Signer) -> int:
     """Replace the receipts of a submission that a key signed, and return their number."""
-    theirs = [row.receipt, *(result["receipt"] for result in row.earlier)]
-    number: int = sum(receipt["key_id"] == key_id for receipt in theirs)
-    if not number:
-        return 0
+    number = 0
 
-    def signed(receipt: dict[str, Any]) -> dict[str, Any]:
-        if receipt["key_id"] != key_id:
+    def signed(receipt: Receipt) -> Receipt:
+        nonlocal number
+        if receipt.key_id != key_id:
             return receipt
-        return signer.sign_again(Receipt.model_validate(receipt)).model_dump(mode="json")
+        number += 1
+        return signer.sign_again(receipt)
 
-    row.receipt = signed(row.receipt)
-    row.earlier = [{**result, "receipt": signed(result["receipt"])} for result in row.earlier]
+    for further, known in results_of(row).items():
+        earlier = [
+            each.model_copy(update={"receipt": signed(each.receipt)}) for each in known.earlier
+        ]
+        changed = {"receipt": signed(known.receipt), "earlier": earlier}
+        store_result(row, further, known.model_copy(update=changed))
     return number

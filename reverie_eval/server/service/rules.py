@@ -11,7 +11,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.server.service.audit import RULES
-from reverie_eval.server.service.boards import Board, without_version
+from reverie_eval.server.service.boards import Board, leaderboards, without_version
 from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.store.tables import AuditEntry
 
@@ -19,8 +19,8 @@ _ACTOR = "server"
 
 
 def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
-    """Return what scores depend on, by split; a released protocol is that of every version."""
-    return {name: without_version(board.signature) for name, board in boards.items()}
+    """Return what scores depend on, by leaderboard; a protocol is that of every version."""
+    return {board.label: without_version(board.signature) for board in leaderboards(boards)}
 
 
 def record_rules(transactions: Transactions, rules: Mapping[str, str]) -> None:
@@ -45,7 +45,7 @@ class LastRules:
 
     def __init__(self) -> None:
         self.rules: Mapping[str, str] = {}
-        """By split; empty if no server has recorded any."""
+        """By leaderboard; empty if no server has recorded any."""
         self._known_until = 0
 
     def read(self, session: Session) -> Mapping[str, str]:
@@ -61,6 +61,6 @@ class LastRules:
 
 
 def different(rules: Mapping[str, str], last: Mapping[str, str]) -> Sequence[str]:
-    """Return the splits with other rules than those of the server that started last, if any did."""
+    """Return the leaderboards with other rules than at the server that started last, if any did."""
     names = {**rules, **last} if last else {}
     return [name for name in names if rules.get(name) != last.get(name)]

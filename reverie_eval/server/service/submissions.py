@@ -8,18 +8,17 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Literal
 
 from sqlalchemy import Select, exists, select, tuple_
 from sqlalchemy.orm import Session
 
-from reverie_eval.errors import ProtocolError
-from reverie_eval.schemas.report import ScoreReport
+from reverie_eval.schemas.report import IntervalReport, ScoreReport
 from reverie_eval.schemas.service import (
+    BoardResult,
     EarlierResult,
     Method,
     MethodChange,
-    Receipt,
     SubmissionChange,
     SubmissionReport,
 )
@@ -28,13 +27,14 @@ from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundEr
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.paging import Listed, Page, cut, wrong_cursor
-from reverie_eval.server.service.rank_intervals import cluster_sums
+from reverie_eval.server.service.rank_intervals import Sums, cluster_sums, store_sums
 from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.results import results_of, store_result
 from reverie_eval.server.service.reviews import find_submission, is_disqualified, standing_reviews
 from reverie_eval.server.service.schedules import Schedules
 from reverie_eval.server.service.transactions import Actor, Transaction, Transactions
 from reverie_eval.server.store.database import AT_ONCE, Database
-from reverie_eval.server.store.tables import ClusterSums, Person, Review, Submission
+from reverie_eval.server.store.tables import Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 RECENT = 8
@@ -94,6 +94,22 @@ def submission_of(
     return view.report(_row_of(session, person, submission_id))
 
 
+def result_on(further: str, submission: SubmissionReport) -> BoardResult:
+    """Return a submission's result on a further leaderboard.
+
+    Raises
+    ------
+    NotFoundError
+        If it has none.
+    """
+    if further not in submission.also:
+        raise NotFoundError(
+            f"{submission.id} has no result on a further leaderboard {further!r}; it has results "
+            f"on: {', '.join(submission.also) or 'none'}"
+        )
+    return submission.also[further]
+
+
 @dataclass(frozen=True, slots=True)
 class View:
     """What may be seen of submissions at a moment."""
@@ -107,6 +123,8 @@ class View:
 
 def submission_report(row: Submission) -> SubmissionReport:
     """Return all that is stored of a submission, including what its team may not see yet."""
+    also = dict(results_of(row))
+    own = also.pop("")
     return SubmissionReport(
         id=row.id,
         split=row.split,
@@ -115,9 +133,10 @@ def submission_report(row: Submission) -> SubmissionReport:
         sha256=row.sha256,
         received_at=row.received_at,
         method=Method.model_validate(row.method),
-        report=ScoreReport.model_validate(row.report),
-        receipt=Receipt.model_validate(row.receipt),
-        earlier=list(map(EarlierResult.model_validate, row.earlier)),
+        report=own.report,
+        receipt=own.receipt,
+        earlier=own.earlier,
+        also=also,
         status=status_of(row),
         published_at=row.published_at,
         withdrawn_at=row.withdrawn_at,
@@ -152,6 +171,8 @@ class Publication:
     reviews: Sequence[Review]
     earlier: Sequence[EarlierResult]
     """Empty while scores are held back."""
+    also: Mapping[str, BoardResult]
+    """On the further leaderboards of the split, by name."""
 
 
 def publication(session: Session, submission_id: str, view: View) -> Publication:
@@ -178,6 +199,7 @@ def publication(session: Session, submission_id: str, view: View) -> Publication
         shows_episodes=row.shows_episodes or "baseline" in {each.verdict for each in reviews},
         reviews=reviews,
         earlier=[] if held_until else list(map(EarlierResult.model_validate, row.earlier)),
+        also=view.embargo.also(row),
     )
 
 
@@ -311,7 +333,7 @@ class SubmissionService:
             if not change.model_fields_set:
                 view = self.view(session, self.transactions.clock())
                 return submission_of(session, person, submission_id, view)
-        computed = self._intervals(known) if change.published else None
+        drawn = self._intervals(known) if change.published else {}
         with self.transactions.begin(organiser or person) as transaction:
             now, row = transaction.now, _row_of(transaction.session, person, submission_id)
             is_removed = change.withdrawn or change.published is False
@@ -320,10 +342,12 @@ class SubmissionService:
                     "the organiser has disqualified this submission; until that is lifted, it "
                     "cannot be unpublished or withdrawn"
                 )
-            if computed is not None:
-                intervals, sums = computed
-                row.report = {**row.report, "intervals": intervals}
-                transaction.session.merge(ClusterSums(submission_id=row.id, sums=sums))
+            results = results_of(row)
+            for further, (intervals, sums) in drawn.items():
+                report = results[further].report.model_copy(update={"intervals": intervals})
+                store_result(row, further, results[further].model_copy(update={"report": report}))
+                board = board_named(self.boards, row.split, further)
+                store_sums(transaction.session, row.id, board, sums)
             if change.method is not None:
                 row.method = self._edited(row, change.method).model_dump(mode="json")
             if change.withdrawn is not None:
@@ -381,24 +405,30 @@ class SubmissionService:
             )
         return method
 
-    def _intervals(
-        self, known: SubmissionReport
-    ) -> tuple[Mapping[str, Any], dict[str, list[float]]] | None:
-        """Compute confidence intervals, and what ranks are compared by, for open splits only.
+    def _intervals(self, known: SubmissionReport) -> Mapping[str, tuple[IntervalReport, Sums]]:
+        """Compute missing intervals, and what ranks are compared by; by leaderboard.
+
+        For open splits only.
 
         They take longer than scoring, so they are only computed for published submissions.
         """
-        board = board_named(self.boards, known.split)
-        is_drawn = known.report.intervals is not None
-        is_gone = known.upload_deleted_at is not None
-        if board.is_private or is_drawn or is_gone or not board.measures_as(known.report):
-            return None
-        scores = board.score(board.read(self.uploads.get(known.sha256)))
-        try:
-            drawn = scores.with_intervals().to_report().intervals
-        except ProtocolError:  # no intervals from a single target
-            return None
-        return None if drawn is None else (drawn.model_dump(mode="json"), cluster_sums(scores))
+        own = board_named(self.boards, known.split)
+        waiting = [
+            board
+            for board in own.all
+            if (result := known.results.get(board.further)) is not None
+            and result.report.intervals is None
+            and board.measures_as(result.report)
+        ]
+        if own.is_private or known.upload_deleted_at is not None or not waiting:
+            return {}
+        content = self.uploads.get(known.sha256)
+        found = {board.further: board.scored(content, has_intervals=True) for board in waiting}
+        return {
+            further: (report.intervals, cluster_sums(scores))
+            for further, (report, scores) in found.items()
+            if report.intervals is not None and scores is not None
+        }
 
 
 def _check_upload(submission: SubmissionReport) -> None:

@@ -163,6 +163,8 @@ class Submission(Base):
     """When it was last scored again, after a correction."""
     earlier: Mapped[list[dict[str, Any]]] = mapped_column(default=list)
     """Its reports and receipts before that, the earliest first."""
+    also: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    """On the split's further leaderboards, by name: report, receipt, and those before."""
     published_at: Mapped[datetime | None]
     withdrawn_at: Mapped[datetime | None]
     anonymous_until: Mapped[datetime | None]
@@ -188,6 +190,8 @@ class ClusterSums(Base):
     __tablename__ = "cluster_sums"
 
     submission_id: Mapped[str] = mapped_column(ForeignKey("submission.id"), primary_key=True)
+    board: Mapped[str] = mapped_column(String(64), primary_key=True)
+    """Empty for the split's own leaderboard, or the name of a further one."""
     sums: Mapped[dict[str, Any]]
     """A list of numbers by metric, in the order of the clusters' numbers."""
 
@@ -211,6 +215,8 @@ class Correction(Base):
 
     id: Mapped[int] = mapped_column(primary_key=True)
     split: Mapped[str] = mapped_column(String(64), index=True)
+    board: Mapped[str] = mapped_column(String(40))
+    """A further leaderboard of the split; empty for its own one."""
     signature: Mapped[str] = mapped_column(String(500))
     """What scores depend on since."""
     reason: Mapped[str] = mapped_column(String(500))

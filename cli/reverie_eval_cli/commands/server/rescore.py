@@ -1,6 +1,8 @@
 """``reverie-eval server rescore FOLDER SPLIT``: score submissions again after a correction."""
 
 import os
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,10 +45,11 @@ def rescore(
     """Score submissions again after a correction.
 
     All submissions to SPLIT that were scored with other ground truth or rules than the current ones
-    are scored from their uploads. Dates, quotas and reviews stay the same; the earlier results and
-    receipts are kept. If it is interrupted, run it again without --bundle.
+    are scored from their uploads; so are those without a result on a further leaderboard. Dates,
+    quotas and reviews stay the same; the earlier results and receipts are kept. If it is
+    interrupted, run it again without --bundle.
 
-    Prints how every result changed, the largest changes first.
+    Prints how every result changed, the largest changes first, for each leaderboard of the split.
 
     Exit status: 0 all were scored, 1 some cannot be scored again, 2 usage or system error.
     """
@@ -81,10 +84,17 @@ def _progress(
 
 
 def _print(changes: "Sequence[ResultChange]") -> None:
+    """Print a table for each leaderboard of the split."""
     if not changes:
         note("there are no submissions")
-        return
-    metric = primary_metric(set().union(*(change.before for change in changes)))
+    for further, group in groupby(changes, attrgetter("board")):
+        if further:
+            print(f"\n{further}")
+        _print_board(list(group))
+
+
+def _print_board(changes: "Sequence[ResultChange]") -> None:
+    metric = primary_metric(set().union(*(c.before.keys() | c.after.keys() for c in changes)))
     rows = [
         (
             change.submission_id,

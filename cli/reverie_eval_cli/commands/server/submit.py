@@ -10,7 +10,7 @@ from reverie_eval_cli import options
 from reverie_eval_cli.commands.submit import MethodOptions, method_options
 from reverie_eval_cli.organising import actor, checked
 from reverie_eval_cli.output import note
-from reverie_eval_cli.receipts import keep_receipt
+from reverie_eval_cli.receipts import keep_receipts
 
 
 @click.command()
@@ -69,6 +69,7 @@ def submit(
                 failed, reply = True, refusal.reply
             else:
                 reply = report.reply
-                note(f"attach {keep_receipt(report.submission.receipt, None, str(path))}")
+                for receipt in keep_receipts(report.submission, None, str(path)):
+                    note(f"attach {receipt}")
             print(*(["", "-" * 72, ""] if number else []), reply, sep="\n")
     return 1 if failed else 0

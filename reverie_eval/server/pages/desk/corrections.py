@@ -22,7 +22,11 @@ PAGE = "/desk/corrections"
 def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     """Show the splits with submissions to score again, and all corrections."""
     return {
-        "outdated": rescoring.count_outdated(snapshot.session, desk.server.boards),
+        "outdated": {
+            split: number
+            for split, own in desk.server.boards.items()
+            if (number := sum(rescoring.count_outdated(snapshot.session, b) for b in own.all))
+        },
         "corrections": rescoring.list_corrections(
             snapshot.session, forms.page_at(desk, "corrections")
         ),

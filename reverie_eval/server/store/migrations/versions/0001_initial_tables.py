@@ -51,6 +51,7 @@ def upgrade() -> None:
         "correction",
         sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("split", sa.String(length=64), nullable=False),
+        sa.Column("board", sa.String(length=40), nullable=False),
         sa.Column("signature", sa.String(length=500), nullable=False),
         sa.Column("reason", sa.String(length=500), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
@@ -246,6 +247,7 @@ def upgrade() -> None:
         sa.Column("receipt", sa.JSON(), nullable=False),
         sa.Column("rescored_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("earlier", sa.JSON(), nullable=False),
+        sa.Column("also", sa.JSON(), nullable=False),
         sa.Column("published_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("withdrawn_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("anonymous_until", sa.DateTime(timezone=True), nullable=True),
@@ -281,9 +283,10 @@ def upgrade() -> None:
     op.create_table(
         "cluster_sums",
         sa.Column("submission_id", sa.String(length=32), nullable=False),
+        sa.Column("board", sa.String(length=64), nullable=False),
         sa.Column("sums", sa.JSON(), nullable=False),
         sa.ForeignKeyConstraint(["submission_id"], ["submission.id"]),
-        sa.PrimaryKeyConstraint("submission_id"),
+        sa.PrimaryKeyConstraint("submission_id", "board"),
     )
     op.create_table(
         "fingerprint",

@@ -1,0 +1,39 @@
+"""The results of a submission as they are stored: one on each leaderboard of its split.
+
+The split's own leaderboard has the name "". On a further one, a submission that was received before
+it was added has no result until it is scored again.
+"""
+
+from collections.abc import Mapping
+
+from sqlalchemy import ColumnElement
+
+from reverie_eval.schemas.service import BoardResult
+from reverie_eval.server.store.tables import Submission
+
+
+def results_of(row: Submission) -> Mapping[str, BoardResult]:
+    """Return all results of a submission by leaderboard, that on the split's own one first."""
+    own = {"report": row.report, "receipt": row.receipt, "earlier": row.earlier}
+    return {
+        further: BoardResult.model_validate(stored)
+        for further, stored in {"": own, **row.also}.items()
+    }
+
+
+def store_result(row: Submission, further: str, result: BoardResult) -> None:
+    """Put a result in place of the one that a submission has on a leaderboard, if any."""
+    stored = result.model_dump(mode="json")
+    if further:
+        row.also = {**row.also, further: stored}
+    else:
+        row.report, row.receipt = stored["report"], stored["receipt"]
+        row.earlier = stored["earlier"]
+
+
+def stored_in_report(further: str, name: str) -> ColumnElement[str | None]:
+    """Return a field of the reports on a leaderboard for a statement; None without a result."""
+    field: ColumnElement[str | None] = (
+        Submission.also[(further, "report", name)] if further else Submission.report[name]
+    ).as_string()
+    return field

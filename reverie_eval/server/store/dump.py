@@ -44,7 +44,8 @@ def load(database: Database, revision: str, rows: Iterable[Row]) -> None:
                 connection.execute(insert(tables[name]), some)
         if not database.is_sqlite:
             for table in tables.values():
-                _continue_numbers(connection, table)
+                if "id" in table.columns:
+                    _continue_numbers(connection, table)
         migrate(connection, "head")
 
 

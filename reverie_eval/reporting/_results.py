@@ -114,7 +114,7 @@ def _half_width(metric: Metric, values: Mapping[str, float]) -> str:
     if not isinstance(values, Runs) or metric.key not in values:
         return ""
     half = values.intervals[metric.key].high - values[metric.key]
-    return f" \N{PLUS-MINUS SIGN} {metric.display(half)}"
+    return f" ± {metric.display(half)}"
 
 
 def _means(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[str]:
@@ -158,7 +158,7 @@ def _caption(every: Sequence[Method], metrics: Sequence[Metric]) -> str:
     }
     rules = " ".join(filter(None, (parts[0]["protocol"], every[0].qualifier)))
     captions = dict.fromkeys(each.intervals.method for each in every if isinstance(each, Runs))
-    spread = "".join(f" \N{PLUS-MINUS SIGN}: half the width of {each}." for each in captions)
+    spread = "".join(f" ±: half the width of {each}." for each in captions)
     return (
         f"Results on {world}. {unit}; the best of each column in bold.{spread} Scored by "
         f"reverie-eval {parts[0]['version']}, protocol {rules}; data: {', '.join(data.values())}."

@@ -256,7 +256,7 @@ _NAMED = {
     "<": "less",
     ">": "greater",
     "|": "bar",
-    "\N{PLUS-MINUS SIGN}": "pm",
+    "±": "pm",
 }
 _SPECIAL = str.maketrans(
     {letter: f"\\{letter}" for letter in "&%$#_{}"}

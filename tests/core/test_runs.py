@@ -130,7 +130,7 @@ def test_runs_are_compared_with_runs_and_with_single_files(runs: rv.Runs) -> Non
 def test_a_results_table_has_the_intervals(runs: rv.Runs) -> None:
     table = results_table({"ours": runs, "one": runs.runs["good"]})
     half = 100 * (runs.intervals["rgspl"].high - runs["rgspl"])
-    assert table.rows[0][-1] == f"{100 * runs['rgspl']:.2f} \N{PLUS-MINUS SIGN} {half:.2f}"
+    assert table.rows[0][-1] == f"{100 * runs['rgspl']:.2f} ± {half:.2f}"
     assert table.rows[1][-1] == "57.22"
     assert rf"\textpm{{}} {half:.2f}" in table.to_latex()
     assert "half the width of 95 % intervals: Student's t, by the variance among 3 runs" in (

@@ -83,7 +83,7 @@ def test_without_an_open_split_the_example_is_of_the_demo_world(
     page = home(server)
     assert "From the synthetic demo world" in page
     assert "Map of episode" in page
-    assert f'href="/episodes/{OPEN}/' not in page
+    assert not re.search(f'href="/(episodes|play)/{OPEN}', page)
 
 
 def test_links_to_it_show_what_it_is(open_server: OpenServer, folder: Path) -> None:
@@ -102,7 +102,8 @@ def test_the_ways_in(open_server: OpenServer, folder: Path) -> None:
     links = {"Data": "https://example.org/data", "Paper": "https://example.org/paper"}
     server = open_server(settings_of(folder).model_copy(update={"links": links}))
     main = home(server).partition("<main")[2]
-    for link in ("/submit", "https://example.org/data", "https://example.org/paper", "#cite"):
+    play = f"/play/{OPEN}"
+    for link in ("/submit", "https://example.org/data", "https://example.org/paper", "#cite", play):
         assert f'href="{link}"' in main
     assert "@inproceedings{qi2020reverie," in main
 

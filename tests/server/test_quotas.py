@@ -445,7 +445,12 @@ def some_grant(**changes: Any) -> NewGrant:
             f"there is no split 'elsewhere'; there are: {PRIVATE}, {OPEN}",
             id="no such split",
         ),
-        pytest.param({"team": "Green"}, NotFoundError, "there is no team 'Green'", id="no team"),
+        pytest.param(
+            {"team": "Green"},
+            NotFoundError,
+            "there is no team 'Green'; the list of teams has all",
+            id="no team",
+        ),
     ],
 )
 def test_a_grant_that_cannot_be(

@@ -1,10 +1,6 @@
 // Buttons that copy text: from elsewhere on the page, or from a file of the server.
 for (const button of document.querySelectorAll("button.copy")) {
-<<<<<<< HEAD
   const words = button.nextElementSibling;
-=======
-  const words = button.parentElement.querySelector(".copied");
->>>>>>> main
   const text = document.getElementById(button.dataset.copies);
   button.hidden = false;
   button.addEventListener("click", async () => {

@@ -183,7 +183,11 @@ def test_the_form_and_the_desk(server: Serving) -> None:
     assert "Your request was received." in said(server.client.post("/join", data=form))
     desk = signed_in(server, ORGANISER)
     assert "1 request to join." in said(desk.get("/desk"))
-    words = said(desk.get("/desk/requests"))
+    page = desk.get("/desk/requests")
+    words = said(page)
+    alone = '<form id="one" method="post"><input type="hidden" name="csrf_token"'
+    assert alone in page.text  # one click accepts a request
+    assert '<button form="one" name="request" value="1"' in page.text
     assert "<b> new team Dora, dora@example.org Emil, of Adelaide, emil@example.org" in words
     shown = desk.send("/desk/requests", {"request": "1", "what": "accept"})
     assert (shown.status_code, shown.text.count('id="secret-')) == (200, 2)

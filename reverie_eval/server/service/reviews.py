@@ -7,7 +7,7 @@ never deleted: a lifted or replaced review stays in the database with the time a
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
-from sqlalchemy import exists, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session, joinedload
 
 from reverie_eval.schemas.organising import NewReview, ReviewEntry
@@ -78,9 +78,10 @@ def is_disqualified(session: Session, submission_id: str) -> bool:
 
 def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
     """Return the current reviews of a split's submissions by id, the earliest first."""
-    # Not a join, which SQLite may begin with all submissions: there are few reviews.
-    is_of_split = exists().where(Submission.id == Review.submission_id, Submission.split == split)
-    chosen = select(Review).where(Review.lifted_at.is_(None), is_of_split).order_by(Review.id)
+    # Not a join, which databases may begin with all submissions: there are few reviews.
+    its_split = select(Submission.split).where(Submission.id == Review.submission_id)
+    chosen = select(Review).where(Review.lifted_at.is_(None), its_split.scalar_subquery() == split)
+    chosen = chosen.order_by(Review.id)
     by_submission: defaultdict[str, list[Review]] = defaultdict(list)
     for row in session.scalars(chosen):
         by_submission[row.submission_id].append(row)

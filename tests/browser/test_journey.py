@@ -130,7 +130,7 @@ def look_at_an_episode(page: Page) -> None:
     page.get_by_role("link", name="Browse episodes").click()
     page.locator(f"table a[href^='/episodes/{OPEN}/']").first.click()
     expect(page).to_have_url(re.compile(f"/episodes/{OPEN}/"))
-    expect(page.locator("main svg").first).to_be_visible()
+    expect(page.locator("main svg[role=img]").first).to_be_visible()
     first = page.url
     page.get_by_role("link", name="Next").first.click()
     expect(page).not_to_have_url(first)

@@ -458,7 +458,7 @@ def test_missing_folders(run: Run, tmp_path: Path) -> None:
         (("--max-distance", "nan"), "nan is not a distance"),
         (("--max-distance", "abc"), "'abc' is not a valid float"),
         (("--jobs", "0"), "0 is not in the range x>=1"),
-        (("--jobs", "x"), "'x' is not a valid integer"),
+        (("--jobs", "x"), "'x' is not a valid whole number"),
         (("--occlusion", "some"), "unknown value 'some'"),
         (
             ("--exclude", "wall", "--exclude-nothing"),

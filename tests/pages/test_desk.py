@@ -518,7 +518,7 @@ def test_submissions_are_scored_again_at_the_desk(
     settings = adjusted(settings_of(folder), OPEN, bundle="bundles/changed.npz")
     later = open_server(settings, server.tokens)
     desk = signed_in(later, ORGANISER)
-    assert "1 submission to score again" in said(desk.get("/desk/corrections"))
+    assert "1 result to be scored again" in said(desk.get("/desk/corrections"))
     assert "reason" in said(sending(desk, "/desk/corrections", split=OPEN, reason=""))
     page = told(desk, "/desk/corrections", split=OPEN, reason=MARKUP)
     assert "All submissions were scored again" in page

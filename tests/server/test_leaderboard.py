@@ -163,7 +163,13 @@ def test_the_board_as_csv(server: Serving) -> None:
     ]
     more = ["standing", "reviews", "source", "reported_date", "dataset", "signature"]
     known = ("ranked", *4 * [""], server.state.boards[OPEN].signature)
-    assert table_of(server) == [
+    headline = ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
+    bounds = [f"{key}_{end}" for key in headline for end in ("low", "high")]
+    bounds += ["rank_low", "rank_high", "group"]
+    table = table_of(server)
+    assert table[0][-len(bounds) :] == bounds
+    assert [row[-3:] for row in table[1:]] == [["", "", ""]] * 2  # one result alone has a rank
+    assert [row[: -len(bounds)] for row in table] == [
         [*about, *said, *more, "success", "rgspl"],
         [
             *("1", first, "Blue", f"{at}0Z", "1"),
@@ -200,4 +206,5 @@ def test_no_cell_is_a_formula(server: Serving, sign: str) -> None:
 
 def test_a_negative_number_is_no_formula(server: Serving) -> None:
     entered(server, {"rgspl": -0.5})
-    assert table_of(server)[1][-1] == "-0.5"
+    headings, row = table_of(server)
+    assert row[headings.index("rgspl")] == "-0.5"

@@ -122,8 +122,8 @@ def lab(
 def fill(server: Serving) -> None:
     """Publish and hide results, review, correct and refuse."""
     method = {"name": "Open <walker>", "paper": PAPER, "description": "It walks & stops."}
-    first = entered(server, {"success": 0.5, "rgspl": 0.25, "path_length": 9.0}, method=method)
-    scores = {"success": 0.75, "rgspl": 0.125, "path_length": 11.0}
+    first = entered(server, {"success": 0.5, "rgs": 0.5, "rgspl": 0.25}, method=method)
+    scores = {"success": 0.75, "rgs": 0.75, "rgspl": 0.125}
     anonymous = "2100-01-01T00:00:00Z"
     entered(server, scores, OTHER, method={"name": "Nameless"}, anonymous_until=anonymous)
     entered(server, HELD, split=PRIVATE, method={"name": "Held back"})

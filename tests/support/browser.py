@@ -218,15 +218,15 @@ def _axe() -> str:
 
 def barriers(page: Page) -> Mapping[str, Sequence[str]]:
     """Return what keeps people out: on a desktop, a phone, and the narrowest screen."""
-    found = {}
+    found: dict[str, list[str]] = {}
+    page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
+    scrolls = page.evaluate("document.documentElement.scrollWidth") > NARROW[0]
+    found["too wide"] = ["the page scrolls"] * scrolls + page.evaluate(TOO_WIDE, NARROW[0])
     for width, height in (DESKTOP, PHONE):
         page.set_viewport_size({"width": width, "height": height})
         for scheme, rules in (("light", None), ("dark", OF_COLOURS)):
             page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
             found[f"{width} {scheme}"] = serious_violations(page, rules)
-    page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
-    scrolls = page.evaluate("document.documentElement.scrollWidth") > NARROW[0]
-    found["too wide"] = ["the page scrolls"] * scrolls + page.evaluate(TOO_WIDE, NARROW[0])
     return {where: what for where, what in found.items() if what}
 
 

@@ -226,7 +226,8 @@ def test_an_added_leaderboard_is_filled_by_scoring_again(
         for name, each in zip((GROUNDING, STRICT), notes, strict=True)
     ] == [True, True]
     before = board(added)
-    assert "4 results to be scored again" in signed_in(added, ORGANISER).get("/desk/corrections").text
+    corrections = signed_in(added, ORGANISER).get("/desk/corrections")
+    assert "4 results to be scored again" in corrections.text
     monkeypatch.setattr("reverie_eval.server.service.rescoring.AT_ONCE", 1)
     left = [rescored(added)["left"] for _ in range(4)]
     assert left == [3, 2, 1, 0]

@@ -73,6 +73,18 @@ def office(server: Serving, folder: Path, run: Run) -> Office:
     return Office(server, folder, run)
 
 
+def test_a_withdrawn_file_that_comes_again_is_answered_and_stays_withdrawn(
+    office: Office, mailed: Path
+) -> None:
+    office.submit(mailed / "first.json", "--publish")
+    (known,) = office.submissions()
+    path = f"/submissions/{known['id']}"
+    assert office.server.ask(OWNER, "PATCH", path, json={"withdrawn": True}).status_code == 200
+    again = office.submit(mailed / "first.json", "--publish")
+    assert (again.status, "was scored on val_unseen" in again.out) == (0, True)
+    assert office.submissions()[0]["status"] == "withdrawn"
+
+
 def test_each_file_is_scored_and_answered(office: Office, mailed: Path) -> None:
     outcome = office.submit(mailed, "--publish")
     assert outcome.status == 1, "one was refused"

@@ -56,7 +56,15 @@ class EmailedFiles:
         named = f"file {printable(filename)}" if filename else "file"
         about = f"Your {named}, received {time_text(file.received_at)}, was"
         try:
-            accepted = self._submit(organiser, sender, file, packed, method)
+            accepted = self.intake.submit(
+                sender,
+                file.split,
+                packed,
+                method,
+                key=None,
+                arrived=file.received_at,
+                organiser=organiser,
+            )
         except ReverieEvalError as error:
             refusal = request_error(error)
             if not isinstance(refusal, FAILURES):
@@ -64,23 +72,13 @@ class EmailedFiles:
             opening = f"{about} not scored, and no submission was used."
             refusal.reply = _letter(file, opening, _reason(error))
             raise refusal from error
+        # A withdrawn one stays so until its team restores it.
+        if file.publish and accepted.submission.status == "unpublished":
+            accepted = self._published(organiser, sender, accepted)
         reply = _letter(file, f"{about} scored on {file.split}.", *_result(accepted))
         return EmailedFileReport(**dict(accepted), reply=reply)
 
-    def _submit(
-        self, organiser: Actor, sender: Person, file: EmailedFile, packed: bytes, method: Method
-    ) -> Accepted:
-        accepted = self.intake.submit(
-            sender,
-            file.split,
-            packed,
-            method,
-            key=None,
-            arrived=file.received_at,
-            organiser=organiser,
-        )
-        if not file.publish or accepted.submission.status == "published":
-            return accepted
+    def _published(self, organiser: Actor, sender: Person, accepted: Accepted) -> Accepted:
         change = SubmissionChange(published=True)
         published = self.submissions.change(sender, accepted.submission.id, change, organiser)
         return accepted.model_copy(update={"submission": published})

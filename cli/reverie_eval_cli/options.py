@@ -39,6 +39,12 @@ class Number(click.IntRange):
     name = "whole number"
 
 
+class Decimal(click.FloatRange):
+    """A number in a range."""
+
+    name = "number"
+
+
 class Time(click.ParamType[datetime]):
     """A time with its time zone, as ISO 8601 writes it."""
 
@@ -74,7 +80,7 @@ class DayOrTime(click.ParamType[str]):
 
 
 def _read_time(text: str) -> datetime | None:
-    """Return a time with its time zone, or None if the text is none."""
+    """Return a time with its time zone, or None if the text is not one."""
     try:
         time = datetime.fromisoformat(text)
     except ValueError:

@@ -5,7 +5,7 @@ are comparable with each other, and never with those on the whole split.
 """
 
 import hashlib
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -48,15 +48,14 @@ def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> 
     if not chosen:
         message = f"no episode is listed; list the instr_ids of some episodes of {split}"
         raise SubsetError([Problem("no-episode", "list", message)])
-    first = {instr_id: place for place, instr_id in reversed(list(enumerate(chosen, 1)))}
-    times = Counter(chosen)
+    first: dict[str, int] = {}
     problems = []
     for place, instr_id in enumerate(chosen, 1):
         where = f"entry {place}"
         if instr_id not in index:
             message = f"{instr_id!r} is not an episode of {split}; remove it, or choose its split"
             problems.append(Problem("unknown-episode", where, message, (place,)))
-        elif times[instr_id] > 1 and first[instr_id] < place:
+        elif first.setdefault(instr_id, place) < place:
             message = f"{instr_id} is listed already, in entry {first[instr_id]}; remove one"
             problems.append(Problem("duplicate-episode", where, message, (place,)))
     if problems:

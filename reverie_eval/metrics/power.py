@@ -79,7 +79,7 @@ class Design:
         return float(ndtr((effect - critical * np.sqrt(found)) / np.sqrt(variance)).mean())
 
     def smallest_effect(self) -> float | None:
-        """Return the smallest difference with ``POWER``; None if there is none."""
+        """Return the smallest difference with ``POWER``; None if no difference has it."""
         largest = self.discordance
         if self.power(largest) < POWER:
             return None

@@ -261,7 +261,7 @@ def strip_place(angles: FloatArray, middle: float) -> FloatArray:
 
 
 def _background(photograph: str, height: float, horizon: float) -> str:
-    """Show a photograph, or an empty room with its horizon if there is none."""
+    """Show a photograph or, without one, an empty room with its horizon."""
     size = f'width="{WIDTH}" height="{height:.1f}"'
     if photograph:
         return f'<image {size} preserveAspectRatio="none" href="{photograph}"/>'

@@ -87,7 +87,7 @@ class Step:
     walked: float
     """Metres since the start."""
     to_goal: float
-    """Metres along the graph to the nearest goal viewpoint; inf if there is none."""
+    """Metres along the graph to the nearest goal viewpoint; inf without a goal."""
     to_path_end: float
     """Metres along the graph to the end of the annotated path."""
     is_goal: bool

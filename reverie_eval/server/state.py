@@ -153,8 +153,8 @@ class ServerState:
         """
         by = board.primary.key if metric is None else metric
         ranking = leaderboard(session, self.entries, board, by, self.clock())
-        places = self.rank_intervals.places(session, board, by, ranking.rows)
-        return replace(ranking, places=places)
+        intervals = self.rank_intervals.compute(session, board, by, ranking.rows)
+        return replace(ranking, rank_intervals=intervals)
 
 
 def signer_of(settings: Settings, database: Database) -> Signer:

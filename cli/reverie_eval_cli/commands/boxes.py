@@ -43,7 +43,7 @@ def _finite(context: click.Context, parameter: click.Parameter, metres: float) -
 @click.option(
     "--max-distance",
     metavar="METRES",
-    type=click.FloatRange(min=0, min_open=True),
+    type=options.Decimal(min=0, min_open=True),
     default=MAX_DISTANCE,
     show_default=True,
     callback=_finite,

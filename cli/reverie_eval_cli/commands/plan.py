@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from reverie_eval.metrics.power import Design
     from reverie_eval.scoring import Clustering
 
-_PERCENT = click.FloatRange(0, 100, min_open=True)
+_PERCENT = options.Decimal(0, 100, min_open=True)
 
 
 @click.command()
@@ -39,7 +39,7 @@ _PERCENT = click.FloatRange(0, 100, min_open=True)
 @click.option(
     "--correlation",
     metavar="R",
-    type=click.FloatRange(0, 1),
+    type=options.Decimal(0, 1),
     default=0.0,
     show_default=True,
     help="Correlation of the differences of episodes with the same target.",

@@ -27,7 +27,7 @@ from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
 
 PER_PAGE = 100
-PLACES = ("/boards/{split}", "/boards/{split}/also/{further}")
+PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
 """Of a split's own leaderboard, and of the further ones."""
 NEWS_SHOWN = 5
 _AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
@@ -256,8 +256,8 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
         )
 
 
-for place in PLACES:
-    router.include_router(of_board, prefix=place)
+for path in PATHS:
+    router.include_router(of_board, prefix=path)
 
 
 def _counts(ranking: Ranking, apart: Sequence[Row]) -> Mapping[str, int]:

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
 from reverie_eval.server.http.callers import Server
-from reverie_eval.server.pages.boards import PLACES, NamedBoard
+from reverie_eval.server.pages.boards import PATHS, NamedBoard
 from reverie_eval.server.pages.rendering import address_of_site, render
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.feed import MOST_ITEMS, Item, items_of, items_of_news, latest
@@ -32,11 +32,11 @@ def show_feed(request: Request, server: Server) -> Response:
 def show_feed_of_board(board: NamedBoard, request: Request, server: Server) -> Response:
     """Return the feed of a leaderboard."""
     title = f"{board.label} leaderboard, {server.settings.title}"
-    return _feed(request, f"/boards/{board.place}", title, _items(server, [board]))
+    return _feed(request, f"/boards/{board.path}", title, _items(server, [board]))
 
 
-for place in PLACES:
-    router.include_router(of_board, prefix=place)
+for path in PATHS:
+    router.include_router(of_board, prefix=path)
 
 
 def _items(server: ServerState, boards: Iterable[Board]) -> list[Item]:

@@ -74,7 +74,7 @@ class Board:
         return f"{self.name}, {self.further}" if self.further else self.name
 
     @property
-    def place(self) -> str:
+    def path(self) -> str:
         """Its part of addresses: ``test`` or ``test/also/grounding``."""
         own = quote(self.name, safe="")
         return f"{own}/also/{self.further}" if self.further else own

@@ -161,11 +161,11 @@ class EntriesCache:
         """Return the entries of a leaderboard."""
         number, _ = _last_recorded(session)
         with self._lock:
-            cached = self._cached.get(board.place)
+            cached = self._cached.get(board.path)
             if cached is None or cached.number < number or cached.is_over(now):
                 timetable = self._schedules.read(session)[board.name]
                 cached = _read_entries(session, board, timetable, number, now)
-                self._cached[board.place] = cached
+                self._cached[board.path] = cached
             return cached
 
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:

@@ -44,7 +44,7 @@ def items_of(ranking: Ranking) -> Iterator[Item]:
             at=correction.created_at,
             title=f"{board.label}: results corrected",
             text=correction.reason,
-            path=f"/boards/{board.place}#corrections",
+            path=f"/boards/{board.path}#corrections",
         )
 
 

@@ -24,12 +24,12 @@ from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import spreadsheet_cell
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row
-from reverie_eval.server.service.rank_intervals import Place
+from reverie_eval.server.service.rank_intervals import RankInterval
 
 SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "neither")
 """Metrics with a better direction."""
 
-_PLACE = ("rank_low", "rank_high", "group")
+_OF_RANK = ("rank_low", "rank_high", "group")
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
 _OF_METHOD = tuple(name for name in Method.model_fields if name != "description")
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
@@ -68,12 +68,12 @@ class Ranking:
     """The latest first."""
     snapshots: Sequence[SnapshotEntry] = ()
     """The latest first."""
-    places: Mapping[str, Place] = field(default_factory=dict)
+    rank_intervals: Mapping[str, RankInterval] = field(default_factory=dict)
     """The ranks that results may have, by submission; empty if they are not compared."""
 
-    def place(self, row: Row) -> Place | None:
+    def rank_interval(self, row: Row) -> RankInterval | None:
         """Return the ranks that a result may have, and its group; None if it is not compared."""
-        return self.places.get(row.entry.submission_id or "")
+        return self.rank_intervals.get(row.entry.submission_id or "")
 
     def team(self, entry: Entry) -> str:
         """Return the team of an entry; empty while it is anonymous."""
@@ -208,11 +208,11 @@ def _content(ranking: Ranking) -> Mapping[str, Any]:
 
 
 def _row_json(ranking: Ranking, row: Row) -> Mapping[str, Any]:
-    entry, place = row.entry, ranking.place(row)
+    entry, found = row.entry, ranking.rank_interval(row)
     return {
         "rank": row.rank,
-        "rank_interval": None if place is None else (place.best, place.worst),
-        "group": None if place is None else place.group,
+        "rank_interval": None if found is None else (found.best, found.worst),
+        "group": None if found is None else found.group,
         "submission_id": entry.submission_id,
         "team": ranking.team(entry),
         "method": entry.method,
@@ -253,7 +253,7 @@ def csv_of(leaderboard: Mapping[str, Any]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     headings = ["method" if name == "name" else name for name in _OF_METHOD]
     ends = [f"{key}_{end}" for key in drawn for end in ("low", "high")]
-    writer.writerow([*_ABOUT, *headings, *_STANDING, *shown, *ends, *_PLACE])
+    writer.writerow([*_ABOUT, *headings, *_STANDING, *shown, *ends, *_OF_RANK])
     for row in rows:
         reviews = "; ".join(f"{each['verdict']}: {each['reason']}" for each in row["reviews"])
         words = [

@@ -38,7 +38,7 @@ Sums: TypeAlias = dict[str, list[float]]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class RankInterval:
     """The ranks that a result may have, and its group."""
 
     best: int
@@ -46,6 +46,10 @@ class Place:
     group: int
     """From 1; equal for results that follow each other and are not significantly worse than the
     first of them."""
+
+
+_Compared: TypeAlias = tuple[Sequence[tuple[str, float]], Mapping[str, RankInterval]]
+"""Values by submission, and the rank intervals that they have."""
 
 
 def cluster_sums(scores: Scores) -> Sums:
@@ -65,21 +69,19 @@ def store_sums(session: Session, submission_id: str, board: Board, sums: Sums) -
 
 @dataclass(frozen=True)
 class RankIntervals:
-    """The places of all results, computed again only when the results have changed."""
+    """The rank intervals of all results, computed again only when the results have changed."""
 
-    _cached: dict[tuple[str, str], tuple[Sequence[tuple[str, float]], Mapping[str, Place]]] = field(
-        default_factory=dict
-    )
-    """By leaderboard and metric: the values that were compared, and the places."""
+    _cached: dict[tuple[str, str], _Compared] = field(default_factory=dict)
+    """By leaderboard and metric: the values that were compared, and what came of it."""
     _lock: Lock = field(default_factory=Lock)
     """So that concurrent requests compute them only once."""
 
-    def places(
+    def compute(
         self, session: Session, board: Board, metric: str, rows: Iterable[Row]
-    ) -> Mapping[str, Place]:
-        """Return the places of ranked results by their ids; empty if they are not compared.
+    ) -> Mapping[str, RankInterval]:
+        """Return the intervals of ranked results by their ids; empty if they are not compared.
 
-        A result without stored sums has no place, and may have any rank.
+        A result without stored sums has none, and may have any rank.
         """
         ranked = [
             (row.entry.submission_id, row.entry.scores[metric])
@@ -89,16 +91,16 @@ class RankIntervals:
         if metric not in _COMPARED or not _FEWEST_COMPARED <= len(ranked) <= MOST_COMPARED:
             return {}
         with self._lock:
-            known, places = self._cached.get((board.place, metric), ((), {}))
+            known, found = self._cached.get((board.path, metric), ((), {}))
             if known != ranked:
-                places = _places(session, board, CATALOGUE[metric], ranked)
-                self._cached[board.place, metric] = ranked, places
-            return places
+                found = _computed(session, board, CATALOGUE[metric], ranked)
+                self._cached[board.path, metric] = ranked, found
+            return found
 
 
-def _places(
+def _computed(
     session: Session, board: Board, metric: Metric, ranked: Sequence[tuple[str, float]]
-) -> Mapping[str, Place]:
+) -> Mapping[str, RankInterval]:
     means = dict(ranked)
     if board.is_private:
         covariance, n_clusters = _of_shown_means(board, np.array([*means.values()])), np.inf
@@ -123,7 +125,7 @@ def _places(
     others = len(ranked) - len(means)
     columns: tuple[IntArray, ...] = (found.low, found.high + others, found.group)
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    return {name: Place(*row) for name, row in zip(means, rows, strict=True)}
+    return {name: RankInterval(*row) for name, row in zip(means, rows, strict=True)}
 
 
 def _of_shown_means(board: Board, means: FloatArray) -> FloatArray:

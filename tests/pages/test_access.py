@@ -43,6 +43,8 @@ GET  /boards/{split}/snapshots/{number} 200     200       200       200       20
 GET  /boards/{split}/chart          200        200       200       200       200
 GET  /boards/{split}/latex          200        200       200       200       200
 GET  /boards/{split}/bibtex         200        200       200       200       200
+GET  /boards/{split}/compare        400        400       400       400       400
+GET  /boards/{split}/also/{further}/compare   400  400    400       400       400
 GET  /boards/{split}/feed.atom      200        200       200       200       200
 GET  /boards/{split}/also/{further}           200  200    200       200       200
 GET  /boards/{split}/also/{further}/chart     200  200    200       200       200

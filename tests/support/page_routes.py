@@ -59,6 +59,8 @@ EXAMPLES = (
     Example("/boards/{split}", OWNER, "?metric=spl&extra_data=without&columns=all"),
     Example("/boards/{split}", None, "?text=nothing+is+called+so"),
     Example("/boards/{split}/also/{further}"),
+    Example("/boards/{split}/compare", None, "?result={submission_id}&result={other_id}"),
+    Example("/boards/{split}/also/{further}/compare"),
     Example("/boards/{split}/snapshots/{number}"),
     Example("/sign-in"),
     Example("/join"),

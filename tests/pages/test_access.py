@@ -67,7 +67,7 @@ GET  /episodes                      200        200       200       200       200
 GET  /episodes/{split}              200        200       200       200       200
 GET  /episodes/{split}/{instr_id}   200        200       200       200       200
 GET  /play/{split}                  200        200       200       200       200
-GET  /play/{split}/{instr_id}       200        200       200       200       200
+GET  /play/{split}/{number}         200        200       200       200       200
 GET  /guide                         200        200       200       200       200
 GET  /guide/submitting              200        200       200       200       200
 GET  /guide/metrics                 200        200       200       200       200

@@ -11,7 +11,7 @@ is read.
 
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.concurrency import run_in_threadpool
@@ -109,9 +109,13 @@ PostedUpload = Annotated[Upload, Depends(posted_upload, scope="function")]
 
 
 @router.get("/submit")
-def show_submit(member: Member, split: Annotated[str, Query(max_length=64)] = "") -> Response:
-    """Show the form; the query can select the split."""
-    return draw(member, {"split": split})
+def show_submit(
+    member: Member,
+    split: Annotated[str, Query(max_length=64)] = "",
+    human: Literal["", "true"] = "",
+) -> Response:
+    """Show the form; the query can select the split, and say that people walked."""
+    return draw(member, {"split": split, "human": human})
 
 
 @router.post("/submit")

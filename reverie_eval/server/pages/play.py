@@ -20,6 +20,7 @@ from reverie_eval.reporting._answer_views import answer_views, span_of
 from reverie_eval.reporting._map_svg import map_key, map_svg
 from reverie_eval.reporting._maps import EpisodeMap
 from reverie_eval.reporting._panorama_svg import ObjectLink, WayLink, panorama_svg
+from reverie_eval.reporting._skyboxes import find_skybox
 from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import page
@@ -121,7 +122,8 @@ def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
         _object_link(each, played.link(split, number, played.walk, str(each.object_id)))
         for each in walk.objects
     ]
-    drawn = panorama_svg(objects, ways, float(np.rad2deg(walk.heading)))
+    skybox = find_skybox(walk.annotated, walk.here)
+    drawn = panorama_svg(objects, ways, float(np.rad2deg(walk.heading)), skybox)
     return {
         "panorama": Markup(drawn),  # noqa: S704  # all text in it was escaped
         "ways": ways,

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from datetime import timedelta
 from html import unescape
 from pathlib import Path
 from urllib.parse import urlencode
@@ -9,9 +10,10 @@ from urllib.parse import urlencode
 import reverie_eval as rv
 from reverie_eval import CATALOGUE
 from reverie_eval.reporting._comparison import signed
+from reverie_eval.schemas.service import Phase
 from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
-from tests.support.acting import review
+from tests.support.acting import NOON, review
 from tests.support.entries import entered, get, named, report_result, tables
 from tests.support.serving import (
     FURTHER,
@@ -130,6 +132,20 @@ def test_a_private_split_has_differences_of_what_everyone_sees(server: Serving) 
     assert "There are no intervals: this split is private" in said(page)
     page = get(server, "", place(ant, cat, board=PRIVATE))
     assert "The two have no scores in common." in said(page)
+
+
+def test_nothing_is_said_of_scores_that_are_held_back(
+    folder: Path, open_server: OpenServer
+) -> None:
+    phases = (Phase(name="first", closes=NOON + timedelta(days=1)),)
+    settings = adjusted(settings_of(folder), OPEN, phases=phases, release_scores="phase-end")
+    server = open_server(settings)
+    good, mediocre = publish_two(server)
+    change(server, OWNER, good, shows_episodes=True)
+    page = said(get(server, "", place(good, mediocre)))
+    assert "no scores in common, because some are held back" in page
+    assert "better" not in page.partition("compare ")[2].partition("reverie-eval")[0]
+    assert "Outcomes" not in page
 
 
 def test_what_cannot_be_compared(server: Serving) -> None:

@@ -47,8 +47,8 @@ class ComparedPair:
     """The first result minus the second; None if they cannot be compared on the same episodes."""
     why_not: str
     """Why there is no comparison."""
-    outcomes: Outcomes | None
-    """None unless everyone may look at the episodes of both."""
+    outcomes: Outcomes
+    """Empty unless everyone may look at the episodes of both."""
 
     @property
     def metrics(self) -> Sequence[Metric]:
@@ -71,10 +71,9 @@ class ComparedPair:
     def won(self) -> Sequence[int]:
         """The number of episodes in which only the first, and only the second, is correct."""
         *wrong, correct = OUTCOMES
-        outcomes = self.outcomes or {}
         return (
-            sum(outcomes[correct][other] for other in wrong),
-            sum(outcomes[other][correct] for other in wrong),
+            sum(self.outcomes[correct][other] for other in wrong),
+            sum(self.outcomes[other][correct] for other in wrong),
         )
 
 
@@ -104,22 +103,30 @@ def compare_results(
             )
     rows = [ranked[each] for each in ids]
     names = method_names(ranking, rows)
-    comparison, why_not, outcomes = None, "", None
-    if ranking.board.is_private:
-        why_not = (
-            "this split is private, and an interval of a difference would tell more about its "
-            "episodes than the digits that everyone sees"
-        )
-    else:
+    comparison, why_not = None, _why_not(ranking, rows)
+    if not why_not:
         try:
             # Differences are from the first that the core is given.
             second_first = dict(zip(reversed(names), reversed(ids), strict=True))
             comparison = _paired(session, submissions, ranking.board, second_first)
         except (NotFoundError, ProtocolError) as error:
             why_not = str(error)
+    outcomes: Outcomes = {}
     if comparison is not None and _show_episodes(session, ranking, ids):
         outcomes = _outcomes(comparison, names)
     return ComparedPair(ranking, rows, names, comparison, why_not, outcomes)
+
+
+def _why_not(ranking: Ranking, rows: Sequence[Row]) -> str:
+    """Return why results must not be compared on the same episodes; empty if they may."""
+    if any(row.entry.scores_held_until for row in rows):
+        return "scores are held back until the phase ends"
+    if ranking.board.is_private:
+        return (
+            "this split is private, and an interval of a difference would tell more about its "
+            "episodes than the digits that everyone sees"
+        )
+    return ""
 
 
 def _paired(
@@ -141,12 +148,12 @@ def _show_episodes(session: Session, ranking: Ranking, ids: Sequence[str]) -> bo
     return not ranking.board.further and len(session.scalars(public).all()) == len(ids)
 
 
-def _outcomes(comparison: Comparison, names: Sequence[str]) -> Outcomes | None:
-    """Count episodes by their two outcomes; None if the protocol lacks the metrics for it."""
+def _outcomes(comparison: Comparison, names: Sequence[str]) -> Outcomes:
+    """Count episodes by their two outcomes; empty if the protocol lacks the metrics for it."""
     try:
         first, second = (outcome_indices(comparison.scores[name].episodes) for name in names)
     except ProtocolError:
-        return None
+        return {}
     counts = np.zeros((len(OUTCOMES), len(OUTCOMES)), dtype=np.int64)
     np.add.at(counts, (first, second), 1)
     return {

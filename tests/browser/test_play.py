@@ -53,7 +53,7 @@ def test_walks_are_kept_with_their_times_and_can_be_downloaded(
     expect(page.locator(".sampled")).not_to_contain_text("✓ walked")
 
 
-def test_who_has_walked_all_episodes_can_submit_them(own_site: Site, open_page: OpenPage) -> None:
+def test_walks_through_all_episodes_can_be_submitted(own_site: Site, open_page: OpenPage) -> None:
     page = open_page(own_site, f"/play/{OPEN}", OWNER)
     walks = {
         record["instr_id"]: {**record, "seconds": 4.2, "actions": 3}

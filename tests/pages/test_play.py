@@ -50,6 +50,7 @@ def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Se
     record = RECORDS[instr_id]
     steps = numbers(truth, record)
     page = visitor.get(f"/play/{OPEN}/{number}")
+    assert page.text.count("<image ") == 1  # what was drawn of the demo world
     for made in range(1, len(steps) + 1):
         walk = ".".join(map(str, steps[:made]))
         (link, *_) = re.findall(rf'href="([^"]*walk={re.escape(walk)})"', page.text)

@@ -3,7 +3,6 @@
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
 from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of, scored_metrics
 from reverie_eval.scoring._evaluation import (
-    Evaluator,
     PreparedSubmission,
     diagnose,
     evaluate,
@@ -11,6 +10,7 @@ from reverie_eval.scoring._evaluation import (
     validate,
     why_not,
 )
+from reverie_eval.scoring._evaluator import Evaluator
 from reverie_eval.scoring._intervals import (
     FEW_CLUSTERS,
     Clustering,

@@ -15,7 +15,7 @@ from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._predictions import BoxAnswers, Predictions
+from reverie_eval.submissions._predictions import BoxAnswers, Content, Predictions
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
@@ -96,6 +96,46 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     stop = ground_truth.episodes.start if answers is None else answers.goal
     offsets = np.arange(len(stop) + 1)
     return _aligned(predictions, episode, _in_order(episode, rows), viewpoint=stop, offsets=offsets)
+
+
+def check_batch(
+    predictions: Predictions,
+    ground_truth: GroundTruth,
+    collected: Mapping[str, Content],
+    *,
+    answers_only: bool = False,
+) -> Mapping[str, Content]:
+    """Check predictions of some episodes, without looking at answers.
+
+    Parameters
+    ----------
+    predictions : Predictions
+        Those of the batch. An episode may be in it more than once, if its predictions are equal.
+    collected : mapping
+        What was predicted in earlier batches, by instr_id.
+    answers_only : bool
+        Whether trajectories are ignored.
+
+    Returns
+    -------
+    mapping
+        What this batch predicts, by instr_id.
+
+    Raises
+    ------
+    SubmissionError
+        Listing every problem, including those found while reading.
+    """
+    whole, _ = ground_truth.subset_of or (ground_truth, None)
+    predictions, episode, viewpoint = _look_up(predictions, whole)
+    contents = [predictions.content(record) for record in range(len(episode))]
+    _raise_problems(
+        predictions.problems,
+        _unknown_problems(predictions, episode, whole),
+        () if answers_only else _trajectory_problems(predictions, episode, viewpoint, whole),
+        _changed_problems(predictions, contents, collected),
+    )
+    return dict(zip(map(str, predictions.instr_ids), contents, strict=True))
 
 
 def check_navigation_only(*, found: bool, declared: bool) -> None:
@@ -208,8 +248,29 @@ def _episode_problems(
     is_complete = (times_predicted[rows] == 1).all() and (times_predicted <= 1).all()
     if is_complete and len(known) == len(episode):
         return  # nearly always: what follows loops over records in Python
+    unknown = list(_unknown_problems(predictions, episode, ground_truth))
+    yield from unknown
+    if any(problem.code == problems.OUTSIDE_DEMO for problem in unknown):
+        return
+    yield from _duplicate_problems(predictions, episode)
+    instr_ids = ground_truth.episodes.instr_ids
+    if not known.size:
+        yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
+        return
+    missing = [instr_ids[index] for index in np.flatnonzero(times_predicted[rows] == 0).tolist()]
+    if len(missing) > SHOWN_PROBLEMS:
+        yield problems.missing_episodes(missing, len(instr_ids), ground_truth.split)
+        return
+    for instr_id in missing:
+        yield problems.missing_episode(instr_id, ground_truth.split)
+
+
+def _unknown_problems(
+    predictions: Predictions, episode: IntArray, ground_truth: GroundTruth
+) -> Iterator[Problem]:
+    """Report records of episodes that the split does not have."""
     unknown = _unknown_by_split(predictions, episode, ground_truth)
-    if ground_truth.is_demo and not known.size and unknown.keys() == {None}:
+    if ground_truth.is_demo and (episode == _UNKNOWN).all() and unknown.keys() == {None}:
         _, first = _location_and_id(predictions, unknown[None][0])
         yield problems.ids_outside_demo(len(unknown[None]), first, ground_truth.split)
         return
@@ -222,17 +283,6 @@ def _episode_problems(
             )
     for record in unknown.get(None, ()):
         yield problems.unknown_episode(*_location_and_id(predictions, record), ground_truth.split)
-    yield from _duplicate_problems(predictions, episode)
-    instr_ids = ground_truth.episodes.instr_ids
-    if not known.size:
-        yield problems.no_episode_of_split(ground_truth.split, len(instr_ids))
-        return
-    missing = [instr_ids[index] for index in np.flatnonzero(times_predicted[rows] == 0).tolist()]
-    if len(missing) > SHOWN_PROBLEMS:
-        yield problems.missing_episodes(missing, len(instr_ids), ground_truth.split)
-        return
-    for instr_id in missing:
-        yield problems.missing_episode(instr_id, ground_truth.split)
 
 
 def _unknown_by_split(
@@ -265,6 +315,16 @@ def _duplicate_problems(predictions: Predictions, episode: IntArray) -> Iterator
         else:
             yield problems.duplicate_episode(location, instr_id, predictions.location(earlier))
     yield from log.all_problems()
+
+
+def _changed_problems(
+    predictions: Predictions, contents: Sequence[Content], collected: Mapping[str, Content]
+) -> Iterator[Problem]:
+    """Report episodes that have another prediction already."""
+    earlier = dict(collected)
+    for record, content in enumerate(contents):
+        if earlier.setdefault(str(predictions.instr_ids[record]), content) != content:
+            yield problems.changed_prediction(*_location_and_id(predictions, record))
 
 
 def _location_and_id(predictions: Predictions, record: int) -> tuple[RecordLocation, str]:

@@ -17,6 +17,9 @@ Records: TypeAlias = Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any
 Submission: TypeAlias = Source | Records
 """What can be scored: a file, its content, or its records as Python objects."""
 
+Content: TypeAlias = tuple[object, ...]
+"""What a record predicts, to be compared with that of another record."""
+
 ID_PREFIX = "reverie_"
 """NaviLLM mixes datasets and writes this before the ids; it is not part of them."""
 
@@ -127,7 +130,7 @@ class Predictions:
             return pose - int(self.offsets[record]), 0
         return self.pose_paths[pose]
 
-    def content(self, record: int) -> tuple[object, ...]:
+    def content(self, record: int) -> Content:
         """Return what a record predicts, to be compared with that of another record."""
         begin, end = self.offsets[record : record + 2]
         box = slice(*np.searchsorted(self.boxes.row, [record, record + 1]))

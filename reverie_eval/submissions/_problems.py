@@ -20,6 +20,7 @@ MAX_PROBLEMS = 10_000
 """Checking stops after so many: fixing these nearly always fixes the rest."""
 
 WHOLE_FILE = "file"
+OUTSIDE_DEMO = "not-the-demo-world"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
 RECORD_FORM = "an object with instr_id, trajectory and predObjId"
 INSTR_ID_FORM = 'the episode\'s id as text: "4774_267_1"'
@@ -408,7 +409,7 @@ def ids_outside_demo(count: int, first: str, split: str) -> Problem:
         f"github.com/YuankaiQi/REVERIE, run `reverie-eval compile REVERIE --split {split} "
         f"-o {split}.npz` once and pass --ground-truth {split}.npz"
     )
-    return Problem("not-the-demo-world", WHOLE_FILE, message)
+    return Problem(OUTSIDE_DEMO, WHOLE_FILE, message)
 
 
 def repeated_key(key: str) -> Problem:
@@ -459,6 +460,14 @@ def unknown_episode(location: RecordLocation, instr_id: str, split: str) -> Prob
 
 def duplicate_episode(location: RecordLocation, instr_id: str, first: RecordLocation) -> Problem:
     message = f"{instr_id} already has a prediction in {first}; keep one per episode"
+    return _record_problem("duplicate-episode", location, message, ".instr_id")
+
+
+def changed_prediction(location: RecordLocation, instr_id: str) -> Problem:
+    message = (
+        f"{instr_id} already has another prediction; keep one per episode, and call reset() before "
+        "the next epoch"
+    )
     return _record_problem("duplicate-episode", location, message, ".instr_id")
 
 

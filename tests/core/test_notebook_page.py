@@ -1,4 +1,4 @@
-"""The code blocks of docs/notebook.md run and print the output shown below them."""
+"""The code blocks of the library's pages run and print the output shown below them."""
 
 import re
 from collections.abc import Iterator
@@ -14,8 +14,14 @@ from reverie_eval import Comparison, Scores, compare, evaluate
 from reverie_eval.analysis import GROUPINGS
 from tests.conftest import REPOSITORY, SAMPLES, unavailable
 
-PAGE = (REPOSITORY / "docs" / "notebook.md").read_text()
+PAGES = {
+    name: (REPOSITORY / "docs" / f"{name}.md").read_text() for name in ("notebook", "training")
+}
+PAGE = PAGES["notebook"]
 FILES = {"submit.json": "good.json", "other.json": "mediocre.json"}
+
+
+every_page = pytest.mark.parametrize("page", PAGES.values(), ids=PAGES)
 
 
 class Block(NamedTuple):
@@ -25,10 +31,10 @@ class Block(NamedTuple):
     printed: str
 
 
-def blocks() -> Iterator[Block]:
+def blocks(page: str) -> Iterator[Block]:
     """Find the code blocks; a block without a language is the output of the one above."""
     pattern = r"^```python\n(.*?)^```\n(?:\n```\n(.*?)^```\n)?"
-    for code, printed in re.findall(pattern, PAGE, re.MULTILINE | re.DOTALL):
+    for code, printed in re.findall(pattern, page, re.MULTILINE | re.DOTALL):
         yield Block(code, printed)
 
 
@@ -45,23 +51,32 @@ def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
 
 
 @pytest.mark.slow
-def test_every_block_runs_and_prints_what_the_page_shows(readers_folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("page", "written"),
+    [
+        pytest.param(PAGES["notebook"], {"episode.pdf"}, id="notebook"),
+        pytest.param(PAGES["training"], {"runs"}, id="training"),
+    ],
+)
+def test_every_block_runs_and_prints_what_the_page_shows(
+    page: str, written: set[str], readers_folder: Path
+) -> None:
     if not (find_spec("matplotlib") and find_spec("tensorboardX")):
         unavailable("matplotlib and tensorboardX are not installed")
     names: dict[str, object] = {}
-    for block in blocks():
+    for block in blocks(page):
         shown = StringIO()
         with redirect_stdout(shown):
             exec(block.code, names)
         printed = [line.rstrip() for line in shown.getvalue().splitlines()]
         assert printed == block.printed.splitlines()
-    assert (readers_folder / "episode.pdf").stat().st_size
-    assert any((readers_folder / "runs" / "my-agent").iterdir())
+    assert {file.name for file in readers_folder.iterdir()} - FILES.keys() == written
 
 
-def test_every_block_is_found() -> None:
-    assert PAGE.count("```python") == len(list(blocks()))
-    assert PAGE.count("```") == sum(4 if block.printed else 2 for block in blocks())
+@every_page
+def test_every_block_is_found(page: str) -> None:
+    assert page.count("```python") == len(list(blocks(page)))
+    assert page.count("```") == sum(4 if block.printed else 2 for block in blocks(page))
 
 
 # Frames.

@@ -36,7 +36,8 @@ from reverie_eval.scoring._protocol import (
     Protocol,
     find_protocol,
 )
-from reverie_eval.scoring._scores import Scores, Validation, signature_of
+from reverie_eval.scoring._scores import Scores, signature_of
+from reverie_eval.scoring._validation import Validation
 
 __all__ = [
     "ALIASES",

@@ -9,11 +9,12 @@ from typing import Self, get_args
 from reverie_eval import metrics
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
+from reverie_eval.scoring._episode_table import Track, qualifier_of
 from reverie_eval.scoring._literal_reading import check_first_of_hop, literal_reading_notes
 from reverie_eval.scoring._lookups import Lookups, find_jumps
 from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, find_protocol
-from reverie_eval.scoring._scores import Scores, Validation
+from reverie_eval.scoring._scores import Scores
+from reverie_eval.scoring._validation import Validation
 from reverie_eval.submissions import (
     AlignedSubmission,
     Predictions,
@@ -225,16 +226,8 @@ class PreparedSubmission:
         reason = why_not(rules, self.ground_truth, self.track)
         if reason:
             raise GroundTruthError(reason)
-        table = EpisodeTable(self._lookups, rules, self.track)
-        return Scores(
-            ground_truth=self.ground_truth,
-            protocol=rules,
-            episodes=table,
-            hints=[*self.hints, *self.answer_hints, *self._literal_reading_notes(rules)],
-            qualifier=self.qualifier,
-            boxes=self._lookups.boxes if "iou" in table else None,
-            submission=self.submission,
-        )
+        hints = [*self.hints, *self.answer_hints, *self._literal_reading_notes(rules)]
+        return Scores.of(self._lookups, rules, self.track, hints=hints, qualifier=self.qualifier)
 
     def _literal_reading_notes(self, rules: Protocol) -> Iterator[str]:
         if self.predictions is not None and self.track == "full":

@@ -49,6 +49,36 @@ class AlignedSubmission:
         abstained[self.boxes.row] = False
         return abstained
 
+    def take(self, rows: IntArray) -> "AlignedSubmission":
+        """Return some of the episodes, in the given order."""
+        return AlignedSubmission(
+            viewpoint=self.viewpoint[take_rows(rows, self.offsets)],
+            offsets=offsets_of(np.diff(self.offsets)[rows]),
+            predicted_object=self.predicted_object[rows],
+            answer_is_text=self.answer_is_text[rows],
+            has_leading_zeros=self.has_leading_zeros[rows],
+            boxes=_boxes_of(self.boxes, rows, len(self.predicted_object)),
+            is_navigation_only=self.is_navigation_only,
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["AlignedSubmission"]) -> "AlignedSubmission":
+        """Return the episodes of several submissions, one after the other."""
+        counts = offsets_of(np.array([len(part.predicted_object) for part in parts]))[:-1]
+        boxes = [
+            replace(part.boxes, row=part.boxes.row + count)
+            for part, count in zip(parts, counts, strict=True)
+        ]
+        return cls(
+            viewpoint=np.concatenate([part.viewpoint for part in parts]),
+            offsets=offsets_of(np.concatenate([np.diff(part.offsets) for part in parts])),
+            predicted_object=np.concatenate([part.predicted_object for part in parts]),
+            answer_is_text=np.concatenate([part.answer_is_text for part in parts]),
+            has_leading_zeros=np.concatenate([part.has_leading_zeros for part in parts]),
+            boxes=BoxAnswers.concatenate(boxes),
+            is_navigation_only=all(part.is_navigation_only for part in parts),
+        )
+
 
 def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
     """Align predictions with the episodes of a split, without looking at answers.
@@ -70,7 +100,6 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
     order = _in_order(episode, rows)
     return _aligned(
         predictions,
-        episode,
         order,
         viewpoint=viewpoint[take_rows(order, predictions.offsets)],
         offsets=offsets_of(np.diff(predictions.offsets)[order]),
@@ -95,7 +124,7 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     answers = ground_truth.answers
     stop = ground_truth.episodes.start if answers is None else answers.goal
     offsets = np.arange(len(stop) + 1)
-    return _aligned(predictions, episode, _in_order(episode, rows), viewpoint=stop, offsets=offsets)
+    return _aligned(predictions, _in_order(episode, rows), viewpoint=stop, offsets=offsets)
 
 
 def check_batch(
@@ -204,26 +233,29 @@ def _raise_problems(*groups: Iterable[Problem]) -> None:
 
 def _aligned(
     predictions: Predictions,
-    episode: IntArray,
     order: IntArray,
     viewpoint: IntArray,
     offsets: IntArray,
 ) -> AlignedSubmission:
     """Put the answers into the given order; the trajectories are in it already."""
-    # Where each record comes in the order, -1 for those that are left out.
-    place = np.full(len(episode), -1)
-    place[order] = np.arange(len(order))
-    boxes = replace(predictions.boxes, row=place[predictions.boxes.row])
-    boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
     return AlignedSubmission(
         viewpoint=viewpoint,
         offsets=offsets,
         predicted_object=predictions.predicted_object[order],
         answer_is_text=predictions.answer_is_text[order],
         has_leading_zeros=predictions.has_leading_zeros[order],
-        boxes=boxes.take(np.argsort(boxes.row)),
+        boxes=_boxes_of(predictions.boxes, order, len(predictions.instr_ids)),
         is_navigation_only=predictions.is_navigation_only,
     )
+
+
+def _boxes_of(boxes: BoxAnswers, order: IntArray, count: int) -> BoxAnswers:
+    """Return the boxes of some records out of ``count``, put into the given order."""
+    place = np.full(count, -1)  # of records that are left out
+    place[order] = np.arange(len(order))
+    boxes = replace(boxes, row=place[boxes.row])
+    boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
+    return boxes.take(np.argsort(boxes.row))
 
 
 def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:

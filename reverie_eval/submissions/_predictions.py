@@ -1,7 +1,7 @@
 """Predictions: the content of a submission as columns, before it is aligned with a split."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -56,6 +56,12 @@ class BoxAnswers:
             self.uncut_xywh[rows],
             self.stop_angles[rows],
         )
+
+    @classmethod
+    def concatenate(cls, parts: "Sequence[BoxAnswers]") -> "BoxAnswers":
+        """Return the boxes of several parts, one after the other."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 NO_BOXES = BoxAnswers(

@@ -55,7 +55,7 @@ def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     ("page", "written"),
     [
         pytest.param(PAGES["notebook"], {"episode.pdf"}, id="notebook"),
-        pytest.param(PAGES["training"], {"runs"}, id="training"),
+        pytest.param(PAGES["training"], {"runs", "epoch_1.npz"}, id="training"),
     ],
 )
 def test_every_block_runs_and_prints_what_the_page_shows(

@@ -19,13 +19,11 @@ from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import units_of
 from reverie_eval.scoring import FEW_CLUSTERS, Scores, clusters_of
-from reverie_eval.text import category_text, did_you_mean, tokenize
+from reverie_eval.text import did_you_mean, tokenize
 
 if TYPE_CHECKING:
     import pandas as pd
 
-NO_CATEGORY = "unnamed"
-"""The group of episodes whose target has no category in the annotation."""
 NO_LEVEL = "no level"
 """The group of episodes whose instruction does not give the number of a level."""
 
@@ -96,15 +94,6 @@ def _by_words(scores: Scores) -> Sequence[str]:
     return _WORDS.of(np.array([len(tokenize(instruction)) for instruction in instructions]))
 
 
-def _by_category(scores: Scores) -> Sequence[str]:
-    truth = scores.ground_truth
-    categories = [
-        category_text(name).strip().lower() or NO_CATEGORY
-        for name in truth.require_answers().target_categories
-    ]
-    return [categories[task] for task in truth.episodes.task]
-
-
 def level_in(instruction: str) -> str:
     """Return the level of the building whose number an instruction gives.
 
@@ -143,17 +132,14 @@ GROUPINGS: Mapping[str, Grouping] = MappingProxyType(
     {
         grouping.key: grouping
         for grouping in (
-            Grouping(
-                "scan",
-                "the building",
-                lambda scores: [
-                    scores.ground_truth.graph.scan_of(start)
-                    for start in scores.ground_truth.episodes.start
-                ],
-            ),
+            Grouping("scan", "the building", lambda scores: scores.ground_truth.scans),
             Grouping("length", "the shortest length to the goal", _by_length, _LENGTHS.labels),
             Grouping("words", "the number of words in the instruction", _by_words, _WORDS.labels),
-            Grouping("category", "the annotated category of the target", _by_category),
+            Grouping(
+                "category",
+                "the annotated category of the target",
+                lambda scores: scores.ground_truth.categories,
+            ),
             Grouping(
                 "level",
                 "the level given in the instruction",

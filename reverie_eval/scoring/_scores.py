@@ -1,7 +1,8 @@
 """Scores: one value per metric and episode, their means, and their signature."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -233,6 +234,27 @@ class Scores(Mapping[str, float]):
             outcome[self.boxes.row] = np.array(BOX_OUTCOMES, dtype=object)[self.boxes.outcome]
         return outcome.tolist()
 
+    @property
+    def texts(self) -> Mapping[str, Sequence[str]]:
+        """What is known of each episode besides its values, by column.
+
+        Its ``outcome``, ``box_outcome``, ``scan``, ``category`` and ``instruction``. Those that the
+        protocol does not define, or the ground truth does not have, are left out.
+        """
+        truth = self.ground_truth
+        columns: Mapping[str, Callable[[], Sequence[str]]] = {
+            "outcome": lambda: self.outcomes,
+            **({} if self.boxes is None else {"box_outcome": lambda: self.box_outcomes}),
+            "scan": lambda: truth.scans,
+            "category": lambda: truth.categories,
+            "instruction": lambda: truth.episodes.instructions,
+        }
+        found = {}
+        for name, read in columns.items():
+            with suppress(GroundTruthError, ProtocolError):
+                found[name] = read()
+        return found
+
     def with_intervals(
         self,
         by: Clustering = "target",
@@ -344,17 +366,16 @@ class Scores(Mapping[str, float]):
         return flat
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return the episode table: a row per ``instr_id``, a column per metric.
+        """Return a row per ``instr_id``: a column per metric, and those of :attr:`texts`.
 
-        Values are in the metrics' own units, which ``attrs["units"]`` lists by column. If there are
-        predicted boxes, the last column, ``box_outcome``, has their outcomes.
+        Values are in the metrics' own units, which ``attrs["units"]`` lists by column.
         """
         import pandas as pd
 
         index = pd.Index(self.instr_ids, name="instr_id")
         table = pd.DataFrame(dict(self.episodes), index=index)
         table.attrs["units"] = units_of(self)
-        return table if self.boxes is None else table.assign(box_outcome=self.box_outcomes)
+        return table.assign(**self.texts)
 
     def to_report(self) -> "ScoreReport":
         """Return the score report, which ``--format json`` prints."""

@@ -22,7 +22,6 @@ MAX_PROBLEMS = 10_000
 """Checking stops after so many: fixing these nearly always fixes the rest."""
 
 WHOLE_FILE = "file"
-OUTSIDE_DEMO = "not-the-demo-world"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
 RECORD_FORM = "an object with instr_id, trajectory and predObjId"
 INSTR_ID_FORM = 'the episode\'s id as text: "4774_267_1"'
@@ -424,7 +423,7 @@ def ids_outside_demo(count: int, first: str, split: str) -> Problem:
         f"github.com/YuankaiQi/REVERIE, run `reverie-eval compile REVERIE --split {split} "
         f"-o {split}.npz` once and pass --ground-truth {split}.npz"
     )
-    return Problem(OUTSIDE_DEMO, WHOLE_FILE, message)
+    return Problem("not-the-demo-world", WHOLE_FILE, message)
 
 
 def repeated_key(key: str) -> Problem:

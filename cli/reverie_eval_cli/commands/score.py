@@ -101,7 +101,8 @@ _SECONDS_BETWEEN_LOOKS = 1.0
     "--episodes",
     metavar="FILE",
     type=click.Path(),
-    help="Also write every episode's values to FILE, as CSV; with several protocols, the first's.",
+    help="Also write the values, outcome and instruction of every episode to FILE, as CSV; with "
+    "several protocols, the first's.",
 )
 def score(
     *,

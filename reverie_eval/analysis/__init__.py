@@ -1,6 +1,12 @@
 """The analysis of scores, and of how submissions came about."""
 
-from reverie_eval.analysis._breakdown import GROUPINGS, Grouping, breakdown, find_grouping
+from reverie_eval.analysis._breakdown import (
+    GROUPINGS,
+    Grouping,
+    GroupingKey,
+    breakdown,
+    find_grouping,
+)
 from reverie_eval.analysis._comparison import (
     BEST,
     SMALLEST_SHOWN_P,
@@ -39,6 +45,7 @@ __all__ = [
     "Difference",
     "Episode",
     "Grouping",
+    "GroupingKey",
     "Method",
     "PredictedBox",
     "Ranks",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reverie_eval.analysis import Episode
+from reverie_eval.analysis import Episode, GroupingKey
 from reverie_eval.metrics import CATALOGUE, primary_metric
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._figure_style import (
@@ -70,7 +70,7 @@ class Plots:
             set_heading(axes, f"progress funnel on {self.scores.split}")
         return axes
 
-    def breakdown(self, by: str, ax: "Axes | None" = None) -> "Axes":
+    def breakdown(self, by: GroupingKey, ax: "Axes | None" = None) -> "Axes":
         """Draw success and the primary metric for groups of episodes, the largest groups first.
 
         The primary metric is RGSPL; RGS or SPL where that is not scored. Its 95 % interval is

@@ -37,7 +37,7 @@ _DAMAGE = (
 class IntervalSettings:
     """How intervals were computed, as :meth:`Scores.with_intervals` takes it."""
 
-    by: str
+    cluster: str
     confidence: float
     resamples: int
     seed: int

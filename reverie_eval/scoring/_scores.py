@@ -22,7 +22,7 @@ from reverie_eval.scoring._protocol import Protocol, find_protocol
 from reverie_eval.scoring._saved import IntervalSettings, SavedHeader, read_saved, write_saved
 from reverie_eval.scoring._validation import jump_notes
 from reverie_eval.submissions import AlignedSubmission
-from reverie_eval.text import count_text, first_few
+from reverie_eval.text import count_text, first_few, tokenize
 from reverie_eval.version import __version__
 
 if TYPE_CHECKING:
@@ -257,7 +257,7 @@ class Scores(Mapping[str, float]):
 
     def with_intervals(
         self,
-        by: Clustering = "target",
+        cluster: Clustering = "target",
         *,
         confidence: float | None = None,
         resamples: int | None = None,
@@ -267,7 +267,7 @@ class Scores(Mapping[str, float]):
 
         Parameters
         ----------
-        by : "target" or "scan"
+        cluster : "target" or "scan"
             Clusters of dependent episodes, which are resampled as a whole: episodes with the same
             target object, or in the same building.
         confidence : float, optional
@@ -285,8 +285,8 @@ class Scores(Mapping[str, float]):
         """
         intervals = Intervals.of(
             self.episodes,
-            clusters_of(self.ground_truth, by),
-            by,
+            clusters_of(self.ground_truth, cluster),
+            cluster,
             confidence=confidence,
             resamples=resamples,
             seed=seed,
@@ -314,6 +314,31 @@ class Scores(Mapping[str, float]):
             qualifier=self.qualifier,
         )
 
+    def with_words(self, *words: str) -> Self:
+        """Return the scores of the episodes whose instruction has all of these words.
+
+        Whole words in upper or lower case: ``towel`` is not in "the towels".
+
+        Raises
+        ------
+        ProtocolError
+            If no instruction has them.
+        GroundTruthError
+            If the ground truth was compiled without instructions.
+        """
+        wanted = {token for word in words for token in tokenize(word)}
+        tokens = [set(tokenize(each)) for each in self.ground_truth.episodes.instructions]
+        chosen = [
+            instr_id
+            for instr_id, found in zip(self.instr_ids, tokens, strict=True)
+            if wanted <= found
+        ]
+        if not chosen:
+            unknown = sorted(wanted.difference(*tokens))
+            which = f": {', '.join(unknown)} is in none of them" if unknown else ""
+            raise ProtocolError(f"no instruction has all the words {' '.join(words)!r}{which}")
+        return self.subset(chosen)
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write these scores to a file, which :meth:`load` reads; it has no answers in it.
 
@@ -325,7 +350,7 @@ class Scores(Mapping[str, float]):
             If the file cannot be written.
         """
         settings = self.intervals and IntervalSettings(
-            by=self.intervals.by,
+            cluster=self.intervals.cluster,
             confidence=self.intervals.confidence,
             resamples=self.intervals.resamples,
             seed=self.intervals.seed,
@@ -453,7 +478,7 @@ def _interval_report(intervals: Intervals) -> "IntervalReport":
     from reverie_eval.schemas.report import IntervalReport
 
     return IntervalReport(
-        by=intervals.by,
+        by=intervals.cluster,
         clusters=intervals.n_clusters,
         confidence=intervals.confidence,
         resamples=intervals.resamples,

@@ -29,7 +29,13 @@ from reverie_eval.analysis._evidence import (
     nearest_earlier,
     spread_of_changes,
 )
-from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_different_routes
+from reverie_eval.analysis._near_misses import (
+    Gallery,
+    episodes_won,
+    gallery,
+    near_misses,
+    with_different_routes,
+)
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
 from reverie_eval.analysis._runs import Method, RunIntervals, Runs
 
@@ -44,6 +50,7 @@ __all__ = [
     "Comparison",
     "Difference",
     "Episode",
+    "Gallery",
     "Grouping",
     "GroupingKey",
     "Method",
@@ -60,6 +67,7 @@ __all__ = [
     "episode",
     "episodes_won",
     "find_grouping",
+    "gallery",
     "gap_between",
     "most_similar",
     "near_misses",

@@ -99,6 +99,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     """The smallest p-value that any difference could have, after Holm's correction."""
 
     # Set by reverie_eval.notebook, because they need a package above this one.
+    plot: ClassVar[Any]
     to_report: ClassVar[Any]
     _repr_html_: ClassVar[Any]
 

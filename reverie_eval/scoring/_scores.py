@@ -59,6 +59,7 @@ class Scores(Mapping[str, float]):
     # Set by reverie_eval.notebook, because they need packages above this one.
     breakdown: ClassVar[Any]
     episode: ClassVar[Any]
+    gallery: ClassVar[Any]
     plot: ClassVar[Any]
     _repr_html_: ClassVar[Any]
 

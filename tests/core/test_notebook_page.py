@@ -54,8 +54,8 @@ def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
 @pytest.mark.parametrize(
     ("page", "written"),
     [
-        pytest.param(PAGES["notebook"], {"episode.pdf"}, id="notebook"),
-        pytest.param(PAGES["training"], {"runs", "epoch_1.npz"}, id="training"),
+        pytest.param(PAGES["notebook"], {"episode.pdf", "comparison.pdf"}, id="notebook"),
+        pytest.param(PAGES["training"], {"runs", "epoch_1.npz", "curve.pdf"}, id="training"),
     ],
 )
 def test_every_block_runs_and_prints_what_the_page_shows(

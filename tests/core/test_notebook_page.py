@@ -1,6 +1,9 @@
 """The code blocks of the library's pages run and print the output shown below them."""
 
+import ast
+import os
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from importlib.util import find_spec
@@ -44,6 +47,8 @@ def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     for name, sample in FILES.items():
         (tmp_path / name).write_bytes((SAMPLES / sample).read_bytes())
     monkeypatch.chdir(tmp_path)
+    # The page runs the command as a reader does who installed it.
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     yield tmp_path
     from matplotlib import pyplot as plt
 
@@ -71,6 +76,12 @@ def test_every_block_runs_and_prints_what_the_page_shows(
         printed = [line.rstrip() for line in shown.getvalue().splitlines()]
         assert printed == block.printed.splitlines()
     assert {file.name for file in readers_folder.iterdir()} - FILES.keys() == written
+
+
+def test_what_runs_beside_an_old_python_is_old_python() -> None:
+    (code,) = (block.code for block in blocks(PAGES["training"]) if "subprocess" in block.code)
+    ast.parse(code, feature_version=(3, 6))
+    assert "capture_output" not in code  # of Python 3.7
 
 
 @every_page

@@ -301,6 +301,8 @@ def _unknown_problems(
     predictions: Predictions, episode: IntArray, ground_truth: GroundTruth
 ) -> Iterator[Problem]:
     """Report records of episodes that the split does not have."""
+    if (episode != _UNKNOWN).all():
+        return  # before the ids of all other splits are collected
     unknown = _unknown_by_split(predictions, episode, ground_truth)
     if ground_truth.is_demo and (episode == _UNKNOWN).all() and unknown.keys() == {None}:
         _, first = _location_and_id(predictions, unknown[None][0])

@@ -5,6 +5,7 @@ Scores are computed again from them, which takes milliseconds and gives the same
 
 import tokenize
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from os import PathLike
@@ -28,7 +29,7 @@ _COLUMNS = (
 # numpy parses the header of each array as Python source, hence the second line.
 _DAMAGE = (
     *(ValueError, TypeError, KeyError, EOFError, NotImplementedError, RuntimeError),
-    *(tokenize.TokenError, SyntaxError, zipfile.BadZipFile, msgspec.DecodeError),
+    *(tokenize.TokenError, SyntaxError, zipfile.BadZipFile, zlib.error, msgspec.DecodeError),
 )
 """Exceptions that numpy, zipfile and msgspec raise for other files and damaged ones."""
 

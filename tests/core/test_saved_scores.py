@@ -1,6 +1,7 @@
 """Scores are saved, loaded, cut into parts and put together again, digit for digit."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -90,6 +91,17 @@ def test_a_file_of_another_kind(drawn: rv.Scores, tmp_path: Path) -> None:
             rv.Scores.load(file)
     with pytest.raises(FileNotFoundError):
         rv.Scores.load(tmp_path / "none.npz")
+
+
+def test_a_damaged_file(drawn: rv.Scores, tmp_path: Path) -> None:
+    """Whichever byte is another one, the scores are the same or none."""
+    file = tmp_path / "scores.npz"
+    drawn.save(file)
+    content = file.read_bytes()
+    for place in range(0, len(content), len(content) // 40):
+        file.write_bytes(content[:place] + bytes([content[place] ^ 0x55]) + content[place + 1 :])
+        with suppress(rv.ReverieEvalError):
+            assert rv.Scores.load(file) == drawn
 
 
 def test_a_file_of_a_later_version(

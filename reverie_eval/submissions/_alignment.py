@@ -15,7 +15,7 @@ from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._predictions import BoxAnswers, Predictions
+from reverie_eval.submissions._predictions import BoxAnswers, IdColumn, Predictions
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
@@ -122,14 +122,14 @@ def _look_up(
     If unknown ids have something in common, that is one problem, and what was meant is looked up.
     """
     episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
-    viewpoint = _indices(predictions.viewpoint_ids, ground_truth.graph.index)
+    viewpoint = _viewpoints(predictions.viewpoint_ids, ground_truth.graph)
     if (episode != _UNKNOWN).all() and (viewpoint != _UNKNOWN).all():
         return predictions, episode, viewpoint
     fixed = _fix_ids(predictions, ground_truth)
     return (
         fixed,
         _indices(fixed.instr_ids, ground_truth.episodes.index),
-        _indices(fixed.viewpoint_ids, ground_truth.graph.index),
+        _viewpoints(fixed.viewpoint_ids, ground_truth.graph),
     )
 
 
@@ -148,8 +148,8 @@ def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions
     return replace(
         predictions,
         instr_ids=fix_instr_ids(predictions.instr_ids, ground_truth, log, place_of_id),
-        viewpoint_ids=fix_viewpoint_ids(
-            predictions.viewpoint_ids, ground_truth, log, place_of_pose
+        viewpoint_ids=IdColumn.of(
+            fix_viewpoint_ids(list(predictions.viewpoint_ids), ground_truth, log, place_of_pose)
         ),
         problems=[*predictions.problems, *log.all_problems()],
     )
@@ -192,8 +192,12 @@ def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
     return order if rows is None else order[np.isin(episode[order], rows)]
 
 
+def _viewpoints(ids: IdColumn, graph: NavigationGraph) -> IntArray:
+    return _indices(ids.distinct, graph.index)[ids.number]
+
+
 def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:
-    # `map` calls `dict.get` from C: no Python frame for each of a hundred thousand poses.
+    # `map` calls `dict.get` from C: no Python frame for each of thousands of episodes.
     indices: Iterable[int] = map(index.get, ids, repeat(_UNKNOWN))  # type: ignore[arg-type]
     return np.fromiter(indices, np.int64, len(ids))
 

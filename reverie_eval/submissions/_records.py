@@ -36,6 +36,7 @@ from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
     BoxAnswers,
+    IdColumn,
     Predictions,
     Submission,
     look_like_degrees,
@@ -255,7 +256,7 @@ def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False
     log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
     return Predictions(
         instr_ids=[record.instr_id for record in records],
-        viewpoint_ids=[pose.viewpoint_id for pose in poses],
+        viewpoint_ids=IdColumn.of(pose.viewpoint_id for pose in poses),
         offsets=offsets_of(lengths),
         predicted_object=np.array([answer.object_id for answer in answers], dtype=np.int64),
         has_degrees=look_like_degrees(stop_angles),

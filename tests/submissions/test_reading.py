@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -624,9 +625,11 @@ def damaged_documents(draw: st.DrawFn) -> bytes:
 
 
 @settings(max_examples=500)
-@given(content=documents | damaged_documents())
-def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
-    predictions = decode_official(content)
+@given(content=documents | damaged_documents(), chunk=st.sampled_from([1, 100, 1 << 16]))
+def test_the_fast_lane_declines_or_agrees(content: bytes, chunk: int) -> None:
+    """However many bytes it decodes at once."""
+    with patch("reverie_eval.submissions._official._CHUNK", chunk):
+        predictions = decode_official(content)
     event("taken" if predictions else "declined")
     if predictions:
         log = ReadingLog()
@@ -636,6 +639,26 @@ def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
         assert predictions.answer_is_text.tolist() == carefully.answer_is_text.tolist()
         assert boxes_of(predictions) == boxes_of(carefully) == []
         assert not [*carefully.read_as, *carefully.problems]
+
+
+@pytest.mark.parametrize(
+    "between", [",", " ,\n\t", ",,", "", ",\x0b", "}, {", "], [", '"}, {"', ', {"note": "}, {"}, ']
+)
+def test_a_list_is_cut_between_records_only(between: str) -> None:
+    """Whatever is between records: the fast lane cuts here after each record."""
+    content = f"[{record()}{between}{record()}]".encode()
+    with patch("reverie_eval.submissions._official._CHUNK", 1):
+        predictions = decode_official(content)
+    assert (predictions is not None) == (between.strip(" \n\t") == ",")
+    assert predictions is None or columns_of(predictions) == columns_of(read_predictions(content))
+
+
+def test_a_text_that_looks_like_the_space_between_records() -> None:
+    name = json.dumps("a}, {b")
+    content = document(record(instr_id=name), record(trajectory=f"[[{name}, 0, 0]]"))
+    with patch("reverie_eval.submissions._official._CHUNK", 1):
+        assert decode_official(content) is None
+    assert read_predictions(content).instr_ids[0] == json.loads(name)
 
 
 @settings(max_examples=500)

@@ -18,6 +18,7 @@ from reverie_eval.submissions._official import submission_schema
 from reverie_eval.submissions._predictions import NO_BOXES, BoxAnswers, Predictions, Submission
 from reverie_eval.submissions._records import parse_predictions, read_predictions
 from reverie_eval.submissions._sources import (
+    MAX_MEBIBYTES_VARIABLE,
     RECEIPT_ENDING,
     Source,
     check_names,
@@ -30,6 +31,7 @@ from reverie_eval.submissions._sources import (
 )
 
 __all__ = [
+    "MAX_MEBIBYTES_VARIABLE",
     "NO_BOXES",
     "RECEIPT_ENDING",
     "AlignedSubmission",

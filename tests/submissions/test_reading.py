@@ -17,9 +17,14 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from reverie_eval import Problem, SubmissionError
-from reverie_eval.submissions import Predictions, Submission, convert, read_predictions
-from reverie_eval.submissions import _sources as sources
+from reverie_eval import Problem, ProtocolError, SubmissionError
+from reverie_eval.submissions import (
+    MAX_MEBIBYTES_VARIABLE,
+    Predictions,
+    Submission,
+    convert,
+    read_predictions,
+)
 from reverie_eval.submissions._document import parse_document
 from reverie_eval.submissions._official import decode_official
 from reverie_eval.submissions._reading_log import ReadingLog
@@ -200,12 +205,20 @@ def test_too_large(
     submission: Callable[[bytes], Submission], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mebibyte = 1 << 20
-    monkeypatch.setattr(sources, "MAX_BYTES", mebibyte)
+    monkeypatch.setenv(MAX_MEBIBYTES_VARIABLE, "1")
     just_fits = document(record()).ljust(mebibyte)
     assert problems_of(submission(just_fits)) == ()
     (problem,) = problems_of(submission(just_fits + b" "))
     assert (problem.code, problem.where) == ("too-large", "file")
     assert "larger than 1 MiB" in problem.message
+    assert problem.message.endswith("set REVERIE_EVAL_MAX_MEBIBYTES to its size in MiB")
+
+
+@pytest.mark.parametrize("value", ["", "-1", "1.5", "two", "9" * 7])
+def test_a_largest_size_that_is_not_one(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(MAX_MEBIBYTES_VARIABLE, value)
+    with pytest.raises(ProtocolError, match="a whole number of MiB such as 128; got '"):
+        read_predictions(CONTENT)
 
 
 # Records.
@@ -708,6 +721,33 @@ def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> Non
     before, after = (read_predictions(it) for it in (content, converted))
     assert columns_of(after)[:-1] == columns_of(before)[:-1]
     assert boxes_of(after) == boxes_of(before)
+
+
+def with_tuples(value: Any) -> Any:
+    """Return a document with tuples in the place of lists; its objects are changed."""
+    if isinstance(value, dict):
+        value |= {name: with_tuples(each) for name, each in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list) else value
+
+
+@settings(max_examples=200)
+@given(content=documents)
+def test_the_careful_lane_reads_common_forms_as_it_reads_others(content: bytes) -> None:
+    """Trajectories that are lists are read by loops in C if they have a common form."""
+    try:
+        document, other = (parse_document(content, ReadingLog()) for _ in range(2))
+        by_loops, by_elements = (
+            read_carefully(each, ReadingLog()) for each in (document, with_tuples(other))
+        )
+    except SubmissionError:
+        return
+    assert columns_of(by_loops) == columns_of(by_elements)
+    assert places_of(by_loops) == places_of(by_elements)
+    assert by_loops.differences == by_elements.differences
+    assert np.array_equal(by_loops.continues_hop, by_elements.continues_hop)  # type: ignore[arg-type]
+    assert [each.where for each in by_loops.problems] == [
+        each.where for each in by_elements.problems
+    ]
 
 
 @pytest.mark.parametrize("name", ["good.json", "mediocre.json"])

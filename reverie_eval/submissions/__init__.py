@@ -27,6 +27,7 @@ from reverie_eval.submissions._predictions import (
 )
 from reverie_eval.submissions._records import parse_predictions, read_predictions
 from reverie_eval.submissions._sources import (
+    MAX_MEBIBYTES_VARIABLE,
     RECEIPT_ENDING,
     Source,
     check_names,
@@ -39,6 +40,7 @@ from reverie_eval.submissions._sources import (
 )
 
 __all__ = [
+    "MAX_MEBIBYTES_VARIABLE",
     "NO_BOXES",
     "RECEIPT_ENDING",
     "AlignedSubmission",

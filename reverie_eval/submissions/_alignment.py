@@ -15,7 +15,7 @@ from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._predictions import BoxAnswers, Content, Predictions
+from reverie_eval.submissions._predictions import BoxAnswers, Content, IdColumn, Predictions
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
@@ -191,14 +191,14 @@ def _look_up(
     If unknown ids have something in common, that is one problem, and what was meant is looked up.
     """
     episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
-    viewpoint = _indices(predictions.viewpoint_ids, ground_truth.graph.index)
+    viewpoint = _viewpoints(predictions.viewpoint_ids, ground_truth.graph)
     if (episode != _UNKNOWN).all() and (viewpoint != _UNKNOWN).all():
         return predictions, episode, viewpoint
     fixed = _fix_ids(predictions, ground_truth)
     return (
         fixed,
         _indices(fixed.instr_ids, ground_truth.episodes.index),
-        _indices(fixed.viewpoint_ids, ground_truth.graph.index),
+        _viewpoints(fixed.viewpoint_ids, ground_truth.graph),
     )
 
 
@@ -217,8 +217,8 @@ def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions
     return replace(
         predictions,
         instr_ids=fix_instr_ids(predictions.instr_ids, ground_truth, log, place_of_id),
-        viewpoint_ids=fix_viewpoint_ids(
-            predictions.viewpoint_ids, ground_truth, log, place_of_pose
+        viewpoint_ids=IdColumn.of(
+            fix_viewpoint_ids(list(predictions.viewpoint_ids), ground_truth, log, place_of_pose)
         ),
         problems=[*predictions.problems, *log.all_problems()],
     )
@@ -264,8 +264,12 @@ def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
     return order if rows is None else order[np.isin(episode[order], rows)]
 
 
+def _viewpoints(ids: IdColumn, graph: NavigationGraph) -> IntArray:
+    return _indices(ids.distinct, graph.index)[ids.number]
+
+
 def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:
-    # `map` calls `dict.get` from C: no Python frame for each of a hundred thousand poses.
+    # `map` calls `dict.get` from C: no Python frame for each of thousands of episodes.
     indices: Iterable[int] = map(index.get, ids, repeat(_UNKNOWN))  # type: ignore[arg-type]
     return np.fromiter(indices, np.int64, len(ids))
 
@@ -304,7 +308,8 @@ def _unknown_problems(
     if (episode != _UNKNOWN).all():
         return  # before the ids of all other splits are collected
     unknown = _unknown_by_split(predictions, episode, ground_truth)
-    if ground_truth.is_demo and (episode == _UNKNOWN).all() and unknown.keys() == {None}:
+    none_known = (episode == _UNKNOWN).all()
+    if ground_truth.is_demo and none_known and unknown.keys() == {None}:
         _, first = _location_and_id(predictions, unknown[None][0])
         yield problems.ids_outside_demo(len(unknown[None]), first, ground_truth.split)
         return
@@ -315,7 +320,7 @@ def _unknown_problems(
             problem = problems.ids_of_another_split(
                 len(records), other_split, ground_truth.split, location, instr_id
             )
-            yield problem if known.size else replace(problem, split=other_split)
+            yield replace(problem, split=other_split) if none_known else problem
     for record in unknown.get(None, ()):
         yield problems.unknown_episode(*_location_and_id(predictions, record), ground_truth.split)
 

@@ -320,11 +320,13 @@ def too_deep() -> Problem:
     return Problem("too-deep", WHOLE_FILE, message)
 
 
-def too_large(limit: int) -> Problem:
+def too_large(limit: int, variable: str | None) -> Problem:
     message = (
         f"is larger than {limit >> 20} MiB unpacked; a submission needs instr_id, trajectory and "
         "predObjId only, remove everything else"
     )
+    if variable:
+        message += f"; if it has so many episodes, set {variable} to its size in MiB"
     return Problem("too-large", WHOLE_FILE, message)
 
 

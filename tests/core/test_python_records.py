@@ -93,7 +93,7 @@ def test_the_careful_lane_takes_what_is_like_it(written: dict[str, Any]) -> None
 @pytest.mark.parametrize("pose", [("bath",), ("bath", 1.5, 0.25, 7.0)], ids=["shorter", "longer"])
 def test_poses_of_several_lengths(pose: tuple[Any, ...]) -> None:
     assert convert_official([ending_in(pose)]) is None
-    assert read_predictions([ending_in(pose)]).viewpoint_ids == ["hall", "bath"]
+    assert [*read_predictions([ending_in(pose)]).viewpoint_ids] == ["hall", "bath"]
 
 
 def test_the_last_pose_of_each_record_is_its_stop() -> None:

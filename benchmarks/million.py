@@ -11,6 +11,7 @@ on what else the machine does.
 """
 
 import os
+import re
 import statistics
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from resource import RUSAGE_CHILDREN, getrusage
 from tempfile import TemporaryDirectory
 
 import httpx
@@ -193,18 +195,23 @@ def upload(client: httpx.Client, token: str, number: int) -> float:
 
 def print_command(name: str, *arguments: Path | str) -> None:
     """Print how long a command takes, and its peak memory."""
-    began = time.perf_counter()
-    with subprocess.Popen([COMMAND, "server", name, *arguments], stdout=subprocess.PIPE) as run:
-        assert run.stdout is not None  # noqa: S101  # it was asked for
-        said = run.stdout.read().decode()
-        _, status, used = os.wait4(run.pid, 0)
-        run.returncode = os.waitstatus_to_exitcode(status)
-    if run.returncode:
-        raise RuntimeError(said)
-    seconds, spent = time.perf_counter() - began, used.ru_utime + used.ru_stime
+    began, before = time.perf_counter(), getrusage(RUSAGE_CHILDREN)
+    peak = 0
+    words = [COMMAND, "server", name, *arguments]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as run:
+        # Its resource usage would count the memory of this process too.
+        while run.poll() is None:
+            found = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{run.pid}/status").read_text())
+            peak = int(found[1]) if found else peak
+            time.sleep(0.1)
+        if run.returncode:
+            assert run.stdout is not None  # noqa: S101  # it was asked for
+            raise RuntimeError(run.stdout.read())
+    seconds, after = time.perf_counter() - began, getrusage(RUSAGE_CHILDREN)
+    spent = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
     print(
         f"    server {name}: {seconds:.0f} s, {spent:.0f} s of the processors, "
-        f"{used.ru_maxrss / 1000:.0f} MB at the peak",
+        f"{peak / 1000:.0f} MB at the peak",
         flush=True,
     )
 

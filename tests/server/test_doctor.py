@@ -35,7 +35,7 @@ from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.service.reported import add_reported, change_reported, remove_reported
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.tokens import revoke_token
-from reverie_eval.server.store.tables import AuditEntry, Submission
+from reverie_eval.server.store.tables import AuditEntry, News, Submission
 from tests.support.acting import AUDIT_LOG, NOON, add_person, add_team, create_token, review
 from tests.support.flat import Run
 from tests.support.serving import OTHER, OWNER, PRIVATE, Serving, settings_of, submission_for
@@ -423,3 +423,20 @@ def test_nothing_written_meanwhile_looks_amiss(
     monkeypatch.setattr(doctor, "mismatches", mismatches_after_another)
     assert [finding for finding in examine(folder) if finding.kind == "fault"] == []
     assert settings_of(folder, url).database == url
+
+
+def test_the_audit_log_is_compared_with_all_rows(server_on: Serving) -> None:
+    sent = server_on.upload(OWNER).json()["submission"]["id"]
+    server_on.ask(OWNER, "PATCH", f"/submissions/{sent}", json={"published": True})
+    with server_on.state.database.writing() as session:
+        assert list(mismatches(session)) == []
+        session.get_one(Submission, sent).published_at = NOON + timedelta(hours=1)
+        session.execute(delete(AuditEntry).where(AuditEntry.action == "submitted"))
+        session.add(News(text="Forged", posted_by="", created_at=NOON))
+        session.flush()
+        day = f"{NOON:%Y-%m-%d}"
+        assert list(mismatches(session)) == [
+            f"changed (submission:{sent}, {day} 13:00:00): in the database, but not logged",
+            f"news added (news:1, {day} 12:00:00): in the database, but not logged",
+            f"submitted (submission:{sent}): in the database, but not logged",
+        ]

@@ -108,7 +108,7 @@ def _difference_cells(comparison: Comparison, name: str, metric: Metric) -> Sequ
         return [MISSING] * 5
     found = comparison[name][metric.key]
     values = (found.mean, found.interval.low, found.interval.high)
-    shown = (_signed(metric, value) for value in values)
+    shown = (signed(metric, value) for value in values)
     verdict = comparison.verdict(name)
     return [*shown, _p_cell(found.p_value), "n.s." if verdict == "not significant" else verdict]
 
@@ -184,7 +184,7 @@ def methods(comparison: Comparison) -> Sequence[str]:
         fixed = f"; of {', '.join(lone)}, only one run is known and taken as it is" if lone else ""
         captions = dict.fromkeys(each.caption for each in comparison.intervals.values())
         return [*captions, f"p: Student's t test with the same variances{corrected}{fixed}"]
-    swaps = f"{comparison.swaps:,} random swaps of whole {resampled.by}s"
+    swaps = f"{comparison.swaps:,} random swaps of whole {resampled.cluster}s"
     test = f"p: paired randomisation test by {swaps}, seed {resampled.seed}"
     return [
         resampled.caption,
@@ -212,9 +212,9 @@ def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Itera
     """Yield the rows on how one submission differs from the first, below an empty row."""
     label = comparison.intervals[name].label
     rows: dict[str, Callable[[Metric, Difference], str]] = {
-        f"{name} - {comparison.first}": lambda metric, found: _signed(metric, found.mean),
-        f"{label} low": lambda metric, found: _signed(metric, found.interval.low),
-        f"{label} high": lambda metric, found: _signed(metric, found.interval.high),
+        f"{name} - {comparison.first}": lambda metric, found: signed(metric, found.mean),
+        f"{label} low": lambda metric, found: signed(metric, found.interval.low),
+        f"{label} high": lambda metric, found: signed(metric, found.interval.high),
         "p": lambda _, found: _p_cell(found.p_value),
     }
     if isinstance(comparison.intervals[name], Intervals):
@@ -232,7 +232,7 @@ def _won_and_lost(metric: Metric, found: Difference) -> str:
     return f"{found.higher} : {found.lower}" if metric.is_binary else MISSING
 
 
-def _signed(metric: Metric, value: float) -> str:
+def signed(metric: Metric, value: float) -> str:
     """Format a difference with its sign; one that rounds to 0 has none."""
     text = metric.display(value)
     return text if float(text) <= 0 else f"+{text}"
@@ -249,7 +249,7 @@ def _smallest_p(comparison: Comparison) -> str:
     if comparison.smallest_p < SMALLEST_SHOWN_P:
         return ""
     resampled = next(iter(comparison.intervals.values()))
-    clusters = count_text(resampled.n_clusters, resampled.by)
+    clusters = count_text(resampled.n_clusters, resampled.cluster)
     n_comparisons = comparison.pairs or len(comparison)
     among = f" and {n_comparisons:,} comparisons" if n_comparisons > 1 else ""
     return f"; with {clusters}{among}, p is at least about {comparison.smallest_p:.2g}"

@@ -1,7 +1,7 @@
 """Predictions: the content of a submission as columns, before it is aligned with a split."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -16,6 +16,9 @@ Records: TypeAlias = Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any
 
 Submission: TypeAlias = Source | Records
 """What can be scored: a file, its content, or its records as Python objects."""
+
+Content: TypeAlias = tuple[object, ...]
+"""What a record predicts, to be compared with that of another record."""
 
 ID_PREFIX = "reverie_"
 """NaviLLM mixes datasets and writes this before the ids; it is not part of them."""
@@ -53,6 +56,12 @@ class BoxAnswers:
             self.uncut_xywh[rows],
             self.stop_angles[rows],
         )
+
+    @classmethod
+    def concatenate(cls, parts: "Sequence[BoxAnswers]") -> "BoxAnswers":
+        """Return the boxes of several parts, one after the other."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 NO_BOXES = BoxAnswers(
@@ -127,7 +136,7 @@ class Predictions:
             return pose - int(self.offsets[record]), 0
         return self.pose_paths[pose]
 
-    def content(self, record: int) -> tuple[object, ...]:
+    def content(self, record: int) -> Content:
         """Return what a record predicts, to be compared with that of another record."""
         begin, end = self.offsets[record : record + 2]
         box = slice(*np.searchsorted(self.boxes.row, [record, record + 1]))

@@ -149,6 +149,45 @@ def test_a_python_value_that_is_none_of_the_format(
     assert (problem.code, problem.where) == (code, f"[1].{where}")
 
 
+class Tensor:
+    """A number as torch holds it."""
+
+    ndim = 0
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        return np.array(3, dtype=dtype)
+
+    def tolist(self) -> int:
+        """Return the number."""
+        return 3
+
+
+@pytest.mark.parametrize(
+    ("written", "remedy"),
+    [
+        pytest.param(record(predObjId=np.array(3)), "use .item()", id="array"),
+        pytest.param(record(predObjId=Tensor()), "use .item()", id="tensor"),
+        pytest.param(record(predObjId=np.array([3])), "use .tolist()", id="array of one"),
+        pytest.param(ending_in(("a", np.array(1.5), 0.0)), "use .item()", id="array in a pose"),
+        pytest.param(ending_in(np.zeros(3)), "use .tolist()", id="array as a pose"),
+        pytest.param(record(trajectory=np.zeros(3)), "use .tolist()", id="array of poses"),
+        pytest.param(record(predObjId=np.True_), "predicts no object", id="number of numpy's"),
+        pytest.param(
+            {"instr_id": "7_1_0", "trajectory": [POSE], "predBox": [1, 2, 3, 4]}
+            | {"predView": np.array(4)},
+            "use .item()",
+            id="view",
+        ),
+    ],
+)
+def test_arrays_and_tensors_are_refused_with_the_remedy(
+    written: dict[str, Any], remedy: str
+) -> None:
+    """Which number an array of several means is for the agent to say."""
+    (problem,) = problems_of([record(), written])
+    assert problem.message.endswith(remedy)
+
+
 @pytest.mark.parametrize("submission", [UserList([record()]), range(3)], ids=["user list", "range"])
 def test_a_collection_that_is_no_list(submission: Any) -> None:
     (problem,) = problems_of(submission)

@@ -37,7 +37,7 @@ router = APIRouter()
 of_board = APIRouter()
 """What every leaderboard has."""
 
-Choice = Literal["", "with", "without"]
+FlagFilter = Literal["", "with", "without"]
 
 
 def _known(key: str) -> str:
@@ -56,11 +56,12 @@ class BoardQuery(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     metric: MetricKey = PRIMARY_METRIC
-    extra_data: Choice = ""
-    pre_exploration: Choice = ""
-    ground_truth_objects: Choice = ""
-    ensemble: Choice = ""
-    navigation_only: Choice = ""
+    extra_data: FlagFilter = ""
+    pre_exploration: FlagFilter = ""
+    ground_truth_objects: FlagFilter = ""
+    ensemble: FlagFilter = ""
+    navigation_only: FlagFilter = ""
+    human: FlagFilter = ""
     since: Day = None
     until: Day = None
     text: Annotated[str, Field(max_length=100)] = ""

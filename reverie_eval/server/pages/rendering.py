@@ -55,6 +55,7 @@ _SHORT_FLAGS: Mapping[str, str] = MappingProxyType(
         "ground_truth_objects": "+objects",
         "ensemble": "ensemble",
         "navigation_only": "nav only",
+        "human": "human",
     }
 )
 """What a method discloses, where there is little room."""

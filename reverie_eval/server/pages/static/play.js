@@ -18,10 +18,10 @@ function download(walks) {
   URL.revokeObjectURL(link.href);
 }
 
-function button(text, act) {
+function button(text, act, look = "second") {
   const made = document.createElement("button");
   made.type = "button";
-  made.className = "second";
+  made.className = look;
   made.textContent = text;
   made.addEventListener("click", act);
   return made;
@@ -38,7 +38,7 @@ function showKept() {
     button("Forget", () => {
       localStorage.removeItem(KEPT);
       location.reload();
-    }),
+    }, "risky"),
   );
   for (const item of document.querySelectorAll(".sampled [data-episode]")) {
     if (item.dataset.episode in walks) item.append(" ✓ walked");

@@ -32,6 +32,8 @@ class Problem:
     """What was found, what was expected, and what to do."""
     position: tuple[int, ...] = field(default=(), repr=False, compare=False)
     """The numbers in ``where``: they sort problems in the file's order, as text would not."""
+    split: str | None = field(default=None, repr=False, compare=False)
+    """The split that the whole file seems to be for, if it is another."""
 
     def __str__(self) -> str:
         return f"{self.where}: {self.message}"

@@ -35,9 +35,9 @@ _SCALE = WIDTH / VIEW_WIDTH
 _GAP = 8
 _DEGREE = WIDTH / 360
 """Units of the page per degree of the panorama."""
-_HIGHEST = 60
+HIGHEST = 60
 """Degrees that views reach up and down."""
-STRIP_HEIGHT = 2 * _HIGHEST * _DEGREE
+STRIP_HEIGHT = 2 * HIGHEST * _DEGREE
 TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
 _STEP = 30
 """Degrees between the lines of the grid."""
@@ -193,9 +193,7 @@ def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, Floa
 def _panorama(shown: AnswerView) -> Iterator[str]:
     """Draw all that is visible around the viewpoint, with the view in the middle."""
     middle = 180.0 if shown.heading is None else float(np.rad2deg(shown.heading))
-    yield from panorama_grid(
-        middle, shown.skybox.panorama(middle, _HIGHEST) if shown.skybox else ""
-    )
+    yield from panorama_grid(middle, shown.skybox.panorama(middle, HIGHEST) if shown.skybox else "")
     spans: list[tuple[Role, Span, str]] = [
         (role, span_of(each), each.name) for role, each in _outlined(shown)
     ]
@@ -222,7 +220,7 @@ def panorama_grid(middle: float, photograph: str = "") -> Iterator[str]:
     angles = np.array([(heading, 0.0) for heading in range(0, 360, _STEP)])
     across = strip_place(angles, middle)[:, 0].tolist()
     lines = [f"M{x:.1f} 0V{STRIP_HEIGHT:.1f}" for x in across]
-    lines += [f"M0 {(_HIGHEST - elevation) * _DEGREE:.1f}H{WIDTH}" for elevation in (-_STEP, _STEP)]
+    lines += [f"M0 {(HIGHEST - elevation) * _DEGREE:.1f}H{WIDTH}" for elevation in (-_STEP, _STEP)]
     yield f'<path class="grid" d="{"".join(lines)}"/>'
     for heading, x in zip(range(0, 360, _STEP), across, strict=True):
         if _TICK_MARGIN <= x <= WIDTH - _TICK_MARGIN:
@@ -233,7 +231,7 @@ def on_panorama(role: Role, span: Span, middle: float, title: str) -> Iterator[s
     """Draw a part of the panorama, twice if it crosses the panorama's ends."""
     x, _ = strip_place(np.array([span.heading, 0.0]), middle)
     left, right = x + span.left * _DEGREE, x + span.right * _DEGREE
-    top, height = (_HIGHEST - span.high) * _DEGREE, (span.high - span.low) * _DEGREE
+    top, height = (HIGHEST - span.high) * _DEGREE, (span.high - span.low) * _DEGREE
     for shift in (-WIDTH, 0, WIDTH):
         if left + shift < WIDTH and right + shift > 0:
             yield _rect(role, np.array([left + shift, top, right - left, height]), title)
@@ -244,7 +242,7 @@ def _role_label(role: Role, span: Span, middle: float) -> Iterator[str]:
     if role == "other":
         return
     x, _ = strip_place(np.array([span.middle, 0.0]), middle)
-    above, below = (_HIGHEST - span.high) * _DEGREE - 3, (_HIGHEST - span.low) * _DEGREE + 11
+    above, below = (HIGHEST - span.high) * _DEGREE - 3, (HIGHEST - span.low) * _DEGREE + 11
     y = max(above, 10) if role == "target" else min(below, STRIP_HEIGHT - 3)
     x = min(max(x, _ROLE_MARGIN), WIDTH - _ROLE_MARGIN)
     yield _text(f"label role {role}", x, y, role)
@@ -253,7 +251,7 @@ def _role_label(role: Role, span: Span, middle: float) -> Iterator[str]:
 def strip_place(angles: FloatArray, middle: float) -> FloatArray:
     """Place headings and elevations, degrees, shape (..., 2), on the panorama."""
     offset = np.mod(angles[..., 0] - middle + 180, 360) - 180
-    x, y = WIDTH / 2 + offset * _DEGREE, (_HIGHEST - angles[..., 1]) * _DEGREE
+    x, y = WIDTH / 2 + offset * _DEGREE, (HIGHEST - angles[..., 1]) * _DEGREE
     return np.stack([x, y], axis=-1)
 
 

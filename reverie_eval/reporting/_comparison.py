@@ -108,7 +108,7 @@ def _difference_cells(comparison: Comparison, name: str, metric: Metric) -> Sequ
         return [MISSING] * 5
     found = comparison[name][metric.key]
     values = (found.mean, found.interval.low, found.interval.high)
-    shown = (_signed(metric, value) for value in values)
+    shown = (signed(metric, value) for value in values)
     verdict = comparison.verdict(name)
     return [*shown, _p_cell(found.p_value), "n.s." if verdict == "not significant" else verdict]
 
@@ -212,9 +212,9 @@ def _rows(comparison: Comparison, name: str, metrics: Sequence[Metric]) -> Itera
     """Yield the rows on how one submission differs from the first, below an empty row."""
     label = comparison.intervals[name].label
     rows: dict[str, Callable[[Metric, Difference], str]] = {
-        f"{name} - {comparison.first}": lambda metric, found: _signed(metric, found.mean),
-        f"{label} low": lambda metric, found: _signed(metric, found.interval.low),
-        f"{label} high": lambda metric, found: _signed(metric, found.interval.high),
+        f"{name} - {comparison.first}": lambda metric, found: signed(metric, found.mean),
+        f"{label} low": lambda metric, found: signed(metric, found.interval.low),
+        f"{label} high": lambda metric, found: signed(metric, found.interval.high),
         "p": lambda _, found: _p_cell(found.p_value),
     }
     if isinstance(comparison.intervals[name], Intervals):
@@ -232,7 +232,7 @@ def _won_and_lost(metric: Metric, found: Difference) -> str:
     return f"{found.higher} : {found.lower}" if metric.is_binary else MISSING
 
 
-def _signed(metric: Metric, value: float) -> str:
+def signed(metric: Metric, value: float) -> str:
     """Format a difference with its sign; one that rounds to 0 has none."""
     text = metric.display(value)
     return text if float(text) <= 0 else f"+{text}"

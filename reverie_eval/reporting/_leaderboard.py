@@ -18,6 +18,7 @@ METHOD_FLAGS = {
     "ground_truth_objects": "ground-truth objects",
     "ensemble": "ensemble",
     "navigation_only": "navigation only",
+    "human": "human",
 }
 """What a reader must know to compare a method with others."""
 _STANDINGS = {

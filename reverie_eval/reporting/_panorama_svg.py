@@ -8,6 +8,7 @@ import numpy as np
 
 from reverie_eval.analysis import VisibleObject
 from reverie_eval.reporting._answer_svg import (
+    HIGHEST,
     STRIP_HEIGHT,
     TICKS_HEIGHT,
     WIDTH,
@@ -16,6 +17,7 @@ from reverie_eval.reporting._answer_svg import (
     strip_place,
 )
 from reverie_eval.reporting._answer_views import span_of
+from reverie_eval.reporting._skyboxes import Skybox
 
 _RADIUS = 4
 
@@ -42,7 +44,12 @@ class WayLink(NamedTuple):
     href: str
 
 
-def panorama_svg(objects: Sequence[ObjectLink], ways: Sequence[WayLink], heading: float) -> str:
+def panorama_svg(
+    objects: Sequence[ObjectLink],
+    ways: Sequence[WayLink],
+    heading: float,
+    skybox: Skybox | None = None,
+) -> str:
     """Draw a panorama for a page that includes ``ANSWER_STYLE``.
 
     Parameters
@@ -51,14 +58,17 @@ def panorama_svg(objects: Sequence[ObjectLink], ways: Sequence[WayLink], heading
         What is drawn, as links.
     heading : float
         Of the middle, degrees.
+    skybox : Skybox, optional
+        The photographs below, if there are any.
     """
     height = STRIP_HEIGHT + TICKS_HEIGHT
+    photograph = skybox.panorama(heading, HIGHEST) if skybox else ""
     title = f"Panorama, with heading {heading % 360:.0f}° in the middle"
     return "".join(
         [
             f'<svg class="answer-view panorama" viewBox="0 0 {WIDTH} {height:.0f}">',
             f"<title>{escape(title)}</title>",
-            *panorama_grid(heading),
+            *panorama_grid(heading, photograph),
             *(element for link in objects for element in _object(link, heading)),
             *(element for link in ways for element in _way(link, heading)),
             "</svg>",

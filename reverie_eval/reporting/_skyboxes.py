@@ -1,9 +1,9 @@
-"""Photographs under pictures of answers, for those who have Matterport3D's.
+"""Photographs under pictures of answers: Matterport3D's, or those drawn of the demo world.
 
 The environment variable ``REVERIE_EVAL_PANORAMAS`` names the folder of the scans, as
 Matterport3DSimulator lays it out. A panorama there is a skybox: the six faces of a cube around the
 camera, side by side in one file [1]_. Photographs that cannot be used are left out, and the log
-says why.
+says why. Without the variable, the demo world has those that were drawn of it.
 
 References
 ----------
@@ -24,9 +24,12 @@ import numpy as np
 from reverie_eval.analysis import Episode
 from reverie_eval.arrays import Array, FloatArray
 from reverie_eval.geometry import HEIGHT, VIEW_AXES, WIDTH, rays_of
+from reverie_eval.ground_truth import DEMO_BUNDLES
 
 PANORAMAS_VARIABLE = "REVERIE_EVAL_PANORAMAS"
 """The environment variable that names the folder of the scans."""
+DEMO_PANORAMAS = DEMO_BUNDLES / "panoramas"
+"""The skyboxes of the demo world, by scan and viewpoint."""
 _FACES = 6
 _FACE_OF_AXIS = np.array([(2, 4), (0, 5), (1, 3)])
 """Which face the positive and the negative direction of each axis of the cube map look at [1]_."""
@@ -71,13 +74,8 @@ class Skybox(NamedTuple):
 
     def _picture(self, direction: FloatArray) -> str:
         """Return the picture whose pixels look in directions of shape (rows, columns, 3)."""
-        try:
-            from PIL import Image
-        except ModuleNotFoundError:
-            warn_once(
-                "photographs need pillow; install it with: pip install 'reverie-eval[pictures]'"
-            )
-            return ""
+        from PIL import Image
+
         try:
             with Image.open(self.path) as file:
                 faces = np.asarray(file.convert("RGB"))
@@ -97,17 +95,18 @@ class Skybox(NamedTuple):
 def find_skybox(episode: Episode, viewpoint_id: str) -> Skybox | None:
     """Return the skybox of a viewpoint, if there is one."""
     folder, rotation = os.environ.get(PANORAMAS_VARIABLE), episode.graph.viewpoint_rotation
-    if not folder:
-        return None
-    if not Path(folder).is_dir():
+    if folder and not Path(folder).is_dir():
         warn_once(f"{PANORAMAS_VARIABLE}={folder} is not a folder; pictures have no photographs")
+        return None
+    if folder:
+        images = Path(folder) / episode.scan / "matterport_skybox_images"
+        path = images / f"{viewpoint_id}_skybox_small.jpg"
+    else:
+        path = DEMO_PANORAMAS / episode.scan / f"{viewpoint_id}.webp"
+    if not path.is_file():
         return None
     if rotation is None:
         warn_once("the bundle has no directions of cameras for photographs; compile it again")
-        return None
-    name = f"{viewpoint_id}_skybox_small.jpg"
-    path = Path(folder) / episode.scan / "matterport_skybox_images" / name
-    if not path.is_file():
         return None
     return Skybox(path, rotation[episode.graph.index[viewpoint_id]].astype(np.float64))
 

@@ -114,6 +114,8 @@ class ProblemReport(Report):
     """Its location in the submission: ``[3].trajectory[0]``."""
     message: str = Field(examples=["there is no viewpoint 0c0f3d11 in this building"])
     """What was found, what was expected, and what to do."""
+    split: SplitName | None = Field(None, exclude_if=lambda split: split is None)
+    """The split that the whole submission seems to be for; left out unless it is another."""
 
 
 class ValidationReport(Report):

@@ -148,6 +148,8 @@ class MethodDescription(WireModel):
     """Several models decide together."""
     navigation_only: bool | None = None
     """Only navigates, and answers nothing."""
+    human: bool | None = None
+    """People walked the episodes, not a program."""
 
 
 class Method(MethodDescription):
@@ -163,6 +165,8 @@ class Method(MethodDescription):
     """Several models decide together."""
     navigation_only: bool = False
     """Only navigates: the file has no answers. Cannot be changed after the submission."""
+    human: bool = False
+    """People walked the episodes, not a program."""
 
 
 class MethodChange(Method):

@@ -217,9 +217,10 @@ def _episode_problems(
         if other_split is not None:
             # One problem for all of them: the file as a whole is for the wrong split.
             location, instr_id = _location_and_id(predictions, records[0])
-            yield problems.ids_of_another_split(
+            problem = problems.ids_of_another_split(
                 len(records), other_split, ground_truth.split, location, instr_id
             )
+            yield problem if known.size else replace(problem, split=other_split)
     for record in unknown.get(None, ()):
         yield problems.unknown_episode(*_location_and_id(predictions, record), ground_truth.split)
     yield from _duplicate_problems(predictions, episode)

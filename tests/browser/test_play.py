@@ -3,12 +3,12 @@
 import json
 from pathlib import Path
 
-import pytest
 from playwright.sync_api import Page, expect
 
 import reverie_eval as rv
+from reverie_eval.ground_truth import read_episode_ids
 from tests.support.browser import OpenPage
-from tests.support.demo_site import OPEN, Site
+from tests.support.demo_site import OPEN, OWNER, SAMPLES, Site
 
 
 def follow(page: Page, text: str) -> None:
@@ -40,10 +40,38 @@ def test_walks_are_kept_with_their_times_and_can_be_downloaded(
     records = json.loads((tmp_path / "walks.json").read_bytes())
     assert [(record["actions"], record["seconds"] > 0) for record in records] == [(2, True)] * 2
     assert {len(record["trajectory"]) for record in records} == {2}
-    with pytest.raises(rv.SubmissionError) as refused:
-        rv.validate(tmp_path / "walks.json", split=OPEN)
-    assert {problem.code for problem in refused.value.problems} == {"missing-episode"}
     page.goto(f"/play/{OPEN}?n=3")
     expect(page.locator(".sampled")).to_contain_text("✓ walked")
+    expect(page.get_by_text("Leaderboards are for whole splits")).to_be_visible()
+    with page.expect_download() as waiting:
+        page.get_by_role("button", name="List of episodes").click()
+    waiting.value.save_as(tmp_path / "walks.txt")
+    listed = read_episode_ids(tmp_path / "walks.txt")
+    assert listed == [record["instr_id"] for record in records]
+    rv.evaluate(tmp_path / "walks.json", split=OPEN, subset=listed)
     page.get_by_role("button", name="Forget").click()
     expect(page.locator(".sampled")).not_to_contain_text("✓ walked")
+
+
+def test_walks_through_all_episodes_can_be_submitted(own_site: Site, open_page: OpenPage) -> None:
+    page = open_page(own_site, f"/play/{OPEN}", OWNER)
+    walks = {
+        record["instr_id"]: {**record, "seconds": 4.2, "actions": 3}
+        for record in json.loads((SAMPLES / "good.json").read_bytes())
+    }
+    page.evaluate(
+        "([name, walks]) => localStorage.setItem(name, JSON.stringify(walks))",
+        [f"reverie-eval walks {OPEN}", walks],
+    )
+    page.reload()
+    expect(page.get_by_text("Leaderboards are for whole splits")).to_be_hidden()
+    page.get_by_role("link", name="Submit your walks").click()
+    expect(page.locator("#outcome")).to_contain_text("can be scored on val_unseen")
+    expect(page.get_by_label("Human")).to_be_checked()
+    page.get_by_label("Name").fill("Our students")
+    page.get_by_role("button", name="Score", exact=True).click()
+    expect(page.get_by_role("heading", name="Our students")).to_be_visible()
+    expect(page.get_by_text("People walked the episodes").first).to_be_visible()
+    submission = page.url.partition("?")[0].rpartition("/")[2]
+    sent = own_site.ask(OWNER, "GET", f"/submissions/{submission}/file").json()
+    assert {key for record in sent for key in record} == {"instr_id", "trajectory", "predObjId"}

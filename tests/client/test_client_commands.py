@@ -193,7 +193,7 @@ def test_a_method_without_a_name_has_the_file_s(
 @pytest.mark.usefixtures("token")
 def test_sending_again_publishes_and_renames(run: Run) -> None:
     first = accepted(run(*SUBMIT, *JSON))
-    about = ["--paper", "https://x.org/p", "--ensemble", "--publish"]
+    about = ["--paper", "https://x.org/p", "--human", "--publish"]
     second = accepted(run(*SUBMIT, *JSON, *about))
     third = accepted(run(*SUBMIT, *JSON, "--method", "Ours"))
     assert [each["quota"]["remaining"] for each in (first, second, third)] == [1, 1, 1]
@@ -205,7 +205,7 @@ def test_sending_again_publishes_and_renames(run: Run) -> None:
     before, after = second["submission"]["method"], third["submission"]["method"]
     assert isinstance(before, dict)
     assert isinstance(after, dict)
-    assert (before["name"], before["paper"], before["ensemble"]) == (
+    assert (before["name"], before["paper"], before["human"]) == (
         "submit",
         "https://x.org/p",
         True,

@@ -50,6 +50,8 @@ GET  /boards/{split}/snapshots/{number} 200     200       200       200       20
 GET  /boards/{split}/chart          200        200       200       200       200
 GET  /boards/{split}/latex          200        200       200       200       200
 GET  /boards/{split}/bibtex         200        200       200       200       200
+GET  /boards/{split}/compare        400        400       400       400       400
+GET  /boards/{split}/also/{further}/compare   400  400    400       400       400
 GET  /boards/{split}/feed.atom      200        200       200       200       200
 GET  /boards/{split}/also/{further}           200  200    200       200       200
 GET  /boards/{split}/also/{further}/chart     200  200    200       200       200
@@ -72,7 +74,7 @@ GET  /episodes                      200        200       200       200       200
 GET  /episodes/{split}              200        200       200       200       200
 GET  /episodes/{split}/{instr_id}   200        200       200       200       200
 GET  /play/{split}                  200        200       200       200       200
-GET  /play/{split}/{instr_id}       200        200       200       200       200
+GET  /play/{split}/{number}         200        200       200       200       200
 GET  /guide                         200        200       200       200       200
 GET  /guide/submitting              200        200       200       200       200
 GET  /guide/metrics                 200        200       200       200       200

@@ -188,8 +188,8 @@ def test_rows_of_one_s_own_team_are_marked(five: Serving) -> None:
 FILTERED = [
     pytest.param("?extra_data=with", ["Bee"], id="with a flag"),
     pytest.param("?extra_data=without", ["Ant", "Cat"], id="without it"),
-    pytest.param("?extra_data=with&ensemble=with", [], id="all must hold"),
-    pytest.param("?ensemble=with", ["Cat"], id="another flag"),
+    pytest.param("?extra_data=with&human=with", [], id="all must hold"),
+    pytest.param("?human=with", ["Cat"], id="another flag"),
     pytest.param("?text=bEe", ["Bee"], id="the method, whatever the case"),
     pytest.param("?text=blu", ["Ant"], id="the team, unless it is anonymous"),
     pytest.param("?text=%20", ["Bee", "Ant", "Cat"], id="blank is nothing"),
@@ -209,7 +209,7 @@ def test_filters(server: Serving, query: str, expected: list[str]) -> None:
     entered(server, {"rgspl": 0.75}, OTHER, **named("Bee", extra_data=True))
     server.clock.turn(**day)
     until = "2026-12-31T00:00:00Z"
-    entered(server, {"rgspl": 0.25}, anonymous_until=until, **named("Cat", ensemble=True))
+    entered(server, {"rgspl": 0.25}, anonymous_until=until, **named("Cat", human=True))
     rows = ranking(server, query)
     ranks = {"Bee": "1", "Ant": "2", "Cat": "3"}  # of the whole board, whatever is shown
     assert rows == [(ranks[name], name) for name in expected]

@@ -35,11 +35,12 @@ def test_a_front_is_of_metrics_that_have_a_better_direction(server: Serving) -> 
 
 def test_a_chart_has_lines_for_people_and_the_best_that_is_reported(server: Serving) -> None:
     entered(server, {"success": 0.5, "rgs": 0.25}, **named("Ant"))
-    for name, rgs in (("Human", 0.7784), ("FAST", 0.35), ("Humanoid", 0.3)):
-        report_result(server, name, success=0.8, rgs=rgs)
+    entered(server, {"success": 0.5, "rgs": 0.5}, **named("Our students", human=True))
+    for name, human, rgs in (("Their students", True, 0.7784), ("FAST", None, 0.35)):
+        report_result(server, name, human=human, success=0.8, rgs=rgs)
     chart = get(server, path=f"{BOARD}/chart").json()
-    assert chart["points"]["method"] == ["Ant"]
-    assert sorted(chart["reported"]["method"]) == ["FAST", "Human", "Humanoid"]
+    assert sorted(chart["points"]["method"]) == ["Ant", "Our students"]
+    assert sorted(chart["reported"]["method"]) == ["FAST", "Their students"]
     assert chart["lines"] == [{"name": "Human", "y": 77.84}, {"name": "Best reported", "y": 35.0}]
 
 

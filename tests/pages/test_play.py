@@ -27,7 +27,8 @@ from tests.support.visiting import Visitor, said
 TRUTH = GroundTruth.load(DEMO_BUNDLES / f"{OPEN}.npz")
 RECORDS = {record["instr_id"]: record for record in run_agent("shortest", TRUTH)}
 """Walks to the goal that end with the right answer."""
-EPISODES = list(RECORDS)[:3]
+EPISODES = [1, 2, 3]
+"""Numbers of episodes in the sample of seed 0."""
 
 
 def numbers(truth: GroundTruth, record: dict[str, Any]) -> list[int]:
@@ -38,19 +39,23 @@ def numbers(truth: GroundTruth, record: dict[str, Any]) -> list[int]:
     return [int(each) for each in visited[1:] - first]
 
 
-def address(instr_id: str, steps: list[int], answer: str = "") -> str:
-    return f"/play/{OPEN}/{instr_id}?walk={'.'.join(map(str, steps))}&answer={answer}"
+def address(number: int, steps: list[int], answer: str = "") -> str:
+    return f"/play/{OPEN}/{number}?walk={'.'.join(map(str, steps))}&answer={answer}"
 
 
-@pytest.mark.parametrize("instr_id", EPISODES)
-def test_a_walk_is_found_by_links_and_scored_as_its_file(instr_id: str, server: Serving) -> None:
-    visitor, record, truth = Visitor(server), RECORDS[instr_id], TRUTH
+@pytest.mark.parametrize("number", EPISODES)
+def test_a_walk_is_found_by_links_and_scored_as_its_file(number: int, server: Serving) -> None:
+    visitor, truth = Visitor(server), TRUTH
+    instr_id = sample(server.state.board(OPEN), 0, number)[-1]
+    record = RECORDS[instr_id]
     steps = numbers(truth, record)
-    page = visitor.get(f"/play/{OPEN}/{instr_id}")
+    page = visitor.get(f"/play/{OPEN}/{number}")
+    assert page.text.count("<image ") == 1  # what was drawn of the demo world
     for made in range(1, len(steps) + 1):
         walk = ".".join(map(str, steps[:made]))
         (link, *_) = re.findall(rf'href="([^"]*walk={re.escape(walk)})"', page.text)
         assert "target" not in said(page)
+        assert instr_id not in page.text  # it has the id of the target
         page = visitor.get(unescape(link))
     (link, *_) = re.findall(rf'href="([^"]*answer={record["predObjId"]})"', page.text)
     page = visitor.get(unescape(link))
@@ -81,7 +86,9 @@ def test_no_answer_is_an_answer(server: Serving) -> None:
         pytest.param(f"/play/{OPEN}/{EPISODES[0]}?answer=lamp", 400, "answer", id="no id"),
         pytest.param(f"/play/{OPEN}?seed=-1", 400, "seed", id="a seed below zero"),
         pytest.param(f"/play/{OPEN}?n=0", 400, "n", id="no episodes"),
-        pytest.param(f"/play/{OPEN}/none", 404, "no episode", id="no episode"),
+        pytest.param(f"/play/{OPEN}/none", 400, "number", id="no number"),
+        pytest.param(f"/play/{OPEN}/0", 400, "number", id="number zero"),
+        pytest.param(f"/play/{OPEN}/85", 404, "has 84 episodes", id="too high a number"),
         pytest.param(f"/play/{PRIVATE}", 404, "private", id="a private split"),
         pytest.param(f"/play/{PRIVATE}/{EPISODES[0]}", 404, "private", id="an episode of one"),
     ],
@@ -93,11 +100,11 @@ def test_what_cannot_be_walked(path: str, status: int, says: str, server: Servin
 
 
 def test_a_step_leads_to_a_neighbour(server: Serving) -> None:
-    truth, instr_id = TRUTH, EPISODES[0]
+    truth, instr_id = TRUTH, sample(server.state.board(OPEN), 0, 1)[0]
     graph, start = truth.graph, truth.episodes.start[truth.episodes.index[instr_id]]
     scan = np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[start])
     far = int(np.flatnonzero(~graph.has_edge(np.full_like(scan, start), scan))[-1])
-    reply = Visitor(server).get(address(instr_id, [far]))
+    reply = Visitor(server).get(address(1, [far]))
     assert reply.status_code == 400
     assert "not connected" in said(reply)
 

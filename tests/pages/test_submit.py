@@ -79,6 +79,7 @@ def test_the_whole_way_without_scripts(server: Serving) -> None:
         "ground_truth_objects": False,
         "ensemble": True,
         "navigation_only": False,
+        "human": False,
     }
     assert owner.send("/sign-out", {}).headers["location"] == "/"
     assert owner.get("/team").headers["location"] == "/sign-in?back=/team"

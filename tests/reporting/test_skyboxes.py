@@ -1,8 +1,6 @@
 """Photographs under pictures of answers."""
 
-import logging
 import re
-import sys
 from base64 import b64decode
 from io import BytesIO
 from pathlib import Path
@@ -12,13 +10,14 @@ import pytest
 from PIL import Image
 
 import reverie_eval as rv
-from fixtures.demo_world.panoramas import FACES, colour_of, draw_skybox
+from fixtures.demo_world.panoramas import FACES, SCANS, colour_of, draw_skybox
 from fixtures.demo_world.world import demo_world
 from reverie_eval.analysis import Episode
 from reverie_eval.geometry import pixels_of
 from reverie_eval.reporting._answer_svg import answer_svg
 from reverie_eval.reporting._answer_views import AnswerView
 from reverie_eval.reporting._skyboxes import (
+    DEMO_PANORAMAS,
     PANORAMAS_VARIABLE,
     Skybox,
     find_skybox,
@@ -169,21 +168,19 @@ def test_a_folder_that_is_not_there(
     ]
 
 
-def test_without_pillow(
-    episode: Episode,
-    path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
+def test_the_demo_world_has_drawn_photographs_of_its_own(
+    episode: Episode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Image.new("RGB", (48, 8)).save(path)
-    monkeypatch.setitem(sys.modules, "PIL", None)
-    skybox = find_skybox(episode, episode.goal)
-    assert skybox is not None
-    assert skybox.view(0) == ""
-    assert caplog.record_tuples == [
-        (
-            "reverie_eval.reporting._skyboxes",
-            logging.WARNING,
-            "photographs need pillow; install it with: pip install 'reverie-eval[pictures]'",
-        )
-    ]
+    monkeypatch.delenv(PANORAMAS_VARIABLE, raising=False)
+    found = find_skybox(episode, episode.goal)
+    assert found is not None
+    sites = demo_world().sites
+    viewpoints = {
+        each.viewpoint_id: (sites[scan], each)
+        for scan in SCANS
+        for each in sites[scan].building.viewpoints
+    }
+    shipped = [*DEMO_PANORAMAS.rglob("*.webp")]
+    assert {path.stem for path in shipped} == viewpoints.keys()
+    with Image.open(found.path) as picture:
+        assert np.array_equal(np.asarray(picture), draw_skybox(*viewpoints[episode.goal]))

@@ -161,6 +161,7 @@ def test_what_is_said_of_a_method_is_kept(server: Serving, way: Any) -> None:
         "ground_truth_objects": False,
         "ensemble": False,
         "navigation_only": False,
+        "human": False,
     }
 
 

@@ -160,6 +160,7 @@ def test_the_board_as_csv(server: Serving) -> None:
         "ground_truth_objects",
         "ensemble",
         "navigation_only",
+        "human",
     ]
     more = ["standing", "reviews", "source", "reported_date", "dataset", "signature"]
     known = ("ranked", *4 * [""], server.state.boards[OPEN].signature)
@@ -173,13 +174,13 @@ def test_the_board_as_csv(server: Serving) -> None:
         [*about, *said, *more, "success", "rgspl"],
         [
             *("1", first, "Blue", f"{at}0Z", "1"),
-            *('Our, "best"', *links.values(), *flags, "true", "false"),
+            *('Our, "best"', *links.values(), *flags, "true", "false", "false"),
             *known,
             *("0.5", "0.25"),
         ],
         [
             *("", second, "", f"{at}1Z", "1"),
-            *("Walker", "", "", *flags, "false", "false"),
+            *("Walker", "", "", *flags, "false", "false", "false"),
             *known,
             *("0.75", ""),
         ],

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from sqlalchemy import event
 
-from tests.support.serving import OPEN, ORGANISER, OWNER, PRIVATE, Serving, submission_for
+from tests.support.entries import entered
+from tests.support.serving import OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving, submission_for
 from tests.support.visiting import Visitor, signed_in
 
 PAGE, READ, UPLOAD = 8, 6, 14
@@ -86,6 +87,16 @@ def test_a_page_is_one_snapshot_of_the_database(who: str | None, path: str, busy
     assert reply.status_code == REFUSED.get(path, 200)
     assert 0 < counts["statements"] <= PAGE
     assert counts["transactions"] == 1 + (path in REFUSED)  # the second for the page that says so
+
+
+def test_a_comparison_is_one_snapshot_of_the_database(busy: Serving) -> None:
+    ids = (parts(busy)["submission_id"], entered(busy, who=OTHER))
+    visitor, place = signed_in(busy, OWNER), "/boards/{}/compare?result={}&result={}"
+    visitor.get(place.format(OPEN, *ids))
+    with counting(busy) as counts:
+        assert visitor.get(place.format(OPEN, *ids)).status_code == 200
+    assert 0 < counts["statements"] <= PAGE
+    assert counts["transactions"] == 1
 
 
 def test_a_page_that_is_not_allowed_looks_up_its_visitor_once(busy: Serving) -> None:

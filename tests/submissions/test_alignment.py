@@ -242,7 +242,7 @@ def test_a_submission_for_another_split(demo: GroundTruth) -> None:
     missing, other = problems_of(submission, demo)
     assert missing.code == "missing-episode"
     assert f"any of the {len(episodes_of(SPLIT))} episodes" in missing.message
-    assert (other.code, other.where) == ("other-split", "[0].instr_id")
+    assert (other.code, other.where, other.split) == ("other-split", "[0].instr_id", "val_seen")
     assert f"{len(others)} ids look like val_seen ids" in other.message
     assert f"the first is {others[0].instr_id}; score the file as val_seen" in other.message
 

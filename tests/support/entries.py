@@ -48,12 +48,14 @@ def report_result(
     source: str = "https://example.org/paper.pdf",
     date: str | None = None,
     dataset: str = "",
+    *,
+    human: bool | None = None,
     **scores: float,
 ) -> None:
     """Put a result of others on the board."""
     new = NewReported(
         split=OPEN,
-        method=MethodDescription(name=name),
+        method=MethodDescription(name=name, human=human),
         team="Qi et al.",
         scores=scores,
         source=source,

@@ -24,10 +24,12 @@ from pathlib import Path
 from tempfile import mkdtemp
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
 from warnings import catch_warnings, simplefilter
 
 import httpx
 import pytest
+from alembic.script import ScriptDirectory
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi import FastAPI
 from limits.storage import memory
@@ -42,6 +44,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware
 from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.service import boards
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.settings import SETTINGS_FILE, Also, Limits, Settings, load_settings
@@ -286,6 +289,24 @@ def running(
 
 
 OpenServer = Callable[..., Serving]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _files_are_read_once() -> Iterator[None]:
+    """Let servers share bundles and migrations, as to read them takes longer than most tests."""
+    unpacked: dict[bytes, Bundle] = {}
+
+    def load(path: Path) -> Bundle:
+        content = path.read_bytes()
+        if content not in unpacked:
+            unpacked[content] = Bundle.load(path)
+        return unpacked[content]
+
+    with (
+        patch.object(boards, "Bundle", SimpleNamespace(load=load)),
+        patch(f"{Database.__module__}.ScriptDirectory", cache(ScriptDirectory)),
+    ):
+        yield
 
 
 @pytest.fixture(scope="session")

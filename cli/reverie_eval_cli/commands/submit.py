@@ -38,6 +38,7 @@ _FLAGS = {
     "ground_truth_objects": "It was given the annotated objects of a viewpoint.",
     "ensemble": "Several models decide together.",
     "navigation_only": "It only navigates: the file has no answers.",
+    "human": "People walked the episodes, not a program.",
 }
 _LONGEST_NAME = 100
 

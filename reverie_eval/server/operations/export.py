@@ -117,6 +117,7 @@ _RESULT = {
     "ground_truth_objects": _FLAG,
     "ensemble": _FLAG,
     "navigation_only": _FLAG,
+    "human": _FLAG,
     "signature": _TEXT,
     "source": _TEXT,
     "reported_date": _TEXT,

@@ -5,6 +5,7 @@ from starlette.middleware.gzip import GZipMiddleware
 
 from reverie_eval.server.pages import (
     boards,
+    comparing,
     desk,
     episodes,
     feeds,
@@ -25,6 +26,7 @@ def add_pages(app: FastAPI) -> None:
     for part in (
         home,
         boards,
+        comparing,
         feeds,
         desk,
         episodes,

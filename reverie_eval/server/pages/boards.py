@@ -26,7 +26,7 @@ from reverie_eval.server.service.leaderboard import SORTABLE, Filter, Ranking, a
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
 
-PER_PAGE = 75
+PER_PAGE = 60
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
 PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
 """Of a split's own leaderboard, and of the further ones."""
@@ -38,7 +38,7 @@ router = APIRouter()
 of_board = APIRouter()
 """What every leaderboard has."""
 
-Choice = Literal["", "with", "without"]
+FlagFilter = Literal["", "with", "without"]
 
 
 def _known(key: str) -> str:
@@ -57,11 +57,12 @@ class BoardQuery(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     metric: MetricKey = PRIMARY_METRIC
-    extra_data: Choice = ""
-    pre_exploration: Choice = ""
-    ground_truth_objects: Choice = ""
-    ensemble: Choice = ""
-    navigation_only: Choice = ""
+    extra_data: FlagFilter = ""
+    pre_exploration: FlagFilter = ""
+    ground_truth_objects: FlagFilter = ""
+    ensemble: FlagFilter = ""
+    navigation_only: FlagFilter = ""
+    human: FlagFilter = ""
     since: Day = None
     until: Day = None
     text: Annotated[str, Field(max_length=100)] = ""

@@ -1,4 +1,7 @@
-"""``/play``: a person walks an episode of an open split and sees how it is scored."""
+"""``/play``: a person walks an episode of an open split and sees how it is scored.
+
+The address has the episode's number in a sample, as its id in REVERIE has that of the target.
+"""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -6,7 +9,7 @@ from urllib.parse import quote, urlencode
 
 import msgspec
 import numpy as np
-from fastapi import APIRouter, Depends, Query
+from fastapi import APIRouter, Depends, Path, Query
 from fastapi.responses import Response
 from markupsafe import Markup
 
@@ -17,6 +20,7 @@ from reverie_eval.reporting._answer_views import answer_views, span_of
 from reverie_eval.reporting._map_svg import map_key, map_svg
 from reverie_eval.reporting._maps import EpisodeMap
 from reverie_eval.reporting._panorama_svg import ObjectLink, WayLink, panorama_svg
+from reverie_eval.reporting._skyboxes import find_skybox
 from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.http.uploads import ScoringSlot
 from reverie_eval.server.pages.rendering import page
@@ -51,11 +55,11 @@ class Played:
         """The object that the person pointed at."""
         return int(self.answer) if self.answer.isdigit() else None
 
-    def link(self, split: str, instr_id: str = "", walk: str = "", answer: str = "") -> str:
-        """Return the address of the sample, or of an episode and a walk through it."""
+    def link(self, split: str, number: int = 0, walk: str = "", answer: str = "") -> str:
+        """Return the address of the sample, or of an episode in it and a walk through that."""
         query = {"seed": self.seed, "n": self.n, "walk": walk, "answer": answer}
         given = urlencode({key: value for key, value in query.items() if value != ""})
-        place = "/".join(quote(part, safe="") for part in (split, instr_id) if part)
+        place = quote(split, safe="") + (f"/{number}" if number else "")
         return f"/play/{place}?{given}"
 
 
@@ -81,54 +85,56 @@ def show_sample(split: str, visitor: Visitor, played: Asked) -> Response:
         )
 
 
-@router.get("/play/{split}/{instr_id}")
-def play(split: str, instr_id: str, visitor: Visitor, played: Asked, _: ScoringSlot) -> Response:
+@router.get("/play/{split}/{number}")
+def play(
+    split: str,
+    number: Annotated[int, Path(ge=1)],
+    visitor: Visitor,
+    played: Asked,
+    _: ScoringSlot,
+) -> Response:
     """Show what a person sees from where they are; or, after the answer, how it is scored."""
     with visitor.snapshot() as snapshot:
         browsing = visitor.server.episodes.browse(snapshot.session, snapshot.caller, split, [])
-        walk = HumanWalk.of(browsing, instr_id, played.steps)
-        ids = sample(walk.board, played.seed, played.n)
-        after = ids[ids.index(instr_id) + 1 :] if instr_id in ids else ids
-        content: dict[str, Any] = {
-            "split": split,
-            "walk": walk,
-            "played": played,
-            "place": ids.index(instr_id) + 1 if instr_id in ids else None,
-            "following": played.link(split, after[0]) if after else "",
-        }
+        walk = HumanWalk.of(browsing, played.seed, number, played.steps)
+        content: dict[str, Any] = {"split": split, "number": number, "walk": walk}
+        content["played"] = played
         if played.answer:
-            return page(
-                visitor.request, "play-scored.html", snapshot, **content, **_scored(walk, played)
-            )
-        return page(visitor.request, "play.html", snapshot, **content, **_seen(walk, played))
+            content |= _scored(walk, played)
+            return page(visitor.request, "play-scored.html", snapshot, **content)
+        content |= _seen(walk, number, played)
+        return page(visitor.request, "play.html", snapshot, **content)
 
 
-def _seen(walk: HumanWalk, played: Played) -> dict[str, Any]:
+def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:
     """Return what can be done from here: as links in a picture, and as a list."""
-    split, instr_id = walk.board.name, walk.annotated.instr_id
+    split = walk.board.name
     ways = [
         WayLink(
             heading=float(np.rad2deg(way.heading)) % 360,
             elevation=float(np.rad2deg(way.elevation)),
             label=f"walk {way.metres:.1f} m, heading {np.rad2deg(way.heading) % 360:.0f}°",
-            href=played.link(split, instr_id, ".".join(map(str, [*walk.steps, way.number]))),
+            href=played.link(split, number, ".".join(map(str, [*walk.steps, way.number]))),
         )
         for way in walk.ways
     ]
-    objects = [_object_link(walk, played, each) for each in walk.objects]
-    drawn = panorama_svg(objects, ways, float(np.rad2deg(walk.heading)))
+    objects = [
+        _object_link(each, played.link(split, number, played.walk, str(each.object_id)))
+        for each in walk.objects
+    ]
+    skybox = find_skybox(walk.annotated, walk.here)
+    drawn = panorama_svg(objects, ways, float(np.rad2deg(walk.heading)), skybox)
     return {
         "panorama": Markup(drawn),  # noqa: S704  # all text in it was escaped
         "ways": ways,
         "objects": objects,
-        "nothing": played.link(split, instr_id, played.walk, NOTHING),
+        "nothing": played.link(split, number, played.walk, NOTHING),
     }
 
 
-def _object_link(walk: HumanWalk, played: Played, seen: VisibleObject) -> ObjectLink:
-    """Link to the answer with an object; ids are not shown, as an episode's has the target's."""
+def _object_link(seen: VisibleObject, href: str) -> ObjectLink:
+    """Link to the answer with an object, without its id."""
     name = seen.name.removesuffix(f" {seen.object_id}")
-    href = played.link(walk.board.name, walk.annotated.instr_id, played.walk, str(seen.object_id))
     return ObjectLink(seen, name, f"{name}, heading {span_of(seen).middle:.0f}°", href)
 
 
@@ -137,6 +143,7 @@ def _scored(walk: HumanWalk, played: Played) -> dict[str, Any]:
     scored = walk.answered(played.object_id)
     shown = EpisodeMap.of({NAME: scored})
     return {
+        "count": len(walk.board.truth.episodes.instr_ids),
         "scored": scored,
         "map": Markup(map_svg(shown)),  # noqa: S704  # all text in it was escaped
         "key": Markup(map_key(shown)),  # noqa: S704

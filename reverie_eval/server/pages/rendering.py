@@ -55,6 +55,7 @@ _SHORT_FLAGS: Mapping[str, str] = MappingProxyType(
         "ground_truth_objects": "+objects",
         "ensemble": "ensemble",
         "navigation_only": "nav only",
+        "human": "human",
     }
 )
 """What a method discloses, where there is little room."""
@@ -65,6 +66,7 @@ _BRIEF_FLAGS: Mapping[str, str] = MappingProxyType(
         "ground_truth_objects": "+o",
         "ensemble": "en",
         "navigation_only": "nav",
+        "human": "hu",
     }
 )
 """The same on a phone."""

@@ -9,9 +9,9 @@ signed in can cause that: requests from other sites have no session, which is kn
 is read.
 """
 
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.concurrency import run_in_threadpool
@@ -55,17 +55,8 @@ def draw_fault(member: Call, typed: Mapping[str, str], problem: ProblemDocument)
     """Show the form with a problem; problems found by a check have status 200."""
     is_answer = typed.get("what") == "check" and problem.code == RejectedFileError.code
     status = OK if is_answer else problem.status
-    other = _other_split(problem, member.server.boards)
-    return draw(member, typed, status, problem=problem, other_split=other)
-
-
-def _other_split(problem: ProblemDocument, splits: Iterable[str]) -> str:
-    """Return the split here that a file is for if it has no episode of the chosen one."""
-    messages = [(each.code, each.message) for each in problem.problems]
-    if not any(code == "missing-episode" and "for any of" in text for code, text in messages):
-        return ""
-    advice = [text for code, text in messages if code == "other-split"]
-    return next((name for name in splits for text in advice if f"file as {name}," in text), "")
+    splits = [each.split for each in problem.problems if each.split in member.server.boards]
+    return draw(member, typed, status, problem=problem, other_split=next(iter(splits), ""))
 
 
 def check_form(
@@ -109,9 +100,13 @@ PostedUpload = Annotated[Upload, Depends(posted_upload, scope="function")]
 
 
 @router.get("/submit")
-def show_submit(member: Member, split: Annotated[str, Query(max_length=64)] = "") -> Response:
-    """Show the form; the query can select the split."""
-    return draw(member, {"split": split})
+def show_submit(
+    member: Member,
+    split: Annotated[str, Query(max_length=64)] = "",
+    human: Literal["", "true"] = "",
+) -> Response:
+    """Show the form; the query can select the split, and say that people walked."""
+    return draw(member, {"split": split, "human": human})
 
 
 @router.post("/submit")

@@ -17,9 +17,9 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
 
     ``points`` are the results scored here that have both metrics, and ``front`` the indices of
     their Pareto front, the best by ``x`` first; empty if a metric has no better direction.
-    ``reported`` are those of others, and ``lines`` are for comparison: people, and the best that is
-    reported. ``progress`` contains the results that were better than all earlier ones by the metric
-    of the ranking, in the order of publication.
+    ``reported`` are those of others, and ``lines`` are for comparison: the best of people, and the
+    best that is reported of methods. ``progress`` contains the results that were better than all
+    earlier ones by the metric of the ranking, in the order of publication.
     """
     scored = [row for row in rows if row.entry.standing == "ranked"]
     reported = [row for row in rows if row.entry.standing == "reported"]
@@ -31,7 +31,7 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
         "points": points,
         "front": _front(points, x, y) if is_ordered else [],
         "reported": _points(ranking, reported, x, y),
-        "lines": _lines(reported, CATALOGUE[y]),
+        "lines": _lines(scored, reported, CATALOGUE[y]),
         "progress": _progress(ranking, scored),
     }
 
@@ -47,27 +47,22 @@ def _front(points: Mapping[str, Any], x: str, y: str) -> Sequence[int]:
     return front(_costs(CATALOGUE[x], points["x"]), _costs(CATALOGUE[y], points["y"]))
 
 
-def _lines(reported: Sequence[Row], metric: Metric) -> Sequence[Mapping[str, Any]]:
-    """Return reported values to compare with: the best of people, and the best of agents."""
+def _lines(
+    scored: Sequence[Row], reported: Sequence[Row], metric: Metric
+) -> Sequence[Mapping[str, Any]]:
+    """Return values to compare with: the best of people, and the best reported of methods."""
     if metric.better == "neither":
         return []
+    people = [row for row in (*scored, *reported) if row.entry.method.get("human")]
+    methods = [row for row in reported if not row.entry.method.get("human")]
     lines = []
-    for name, is_human in (("Human", True), ("Best reported", False)):
-        chosen = [
-            row.entry.scores
-            for row in reported
-            if metric.key in row.entry.scores and _is_human(row) is is_human
-        ]
-        values = _displayed(metric, chosen)
+    for name, rows in (("Human", people), ("Best reported", methods)):
+        scores = [row.entry.scores for row in rows if metric.key in row.entry.scores]
+        values = _displayed(metric, scores)
         if values:
             best = max(values) if metric.better == "higher" else min(values)
             lines.append({"name": name, "y": best})
     return lines
-
-
-def _is_human(row: Row) -> bool:
-    """Whether a reported result says that people walked."""
-    return "human" in f"{row.entry.method['name']} {row.entry.team}".casefold().split()
 
 
 def _progress(ranking: Ranking, rows: Sequence[Row]) -> Mapping[str, Any]:

@@ -282,13 +282,13 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
         return "\n".join(latex_comments([nothing])) + "\n"
     methods = {
         name: [row.entry.scores]
-        for name, row in zip(_method_names(ranking, rows), rows, strict=True)
+        for name, row in zip(method_names(ranking, rows), rows, strict=True)
     }
     caption = f"Leaderboard of {board.label}: {board.signature}. {address}"
     return methods_table(methods, [board.label], metrics, caption).to_latex() + "\n"
 
 
-def _method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
+def method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
     """Return distinct names: the method, if necessary with its team, then with its id."""
     methods = [row.entry.method["name"] for row in rows]
     named = _made_distinct(methods, [ranking.team(row.entry) or ANONYMOUS.lower() for row in rows])

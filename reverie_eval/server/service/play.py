@@ -48,19 +48,22 @@ class HumanWalk:
     """Numbers of viewpoints after the start, among those of the scan."""
 
     @classmethod
-    def of(cls, browsing: Browsing, instr_id: str, steps: Sequence[int]) -> "HumanWalk":
-        """Follow the steps of a person.
+    def of(cls, browsing: Browsing, seed: int, number: int, steps: Sequence[int]) -> "HumanWalk":
+        """Follow the steps of a person through an episode: that of a number, from 1, in a sample.
 
         Raises
         ------
         NotFoundError
-            If there is no such episode, or the split has answers alone.
+            If the split has fewer episodes, or answers alone.
         MalformedError
             If a step is not one of the ways on, or there are too many.
         """
         if browsing.board.split.track == "grounding":
             raise NotFoundError(f"in {browsing.board.name} nobody walks: answers alone are scored")
-        walk = cls(browsing.board, browsing.episode(instr_id), steps)
+        drawn = sample(browsing.board, seed, number)
+        if len(drawn) < number:
+            raise NotFoundError(f"{browsing.board.name} has {len(drawn)} episodes")
+        walk = cls(browsing.board, browsing.episode(drawn[-1]), steps)
         if len(steps) > MOST_STEPS:
             raise MalformedError(f"a walk has at most {MOST_STEPS} steps")
         for here, there in zip(walk.viewpoints, walk.viewpoints[1:], strict=False):
@@ -147,7 +150,7 @@ class HumanWalk:
 
 
 def sample(board: Board, seed: int, size: int) -> Sequence[str]:
-    """Draw episodes at random, each at most once; the same seed draws the same ones.
+    """Draw episodes at random, each at most once; the same seed draws the same ones in one order.
 
     Of all tasks, one instruction each before any has a second: who has seen a target knows it.
     """

@@ -13,6 +13,7 @@ from typing import Literal
 from sqlalchemy import Select, exists, select, tuple_
 from sqlalchemy.orm import Session
 
+from reverie_eval.analysis import Comparison
 from reverie_eval.schemas.report import IntervalReport, ScoreReport
 from reverie_eval.schemas.service import (
     BoardResult,
@@ -260,8 +261,9 @@ class SubmissionService:
     required_metadata: Collection[str]
 
     def __post_init__(self) -> None:
-        """Create the cache of scores."""
+        """Create the caches of scores and comparisons."""
         self._scored = lru_cache(RECENT)(self._score_again)
+        self._compared = lru_cache(RECENT)(self._compare_again)
 
     def view(self, session: Session, now: datetime) -> View:
         """Return what may be seen at a moment."""
@@ -278,8 +280,10 @@ class SubmissionService:
         _check_upload(submission)
         return self.uploads.pieces(submission.sha256)
 
-    def episodes(self, submission: SubmissionReport) -> Scores:
+    def episodes(self, submission: SubmissionReport, further: str = "") -> Scores:
         """Return the scores of every episode, computed again from the upload.
+
+        By the rules of the split's own leaderboard, or of a further one that has the submission.
 
         Raises
         ------
@@ -287,25 +291,48 @@ class SubmissionService:
             For every submission to a private split; also if the file was deleted, or the ground
             truth or the protocol has changed since the submission was scored.
         """
-        board = board_named(self.boards, submission.split)
+        self._check_episodes(submission, further)
+        return self._scored(submission.split, further, submission.sha256)
+
+    def _check_episodes(self, submission: SubmissionReport, further: str) -> None:
+        board = board_named(self.boards, submission.split, further)
         _check_upload(submission)
         if board.is_private:
             raise NotFoundError("per-episode values of private splits are never released")
-        if not board.measures_as(submission.report):
+        if not board.measures_as(submission.results[further].report):
             raise NotFoundError(
-                f"the ground truth or protocol of {board.name} has changed since this submission; "
+                f"the ground truth or protocol of {board.label} has changed since this submission; "
                 "see its signature"
             )
-        return self._scored(submission.split, submission.sha256)
 
-    def _score_again(self, split: str, sha256: str) -> Scores:
+    def _score_again(self, split: str, further: str, sha256: str) -> Scores:
         """Score an upload again; the ground truth does not change while the server runs.
 
         The result does not refer to the data it was computed from, which may be 100 times as large.
         """
-        board = board_named(self.boards, split)
+        board = board_named(self.boards, split, further)
         scores = board.score(board.read(self.uploads.get(sha256)))
         return replace(scores, episodes=MappingProxyType(dict(scores.episodes)))
+
+    def compare(self, board: Board, named: Mapping[str, SubmissionReport]) -> Comparison:
+        """Compare results of a leaderboard on the same episodes, all others with the first.
+
+        Raises
+        ------
+        NotFoundError
+            As for :meth:`episodes`.
+        ProtocolError
+            If the split has a single target.
+        """
+        for each in named.values():
+            self._check_episodes(each, board.further)
+        files = tuple((name, each.sha256) for name, each in named.items())
+        return self._compared(board.name, board.further, files)
+
+    def _compare_again(
+        self, split: str, further: str, files: tuple[tuple[str, str], ...]
+    ) -> Comparison:
+        return Comparison.of({name: self._scored(split, further, file) for name, file in files})
 
     def change(
         self,

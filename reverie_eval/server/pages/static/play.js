@@ -1,19 +1,12 @@
 // Keeps the walks that a person has finished in this browser, with their times, and offers them as a file.
 const place = document.querySelector("[data-play='walking'], [data-play='scored'], [data-play='kept']");
-const { split, episode } = place.dataset;
-const KEPT = `reverie-eval walks ${split}`;
-const BEGUN = `reverie-eval walk ${split} ${episode}`;
+const { split, number, episodes } = place.dataset;
+const BEGUN = `reverie-eval walk ${split} ${number}`;
 
-function read(storage, key) {
-  return JSON.parse(storage.getItem(key) ?? "{}");
-}
-
-function download(walks) {
-  const records = Object.values(walks);
-  const file = new Blob([JSON.stringify(records, null, 1)], { type: "application/json" });
+function download(name, type, text) {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(file);
-  link.download = `${split}.human.json`;
+  link.href = URL.createObjectURL(new Blob([text], { type }));
+  link.download = name;
   link.click();
   URL.revokeObjectURL(link.href);
 }
@@ -28,18 +21,24 @@ function button(text, act, look = "second") {
 }
 
 function showKept() {
-  const walks = read(localStorage, KEPT);
+  const walks = keptWalks(split);
   const count = Object.keys(walks).length;
   place.hidden = count === 0;
   place.replaceChildren(
     `${count} ${count === 1 ? "walk is" : "walks are"} kept in this browser. `,
-    button("Download", () => download(walks)),
+    button("Download", () => download(`${split}.human.json`, "application/json", JSON.stringify(Object.values(walks), null, 1))),
+    " ",
+    button("List of episodes", () => download(`${split}.human.txt`, "text/plain", `${Object.keys(walks).join("\n")}\n`)),
     " ",
     button("Forget", () => {
-      localStorage.removeItem(KEPT);
+      forgetWalks(split);
       location.reload();
     }, "risky"),
   );
+  const isWhole = count === Number(episodes);
+  for (const each of document.querySelectorAll("[data-if]")) {
+    each.hidden = count === 0 || (each.dataset.if === "whole") !== isWhole;
+  }
   for (const item of document.querySelectorAll(".sampled [data-episode]")) {
     if (item.dataset.episode in walks) item.append(" ✓ walked");
   }
@@ -48,20 +47,21 @@ function showKept() {
   if (next) document.querySelector("[data-play='next']").href = next.querySelector("a").href;
 }
 
+function begun() {
+  return JSON.parse(sessionStorage.getItem(BEGUN) ?? "{}");
+}
+
 if (place.dataset.play === "walking") {
   const around = document.querySelector(".panorama").parentElement;
   around.scrollLeft = (around.scrollWidth - around.clientWidth) / 2;
-  const begun = read(sessionStorage, BEGUN);
   const again = !location.search.includes("walk=");
-  const walk = again || !begun.at ? { at: Date.now(), actions: 0 } : begun;
+  const walk = again || !begun().at ? { at: Date.now(), actions: 0 } : begun();
   sessionStorage.setItem(BEGUN, JSON.stringify({ ...walk, actions: walk.actions + 1 }));
 } else if (place.dataset.play === "scored") {
-  const begun = read(sessionStorage, BEGUN);
-  if (begun.at) {
-    const record = JSON.parse(place.dataset.record);
-    const seconds = Math.round((Date.now() - begun.at) / 100) / 10;
-    const walks = { ...read(localStorage, KEPT), [episode]: { ...record, seconds, actions: begun.actions } };
-    localStorage.setItem(KEPT, JSON.stringify(walks));
+  const { at, actions } = begun();
+  if (at) {
+    const seconds = Math.round((Date.now() - at) / 100) / 10;
+    keepWalk(split, { ...JSON.parse(place.dataset.record), seconds, actions });
     sessionStorage.removeItem(BEGUN);
   }
   showKept();

@@ -156,15 +156,24 @@ for (const kind of ["dragenter", "dragover"]) {
 addEventListener("dragleave", (event) => {
   if (!event.relatedTarget) drop.classList.remove("over");
 });
+function choose(chosen) {
+  const one = new DataTransfer();
+  one.items.add(chosen);
+  file.files = one.files;
+  check();
+}
+
 addEventListener("drop", (event) => {
   if (!event.dataTransfer?.files.length) return;
   event.preventDefault();
   drop.classList.remove("over");
-  const one = new DataTransfer();
-  one.items.add(event.dataTransfer.files[0]);
-  file.files = one.files;
-  check();
+  choose(event.dataTransfer.files[0]);
 });
 
 for (const each of form.querySelectorAll(".if-scripts")) each.hidden = false;
 addEventListener("pageshow", rest); // also when the browser restores the page from its cache
+
+// A person who comes from /play brings the walks that this browser keeps.
+const asked = new URLSearchParams(location.search);
+const walks = asked.get("human") === "true" ? walksFile(asked.get("split")) : null;
+if (walks) choose(walks);

@@ -1,0 +1,23 @@
+// The walks that a person has finished, which this browser keeps by split and episode.
+
+const keptName = (split) => `reverie-eval walks ${split}`;
+
+function keptWalks(split) {
+  return JSON.parse(localStorage.getItem(keptName(split)) ?? "{}");
+}
+
+function keepWalk(split, walk) {
+  const walks = { ...keptWalks(split), [walk.instr_id]: walk };
+  localStorage.setItem(keptName(split), JSON.stringify(walks));
+}
+
+function forgetWalks(split) {
+  localStorage.removeItem(keptName(split));
+}
+
+// The walks as a submission, without their times, which nobody but the person gets; null if none is kept.
+function walksFile(split) {
+  const records = Object.values(keptWalks(split)).map(({ seconds, actions, ...record }) => record);
+  if (records.length === 0) return null;
+  return new File([JSON.stringify(records)], `${split}.human.json`, { type: "application/json" });
+}

@@ -1,0 +1,170 @@
+"""Two results of a leaderboard side by side."""
+
+import re
+from collections.abc import Mapping
+from datetime import timedelta
+from html import unescape
+from pathlib import Path
+from urllib.parse import urlencode
+
+import reverie_eval as rv
+from reverie_eval import CATALOGUE
+from reverie_eval.reporting._comparison import signed
+from reverie_eval.schemas.service import Phase
+from reverie_eval.server.store.tables import Submission
+from tests.conftest import SAMPLES
+from tests.support.acting import NOON, review
+from tests.support.entries import entered, get, named, report_result, tables
+from tests.support.serving import (
+    FURTHER,
+    GROUNDING,
+    OPEN,
+    ORGANISER,
+    OTHER,
+    OWNER,
+    PRIVATE,
+    OpenServer,
+    Serving,
+    adjusted,
+    settings_of,
+)
+from tests.support.visiting import said
+
+FILES = {"Mediocre": SAMPLES / "mediocre.json", "Good": SAMPLES / "good.json"}
+
+
+def publish_two(server: Serving) -> tuple[str, str]:
+    """Publish two results on an open split, the second as a baseline; return their ids."""
+    ids = {}
+    for who, (name, file) in zip((OTHER, OWNER), FILES.items(), strict=True):
+        reply = server.upload(who, file.read_bytes(), name=name)
+        ids[name] = reply.json()["submission"]["id"]
+        change(server, who, ids[name], published=True)
+    with server.acting(ORGANISER) as transaction:
+        review(transaction, ids["Mediocre"], "baseline", "ours")
+    return ids["Good"], ids["Mediocre"]
+
+
+def change(server: Serving, who: str, submission: str, **changed: object) -> None:
+    reply = server.ask(who, "PATCH", f"/submissions/{submission}", json=changed)
+    assert reply.status_code == 200
+
+
+def place(*ids: str, board: str = OPEN) -> str:
+    return f"/boards/{board}/compare?{urlencode([('result', each) for each in ids])}"
+
+
+def outcomes_of(name: str) -> Mapping[str, str]:
+    scores = rv.evaluate(FILES[name], split=OPEN)
+    return dict(zip(scores.instr_ids, scores.outcomes, strict=True))
+
+
+def test_two_ticks_lead_to_what_the_command_says_of_the_files(server: Serving) -> None:
+    good, mediocre = publish_two(server)
+    board = get(server).text
+    ticks = re.findall(r'type="checkbox" form="compare" name="result" value="(\w+)"', board)
+    assert re.findall(r'<form [^>]*id="compare" [^>]*action="([^"]*)"', board) == [
+        f"/boards/{OPEN}/compare"
+    ]
+    assert ticks == [good, mediocre]
+
+    page = get(server, "", place(*ticks))
+    expected = rv.compare(*FILES.values(), split=OPEN, names=list(FILES))
+    assert f"{expected.sentence('Good')}." in said(page)
+    assert tables(page)[0] == [
+        [
+            CATALOGUE[key].heading,
+            CATALOGUE[key].display(expected.scores["Good"][key]),
+            CATALOGUE[key].display(expected.scores["Mediocre"][key]),
+            signed(CATALOGUE[key], found.mean),
+            " to ".join(
+                signed(CATALOGUE[key], end) for end in (found.interval.low, found.interval.high)
+            ),
+        ]
+        for key, found in expected["Good"].items()
+    ]
+    assert "where both teams show their episodes" in said(page)
+
+    change(server, OWNER, good, shows_episodes=True)
+    page = get(server, "", place(*ticks))
+    correct = [
+        {instr_id for instr_id, outcome in outcomes_of(name).items() if outcome == "correct"}
+        for name in ("Good", "Mediocre")
+    ]
+    gained, lost = len(correct[0] - correct[1]), len(correct[1] - correct[0])
+    assert f"correct in {gained} episodes only for Good, and in {lost} only for" in said(page)
+    counts = re.findall(r'<a href="(/episodes/[^"#]*)#list">(\d+)</a>', page.text)
+    assert sum(int(count) for _, count in counts) == len(outcomes_of("Good"))
+    link, count = counts[-1]
+    assert f"{count} episodes found" in said(server.client.get(unescape(link)))
+
+    with server.state.database.writing() as session:
+        row = session.get_one(Submission, good)
+        row.report = {**row.report, "fingerprint": "0" * 64}
+    page = get(server, "", place(*ticks))
+    assert "There are no intervals: the ground truth or protocol" in said(page)
+    assert "Walks side by side" not in said(page)
+
+
+def test_a_further_leaderboard_compares_by_its_own_rules(
+    folder: Path, open_server: OpenServer
+) -> None:
+    settings = adjusted(settings_of(folder), OPEN, also={GROUNDING: FURTHER[GROUNDING]})
+    server = open_server(settings)
+    page = get(server, "", place(*publish_two(server), board=f"{OPEN}/also/{GROUNDING}"))
+    expected = rv.compare(*FILES.values(), split=OPEN, names=list(FILES), track="grounding")
+    assert f"{expected.sentence('Good')}." in said(page)
+    assert "side by side" not in said(page)
+
+
+def test_a_private_split_has_differences_of_what_everyone_sees(server: Serving) -> None:
+    values = ({"rgspl": 0.5012, "spl": 0.5}, {"rgspl": 0.25, "spl": 0.625}, {"rgs": 0.5})
+    ant, bee, cat = (
+        entered(server, scores, who, PRIVATE, **named(name))
+        for scores, who, name in zip(
+            values, (OWNER, OTHER, OWNER), ("Ant", "Bee", "Cat"), strict=True
+        )
+    )
+    page = get(server, "", place(ant, bee, board=PRIVATE))
+    assert tables(page) == [
+        [["SPL %", "50.00", "62.50", "-12.50"], ["RGSPL %", "50.12", "25.00", "+25.12"]]
+    ]
+    assert "There are no intervals: this split is private" in said(page)
+    page = get(server, "", place(ant, cat, board=PRIVATE))
+    assert "The two have no scores in common." in said(page)
+
+
+def test_nothing_is_said_of_scores_that_are_held_back(
+    folder: Path, open_server: OpenServer
+) -> None:
+    phases = (Phase(name="first", closes=NOON + timedelta(days=1)),)
+    settings = adjusted(settings_of(folder), OPEN, phases=phases, release_scores="phase-end")
+    server = open_server(settings)
+    good, mediocre = publish_two(server)
+    change(server, OWNER, good, shows_episodes=True)
+    page = said(get(server, "", place(good, mediocre)))
+    assert "no scores in common, because some are held back" in page
+    assert "better" not in page.partition("compare ")[2].partition("reverie-eval")[0]
+    assert "Outcomes" not in page
+
+
+def test_what_cannot_be_compared(server: Serving) -> None:
+    first = entered(server, {"rgspl": 0.5})
+    assert 'name="result"' not in get(server).text  # nothing to compare it with
+    second, bad = (entered(server, {"rgspl": 0.25}, who) for who in (OTHER, OWNER))
+    with server.acting(ORGANISER) as transaction:
+        review(transaction, bad, "disqualified", "used the answers")
+    report_result(server, "Theirs", rgspl=0.375)
+    board = get(server)
+    assert re.findall(r'name="result" value="(\w+)"', board.text) == [first, second]
+    assert "reported ones cannot be" in said(board)
+
+    for ticked, status, says in (
+        ([], 400, "Tick two results to compare, not 0"),
+        ([first], 400, "Tick two results to compare, not 1"),
+        ([first, first], 400, "Tick two results to compare, not 1"),
+        ([first, second, bad], 400, "Tick two results to compare, not 3"),
+        ([first, "x"], 404, "no ranked result 'x'"),
+        ([first, bad], 404, "scored by other rules cannot be compared"),
+    ):
+        assert says in said(get(server, "", place(*ticked), status))

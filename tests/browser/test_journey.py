@@ -1,7 +1,6 @@
 """Participants from the sign-in page to the board, in a real browser."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -59,13 +58,7 @@ def check_only(page: Page) -> None:
     page.get_by_role("button", name="Check only").click()
 
 
-Take = Callable[[Page, Path], None]
-
-
-@pytest.mark.parametrize("take", [drop, choose])
-def test_from_a_broken_file_to_the_board(
-    take: Take, own_site: Site, good: Path, open_page: OpenPage
-) -> None:
+def test_from_a_broken_file_to_the_board(own_site: Site, good: Path, open_page: OpenPage) -> None:
     page = open_page(own_site, "/")
     page.get_by_role("link", name="Sign in").click()
     sign_in(page, own_site.tokens[OWNER])
@@ -74,14 +67,14 @@ def test_from_a_broken_file_to_the_board(
     before = used(own_site)
 
     expect(page.get_by_role("button", name="Check only")).to_be_visible()
-    take(page, BROKEN)
+    drop(page, BROKEN)
     problems = page.get_by_role("region", name="Problems in the file")
     expect(problems.locator("tbody tr")).to_have_count(PROBLEMS_OF_BROKEN)
     expect(problems).to_contain_text("[0].trajectory[2][0]")
     assert used(own_site) == before
     expect(page.get_by_role("button", name="Score")).to_be_disabled()
 
-    take(page, good)
+    drop(page, good)
     expect(problems).to_have_count(0)
     expect(page.get_by_role("main")).to_contain_text("can be scored")
     expect(page.get_by_text("Choose the file again")).to_be_hidden()

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page
 
-from tests.support.browser import NARROW, OpenPage, barriers
-from tests.support.demo_site import Site
+from tests.support.browser import NARROW, PHONE, OpenPage, barriers
+from tests.support.demo_site import OPEN, OWNER, Site
 from tests.support.page_routes import EXAMPLES, Example
 
 KILOBYTE = 1000
@@ -33,6 +33,43 @@ def test_a_page_serves_everybody(example: Example, site: Site, open_page: OpenPa
     needed = page.evaluate("performance.getEntriesByType('resource').map(it => it.decodedBodySize)")
     assert sum(unpacked) >= sum(needed) > 0
     assert sum(unpacked) < MOST_KILOBYTES * KILOBYTE
+
+
+HEIGHTS = "rows => rows.map(row => row.getBoundingClientRect().height)"
+OVER_NUMBERS = """names => names.filter(name => [...name.querySelectorAll("*")].some(each =>
+    each.getBoundingClientRect().right > name.getBoundingClientRect().right))"""
+TWO_LINES = 66
+"""Pixels of a row on a phone, at most."""
+
+
+def test_rows_of_a_leaderboard_have_two_lines_on_a_phone(site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, f"/boards/{OPEN}", size=PHONE)
+    board = page.get_by_role("region", name="Leaderboard", exact=True)
+    heights = board.locator("tbody tr").evaluate_all(HEIGHTS)
+    assert len(heights) == 8
+    assert max(heights) < TWO_LINES
+    assert board.locator("tbody th .marks").evaluate_all(OVER_NUMBERS) == []
+
+
+A4 = (794, 1123)
+HIDDEN = """() => [...document.querySelectorAll(".scroll")].filter(each =>
+    getComputedStyle(each).overflow !== "visible" ||
+    each.scrollWidth > document.documentElement.clientWidth).length"""
+LIGHT = "rgb(255, 255, 255)"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [f"/boards/{OPEN}", "/team", f"/episodes/{OPEN}/1196_0_0?submission=shortest", "/guide/rules"],
+)
+def test_a_printed_page_is_light_and_whole(path: str, site: Site, open_page: OpenPage) -> None:
+    page = open_page(site, path, OWNER, A4, color_scheme="dark")
+    page.emulate_media(media="print")
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == LIGHT
+    assert page.locator("nav:visible, form:visible").count() == 0
+    assert page.locator(".scroll").count() > 0
+    assert page.evaluate(HIDDEN) == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= A4[0]
 
 
 def bytes_received(page: Page) -> list[int]:

@@ -225,8 +225,8 @@ def test_a_reported_result_is_entered_as_papers_print_it(desk: Visitor) -> None:
     scores = {"success": "11.53", "spl": "9.47 %", "path_length": "12.3", "rgs": ""}
     about = {"date": "2020-06", "dataset": "v1", "paper": PAPER}
     words = told(desk, "/desk/reported", **RESULT, **scores, **about, extra_data="true")
-    assert "Pointer Qi et al." in words
-    assert "TL 12.30 SR 11.53 SPL 9.47 2020-06 v1 example.org/paper Olga" in words
+    assert "Pointer Qi et al. val_unseen, v1" in words
+    assert "TL 12.30 SR 11.53 SPL 9.47 2020-06 example.org/paper Olga" in words
     with desk.server.state.database.reading() as session:
         (result,) = list_reported(session, Page()).rows
     assert result.scores == {"path_length": 12.3, "success": 0.1153, "spl": 0.0947}

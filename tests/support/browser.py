@@ -74,10 +74,10 @@ def demo_site(folder: Path) -> Iterator[Site]:
 
 
 @contextmanager
-def copied_site(site: Site, folder: Path) -> Iterator[Site]:
+def copied_site(site: Site, folder: Path, **environment: str) -> Iterator[Site]:
     """Run a copy of a server that has stopped until the end."""
     shutil.copytree(site.folder, folder)
-    with running(folder, **UNLIMITED) as (_, url):
+    with running(folder, **UNLIMITED, **environment) as (_, url):
         yield replace(site, url=url, folder=folder)
 
 

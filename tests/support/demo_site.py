@@ -1,11 +1,12 @@
 """A server on the demo world with people in it, what they sent in, and what was said of it."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from random import Random
 from typing import Any, NamedTuple
 
 import httpx
@@ -47,7 +48,7 @@ class Sent(NamedTuple):
     who: str
     split: str
     agent: str
-    """A reference agent with a seed, or a sample."""
+    """A reference agent with a seed, a sample, or ``mixed`` with a percentage."""
     days_ago: int
     said: Mapping[str, Any]
     change: Mapping[str, Any]
@@ -120,12 +121,8 @@ def furnish(url: str, folder: Path) -> Site:
     with closing(Database(load_settings(folder).database_url)) as database:
         site = Site(url, folder, tokens, {})
         site.ask(ORGANISER, "PUT", "/organiser/notice", json={"banner": BANNER})
-        ids = {(each.split, each.said["name"]): _send(site, each) for each in _SENT}
+        ids = send_all(site, database, _SENT)
         with database.writing() as session:
-            for each in _SENT:
-                row = session.get_one(Submission, ids[each.split, each.said["name"]])
-                row.received_at = now - timedelta(days=each.days_ago)
-                row.published_at = row.published_at and row.received_at + timedelta(hours=1)
             session.add_all([*_reviews(ids, now), _reported(now)])
             ada = session.get_one(Person, 1)
             session.add_all(_attempts(ada, now))
@@ -134,15 +131,33 @@ def furnish(url: str, folder: Path) -> Site:
     return Site(url, folder, site.tokens, ids)
 
 
+def send_all(site: Site, database: Database, sent: Sequence[Sent]) -> Mapping[tuple[str, str], str]:
+    """Send submissions, as if each had come on its day; return their ids by split and method."""
+    now = datetime.now(UTC)
+    ids = {(each.split, each.said["name"]): _send(site, each) for each in sent}
+    with database.writing() as session:
+        for each in sent:
+            row = session.get_one(Submission, ids[each.split, each.said["name"]])
+            row.received_at = now - timedelta(days=each.days_ago)
+            row.published_at = row.published_at and row.received_at + timedelta(hours=1)
+    return ids
+
+
 def sound(split: str, agent: str) -> bytes:
-    """Return a sound submission of an agent's, or a sample."""
+    """Return a sound submission of an agent's, or a sample.
+
+    The mixed one walks the shortest path in that percentage of the episodes, and else at random.
+    """
     name, _, seed = agent.partition(" ")
     if (sample := SAMPLES / f"{name}.json").exists():
         return sample.read_bytes()
     apart = DEMO_BUNDLES / "private" if split == PRIVATE else DEMO_BUNDLES
-    return json.dumps(
-        run_agent(name, GroundTruth.load(apart / f"{split}.npz"), int(seed or 0))
-    ).encode()
+    truth, number = GroundTruth.load(apart / f"{split}.npz"), int(seed or 0)
+    if name != "mixed":
+        return json.dumps(run_agent(name, truth, number)).encode()
+    pairs = zip(run_agent("shortest", truth), run_agent("random", truth, number), strict=True)
+    random = Random(number)
+    return json.dumps([pair[random.random() * 100 > number] for pair in pairs]).encode()
 
 
 def _send(site: Site, each: Sent) -> str:

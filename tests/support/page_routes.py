@@ -41,14 +41,14 @@ class Example(NamedTuple):
         parts = {
             "split": OPEN,
             "further": GROUNDING,
-            "submission_id": site.ids[OPEN, "Walker"],
-            "other_id": site.ids[OPEN, BOLD],
-            "wordy_id": site.ids[OPEN, ENDLESS],
+            "submission_id": site.ids.get((OPEN, "Walker")),
+            "other_id": site.ids.get((OPEN, BOLD)),
+            "wordy_id": site.ids.get((OPEN, ENDLESS)),
             "result_id": "1",
             "number": "1",
             "person_id": "1",
             "instr_id": "1196_0_0",
-            "private_id": site.ids[PRIVATE, "Shortest paths"],
+            "private_id": site.ids.get((PRIVATE, "Shortest paths")),
         }
         return (self.route + self.query).format(**parts)
 

@@ -1,16 +1,20 @@
-"""Take a picture of every page with the demo data: ``python -m tests.support.screenshots DIR``."""
+"""Take a picture of every page: ``python -m tests.support.screenshots DIR [WORD ...]``."""
 
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from string import Formatter
 from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
 from playwright.sync_api import Browser
 
+from fixtures.servers import make_folder
+from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.settings import load_settings
 from tests.support.browser import (
-    DESKTOP,
-    PHONE,
-    WIDE,
+    UNLIMITED,
     Size,
     browsing,
     chromium_path,
@@ -18,59 +22,101 @@ from tests.support.browser import (
     new_context,
     sign_in,
 )
-from tests.support.demo_site import Site
+from tests.support.crowded_site import crowd
+from tests.support.demo_site import PEOPLE, Site
 from tests.support.page_routes import EXAMPLES, Example
+from tests.support.serving import populate, running
 
 Scheme = Literal["light", "dark"]
+Medium = Literal["screen", "print"]
 
 
 class Screen(NamedTuple):
-    """Where somebody sits before a page."""
+    """What somebody sees a page on."""
 
     size: Size
     zone: str = "UTC"
-    under: str = "/"
-    """Pages that look another way there."""
+    schemes: tuple[Scheme, ...] = ("light", "dark")
+    medium: Medium = "screen"
 
 
 SCREENS = {
-    "desktop": Screen(DESKTOP),
-    "phone": Screen(PHONE, zone="Asia/Tokyo"),  # where one's own time is beside each instant
-    "wide": Screen(WIDE, under="/boards/"),
+    "1440": Screen((1440, 900)),
+    "1920": Screen((1920, 1080)),
+    "390": Screen((390, 844), "Asia/Tokyo"),  # where one's own time is beside each instant
+    "paper": Screen((794, 1123), schemes=("dark",), medium="print"),  # A4, from a dark screen
 }
-SCHEMES: tuple[Scheme, ...] = ("light", "dark")
+NEED_RESULTS = {
+    "further",
+    "submission_id",
+    "other_id",
+    "wordy_id",
+    "result_id",
+    "number",
+    "private_id",
+}
+"""Parts of addresses that lead nowhere on an empty server."""
 
 
 def main(folder: Path, *only: str) -> int:
-    """Write ``<page>.<screen>.<scheme>.png`` for pages whose name holds one of the words."""
+    """Write ``<page>.<server>.<screen>.<scheme>.png``, and ``index.html`` that shows all of them.
+
+    Of pages whose name holds one of the words, if there are any.
+    """
     chromium = chromium_path()
     if chromium is None:
         print("there is no Chromium here; install Debian's package chromium", file=sys.stderr)  # noqa: T201
         return 2
     folder.mkdir(parents=True, exist_ok=True)
     wanted = [each for each in EXAMPLES if not only or any(word in each.name for word in only)]
-    with (
-        TemporaryDirectory() as temporary,
-        demo_site(Path(temporary) / "server") as site,
-        browsing(chromium) as browser,
-    ):
-        for name, screen in SCREENS.items():
-            for example in wanted:
-                if example.route.startswith(screen.under):
-                    _take(browser, site, example, screen, folder / f"{example.name}.{name}")
+    with TemporaryDirectory() as temporary, browsing(chromium) as browser:
+        with demo_site(Path(temporary) / "crowded") as site:
+            _take_all(browser, crowd(site), wanted, folder, "crowded")
+        with _empty_site(Path(temporary) / "empty") as site:
+            bare = [each for each in wanted if not _parts(each) & NEED_RESULTS]
+            _take_all(browser, site, bare, folder, "empty")
+    _write_index(folder)
     return 0
 
 
-def _take(browser: Browser, site: Site, example: Example, screen: Screen, to: Path) -> None:
-    context = new_context(browser, site, screen.size, timezone_id=screen.zone)
-    page = context.new_page()
-    if example.who is not None:
-        sign_in(page, site.tokens[example.who])
-    for scheme in SCHEMES:
-        page.emulate_media(color_scheme=scheme)
-        page.goto(example.path(site), wait_until="networkidle")
-        page.screenshot(path=f"{to}.{scheme}.png", full_page=True)
-    context.close()
+@contextmanager
+def _empty_site(folder: Path) -> Iterator[Site]:
+    """Run a server with people who have sent nothing."""
+    make_folder(folder)
+    with acting(load_settings(folder), "test") as transaction:
+        tokens = populate(transaction, PEOPLE)
+    with running(folder, **UNLIMITED) as (_, url):
+        yield Site(url, folder, tokens, {})
+
+
+def _parts(example: Example) -> set[str]:
+    return {name for _, name, _, _ in Formatter().parse(example.route + example.query) if name}
+
+
+def _take_all(
+    browser: Browser, site: Site, examples: Sequence[Example], folder: Path, kind: str
+) -> None:
+    for name, screen in SCREENS.items():
+        for who in {each.who: None for each in examples}:
+            context = new_context(browser, site, screen.size, timezone_id=screen.zone)
+            page = context.new_page()
+            if who is not None:
+                sign_in(page, site.tokens[who])
+            page.emulate_media(media=screen.medium)
+            for example in (each for each in examples if each.who == who):
+                page.goto(example.path(site), wait_until="networkidle")
+                for scheme in screen.schemes:
+                    page.emulate_media(color_scheme=scheme)
+                    path = folder / f"{example.name}.{kind}.{name}.{scheme}.png"
+                    page.screenshot(path=path, full_page=True)
+            context.close()
+
+
+def _write_index(folder: Path) -> None:
+    pictures = sorted(each.name for each in folder.glob("*.png"))
+    links = "".join(f'<a href="{each}"><img src="{each}" title="{each}">' for each in pictures)
+    style = "img { width: 15rem; height: 20rem; object-fit: cover; object-position: top }"
+    (folder / "index.html").write_text(f"<style>{style}</style>{links}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -26,7 +26,8 @@ from reverie_eval.server.service.leaderboard import SORTABLE, Filter, Ranking, a
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
 
-PER_PAGE = 100
+PER_PAGE = 60
+"""With more, the page of all metrics would weigh over 300 kB, charts included."""
 PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
 """Of a split's own leaderboard, and of the further ones."""
 NEWS_SHOWN = 5

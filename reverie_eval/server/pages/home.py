@@ -27,6 +27,8 @@ router = APIRouter()
 MOST_LEADERS = 5
 DATA = "https://github.com/YuankaiQi/REVERIE"
 """Where the dataset is, unless the settings have a link that is called ``Data``."""
+PAPER_PAGE = "https://arxiv.org/abs/1904.10151"
+"""Its paper, unless they have one that is called ``Paper``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,7 @@ def show_home(visitor: Visitor) -> Response:
             picture=drawn,
             answer=answer,
             data=links.get("data", DATA),
+            paper_page=links.get("paper", PAPER_PAGE),
             paper=PAPER,
             news=latest_news(snapshot.session, NEWS_SHOWN),
         )

@@ -59,6 +59,17 @@ _SHORT_FLAGS: Mapping[str, str] = MappingProxyType(
     }
 )
 """What a method discloses, where there is little room."""
+_BRIEF_FLAGS: Mapping[str, str] = MappingProxyType(
+    {
+        "extra_data": "+d",
+        "pre_exploration": "ex",
+        "ground_truth_objects": "+o",
+        "ensemble": "en",
+        "navigation_only": "nav",
+        "human": "hu",
+    }
+)
+"""The same on a phone."""
 _NOT_PAGES = (f"{API}/", f"{STATIC}/", "/healthz", "/metrics")
 
 
@@ -204,6 +215,7 @@ def _environment() -> Environment:
         "flags": METHOD_FLAGS,
         "flag_meanings": {flag: Method.model_fields[flag].description for flag in METHOD_FLAGS},
         "short_flags": _SHORT_FLAGS,
+        "brief_flags": _BRIEF_FLAGS,
         "longest": {
             "name": LONGEST_NAME,
             "line": LONGEST_LINE,

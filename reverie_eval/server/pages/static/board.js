@@ -57,13 +57,15 @@ function linesAcross(lines, paint) {
   };
 }
 
-// Names of points, of the front first, as far as there is room for them.
+// Names of points, of the front first, as far as there is room for them between the points.
 function namesBeside(points, paint) {
   return {
     id: "names",
     afterDatasetsDraw(chart) {
       const { ctx, chartArea } = chart;
-      const taken = [];
+      const circles = chart.data.datasets.flatMap((_, set) => chart.getDatasetMeta(set).data);
+      const taken = circles.map(({ x, y }) => ({ left: x - 4, right: x + 4, top: y - 4, bottom: y + 4 }));
+      const most = taken.length + MOST_NAMES;
       ctx.save();
       ctx.font = SMALL;
       ctx.fillStyle = paint.ink;
@@ -74,7 +76,7 @@ function namesBeside(points, paint) {
           const width = ctx.measureText(text).width;
           const left = element.x + 7 + width > chartArea.right ? element.x - 7 - width : element.x + 7;
           const box = { left, right: left + width, top: element.y - 9, bottom: element.y + 4 };
-          if (taken.length === MOST_NAMES || left < chartArea.left || taken.some((other) => overlap(box, other))) return;
+          if (taken.length === most || left < chartArea.left || taken.some((other) => overlap(box, other))) return;
           taken.push(box);
           ctx.fillText(text, left, element.y + 1);
         });

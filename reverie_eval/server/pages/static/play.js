@@ -11,10 +11,10 @@ function download(name, type, text) {
   URL.revokeObjectURL(link.href);
 }
 
-function button(text, act) {
+function button(text, act, look = "second") {
   const made = document.createElement("button");
   made.type = "button";
-  made.className = "second";
+  made.className = look;
   made.textContent = text;
   made.addEventListener("click", act);
   return made;
@@ -33,7 +33,7 @@ function showKept() {
     button("Forget", () => {
       forgetWalks(split);
       location.reload();
-    }),
+    }, "risky"),
   );
   const isWhole = count === Number(episodes);
   for (const each of document.querySelectorAll("[data-if]")) {

@@ -1,0 +1,38 @@
+"""How heavy the pages of a full server are: all that a browser fetches for them, unpacked."""
+
+import re
+
+from sqlalchemy import update
+
+from fixtures.many_submissions import SAMPLE, fill
+from reverie_eval.server.pages.boards import PER_PAGE
+from reverie_eval.server.store.tables import Submission
+from tests.support.serving import OPEN, ORGANISER, Serving
+from tests.support.visiting import signed_in
+
+MOST = 300_000
+"""Bytes."""
+PAGES = (
+    "/",
+    f"/boards/{OPEN}",
+    f"/boards/{OPEN}?columns=all",
+    f"/episodes/{OPEN}",
+    "/guide/api",
+    "/desk/reviews",
+)
+NEEDED = re.compile(r'(?:src|href)="(/static/[^"]+)"')
+
+
+def test_pages_stay_light(server: Serving) -> None:
+    fill(server.state, submissions=PER_PAGE + 1, published=PER_PAGE + 1, teams=17)
+    board = server.state.boards[OPEN]
+    report = board.score(board.read(SAMPLE)).with_intervals().to_report()
+    with server.state.database.writing() as session:
+        session.execute(update(Submission).values(report=report.model_dump(mode="json")))
+    visitor = signed_in(server, ORGANISER)
+    for path in PAGES:
+        page = visitor.get(path)
+        needed = [visitor.get(each) for each in set(NEEDED.findall(page.text))]
+        weights = [len(each.content) for each in (page, *needed)]
+        assert len(weights) > 3
+        assert sum(weights) < MOST, (path, weights)

@@ -1,26 +1,28 @@
 """How much slower a server is with a million submissions than with ten thousand.
 
-``python benchmarks/million.py [SUBMISSIONS]`` makes a server on SQLite and one on PostgreSQL, both
-of the demo world, and writes that many submissions straight into their databases, which takes half
-an hour or more for a million. Ten thousand of them are published. Then it starts each server and
-asks, as one reader does, for the leaderboard and for lists of submissions, and uploads files. At
-the end, ``server check``, ``backup`` and ``doctor`` run as commands, whose peak memory is printed.
-Only the leaderboard's first page has a bar: for the time that the processors spend on a request, in
-the server and in PostgreSQL, as the time until the reply depends on what else the machine does.
+``python benchmarks/million.py [SUBMISSIONS]`` makes a server on SQLite, of the demo world with a
+further leaderboard, and writes that many submissions straight into its database. Ten thousand of
+them are published. Then it starts the server and asks, as one reader does, for pages and for lists
+of submissions, and uploads files. At the end, ``server check``, ``doctor`` and ``backup`` run as
+commands, whose peak memory is printed. ``server restore`` takes the backup to PostgreSQL, where all
+is measured again. A million takes more than an hour. Pages have bars for the time that the
+processors spend on a request, in the server and in PostgreSQL, as the time until the reply depends
+on what else the machine does.
 """
 
-import http.client
-import itertools
-import json
 import os
+import re
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from resource import RUSAGE_CHILDREN, getrusage
 from tempfile import TemporaryDirectory
+
+import httpx
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -29,22 +31,23 @@ from fixtures.many_submissions import SAMPLE, SPLIT, fill
 from fixtures.servers import make_folder
 from reverie_eval.schemas.organising import NewPerson, NewToken
 from reverie_eval.server.operations.checks import acting
-from reverie_eval.server.operations.folder import upgrade_folder
 from reverie_eval.server.service.people import add_person
 from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import SETTINGS_FILE, load_settings
 from reverie_eval.server.state import ServerState
-from tests.support.crowd import ask, connect
 from tests.support.serving import make_database, running, running_postgresql
 
 SUBMISSIONS = 1_000_000
 PUBLISHED = 10_000
 FILES_OF_TEAM = 500
-REQUESTS = 30
+REQUESTS = 20
 BARS = {"sqlite": 100.0, "postgresql": 50.0}
-"""Milliseconds for the first page of the leaderboard."""
+"""Milliseconds for the first page of a leaderboard, and the landing page."""
 
-BOARD = f"/boards/{SPLIT}"
+PAGES = ("/", f"/boards/{SPLIT}", f"/boards/{SPLIT}/also/grounding")
+"""With a bar."""
+OTHER_PAGES = (f"/boards/{SPLIT}/feed.atom", f"/boards/{SPLIT}/chart", "/episodes")
+DESK = ("", "/uploads", "/reviews", "/quotas", "/phases", "/snapshots", "/people", "/audit")
 LIST = "/api/v1/submissions"
 UPLOAD = f"/api/v1/splits/{SPLIT}/submissions?name=Walker"
 COMMAND = Path(sys.executable).with_name("reverie-eval")
@@ -52,96 +55,120 @@ QUOTAS = {
     f"REVERIE_EVAL_SPLITS__{SPLIT}__QUOTA__{name}": "100000" for name in ("day", "month", "year")
 }
 """Of the uploads; the teams have none left otherwise."""
+FURTHER = f"""
+[splits.{SPLIT}.also.grounding]
+track = "grounding"
+"""
 
 
 def main() -> int:
-    """Print all figures; return 1 if a leaderboard misses its bar."""
+    """Print all figures; return 1 if a page misses its bar."""
     submissions = int(sys.argv[1]) if len(sys.argv) > 1 else SUBMISSIONS
-    os.environ |= QUOTAS
-    figures: list[Figure] = []
-    for kind, bar in BARS.items():
-        with ExitStack() as stack:
-            folder = Path(stack.enter_context(TemporaryDirectory())) / "server"
-            make_folder(folder)
-            postmaster = None
-            if kind == "postgresql":
-                postgresql = stack.enter_context(running_postgresql())
-                use_database(folder, make_database(postgresql, "million"))
-                postmaster = postgresql.get_pid()
-            state = ServerState.open(load_settings(folder))
-            teams = max(2, submissions // FILES_OF_TEAM)
-            fill(state, submissions, min(submissions, PUBLISHED), teams)
-            state.database.close()
-            print(f"{kind}, {submissions:,} submissions")
-            figures.append((f"{kind}: first page, ms", measure(folder, postmaster), bar))
+    os.environ |= QUOTAS | {"REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE": "1000000"}
+    with ExitStack() as stack:
+        temporary = Path(stack.enter_context(TemporaryDirectory()))
+        folder, backup = temporary / "sqlite", temporary / "backup.tar.gz"
+        make_folder(folder)
+        with (folder / SETTINGS_FILE).open("a", encoding="utf-8") as settings:
+            settings.write(FURTHER)
+        state = ServerState.open(load_settings(folder))
+        fill(state, submissions, min(submissions, PUBLISHED), max(2, submissions // FILES_OF_TEAM))
+        state.database.close()
+        print(f"sqlite, {submissions:,} submissions")
+        figures = measure("sqlite", folder, None)
+        print_command("backup", folder, "-o", backup)
+        postgresql = stack.enter_context(running_postgresql())
+        os.environ["REVERIE_EVAL_DATABASE"] = make_database(postgresql, "million")
+        print(f"postgresql, {submissions:,} submissions")
+        print_command("restore", backup, temporary / "postgresql")
+        figures += measure("postgresql", temporary / "postgresql", postgresql.get_pid())
+        print_command("backup", temporary / "postgresql", "-o", backup)
     return judge(figures)
 
 
-def use_database(folder: Path, url: str) -> None:
-    """Let a server use another database, which is empty."""
-    file = folder / SETTINGS_FILE
-    file.write_text(file.read_text().replace("sqlite:///server.db", url))
-    upgrade_folder(folder)
-
-
-def measure(folder: Path, postmaster: int | None) -> float:
-    """Print what a server needs; return the processors' milliseconds for its leaderboard."""
-    with acting(load_settings(folder), "benchmark") as transaction:
-        new = NewPerson(team="Team 1 of the University", name="Organiser", role="organiser")
-        add_person(transaction, new)
-        organiser = create_token(transaction, NewToken(person="Organiser", kind="access")).token
-        member = create_token(transaction, NewToken(person="P 0", kind="access")).token
-    with running(folder, REVERIE_EVAL_LIMITS__REQUESTS_PER_MINUTE="1000000") as (process, url):
-        connection = connect(url)
-        print(f"    leaderboard, first of all: {milliseconds(connection, BOARD):.0f} ms")
-        before = processor_milliseconds(process.pid, postmaster)
-        print_times("leaderboard", connection, itertools.repeat((BOARD, "")))
-        page = (processor_milliseconds(process.pid, postmaster) - before) / REQUESTS
-        print(f"    leaderboard: {page:.1f} ms of the processors")
-        upload(connection, member, 0)
-        print(f"    leaderboard, after an upload: {milliseconds(connection, BOARD):.0f} ms")
-        print_times("a team's submissions", connection, itertools.repeat((LIST, member)))
-        print_times("all submissions", connection, itertools.repeat((LIST, organiser)))
-        print_times("the sixth page of all", connection, pages(connection, organiser))
-        quota = f"/api/v1/splits/{SPLIT}"
-        print_times("quota", connection, itertools.repeat((quota, member)))
-        times = [upload(connection, member, number) for number in range(1, REQUESTS)]
+def measure(kind: str, folder: Path, postmaster: int | None) -> list[Figure]:
+    """Print what a server needs; return the processors' milliseconds for pages with a bar."""
+    tokens = make_tokens(folder, kind)
+    with (
+        running(folder) as (process, url),
+        httpx.Client(base_url=url, timeout=600) as visitor,
+        httpx.Client(base_url=url, timeout=600) as organiser,
+    ):
+        processes = Processes(process.pid, postmaster)
+        print(f"    leaderboard, first of all: {milliseconds(visitor, PAGES[1]):.0f} ms")
+        figures = [
+            (f"{kind}: {page}, ms", processes.measure(page, visitor), BARS[kind]) for page in PAGES
+        ]
+        for page in OTHER_PAGES:
+            processes.measure(page, visitor)
+        upload(visitor, tokens["member"], 0)
+        print(f"    leaderboard, after an upload: {milliseconds(visitor, PAGES[1]):.0f} ms")
+        organiser.post("/sign-in", data={"token": tokens["organiser"]})
+        for page in DESK:
+            processes.measure(f"/desk{page}", organiser)
+        member, lists = {"Authorization": f"Bearer {tokens['member']}"}, f"{LIST}?cursor="
+        processes.measure(LIST, visitor, member)
+        processes.measure(f"/api/v1/splits/{SPLIT}", visitor, member)
+        all_of_them = {"Authorization": f"Bearer {tokens['organiser']}"}
+        processes.measure(LIST, visitor, all_of_them)
+        processes.measure(lists + sixth_page(visitor, all_of_them), visitor, all_of_them)
+        times = [upload(visitor, tokens["member"], number) for number in range(1, REQUESTS)]
         print(f"    upload: {spread(times)}")
-    for command in ("check", "backup", "doctor"):
+    for command in ("check", "doctor"):
         print_command(command, folder)
-    return page
+    return figures
 
 
-def processor_milliseconds(server: int, postmaster: int | None) -> float:
-    """Return what processors have spent on a server and the processes of PostgreSQL so far."""
-    processes = [server]
-    if postmaster is not None:
-        children = Path(f"/proc/{postmaster}/task/{postmaster}/children").read_text()
-        processes += map(int, children.split())
-    ticks = 0
-    for process in processes:
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-        ticks += int(fields[11]) + int(fields[12])  # user and system time
-    return 1000 * ticks / os.sysconf("SC_CLK_TCK")
+def make_tokens(folder: Path, kind: str) -> Mapping[str, str]:
+    """Return tokens of an organiser, who is added, and of a member of the first team."""
+    name = f"Organiser on {kind}"
+    with acting(load_settings(folder), "benchmark") as transaction:
+        team = "Team 1 of the University"
+        add_person(transaction, NewPerson(team=team, name=name, role="organiser"))
+        return {
+            role: create_token(transaction, NewToken(person=person, kind="access")).token
+            for role, person in (("organiser", name), ("member", "P 0"))
+        }
 
 
-def milliseconds(connection: http.client.HTTPConnection, path: str, token: str = "") -> float:
+class Processes:
+    """The processes of a server, and of its PostgreSQL if it has one."""
+
+    def __init__(self, server: int, postmaster: int | None) -> None:
+        self._server = server
+        self._postmaster = postmaster
+
+    def measure(
+        self, path: str, client: httpx.Client, headers: Mapping[str, str] = httpx.Headers()
+    ) -> float:
+        """Ask for an address again and again; print times, and return that of the processors."""
+        milliseconds(client, path, headers)
+        before = self._milliseconds()
+        times = [milliseconds(client, path, headers) for _ in range(REQUESTS)]
+        spent = (self._milliseconds() - before) / REQUESTS
+        print(f"    {path}: {spent:.1f} ms of the processors; {spread(times)}", flush=True)
+        return spent
+
+    def _milliseconds(self) -> float:
+        """Return what processors have spent so far."""
+        processes = [self._server]
+        if self._postmaster is not None:
+            of_it = f"/proc/{self._postmaster}/task/{self._postmaster}/children"
+            processes += map(int, Path(of_it).read_text().split())
+        ticks = 0
+        for process in processes:
+            fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+            ticks += int(fields[11]) + int(fields[12])  # user and system time
+        return 1000 * ticks / os.sysconf("SC_CLK_TCK")
+
+
+def milliseconds(
+    client: httpx.Client, path: str, headers: Mapping[str, str] = httpx.Headers()
+) -> float:
     """Return how long a reply took."""
-    reply = ask(connection, "GET", path, token=token)
-    if reply.status != http.client.OK:
-        raise RuntimeError(f"status {reply.status} for {path}")
-    return 1000 * reply.seconds
-
-
-def print_times(
-    name: str, connection: http.client.HTTPConnection, requests: Iterator[tuple[str, str]]
-) -> None:
-    """Print how long replies take."""
-    times = [
-        milliseconds(connection, path, token)
-        for path, token in itertools.islice(requests, REQUESTS)
-    ]
-    print(f"    {name}: {spread(times)}")
+    began = time.perf_counter()
+    client.get(path, headers=headers).raise_for_status()
+    return 1000 * (time.perf_counter() - began)
 
 
 def spread(times: Sequence[float]) -> str:
@@ -149,38 +176,44 @@ def spread(times: Sequence[float]) -> str:
     return f"fastest {min(times):.1f} ms, median {statistics.median(times):.1f} ms"
 
 
-def pages(connection: http.client.HTTPConnection, token: str) -> Iterator[tuple[str, str]]:
-    """Yield the address of a page deep in the list of all submissions, again and again."""
-    path = LIST
+def sixth_page(client: httpx.Client, headers: Mapping[str, str]) -> str:
+    """Return the cursor of a page deep in the list of all submissions."""
+    last = ""
     for _ in range(5):
-        last = json.loads(ask(connection, "GET", path, token=token).body)[-1]["id"]
-        path = f"{LIST}?cursor={last}"
-    yield from itertools.repeat((path, token))
+        page = client.get(LIST, params={"cursor": last} if last else {}, headers=headers)
+        last = page.json()[-1]["id"]
+    return last
 
 
-def upload(connection: http.client.HTTPConnection, token: str, number: int) -> float:
+def upload(client: httpx.Client, token: str, number: int) -> float:
     """Upload a file that nobody has sent; return how many milliseconds it took."""
-    reply = ask(connection, "POST", UPLOAD, SAMPLE + b"\n" * (1 + number), token)
-    if reply.status != http.client.CREATED:
-        raise RuntimeError(f"status {reply.status}: {reply.body.decode()}")
-    return 1000 * reply.seconds
-
-
-def print_command(name: str, folder: Path) -> None:
-    """Print how long a command takes, and its peak memory."""
-    output = ["-o", str(folder.parent / "backup.tar.gz")] if name == "backup" else []
     began = time.perf_counter()
-    with subprocess.Popen(
-        [COMMAND, "server", name, folder, *output], stdout=subprocess.PIPE
-    ) as run:
-        assert run.stdout is not None  # noqa: S101  # it was asked for
-        said = run.stdout.read().decode()
-        _, status, used = os.wait4(run.pid, 0)
-        run.returncode = os.waitstatus_to_exitcode(status)
-    if run.returncode:
-        raise RuntimeError(said)
-    seconds = time.perf_counter() - began
-    print(f"    server {name}: {seconds:.0f} s, {used.ru_maxrss / 1000:.0f} MB at the peak")
+    content, headers = SAMPLE + b"\n" * (1 + number), {"Authorization": f"Bearer {token}"}
+    client.post(UPLOAD, content=content, headers=headers).raise_for_status()
+    return 1000 * (time.perf_counter() - began)
+
+
+def print_command(name: str, *arguments: Path | str) -> None:
+    """Print how long a command takes, and its peak memory."""
+    began, before = time.perf_counter(), getrusage(RUSAGE_CHILDREN)
+    peak = 0
+    words = [COMMAND, "server", name, *arguments]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as run:
+        # Its resource usage would count the memory of this process too.
+        while run.poll() is None:
+            found = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{run.pid}/status").read_text())
+            peak = int(found[1]) if found else peak
+            time.sleep(0.1)
+        if run.returncode:
+            assert run.stdout is not None  # noqa: S101  # it was asked for
+            raise RuntimeError(run.stdout.read())
+    seconds, after = time.perf_counter() - began, getrusage(RUSAGE_CHILDREN)
+    spent = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    print(
+        f"    server {name}: {seconds:.0f} s, {spent:.0f} s of the processors, "
+        f"{peak / 1000:.0f} MB at the peak",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

@@ -1,32 +1,50 @@
-"""How fast and how small scoring is, on the published REVERIE files.
+"""Measure how fast and how small reading and scoring are, on the published files: scripts/bench.
 
-``python benchmarks/scoring.py`` prints each measurement with its limit. Times that depend on the
-machine are ratios to well-known operations, measured alternately in the same run; all values are
-medians. Needs the published files (see ``fixtures/published.py``).
+Times are those of the processors, so that other work on the machine disturbs little, and the best
+of many. Nearly all are ratios to a well-known operation, measured in turns. Larger files are
+val_unseen many times over, with ids of their own. Exit status: 1 if a figure misses its bar.
+Needs the published files (see fixtures/published.py).
 """
 
+import argparse
 import gzip
+import json
+import os
+import platform
+import re
 import shutil
-import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
+from resource import RUSAGE_CHILDREN, RUSAGE_SELF, getrusage
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
+import numpy as np
 import orjson
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import reverie_eval as rv
-from benchmarks.bars import judge
 from fixtures.published import published_folder, unpack_dataset
+from reverie_eval.scoring import evaluate_many
+from reverie_eval.submissions import MAX_MEBIBYTES_VARIABLE, align, read_predictions
 
-SUBMISSION = "val_unseen.mixed1"
-HEADLINE = tuple(key for key, metric in rv.CATALOGUE.items() if metric.headline)
+SPLIT = "val_unseen"
+SUBMISSION = f"{SPLIT}.mixed1"
 SPLITS = ("val_seen", "val_unseen", "test")
+COPIES = (10, 285)
+"""35,210 and 1,003,485 episodes."""
+FILES = 1_000
+HEADLINE = tuple(key for key, metric in rv.CATALOGUE.items() if metric.headline)
+FIDELITY = ("dtw", "ndtw", "sdtw", "cls")
 REVERIE_EVAL = str(Path(sys.executable).with_name("reverie-eval"))
+PACKAGES = ("reverie-eval", "numpy", "msgspec", "pydantic", "orjson")
 
 PEAK_MEMORY = """
 import re, sys
@@ -41,98 +59,227 @@ print(1024 * (kibibytes("VmHWM") - floor))
 """Read from Linux: the memory of a process after its imports, and its peak."""
 
 
+class Figure(NamedTuple):
+    """What was measured."""
+
+    name: str
+    value: float
+    most: float | None = None
+    least: float | None = None
+
+    @property
+    def bar(self) -> str:
+        """The bar in words, and whether the figure meets it."""
+        if self.most is not None:
+            return f"at most {self.most:5.1f}   {'ok' if self.value <= self.most else 'MISSED'}"
+        if self.least is not None:
+            return f"at least {self.least:4.1f}   {'ok' if self.value >= self.least else 'MISSED'}"
+        return ""
+
+
 def main() -> int:
-    """Print every measurement; return 1 if one is over its limit."""
+    """Print every figure; return 1 if one misses its bar."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--output", type=Path, metavar="FILE", help="also write them as JSON")
+    parser.add_argument("--compare", type=Path, metavar="OLD", help="print these beside them")
+    arguments = parser.parse_args()
     folder = published_folder()
     if folder is None:
         print("the published REVERIE files are not here (REVERIE_DATA names their folder)")
         return 2
+    earlier = json.loads(arguments.compare.read_text())["figures"] if arguments.compare else {}
+    figures = []
+    # A file of a million episodes is larger than any that is sent to us.
+    os.environ[MAX_MEBIBYTES_VARIABLE] = "1000"
     with TemporaryDirectory() as temporary:
-        work = Path(temporary)
-        compile_seconds = compile_all(unpack_dataset(folder, work), work)
-        submission = work / f"{SUBMISSION}.json"
-        with gzip.open(folder / "reference" / "submissions" / f"{SUBMISSION}.json.gz") as packed:
-            submission.write_bytes(packed.read())
-        bundle = work / "val_unseen.npz"
-        figures = [
-            ("bytes to score table / orjson.loads", in_process_ratio(submission, bundle), 3.0),
-            ("with path fidelity / score table", fidelity_ratio(submission, bundle), 10.0),
-            ("command / import numpy, pydantic", command_ratio(submission, bundle), 1.4),
-            ("bundle load, ms", 1000 * load_seconds(bundle), 20.0),
-            ("peak memory / file size", peak_memory_ratio(submission, bundle), 8.0),
-            ("compile three splits, s", compile_seconds, 15.0),
-        ]
-    return judge(figures)
+        for figure in measure(folder, Path(temporary)):
+            before = f"{earlier[figure.name]:9.2f} ->" if figure.name in earlier else ""
+            print(f"{figure.name:58}{before}{figure.value:9.2f}   {figure.bar}", flush=True)
+            figures.append(figure)
+    if arguments.output:
+        arguments.output.write_text(json.dumps(report(figures), indent=2) + "\n")
+    return int(any(figure.bar.endswith("MISSED") for figure in figures))
 
 
-def compile_all(dataset: Path, into: Path) -> float:
-    """Compile every split with the command line; return the seconds it took."""
-    start = time.perf_counter()
+def report(figures: Sequence[Figure]) -> dict[str, object]:
+    """Return the figures with what they depend on."""
+    git = ["git", "describe", "--always", "--dirty"]
+    return {
+        "commit": subprocess.run(git, check=False, capture_output=True, text=True).stdout.strip(),
+        "machine": {"system": platform.platform(), "processors": os.cpu_count()},
+        "versions": {
+            "python": platform.python_version(),
+            **{package: version(package) for package in PACKAGES},
+        },
+        "figures": {figure.name: figure.value for figure in figures},
+    }
+
+
+def measure(folder: Path, work: Path) -> Iterator[Figure]:
+    """Yield every figure as soon as it is there."""
+    compiling = cpu_seconds(lambda: compile_all(unpack_dataset(folder, work), work))
+    bundle, submission = work / f"{SPLIT}.npz", work / f"{SUBMISSION}.json"
+    with gzip.open(folder / "reference" / "submissions" / f"{SUBMISSION}.json.gz") as packed:
+        submission.write_bytes(packed.read())
+    content, truth = submission.read_bytes(), rv.GroundTruth.load(bundle)
+
+    ours, parser = in_turns(partial(score, content, truth), partial(orjson.loads, content), 100)
+    yield Figure(episodes("bytes to scores / orjson.loads", truth), ours / parser, most=1.5)
+    first = ours / len(truth.episodes.instr_ids)
+    yield Figure("microseconds for each of them", 1e6 * first)
+    predictions = read_predictions(content)
+    reading, aligning = in_turns(
+        partial(read_predictions, content), partial(align, predictions, truth), 50
+    )
+    yield Figure("of that: reading / orjson.loads", reading / parser)
+    yield Figure("of that: alignment / orjson.loads", aligning / parser)
+    yield Figure("of that: hints and metrics / orjson.loads", (ours - reading - aligning) / parser)
+    for copies in COPIES:
+        if copies * len(content) * 8 > available_bytes():
+            print(f"left out for lack of memory: {copies} times {SPLIT}")
+            continue
+        large, many = repeated(content, copies), repeated_truth(truth, copies)
+        ours, parser = in_turns(
+            partial(score, large, many), partial(orjson.loads, large), max(2, 100 // copies)
+        )
+        yield Figure(episodes("bytes to scores / orjson.loads", many), ours / parser, most=1.0)
+        growth = ours / len(many.episodes.instr_ids) / first
+        yield Figure(episodes("cost of an episode / that of 3,521", many), growth, most=1.3)
+
+    with_path, table = in_turns(
+        partial(score, content, truth, (*HEADLINE, *FIDELITY)), partial(score, content, truth), 30
+    )
+    yield Figure("with path fidelity / score table", with_path / table, most=10.0)
+    for name, form in FORMS.items():
+        other = json.dumps([form(record) for record in json.loads(content)]).encode()
+        careful, fast = in_turns(partial(score, other, truth), partial(score, content, truth), 30)
+        yield Figure(f"{name} / official form", careful / fast, most=4.0)
+
+    command, imports = in_turns(
+        lambda: run(REVERIE_EVAL, submission, "--split", SPLIT, "--ground-truth", bundle),
+        lambda: run(sys.executable, "-c", "import numpy, pydantic"),
+        20,
+    )
+    yield Figure("command / import numpy, pydantic", command / imports, most=1.3)
+    peaks = [int(run(sys.executable, "-c", PEAK_MEMORY, submission, bundle)) for _ in range(5)]
+    yield Figure("peak memory / size of the file", min(peaks) / len(content), most=5.0)
+    loading = min(cpu_seconds(lambda: rv.GroundTruth.load(bundle)) for _ in range(20))
+    yield Figure("load a bundle, ms", 1000 * loading, most=20.0)
+    yield Figure("compile three splits, s", compiling, most=15.0)
+    yield from many_files(submission, truth, parser=parser_seconds(content))
+
+
+def many_files(submission: Path, truth: rv.GroundTruth, parser: float) -> Iterator[Figure]:
+    """Yield how fast many files are scored, in this process and in two."""
+    files = [submission.with_name(f"{number}.json") for number in range(FILES)]
+    for file in files:
+        file.symlink_to(submission)
+
+    def score_all(jobs: int) -> tuple[float, float]:
+        start = time.perf_counter()
+        used = cpu_seconds(lambda: evaluate_many(files, split=SPLIT, ground_truth=truth, jobs=jobs))
+        return used, time.perf_counter() - start
+
+    rounds = [(score_all(1), score_all(2)) for _ in range(2)]
+    (one, one_wall), (two, two_wall) = (
+        [min(each) for each in zip(*results, strict=True)] for results in zip(*rounds, strict=True)
+    )
+    yield Figure("1,000 files: files a second and processor", FILES / two, least=40.0)
+    yield Figure("a parser alone reads", 1 / parser)
+    yield Figure("1,000 files: work of two processes / of one", two / one)
+    yield Figure("1,000 files: speed of two processes / of one", one_wall / two_wall, least=1.8)
+
+
+def as_duet(record: dict[str, object]) -> dict[str, object]:
+    """Write a record as DUET does: nested hops, and the object as text."""
+    hops = [[viewpoint] for viewpoint, *_ in record["trajectory"]]
+    return {**as_hamt(record), "trajectory": hops}
+
+
+def as_hamt(record: dict[str, object]) -> dict[str, object]:
+    """Write a record as HAMT does: the object as text."""
+    return {**record, "predObjId": str(record["predObjId"])}
+
+
+def as_navillm(record: dict[str, object]) -> dict[str, object]:
+    """Write a record as NaviLLM does: with fields of its own."""
+    return {**record, "pred_objid": str(record["predObjId"]), "pred_obj_direction": None}
+
+
+FORMS = {"DUET's form": as_duet, "HAMT's form": as_hamt, "NaviLLM's form": as_navillm}
+"""Common forms that take the careful lane."""
+
+
+def compile_all(dataset: Path, into: Path) -> None:
+    """Compile every split with the command line."""
     for split in SPLITS:
         run(REVERIE_EVAL, "compile", dataset, "--split", split, "-o", into)
-    return time.perf_counter() - start
 
 
-def in_process_ratio(submission: Path, bundle: Path) -> float:
-    """Time scoring from bytes against parsing the same bytes and dropping the result."""
-    content = submission.read_bytes()
-    truth = rv.GroundTruth.load(bundle)
-    return ratio_of_medians(
-        lambda: score(content, truth, HEADLINE), lambda: orjson.loads(content), rounds=101
-    )
-
-
-def fidelity_ratio(submission: Path, bundle: Path) -> float:
-    """Time scoring with path fidelity against the score table alone."""
-    content = submission.read_bytes()
-    truth = rv.GroundTruth.load(bundle)
-    return ratio_of_medians(
-        lambda: score(content, truth, (*HEADLINE, "dtw", "ndtw", "sdtw", "cls")),
-        lambda: score(content, truth, HEADLINE),
-        rounds=51,
-    )
-
-
-def score(content: bytes, truth: rv.GroundTruth, keys: Sequence[str]) -> list[float]:
+def score(content: bytes, truth: rv.GroundTruth, keys: Sequence[str] = HEADLINE) -> Sequence[float]:
     """Score a submission and compute these metrics; they are computed on first access."""
-    scores = rv.evaluate(content, split="val_unseen", ground_truth=truth)
+    scores = rv.evaluate(content, split=SPLIT, ground_truth=truth)
     return [scores[key] for key in keys]
 
 
-def command_ratio(submission: Path, bundle: Path) -> float:
-    """Time the whole command against starting Python with two imports."""
-    arguments = (submission, "--split", "val_unseen", "--ground-truth", bundle)
-    return ratio_of_medians(
-        lambda: run(REVERIE_EVAL, *arguments),
-        lambda: run(sys.executable, "-c", "import numpy, pydantic"),
-        rounds=21,
+def repeated(content: bytes, copies: int) -> bytes:
+    """Return a file of many times as many records, each copy with ids of its own."""
+    records = content.strip().removeprefix(b"[").removesuffix(b"]")
+    ids = re.compile(rb'("instr_id": "[^"]+)"')
+    copy = (ids.sub(rb'\1-%d"' % number, records) for number in range(copies))
+    return b"[" + b",".join(copy) + b"]"
+
+
+def repeated_truth(truth: rv.GroundTruth, copies: int) -> rv.GroundTruth:
+    """Return the ground truth of such a file."""
+    whole, answers = truth.episodes, truth.require_answers()
+    ids = tuple(f"{each}-{number}" for number in range(copies) for each in whole.instr_ids)
+    episodes = replace(
+        whole, instr_ids=ids, task=np.tile(whole.task, copies), start=np.tile(whole.start, copies)
     )
+    answers = replace(
+        answers,
+        target_object=np.tile(answers.target_object, copies),
+        goal=np.tile(answers.goal, copies),
+    )
+    return replace(truth, episodes=episodes, answers=answers)
 
 
-def load_seconds(bundle: Path) -> float:
-    """Time loading a bundle."""
-    return statistics.median(seconds(lambda: rv.GroundTruth.load(bundle)) for _ in range(21))
+def episodes(name: str, truth: rv.GroundTruth) -> str:
+    """Name a figure after the number of episodes that it is measured on."""
+    return f"{name}, {len(truth.episodes.instr_ids):,} episodes"
 
 
-def peak_memory_ratio(submission: Path, bundle: Path) -> float:
-    """Return the peak memory of scoring above the imports', bundle included, over the file size."""
-    peaks = [int(run(sys.executable, "-c", PEAK_MEMORY, submission, bundle)) for _ in range(5)]
-    return float(statistics.median(peaks) / submission.stat().st_size)
+def parser_seconds(content: bytes) -> float:
+    """Return the time that a parser takes for a file."""
+    return min(cpu_seconds(lambda: orjson.loads(content)) for _ in range(50))
 
 
-def ratio_of_medians(
+def in_turns(
     first: Callable[[], object], second: Callable[[], object], rounds: int
-) -> float:
-    """Time two actions alternately, after a warm-up round."""
-    pairs = [(seconds(first), seconds(second)) for _ in range(rounds + 1)][1:]
-    return statistics.median(a for a, _ in pairs) / statistics.median(b for _, b in pairs)
+) -> tuple[float, float]:
+    """Return the least time that each of two actions takes, in seconds of the processors."""
+    pairs = [(cpu_seconds(first), cpu_seconds(second)) for _ in range(rounds)]
+    return min(one for one, _ in pairs), min(other for _, other in pairs)
 
 
-def seconds(action: Callable[[], object]) -> float:
-    """Time one call."""
-    start = time.perf_counter()
+def cpu_seconds(action: Callable[[], object]) -> float:
+    """Return the processors' time for one call, in this process and in those that it starts."""
+    start = used_seconds()
     action()
-    return time.perf_counter() - start
+    return used_seconds() - start
+
+
+def used_seconds() -> float:
+    """Return the processors' time that was used so far; of processes that have ended, too."""
+    usages = [getrusage(who) for who in (RUSAGE_SELF, RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+def available_bytes() -> int:
+    """Return the memory that is free."""
+    found = re.search(r"MemAvailable:\s+(\d+)", Path("/proc/meminfo").read_text())
+    return 1024 * int(found[1]) if found else 0
 
 
 def run(command: str, *arguments: str | Path) -> str:

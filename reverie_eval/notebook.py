@@ -6,7 +6,15 @@ here when ``reverie_eval`` is imported. Heavy packages are imported when a metho
 
 from typing import TYPE_CHECKING
 
-from reverie_eval.analysis import Comparison, Episode, Runs, breakdown, episode
+from reverie_eval.analysis import (
+    Comparison,
+    Episode,
+    Gallery,
+    Runs,
+    breakdown,
+    episode,
+    gallery,
+)
 from reverie_eval.scoring import Scores
 
 if TYPE_CHECKING:
@@ -51,6 +59,33 @@ def _comparison_html(comparison: Comparison) -> str:
     return comparison_html(comparison)
 
 
+def _plot_comparison(comparison: Comparison, ax: "Axes | None" = None) -> "Axes":
+    """Draw the differences from the first submission, with their intervals. Needs matplotlib.
+
+    Every metric of the score table that is a fraction has a row.
+
+    Parameters
+    ----------
+    ax : Axes, optional
+        Where to draw; a new figure if not given.
+
+    Raises
+    ------
+    ReverieEvalError
+        If matplotlib is not installed.
+    """
+    from reverie_eval.reporting._figures import plot_comparison
+
+    return plot_comparison(comparison, ax)
+
+
+def _gallery_html(shown: Gallery) -> str:
+    """Show near misses in a notebook, each with its map and answer."""
+    from reverie_eval.reporting._map_svg import gallery_html
+
+    return gallery_html(shown)
+
+
 def _plot_episode(shown: Episode, ax: "Axes | None" = None) -> "Axes":
     """Draw the episode on its scan's navigation graph, seen from above. Needs matplotlib.
 
@@ -80,10 +115,13 @@ def attach_methods() -> None:
     """Attach the methods to their classes."""
     Scores.breakdown = breakdown
     Scores.episode = episode
+    Scores.gallery = gallery
     Scores.plot = property(_plots)
     Scores._repr_html_ = _scores_html
     Runs._repr_html_ = _runs_html
     Comparison.to_report = _comparison_report
+    Comparison.plot = _plot_comparison
     Comparison._repr_html_ = _comparison_html
+    Gallery._repr_html_ = _gallery_html
     Episode.plot = _plot_episode
     Episode._repr_html_ = _episode_html

@@ -1,6 +1,12 @@
 """The analysis of scores, and of how submissions came about."""
 
-from reverie_eval.analysis._breakdown import GROUPINGS, Grouping, breakdown, find_grouping
+from reverie_eval.analysis._breakdown import (
+    GROUPINGS,
+    Grouping,
+    GroupingKey,
+    breakdown,
+    find_grouping,
+)
 from reverie_eval.analysis._comparison import (
     BEST,
     SMALLEST_SHOWN_P,
@@ -23,7 +29,13 @@ from reverie_eval.analysis._evidence import (
     nearest_earlier,
     spread_of_changes,
 )
-from reverie_eval.analysis._near_misses import episodes_won, near_misses, with_different_routes
+from reverie_eval.analysis._near_misses import (
+    Gallery,
+    episodes_won,
+    gallery,
+    near_misses,
+    with_different_routes,
+)
 from reverie_eval.analysis._ranks import Ranks, covariance_of_means, rank_intervals
 from reverie_eval.analysis._runs import Method, RunIntervals, Runs
 
@@ -38,7 +50,9 @@ __all__ = [
     "Comparison",
     "Difference",
     "Episode",
+    "Gallery",
     "Grouping",
+    "GroupingKey",
     "Method",
     "PredictedBox",
     "Ranks",
@@ -53,6 +67,7 @@ __all__ = [
     "episode",
     "episodes_won",
     "find_grouping",
+    "gallery",
     "gap_between",
     "most_similar",
     "near_misses",

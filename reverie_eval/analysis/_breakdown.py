@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -19,13 +19,16 @@ from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import units_of
 from reverie_eval.scoring import FEW_CLUSTERS, Scores, clusters_of
-from reverie_eval.text import category_text, did_you_mean, tokenize
+from reverie_eval.text import did_you_mean, first_few, tokenize
 
 if TYPE_CHECKING:
     import pandas as pd
 
-NO_CATEGORY = "unnamed"
-"""The group of episodes whose target has no category in the annotation."""
+    By: TypeAlias = "GroupingKey | pd.Series[Any]"
+
+GroupingKey = Literal["scan", "length", "words", "category", "level", "visibility", "jumps"]
+"""The keys of ``GROUPINGS``."""
+
 NO_LEVEL = "no level"
 """The group of episodes whose instruction does not give the number of a level."""
 
@@ -96,15 +99,6 @@ def _by_words(scores: Scores) -> Sequence[str]:
     return _WORDS.of(np.array([len(tokenize(instruction)) for instruction in instructions]))
 
 
-def _by_category(scores: Scores) -> Sequence[str]:
-    truth = scores.ground_truth
-    categories = [
-        category_text(name).strip().lower() or NO_CATEGORY
-        for name in truth.require_answers().target_categories
-    ]
-    return [categories[task] for task in truth.episodes.task]
-
-
 def level_in(instruction: str) -> str:
     """Return the level of the building whose number an instruction gives.
 
@@ -143,17 +137,14 @@ GROUPINGS: Mapping[str, Grouping] = MappingProxyType(
     {
         grouping.key: grouping
         for grouping in (
-            Grouping(
-                "scan",
-                "the building",
-                lambda scores: [
-                    scores.ground_truth.graph.scan_of(start)
-                    for start in scores.ground_truth.episodes.start
-                ],
-            ),
+            Grouping("scan", "the building", lambda scores: scores.ground_truth.scans),
             Grouping("length", "the shortest length to the goal", _by_length, _LENGTHS.labels),
             Grouping("words", "the number of words in the instruction", _by_words, _WORDS.labels),
-            Grouping("category", "the annotated category of the target", _by_category),
+            Grouping(
+                "category",
+                "the annotated category of the target",
+                lambda scores: scores.ground_truth.categories,
+            ),
             Grouping(
                 "level",
                 "the level given in the instruction",
@@ -186,15 +177,18 @@ def find_grouping(key: str) -> Grouping:
     return GROUPINGS[key]
 
 
-def breakdown(scores: Scores, by: str, *, intervals: bool = False) -> "pd.DataFrame":
+def breakdown(
+    scores: Scores, by: "By | Sequence[By]", *, intervals: bool = False
+) -> "pd.DataFrame":
     """Score each group of episodes separately.
 
     Parameters
     ----------
     scores : Scores
         The scores to break down.
-    by : str
-        A key of ``GROUPINGS``.
+    by : str, Series, or list of these
+        A key of ``GROUPINGS``, or the group of each episode in a Series indexed by instr_id, such
+        as a column of ``scores.to_pandas()``. Several give the groups that they form together.
     intervals : bool
         Whether to add the ends of 95 % intervals over the targets of each group, in ``spl_low``,
         ``spl_high`` and so on. They are missing if a group has fewer than 5 targets.
@@ -208,29 +202,67 @@ def breakdown(scores: Scores, by: str, *, intervals: bool = False) -> "pd.DataFr
     Raises
     ------
     ProtocolError
-        If there is no such grouping, or it needs something that the track does not score.
+        If there is no such grouping, it needs something that the track does not score, or a Series
+        has no group for some episodes.
     GroundTruthError
         If the ground truth was compiled without instructions or categories that it needs.
     """
     import pandas as pd
 
-    grouping = find_grouping(by)
+    chosen = [by] if isinstance(by, str | pd.Series) else list(by)
+    if not chosen:
+        raise ProtocolError(f"break scores down by something, such as {first_few(GROUPINGS)}")
+    groups = [_groups(scores, each) for each in chosen]
     keys = [metric.key for metric in scores.headline]
-    values = pd.DataFrame({key: scores.episodes[key] for key in keys})
-    groups = np.array(grouping.groups(scores))
-    grouped = values.groupby(groups)
+    index = pd.Index(scores.instr_ids)
+    values = pd.DataFrame({key: scores.episodes[key] for key in keys}, index=index)
+    grouped = values.groupby(groups, observed=True)
     table = grouped.mean()
     if intervals:
-        rows = [np.flatnonzero(groups == group) for group in table.index]
+        number = grouped.ngroup().to_numpy()
+        rows = [np.flatnonzero(number == group) for group in range(len(table))]
         table = table.assign(**_interval_columns(values, rows, scores.ground_truth))
     table.insert(0, "episodes", grouped.size())
-    table = table.rename_axis(index=by)
+    # Categories gave the groups their order; readers get the groups themselves.
+    names = [column.name for column in groups]
+    found = table.index.tolist()
+    table.index = (
+        pd.Index(found, name=names[0])
+        if len(names) == 1
+        else pd.MultiIndex.from_tuples(found, names=names)
+    )
     ends = ("", "_low", "_high") if intervals else ("",)
     units = {f"{key}{end}": unit for key, unit in units_of(keys).items() for end in ends}
     table.attrs["units"] = {"episodes": "count", **units}
-    if grouping.order:
-        return table.reindex([group for group in grouping.order if group in table.index])
-    return table.sort_values("episodes", ascending=False, kind="stable")
+    return table
+
+
+def _groups(scores: Scores, by: "By") -> "pd.Series[Any]":
+    """Return the group of each episode, as categories in the order of the rows."""
+    import pandas as pd
+
+    index = pd.Index(scores.instr_ids)
+    if isinstance(by, pd.Series):
+        known = by.dropna()
+        wrong = [*known.index[known.index.duplicated()], *index.difference(known.index)]
+        if wrong:
+            raise ProtocolError(
+                f"the Series does not have one group for each episode, such as {first_few(wrong)}; "
+                "index it by instr_id, as scores.to_pandas() is"
+            )
+        groups = pd.Series(known.reindex(index), name=by.name or "group")
+        return groups.astype("category")
+    grouping = find_grouping(by)
+    groups = pd.Series(grouping.groups(scores), index=index, name=by)
+    # The largest group first; equally large ones by name.
+    order = (
+        grouping.order
+        or groups.value_counts()
+        .sort_index()
+        .sort_values(ascending=False, kind="stable")
+        .index.tolist()
+    )
+    return groups.astype(pd.CategoricalDtype(list(order)))
 
 
 def _interval_columns(

@@ -99,6 +99,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     """The smallest p-value that any difference could have, after Holm's correction."""
 
     # Set by reverie_eval.notebook, because they need a package above this one.
+    plot: ClassVar[Any]
     to_report: ClassVar[Any]
     _repr_html_: ClassVar[Any]
 
@@ -106,7 +107,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     def of(
         cls,
         scores: Mapping[str, Method],
-        by: Clustering = "target",
+        cluster: Clustering = "target",
         *,
         seed: int = 0,
         baseline: str | None = None,
@@ -117,7 +118,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         ----------
         scores : mapping of Scores or Runs
             Two or more, by name, of the same episodes under the same protocol.
-        by : "target" or "scan"
+        cluster : "target" or "scan"
             What dependent episodes have in common.
         seed : int
             Seed of the resamples and swaps.
@@ -147,19 +148,19 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         # To have compared all pairs for the best one is no less than to test them all.
         pairs = comb(len(scores), 2) if baseline == BEST else None
         if any(isinstance(each, Runs) for each in scores.values()):
-            run_intervals, differences = _differences_of_runs(scores, changes, by, pairs)
+            run_intervals, differences = _differences_of_runs(scores, changes, cluster, pairs)
             return cls(scores, run_intervals, differences, pairs, 0, 0.0)
-        cluster = clusters_of(first.ground_truth, by)
-        intervals = Intervals.of_several(changes, cluster, by, seed=seed)
+        row_cluster = clusters_of(first.ground_truth, cluster)
+        intervals = Intervals.of_several(changes, row_cluster, cluster, seed=seed)
         n_comparisons = pairs or len(others)
         swaps = swaps_for(n_comparisons)
         return cls(
             scores,
             intervals,
-            _differences(changes, intervals, cluster, pairs=pairs, swaps=swaps, seed=seed),
+            _differences(changes, intervals, row_cluster, pairs=pairs, swaps=swaps, seed=seed),
             pairs,
             swaps,
-            smallest_p(n_comparisons, len(np.unique(cluster))),
+            smallest_p(n_comparisons, len(np.unique(row_cluster))),
         )
 
     def __getitem__(self, name: str) -> Mapping[str, Difference]:
@@ -302,7 +303,7 @@ def compare(
     track: Track = "full",
     subset: Iterable[str] | None = None,
     names: Sequence[str] | None = None,
-    by: Clustering = "target",
+    cluster: Clustering = "target",
     seed: int = 0,
     baseline: str | None = None,
 ) -> Comparison:
@@ -316,7 +317,7 @@ def compare(
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
         Names of the submissions; by default those of their files.
-    by, seed, baseline
+    cluster, seed, baseline
         As for :meth:`Comparison.of`.
 
     Raises
@@ -350,7 +351,7 @@ def compare(
     scores = {
         name: each if isinstance(each, Runs) else scored[name] for name, each in named.items()
     }
-    return Comparison.of(scores, by, seed=seed, baseline=baseline)
+    return Comparison.of(scores, cluster, seed=seed, baseline=baseline)
 
 
 def score_all(
@@ -441,7 +442,7 @@ def _changes(difference: Difference) -> bool:
 def _differences_of_runs(
     scores: Mapping[str, Method],
     changes: Mapping[str, Mapping[str, Array]],
-    by: Clustering,
+    cluster: Clustering,
     pairs: int | None,
 ) -> tuple[Mapping[str, RunIntervals], Mapping[str, Mapping[str, Difference]]]:
     """Test the differences of methods of several runs from the first of them."""
@@ -452,8 +453,8 @@ def _differences_of_runs(
     p_values: dict[str, dict[str, float]] = {}
     for name, change in changes.items():
         keys, runs = list(change), runs_of(scores[name])
-        means = crossed_means(runs, keys, by).minus(crossed_means(first, keys, by))
-        intervals[name] = RunIntervals.of(means, keys, by, [len(runs), len(first)])
+        means = crossed_means(runs, keys, cluster).minus(crossed_means(first, keys, cluster))
+        intervals[name] = RunIntervals.of(means, keys, cluster, [len(runs), len(first)])
         for key, p_value in zip(keys, means.p_value.tolist(), strict=True):
             p_values.setdefault(key, {})[name] = p_value
     corrected = {

@@ -171,9 +171,7 @@ def episode(scores: Scores, instr_id: str) -> Episode:
     ReverieEvalError
         If the split has no such episode, or the scores have no trajectories.
     """
-    truth, submission = scores.ground_truth, scores.submission
-    if submission is None:
-        raise ReverieEvalError("these scores have no trajectories; evaluate the file")
+    truth, submission = scores.ground_truth, scores.require_submission()
     row = truth.episodes.index.get(instr_id)
     if row is None:
         raise ReverieEvalError(_unknown_episode(instr_id, truth))

@@ -1,9 +1,12 @@
 """Near misses, and episodes that only one of two submissions got right."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
+from reverie_eval.analysis._episode import Episode, episode
 from reverie_eval.arrays import Array
 from reverie_eval.metrics import primary_metric
 from reverie_eval.scoring import OUTCOMES, Scores
@@ -33,6 +36,48 @@ def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
         ordered = [scores.instr_ids[row] for row in rows[order].tolist()]
         chosen[failure] = with_different_routes(scores, ordered)
     return chosen
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Gallery(Mapping[str, Sequence[Episode]]):
+    """A few failed episodes by outcome; a notebook shows each with its map and answer."""
+
+    episodes: Mapping[str, Sequence[Episode]]
+
+    # Set by reverie_eval.notebook, because it needs a package above this one.
+    _repr_html_: ClassVar[Any]
+
+    def __getitem__(self, outcome: str) -> Sequence[Episode]:
+        return self.episodes[outcome]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.episodes)
+
+    def __len__(self) -> int:
+        return len(self.episodes)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{len(shown)} {outcome}" for outcome, shown in self.items())
+        return f"<Gallery of near misses: {counts}>"
+
+
+def gallery(scores: Scores) -> Gallery:
+    """Return the failed episodes of each outcome that were closest to being correct.
+
+    Raises
+    ------
+    ProtocolError
+        If the protocol or track defines no outcomes.
+    ReverieEvalError
+        If the scores have no trajectories.
+    """
+    return Gallery(
+        {
+            outcome: [episode(scores, instr_id) for instr_id in instr_ids]
+            for outcome, instr_ids in near_misses(scores).items()
+            if instr_ids
+        }
+    )
 
 
 def episodes_won(first: Scores, other: Scores) -> Sequence[str]:

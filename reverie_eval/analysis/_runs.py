@@ -45,7 +45,7 @@ class RunIntervals(ClusterIntervals):
         cls,
         means: "CrossedMeans",
         keys: Iterable[str],
-        by: Clustering,
+        cluster: Clustering,
         n_runs: Sequence[int],
     ) -> Self:
         """Compute the intervals of means or differences, whose columns are metrics."""
@@ -55,7 +55,7 @@ class RunIntervals(ClusterIntervals):
         low, high = means.interval(CONFIDENCE).tolist()
         ends = dict(zip(named, map(Interval, low, high), strict=True))
         shares = dict(zip(named, means.run_share.tolist(), strict=True))
-        return cls(by, len(means.deviation), CONFIDENCE, ends, n_runs, shares)
+        return cls(cluster, len(means.deviation), CONFIDENCE, ends, n_runs, shares)
 
     @property
     def method(self) -> str:
@@ -83,14 +83,14 @@ class Runs(Mapping[str, float]):
     _repr_html_: ClassVar[Any]
 
     @classmethod
-    def of(cls, runs: Mapping[str, Scores], by: Clustering = "target") -> Self:
+    def of(cls, runs: Mapping[str, Scores], cluster: Clustering = "target") -> Self:
         """Summarise existing scores.
 
         Parameters
         ----------
         runs : mapping of Scores
             Two or more, by name, of the same episodes under the same protocol.
-        by : "target" or "scan"
+        cluster : "target" or "scan"
             What dependent episodes have in common.
 
         Raises
@@ -108,12 +108,12 @@ class Runs(Mapping[str, float]):
         if len({each.signature for each in runs.values()}) > 1:
             listed = sorted({each.signature for each in runs.values()})
             raise ProtocolError(f"these runs are not comparable: {', '.join(listed)}")
-        reason = Intervals.why_not(first.ground_truth, by)
+        reason = Intervals.why_not(first.ground_truth, cluster)
         if reason:
             raise ProtocolError(reason)
         keys = common_keys(runs.values())
-        means = crossed_means(list(runs.values()), keys, by)
-        return cls(runs, RunIntervals.of(means, keys, by, [len(runs)]))
+        means = crossed_means(list(runs.values()), keys, cluster)
+        return cls(runs, RunIntervals.of(means, keys, cluster, [len(runs)]))
 
     def __getitem__(self, key: str) -> float:
         return float(self.episodes[key].mean())
@@ -188,7 +188,7 @@ class Runs(Mapping[str, float]):
         return RunsReport(
             signature=self.signature,
             scores=dict(self),
-            by=self.intervals.by,
+            by=self.intervals.cluster,
             clusters=self.intervals.n_clusters,
             confidence=self.intervals.confidence,
             intervals={key: (each.low, each.high) for key, each in self.intervals.items()},
@@ -217,7 +217,9 @@ def common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
     return [key for key in first if all(key in each for each in others)]
 
 
-def crossed_means(runs: Sequence[Scores], keys: Sequence[str], by: Clustering) -> "CrossedMeans":
+def crossed_means(
+    runs: Sequence[Scores], keys: Sequence[str], cluster: Clustering
+) -> "CrossedMeans":
     """Return the means of metrics over runs and episodes, with the parts of their variance."""
     # Importing scipy would double the start-up time of commands that show no intervals.
     from reverie_eval.metrics.runs import CrossedMeans
@@ -225,4 +227,4 @@ def crossed_means(runs: Sequence[Scores], keys: Sequence[str], by: Clustering) -
     values: FloatArray = np.stack(
         [np.column_stack([each.episodes[key] for key in keys]) for each in runs]
     )
-    return CrossedMeans.of(values, clusters_of(runs[0].ground_truth, by))
+    return CrossedMeans.of(values, clusters_of(runs[0].ground_truth, cluster))

@@ -17,7 +17,7 @@ from reverie_eval.ground_truth._answers import Answers
 from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name, unpack_texts
 from reverie_eval.ground_truth._graph import NavigationGraph
 from reverie_eval.ground_truth._subset import subset_digest, subset_rows
-from reverie_eval.text import count_text, did_you_mean
+from reverie_eval.text import category_text, count_text, did_you_mean
 
 GROUND_TRUTH_VARIABLE = "REVERIE_EVAL_GROUND_TRUTH"
 """The environment variable that names a bundle, or a folder of bundles."""
@@ -26,6 +26,9 @@ DEMO_DATASET = "demo"
 """Name of the synthetic dataset that ships with the package."""
 DEMO_BUNDLES = Path(__file__).with_name("demo")
 """The bundles of that dataset."""
+
+NO_CATEGORY = "unnamed"
+"""What stands for the category of a target that has none in the annotation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +176,24 @@ class GroundTruth:
         if self.is_demo:
             return "the synthetic demo world that ships with reverie-eval, not REVERIE"
         return f"{origin} ({self.header.dataset})"
+
+    @property
+    def scans(self) -> Sequence[str]:
+        """The scan of each episode."""
+        return [self.graph.scan_of(start) for start in self.episodes.start]
+
+    @property
+    def categories(self) -> Sequence[str]:
+        """The annotated category of each episode's target, in lower case.
+
+        Raises
+        ------
+        GroundTruthError
+            If the bundle has no categories, or is public.
+        """
+        annotated = self.require_answers().target_categories
+        names = [category_text(name).strip().lower() or NO_CATEGORY for name in annotated]
+        return [names[task] for task in self.episodes.task]
 
     def require_answers(self) -> Answers:
         """Return the answers.

@@ -5,13 +5,18 @@ from typing import TYPE_CHECKING, Any
 from reverie_eval.reporting._results import results_table
 
 if TYPE_CHECKING:
+    from reverie_eval.reporting._figures import plot_curve
     from reverie_eval.reporting._report import report_html
 
-__all__ = ["report_html", "results_table"]
+__all__ = ["plot_curve", "report_html", "results_table"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the report when it is first used: scoring a file does without its imports."""
+    """Import figures and the report when they are used: scoring a file does without them."""
+    if name == "plot_curve":
+        from reverie_eval.reporting._figures import plot_curve
+
+        return plot_curve
     if name == "report_html":
         from reverie_eval.reporting._report import report_html
 

@@ -184,7 +184,7 @@ def methods(comparison: Comparison) -> Sequence[str]:
         fixed = f"; of {', '.join(lone)}, only one run is known and taken as it is" if lone else ""
         captions = dict.fromkeys(each.caption for each in comparison.intervals.values())
         return [*captions, f"p: Student's t test with the same variances{corrected}{fixed}"]
-    swaps = f"{comparison.swaps:,} random swaps of whole {resampled.by}s"
+    swaps = f"{comparison.swaps:,} random swaps of whole {resampled.cluster}s"
     test = f"p: paired randomisation test by {swaps}, seed {resampled.seed}"
     return [
         resampled.caption,
@@ -249,7 +249,7 @@ def _smallest_p(comparison: Comparison) -> str:
     if comparison.smallest_p < SMALLEST_SHOWN_P:
         return ""
     resampled = next(iter(comparison.intervals.values()))
-    clusters = count_text(resampled.n_clusters, resampled.by)
+    clusters = count_text(resampled.n_clusters, resampled.cluster)
     n_comparisons = comparison.pairs or len(comparison)
     among = f" and {n_comparisons:,} comparisons" if n_comparisons > 1 else ""
     return f"; with {clusters}{among}, p is at least about {comparison.smallest_p:.2g}"

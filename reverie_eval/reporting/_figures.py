@@ -3,29 +3,37 @@
 Every figure is drawn on the Axes that are given, or on new ones, and returns them.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from reverie_eval.analysis import Episode
-from reverie_eval.metrics import CATALOGUE, primary_metric
+from reverie_eval.analysis import Comparison, Episode, GroupingKey, Method
+from reverie_eval.errors import ProtocolError
+from reverie_eval.metrics import CATALOGUE, primary_metric, table_metrics
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._figure_style import (
     BLUE,
+    GREEN,
     GREY,
     INK,
     ORANGE,
+    VERMILION,
     set_heading,
     styled_axes,
     use_round_ticks,
 )
 from reverie_eval.scoring import Scores
+from reverie_eval.text import first_few
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SHOWN_GROUPS = 15
+_COLOURS = (ORANGE, BLUE, GREEN, VERMILION, "#CC79A7", "#56B4E9")
 
 
 @dataclass(frozen=True)
@@ -70,7 +78,7 @@ class Plots:
             set_heading(axes, f"progress funnel on {self.scores.split}")
         return axes
 
-    def breakdown(self, by: str, ax: "Axes | None" = None) -> "Axes":
+    def breakdown(self, by: GroupingKey, ax: "Axes | None" = None) -> "Axes":
         """Draw success and the primary metric for groups of episodes, the largest groups first.
 
         The primary metric is RGSPL; RGS or SPL where that is not scored. Its 95 % interval is
@@ -134,6 +142,98 @@ class Plots:
         if metric == "path_length":
             return _plot_walks(Walks.of(self.scores), ax)
         return _plot_histogram(Histogram.of({"": self.scores}, metric), ax)
+
+
+def plot_curve(
+    scores: Mapping[float, Method],
+    metrics: Sequence[str] | None = None,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Draw scores over the steps of a training, with their intervals if they have any.
+
+    Parameters
+    ----------
+    scores : mapping of Scores or Runs
+        By the number of the epoch, iteration or checkpoint, in any order.
+    metrics : sequence of str, optional
+        Metrics that are fractions; success and the primary metric if not given.
+    ax : Axes, optional
+        Where to draw; a new figure if not given.
+
+    Raises
+    ------
+    ProtocolError
+        If there are no scores, they are not comparable, a step is not a number, or a metric is not
+        a fraction.
+    KeyError
+        If a metric is not scored.
+    ReverieEvalError
+        If matplotlib is not installed.
+    """
+    steps = _sorted_steps(scores)
+    first = scores[steps[0]]
+    keys = [key for key in ("success", primary_metric(first).key) if key in first]
+    means = {key: [100 * scores[step][key] for step in steps] for key in metrics or keys}
+    lengths = [key for key in means if CATALOGUE[key].unit != "fraction"]
+    if lengths:
+        raise ProtocolError(f"{first_few(lengths)} is not a fraction; draw each in its own figure")
+    with styled_axes(ax) as axes:
+        for (key, values), colour in zip(means.items(), cycle(_COLOURS), strict=False):
+            axes.plot(steps, values, marker="o", color=colour, label=CATALOGUE[key].label)
+            intervals = [scores[step].intervals for step in steps]
+            ends = [100 * np.array([each[key].low, each[key].high]) for each in intervals if each]
+            if len(ends) == len(steps):
+                label = f"{intervals[0].label} interval" if intervals[0] else ""
+                axes.fill_between(steps, *np.transpose(ends), color=colour, alpha=0.2, label=label)
+        if all(float(step).is_integer() for step in steps):
+            use_round_ticks(axes)
+        axes.set_xlabel("step")
+        axes.set_ylabel("%")
+        _explain_beside(axes)
+        set_heading(axes, f"{len(steps)} checkpoints on {first.split}")
+    return axes
+
+
+def _sorted_steps(scores: Mapping[float, Method]) -> Sequence[float]:
+    """Return the steps of comparable scores, ascending."""
+    if not scores:
+        raise ProtocolError("there are no scores to draw")
+    for step in scores:
+        if not isinstance(step, Real):
+            raise ProtocolError(f"steps are numbers, such as epochs; got {step!r}")
+    signatures = {each.signature for each in scores.values()}
+    if len(signatures) > 1:
+        raise ProtocolError(f"these scores are not comparable: {', '.join(sorted(signatures))}")
+    return sorted(scores)
+
+
+def plot_comparison(comparison: Comparison, ax: "Axes | None" = None) -> "Axes":
+    """Draw the differences from the first submission; see :meth:`Comparison.plot`."""
+    metrics = [
+        metric
+        for metric in table_metrics(comparison.scores[comparison.first].keys())
+        if metric.unit == "fraction" and any(metric.key in each for each in comparison.values())
+    ]
+    height = 0.8 / len(comparison)
+    with styled_axes(ax) as axes:
+        for number, (name, colour) in enumerate(zip(comparison, cycle(_COLOURS), strict=False)):
+            shown = [metric for metric in metrics if metric.key in comparison[name]]
+            found = [comparison[name][metric.key] for metric in shown]
+            rows = np.array([metrics.index(metric) for metric in shown])
+            y = rows + height * (number - (len(comparison) - 1) / 2)
+            low = [100 * each.interval.low for each in found]
+            high = [100 * each.interval.high for each in found]
+            axes.hlines(y, low, high, color=colour, linewidth=2)
+            axes.plot([100 * each.mean for each in found], y, "o", color=colour, label=name)
+        axes.axvline(0, color=INK, linestyle="--", linewidth=1.2)
+        axes.set_yticks(range(len(metrics)), [metric.label for metric in metrics])
+        axes.invert_yaxis()
+        axes.tick_params(axis="y", length=0)
+        label = comparison.intervals[next(iter(comparison))].label
+        axes.set_xlabel(f"difference in percentage points, with {label} interval")
+        _explain_beside(axes)
+        set_heading(axes, f"compared with {comparison.first}")
+    return axes
 
 
 def plot_episode(episode: Episode, ax: "Axes | None" = None) -> "Axes":

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reverie_eval.analysis import Episode
+from reverie_eval.analysis import Episode, Gallery
 from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.reporting._answer_svg import answer_picture
 from reverie_eval.reporting._answer_views import answer_views
@@ -99,6 +99,17 @@ def episode_html(episode: Episode) -> str:
         f"{map_picture(episode_map)}<figcaption>"
         f"<code>{escape(episode.instr_id)}</code> {instruction}<br>"
         f"{escape(caption)}</figcaption>{map_key(episode_map)}{answers}</figure>"
+    )
+
+
+def gallery_html(gallery: Gallery) -> str:
+    """Show near misses in a notebook, side by side for each outcome."""
+    return "".join(
+        f"<h4>{escape(outcome.capitalize())}</h4>"
+        '<div style="display: grid; gap: 1.5rem; '
+        'grid-template-columns: repeat(auto-fill, minmax(18rem, 1fr))">'
+        f"{''.join(map(episode_html, episodes))}</div>"
+        for outcome, episodes in gallery.items()
     )
 
 

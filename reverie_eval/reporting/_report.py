@@ -63,14 +63,14 @@ class Change:
     cards: Sequence[Card]
 
 
-def report_html(scores: Mapping[str, Scores], by: Clustering = "target") -> str:
+def report_html(scores: Mapping[str, Scores], cluster: Clustering = "target") -> str:
     """Write a report on a submission, compared with a second one if it is given.
 
     Parameters
     ----------
     scores : mapping of Scores
         One or two by name; the report is about the first. With intervals, the report shows them.
-    by : "target" or "scan"
+    cluster : "target" or "scan"
         What episodes share that are not independent, for the comparison. If all episodes share
         one, the report says that they are not compared.
 
@@ -97,10 +97,10 @@ def report_html(scores: Mapping[str, Scores], by: Clustering = "target") -> str:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    return environment.get_template(_TEMPLATE).render(_context(scores, by))
+    return environment.get_template(_TEMPLATE).render(_context(scores, cluster))
 
 
-def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
+def _context(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any]:
     (name, first), *_ = scores.items()
     breakdowns, notes = sections.breakdowns(scores)
     return {
@@ -110,7 +110,7 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "scores": scores,
         "first": first,
         "score_rows": sections.score_rows(scores),
-        "why_not": Intervals.why_not(first.ground_truth, by),
+        "why_not": Intervals.why_not(first.ground_truth, cluster),
         "main_finding": sections.main_finding(first),
         "has_walks": sections.has_walks(scores),
         "has_outcomes": sections.has_outcomes(scores),
@@ -124,7 +124,11 @@ def _context(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
         "primary": sections.shared_primary(scores),
         "charts": list(sections.charts(scores)),
         **(_outcomes(scores) if sections.has_outcomes(scores) else {}),
-        **(_comparison(scores, by) if len(scores) > 1 else {"other_name": None, "sentences": []}),
+        **(
+            _comparison(scores, cluster)
+            if len(scores) > 1
+            else {"other_name": None, "sentences": []}
+        ),
     }
 
 
@@ -145,12 +149,12 @@ def _outcomes(scores: Mapping[str, Scores]) -> dict[str, Any]:
     }
 
 
-def _comparison(scores: Mapping[str, Scores], by: Clustering) -> dict[str, Any]:
+def _comparison(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any]:
     """Say how the second submission differs from the first, and on which episodes."""
     check_comparable(scores)
     (name, first), (other_name, other) = scores.items()
-    why_not = Intervals.why_not(first.ground_truth, by)
-    comparison = None if why_not else Comparison.of(scores, by)
+    why_not = Intervals.why_not(first.ground_truth, cluster)
+    comparison = None if why_not else Comparison.of(scores, cluster)
     changes = [
         _change(other_name, scores, episodes_won(first, other)),
         _change(name, scores, episodes_won(other, first)),

@@ -160,15 +160,14 @@ def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
 
 
 def write_episodes(scores: Scores, file: TextIO) -> None:
-    """Write the episode table as CSV: a row per episode, a column per metric, unrounded.
+    """Write a row per episode as CSV: every metric, unrounded, outcome, scan and instruction.
 
-    If answers are boxes, a last column gives the outcome of each.
+    Columns are those of ``scores.to_pandas()``.
     """
     import csv
 
     columns = {key: column.tolist() for key, column in scores.episodes.items()}
-    if scores.boxes is not None:
-        columns["box_outcome"] = scores.box_outcomes
+    columns |= scores.texts
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["instr_id", *columns])
     writer.writerows(zip(scores.instr_ids, *columns.values(), strict=True))

@@ -3,7 +3,6 @@
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
 from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of, scored_metrics
 from reverie_eval.scoring._evaluation import (
-    Evaluator,
     PreparedSubmission,
     diagnose,
     evaluate,
@@ -11,6 +10,7 @@ from reverie_eval.scoring._evaluation import (
     validate,
     why_not,
 )
+from reverie_eval.scoring._evaluator import Evaluator
 from reverie_eval.scoring._intervals import (
     FEW_CLUSTERS,
     Clustering,
@@ -36,7 +36,8 @@ from reverie_eval.scoring._protocol import (
     Protocol,
     find_protocol,
 )
-from reverie_eval.scoring._scores import Scores, Validation, signature_of
+from reverie_eval.scoring._scores import Scores, signature_of
+from reverie_eval.scoring._validation import Validation
 
 __all__ = [
     "ALIASES",

@@ -40,6 +40,11 @@ def qualifier_of(track: Track) -> str:
     return "" if track == "full" else f"track:{track}"
 
 
+def track_of(qualifier: str) -> Track:
+    """Return the track that such a part of a signature names."""
+    return "grounding" if qualifier == qualifier_of("grounding") else "full"
+
+
 class EpisodeTable(Mapping[str, Array]):
     """One value per episode for every scored metric, as read-only columns of floats.
 

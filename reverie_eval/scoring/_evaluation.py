@@ -9,11 +9,12 @@ from typing import Self, get_args
 from reverie_eval import metrics
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.scoring._episode_table import EpisodeTable, Track, qualifier_of
+from reverie_eval.scoring._episode_table import Track, qualifier_of
 from reverie_eval.scoring._literal_reading import check_first_of_hop, literal_reading_notes
 from reverie_eval.scoring._lookups import Lookups, find_jumps
 from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, find_protocol
-from reverie_eval.scoring._scores import Scores, Validation, signature_of
+from reverie_eval.scoring._scores import Scores
+from reverie_eval.scoring._validation import Validation
 from reverie_eval.submissions import (
     AlignedSubmission,
     Predictions,
@@ -84,7 +85,7 @@ def evaluate(
     """
     # First what is quick to check: a misspelt protocol should not wait for files to be read.
     rules = find_protocol(protocol)
-    truth = _find_answers(ground_truth, split, subset)
+    truth = find_answers(ground_truth, split, subset)
     return _prepare(submission, truth, track).score(rules)
 
 
@@ -99,7 +100,7 @@ def evaluate_protocols(
 
     Parameters and errors are those of :func:`evaluate`.
     """
-    truth = _find_answers(ground_truth, split)
+    truth = find_answers(ground_truth, split)
     prepared = _prepare(submission, truth, track)
     reasons = {name: why_not(rules, truth, track) for name, rules in PROTOCOLS.items()}
     # A missing row would look like an omission of ours, so every table says why.
@@ -126,7 +127,7 @@ def diagnose(
     """
     check_first_of_hop(protocol)
     rules = find_protocol(protocol)
-    truth = _find_answers(ground_truth, split)
+    truth = find_answers(ground_truth, split)
     predictions = read_predictions(submission)
     whole = PreparedSubmission.of(predictions, truth)
     return replace(whole, predictions=None).score(rules), whole.truncated().score(rules)
@@ -146,66 +147,6 @@ def validate(
     """
     truth = _choose(find_ground_truth(ground_truth, split), subset)
     return _prepare(submission, truth, track).validation()
-
-
-class Evaluator:
-    """Scores many submissions, as in a training loop: ``evaluator(predictions)["rgspl"]``.
-
-    The ground truth is read once, so each call takes milliseconds.
-
-    Parameters
-    ----------
-    split, ground_truth, protocol, track, subset
-        As for :func:`reverie_eval.evaluate`.
-
-    Raises
-    ------
-    GroundTruthError
-        If there is no valid ground truth with answers for the split, protocol and track.
-    ProtocolError
-        If there is no such protocol or track.
-    SubsetError
-        If episodes of the subset are unknown or listed twice; lists every problem.
-
-    Examples
-    --------
-    >>> evaluator = Evaluator(split="val_unseen")
-    >>> evaluator("fixtures/submissions/good.json")["success"] > 0.8
-    True
-    """
-
-    def __init__(
-        self,
-        *,
-        split: str,
-        ground_truth: str | PathLike[str] | GroundTruth | None = None,
-        protocol: str = DEFAULT_PROTOCOL,
-        track: Track = "full",
-        subset: Iterable[str] | None = None,
-    ) -> None:
-        # Unusable settings must raise here, and not after the first epoch of training.
-        rules = find_protocol(protocol)
-        self.protocol = rules.name
-        self.track = check_track(track)
-        self.ground_truth = _find_answers(ground_truth, split, subset)
-        reason = why_not(rules, self.ground_truth, track)
-        if reason:
-            raise GroundTruthError(reason)
-
-    def __call__(self, predictions: Submission) -> Scores:
-        """Score a submission; argument and errors are those of :func:`reverie_eval.evaluate`."""
-        truth = self.ground_truth
-        return evaluate(
-            predictions,
-            split=truth.split,
-            ground_truth=truth,
-            protocol=self.protocol,
-            track=self.track,
-        )
-
-    def __repr__(self) -> str:
-        rules, qualifier = find_protocol(self.protocol), qualifier_of(self.track)
-        return f"<Evaluator {signature_of(self.ground_truth, rules, qualifier)}>"
 
 
 @dataclass(frozen=True)
@@ -285,16 +226,8 @@ class PreparedSubmission:
         reason = why_not(rules, self.ground_truth, self.track)
         if reason:
             raise GroundTruthError(reason)
-        table = EpisodeTable(self._lookups, rules, self.track)
-        return Scores(
-            ground_truth=self.ground_truth,
-            protocol=rules,
-            episodes=table,
-            hints=[*self.hints, *self.answer_hints, *self._literal_reading_notes(rules)],
-            qualifier=self.qualifier,
-            boxes=self._lookups.boxes if "iou" in table else None,
-            submission=self.submission,
-        )
+        hints = [*self.hints, *self.answer_hints, *self._literal_reading_notes(rules)]
+        return Scores.of(self._lookups, rules, self.track, hints=hints, qualifier=self.qualifier)
 
     def _literal_reading_notes(self, rules: Protocol) -> Iterator[str]:
         if self.predictions is not None and self.track == "full":
@@ -335,7 +268,7 @@ def why_not(rules: Protocol, truth: GroundTruth, track: Track) -> str | None:
     return None
 
 
-def _find_answers(
+def find_answers(
     ground_truth: str | PathLike[str] | GroundTruth | None,
     split: str,
     subset: Iterable[str] | None = None,

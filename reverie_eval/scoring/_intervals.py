@@ -36,7 +36,7 @@ class Interval:
 class ClusterIntervals(Mapping[str, Interval]):
     """The interval of every metric by its key, over clusters of episodes."""
 
-    by: Clustering
+    cluster: Clustering
     n_clusters: int
     confidence: float
     _by_key: Mapping[str, Interval] = field(repr=False)
@@ -78,7 +78,7 @@ class ClusterIntervals(Mapping[str, Interval]):
     @property
     def clusters_text(self) -> str:
         """The number of clusters with their kind: ``513 targets``."""
-        return count_text(self.n_clusters, self.by)
+        return count_text(self.n_clusters, self.cluster)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class Intervals(ClusterIntervals):
         cls,
         episodes: Mapping[str, Array],
         cluster: IntArray,
-        by: Clustering,
+        clustering: Clustering,
         *,
         confidence: float | None = None,
         resamples: int | None = None,
@@ -107,7 +107,7 @@ class Intervals(ClusterIntervals):
             An episode table.
         cluster : array of int, shape (n_episodes,)
             As :func:`clusters_of` returns it.
-        by : "target" or "scan"
+        clustering : "target" or "scan"
             What the episodes of a cluster have in common.
         confidence, resamples, seed : optional
             Settings of the bootstrap; by default those of :mod:`reverie_eval.metrics.uncertainty`.
@@ -118,16 +118,21 @@ class Intervals(ClusterIntervals):
             If all episodes are in one cluster, or confidence, resamples or seed are out of range.
         """
         several = cls.of_several(
-            {by: episodes}, cluster, by, confidence=confidence, resamples=resamples, seed=seed
+            {clustering: episodes},
+            cluster,
+            clustering,
+            confidence=confidence,
+            resamples=resamples,
+            seed=seed,
         )
-        return several[by]
+        return several[clustering]
 
     @classmethod
     def of_several(
         cls,
         tables: Mapping[str, Mapping[str, Array]],
         cluster: IntArray,
-        by: Clustering,
+        clustering: Clustering,
         *,
         confidence: float | None = None,
         resamples: int | None = None,
@@ -143,7 +148,7 @@ class Intervals(ClusterIntervals):
 
         n_clusters = len(np.unique(cluster))
         if n_clusters < _MIN_CLUSTERS:
-            raise ProtocolError(_one_cluster(by))
+            raise ProtocolError(_one_cluster(clustering))
         # The defaults cannot be in the signature: their module imports scipy.
         confidence = uncertainty.CONFIDENCE if confidence is None else confidence
         resamples = uncertainty.RESAMPLES if resamples is None else resamples
@@ -164,14 +169,14 @@ class Intervals(ClusterIntervals):
             ends = map(Interval, low, high)
             for name in names:
                 by_key = {key: next(ends) for key in tables[name]}
-                found[name] = cls(by, n_clusters, confidence, by_key, resamples, seed)
+                found[name] = cls(clustering, n_clusters, confidence, by_key, resamples, seed)
         return found
 
     @staticmethod
-    def why_not(truth: GroundTruth, by: Clustering) -> str | None:
+    def why_not(truth: GroundTruth, cluster: Clustering) -> str | None:
         """Return why intervals cannot be computed; None if they can."""
-        n_clusters = len(np.unique(clusters_of(truth, by)))
-        return _one_cluster(by) if n_clusters < _MIN_CLUSTERS else None
+        n_clusters = len(np.unique(clusters_of(truth, cluster)))
+        return _one_cluster(cluster) if n_clusters < _MIN_CLUSTERS else None
 
     @property
     def method(self) -> str:
@@ -182,7 +187,7 @@ class Intervals(ClusterIntervals):
         )
 
 
-def clusters_of(truth: GroundTruth, by: Clustering) -> IntArray:
+def clusters_of(truth: GroundTruth, cluster: Clustering) -> IntArray:
     """Return the cluster of each episode.
 
     By target, all instructions of a task are in one cluster, and so are tasks that lead to the
@@ -198,12 +203,12 @@ def clusters_of(truth: GroundTruth, by: Clustering) -> IntArray:
     ProtocolError
         If there is no such clustering.
     """
-    if by not in get_args(Clustering):
-        known = did_you_mean(by, get_args(Clustering))
-        raise ProtocolError(f"cannot cluster episodes by {by!r}{known}")
+    if cluster not in get_args(Clustering):
+        known = did_you_mean(cluster, get_args(Clustering))
+        raise ProtocolError(f"cannot cluster episodes by {cluster!r}{known}")
     scan = truth.graph.viewpoint_scan[truth.episodes.start]
-    return scan if by == "scan" else with_object(scan, truth.require_answers().target_object)
+    return scan if cluster == "scan" else with_object(scan, truth.require_answers().target_object)
 
 
-def _one_cluster(by: Clustering) -> str:
-    return f"all episodes share one {by}, so there is nothing to resample"
+def _one_cluster(cluster: Clustering) -> str:
+    return f"all episodes share one {cluster}, so there is nothing to resample"

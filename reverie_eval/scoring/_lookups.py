@@ -35,40 +35,40 @@ class Lookups:
         self._answers = ground_truth.require_answers()
         self.target_object = self._answers.target_object
         """Shape (n_episodes,): object id."""
-        self._submission = submission
-        self._ground_truth = ground_truth
+        self.submission = submission
+        self.ground_truth = ground_truth
         self._graph = ground_truth.graph
         self._at_goal: dict[GoalRule, BoolArray] = {}
 
     def at_goal(self, rule: GoalRule) -> BoolArray:
         """Shape (n_poses,): whether each pose is at a goal viewpoint of its episode."""
         if rule not in self._at_goal:
-            viewpoint = self._submission.viewpoint
-            self._at_goal[rule] = is_goal(rule, self._ground_truth, self._episode, viewpoint)
+            viewpoint = self.submission.viewpoint
+            self._at_goal[rule] = is_goal(rule, self.ground_truth, self._episode, viewpoint)
         return self._at_goal[rule]
 
     @cached_property
     def leg_length(self) -> FloatArray:
         """Shape (n_poses,): metres from the episode's previous pose; 0 for its first pose."""
-        viewpoint = self._submission.viewpoint
+        viewpoint = self.submission.viewpoint
         return self._graph.distance_between(_previous(viewpoint, self.offsets), viewpoint)
 
     @cached_property
     def is_jump(self) -> BoolArray:
         """Shape (n_poses,): whether the pose is at a viewpoint unconnected to the previous one."""
-        return find_jumps(self._submission, self._graph)
+        return find_jumps(self.submission, self._graph)
 
     @cached_property
     def goal_distance(self) -> FloatArray:
         """Shape (n_poses,): metres to the end of the annotated path."""
         goal = self._answers.goal[self._episode]
-        return self._graph.distance_between(self._submission.viewpoint, goal)
+        return self._graph.distance_between(self.submission.viewpoint, goal)
 
     @cached_property
     def boxes(self) -> BoxScores:
         """The scores of the predicted boxes."""
-        stop = self._submission.viewpoint[last_of(self.offsets)]
-        return score_boxes(self._submission.boxes, stop, self.target_object, self._answers)
+        stop = self.submission.viewpoint[last_of(self.offsets)]
+        return score_boxes(self.submission.boxes, stop, self.target_object, self._answers)
 
     @property
     def box_overlap(self) -> Overlap:
@@ -83,7 +83,7 @@ class Lookups:
     @cached_property
     def shortest_length(self) -> FloatArray:
         """Shape (n_episodes,): metres from the start to the end of the annotated path."""
-        start = self._ground_truth.episodes.start
+        start = self.ground_truth.episodes.start
         return self._graph.distance_between(start, self._answers.goal)
 
     @cached_property
@@ -91,7 +91,7 @@ class Lookups:
         """Shape (n_episodes,): metres along the annotated path."""
         path, offsets = self._answers.path, self._answers.path_offsets
         legs = self._graph.distance_between(_previous(path, offsets), path)
-        return path_length(legs, offsets)[self._ground_truth.episodes.task]
+        return path_length(legs, offsets)[self.ground_truth.episodes.task]
 
     @cached_property
     def n_poses(self) -> IntArray:
@@ -101,16 +101,16 @@ class Lookups:
     @cached_property
     def n_nodes(self) -> IntArray:
         """Shape (n_episodes,): nodes of the annotated path."""
-        return np.diff(self._answers.path_offsets)[self._ground_truth.episodes.task]
+        return np.diff(self._answers.path_offsets)[self.ground_truth.episodes.task]
 
     @cached_property
     def pose_to_node(self) -> FloatArray:
         """Metres from poses to path nodes: one table per episode, as path fidelity takes them."""
         # Row by row: each node of an episode's path is paired with all poses of its trajectory.
-        task = self._ground_truth.episodes.task
+        task = self.ground_truth.episodes.task
         node = self._answers.path[take_rows(task, self._answers.path_offsets)]
         episode = np.repeat(np.arange(len(task)), self.n_nodes)
-        pose = self._submission.viewpoint[take_rows(episode, self.offsets)]
+        pose = self.submission.viewpoint[take_rows(episode, self.offsets)]
         return self._graph.distance_between(pose, np.repeat(node, self.n_poses[episode]))
 
     @cached_property

@@ -15,7 +15,7 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import CATALOGUE, Metric, primary_metric, table_metrics, units_of
 from reverie_eval.processes import map_in_processes
 from reverie_eval.scoring._episode_table import EpisodeTable, Track
-from reverie_eval.scoring._evaluation import Evaluator
+from reverie_eval.scoring._evaluator import Evaluator
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL
 from reverie_eval.scoring._scores import Scores

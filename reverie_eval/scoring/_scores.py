@@ -1,20 +1,28 @@
 """Scores: one value per metric and episode, their means, and their signature."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from reverie_eval.arrays import Array, BoolArray
-from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.arrays import Array
+from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
+from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
+from reverie_eval.scoring._episode_table import EpisodeTable, Track, track_of
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
+from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
-from reverie_eval.scoring._protocol import Protocol
+from reverie_eval.scoring._protocol import Protocol, find_protocol
+from reverie_eval.scoring._saved import IntervalSettings, SavedHeader, read_saved, write_saved
+from reverie_eval.scoring._validation import jump_notes
 from reverie_eval.submissions import AlignedSubmission
-from reverie_eval.text import count_text
+from reverie_eval.text import count_text, first_few, tokenize
 from reverie_eval.version import __version__
 
 if TYPE_CHECKING:
@@ -51,8 +59,114 @@ class Scores(Mapping[str, float]):
     # Set by reverie_eval.notebook, because they need packages above this one.
     breakdown: ClassVar[Any]
     episode: ClassVar[Any]
+    gallery: ClassVar[Any]
     plot: ClassVar[Any]
     _repr_html_: ClassVar[Any]
+
+    @classmethod
+    def of(
+        cls,
+        lookups: Lookups,
+        protocol: Protocol,
+        track: Track,
+        *,
+        hints: Sequence[str],
+        qualifier: str,
+    ) -> Self:
+        """Score an aligned submission; a metric's values are computed when they are needed."""
+        table = EpisodeTable(lookups, protocol, track)
+        return cls(
+            ground_truth=lookups.ground_truth,
+            protocol=protocol,
+            episodes=table,
+            hints=hints,
+            qualifier=qualifier,
+            boxes=lookups.boxes if "iou" in table else None,
+            submission=lookups.submission,
+        )
+
+    @classmethod
+    def load(
+        cls,
+        path: str | PathLike[str],
+        *,
+        ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    ) -> Self:
+        """Read scores that :meth:`save` wrote.
+
+        Parameters
+        ----------
+        path : path
+        ground_truth : path or GroundTruth, optional
+            The ground truth that they were computed with, as for :func:`reverie_eval.evaluate`.
+
+        Raises
+        ------
+        ReverieEvalError
+            If the file has no saved scores, is damaged, or was written by a later version.
+        GroundTruthError
+            If the ground truth is not there, or is another one.
+        OSError
+            If the file cannot be read.
+        """
+        header, submission = read_saved(path)
+        truth = find_ground_truth(ground_truth, header.split)
+        if truth.fingerprint != header.fingerprint:
+            raise GroundTruthError(
+                f"{path} was scored with ground truth {header.fingerprint[:_FINGERPRINT_SHOWN]}, "
+                f"but {truth.origin} is {truth.fingerprint[:_FINGERPRINT_SHOWN]}; pass "
+                "ground_truth=, or score the result file again"
+            )
+        if header.subset is not None:
+            truth = truth.subset(header.subset)
+        scores = cls.of(
+            Lookups(submission, truth),
+            find_protocol(header.protocol),
+            track_of(header.qualifier),
+            hints=header.hints,
+            qualifier=header.qualifier,
+        )
+        return scores.with_intervals(**asdict(header.intervals)) if header.intervals else scores
+
+    @classmethod
+    def concatenate(cls, parts: Iterable["Scores"]) -> Self:
+        """Return the scores of several parts of a split as those of all their episodes.
+
+        If the parts are the whole split, so is the result, digit for digit; or else a declared
+        subset.
+
+        Parameters
+        ----------
+        parts : Scores
+            Of declared subsets that share no episode, under the same protocol.
+
+        Raises
+        ------
+        ProtocolError
+            If there are none, they were not scored alike, or they share episodes.
+        ReverieEvalError
+            If some have no trajectories.
+        """
+        listed = list(parts)
+        first = _check_parts(listed)
+        whole, _ = first.ground_truth.subset_of or (first.ground_truth, None)
+        instr_ids = [instr_id for part in listed for instr_id in part.instr_ids]
+        repeated = [instr_id for instr_id, count in Counter(instr_ids).items() if count > 1]
+        if repeated:
+            raise ProtocolError(
+                f"{count_text(len(repeated), 'episode')} in several parts, such as "
+                f"{first_few(repeated)}; give each episode once"
+            )
+        is_whole = len(instr_ids) == len(whole.episodes.instr_ids)
+        order = np.argsort([whole.episodes.index[instr_id] for instr_id in instr_ids])
+        submission = AlignedSubmission.concatenate([part.require_submission() for part in listed])
+        return cls.of(
+            Lookups(submission.take(order), whole if is_whole else whole.subset(instr_ids)),
+            first.protocol,
+            track_of(first.qualifier),
+            hints=list(dict.fromkeys(hint for part in listed for hint in part.hints)),
+            qualifier=first.qualifier,
+        )
 
     def __getitem__(self, key: str) -> float:
         return float(self.episodes[key].mean())
@@ -93,7 +207,7 @@ class Scores(Mapping[str, float]):
         return [
             *([] if self.boxes is None else [_box_note(self.boxes)]),
             *self.hints,
-            *([] if jumps is None else _jump_notes(jumps)),
+            *([] if jumps is None else jump_notes(jumps)),
         ]
 
     @property
@@ -121,9 +235,30 @@ class Scores(Mapping[str, float]):
             outcome[self.boxes.row] = np.array(BOX_OUTCOMES, dtype=object)[self.boxes.outcome]
         return outcome.tolist()
 
+    @property
+    def texts(self) -> Mapping[str, Sequence[str]]:
+        """What is known of each episode besides its values, by column.
+
+        Its ``outcome``, ``box_outcome``, ``scan``, ``category`` and ``instruction``. Those that the
+        protocol does not define, or the ground truth does not have, are left out.
+        """
+        truth = self.ground_truth
+        columns: Mapping[str, Callable[[], Sequence[str]]] = {
+            "outcome": lambda: self.outcomes,
+            **({} if self.boxes is None else {"box_outcome": lambda: self.box_outcomes}),
+            "scan": lambda: truth.scans,
+            "category": lambda: truth.categories,
+            "instruction": lambda: truth.episodes.instructions,
+        }
+        found = {}
+        for name, read in columns.items():
+            with suppress(GroundTruthError, ProtocolError):
+                found[name] = read()
+        return found
+
     def with_intervals(
         self,
-        by: Clustering = "target",
+        cluster: Clustering = "target",
         *,
         confidence: float | None = None,
         resamples: int | None = None,
@@ -133,7 +268,7 @@ class Scores(Mapping[str, float]):
 
         Parameters
         ----------
-        by : "target" or "scan"
+        cluster : "target" or "scan"
             Clusters of dependent episodes, which are resampled as a whole: episodes with the same
             target object, or in the same building.
         confidence : float, optional
@@ -151,13 +286,100 @@ class Scores(Mapping[str, float]):
         """
         intervals = Intervals.of(
             self.episodes,
-            clusters_of(self.ground_truth, by),
-            by,
+            clusters_of(self.ground_truth, cluster),
+            cluster,
             confidence=confidence,
             resamples=resamples,
             seed=seed,
         )
         return replace(self, intervals=intervals)
+
+    def subset(self, instr_ids: Iterable[str]) -> Self:
+        """Return the scores of some of the episodes, as those of a declared subset.
+
+        Raises
+        ------
+        SubsetError
+            If there are none, or some are unknown or listed twice; lists every problem.
+        ReverieEvalError
+            If these scores have no trajectories.
+        """
+        truth = self.ground_truth.subset(instr_ids)
+        index = self.ground_truth.episodes.index
+        rows = np.array([index[instr_id] for instr_id in truth.episodes.instr_ids])
+        return self.of(
+            Lookups(self.require_submission().take(rows), truth),
+            self.protocol,
+            track_of(self.qualifier),
+            hints=self.hints,
+            qualifier=self.qualifier,
+        )
+
+    def with_words(self, *words: str) -> Self:
+        """Return the scores of the episodes whose instruction has all of these words.
+
+        Whole words in upper or lower case: ``towel`` is not in "the towels".
+
+        Raises
+        ------
+        ProtocolError
+            If no instruction has them.
+        GroundTruthError
+            If the ground truth was compiled without instructions.
+        """
+        wanted = {token for word in words for token in tokenize(word)}
+        tokens = [set(tokenize(each)) for each in self.ground_truth.episodes.instructions]
+        chosen = [
+            instr_id
+            for instr_id, found in zip(self.instr_ids, tokens, strict=True)
+            if wanted <= found
+        ]
+        if not chosen:
+            unknown = sorted(wanted.difference(*tokens))
+            which = f": {', '.join(unknown)} is in none of them" if unknown else ""
+            raise ProtocolError(f"no instruction has all the words {' '.join(words)!r}{which}")
+        return self.subset(chosen)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write these scores to a file, which :meth:`load` reads; it has no answers in it.
+
+        Raises
+        ------
+        ReverieEvalError
+            If these scores have no trajectories.
+        OSError
+            If the file cannot be written.
+        """
+        settings = self.intervals and IntervalSettings(
+            cluster=self.intervals.cluster,
+            confidence=self.intervals.confidence,
+            resamples=self.intervals.resamples,
+            seed=self.intervals.seed,
+        )
+        submission = self.require_submission()
+        header = SavedHeader(
+            split=self.split,
+            protocol=self.protocol.name,
+            qualifier=self.qualifier,
+            fingerprint=self.ground_truth.fingerprint,
+            subset=tuple(self.instr_ids) if self.ground_truth.subset_of else None,
+            hints=tuple(self.hints),
+            intervals=settings or None,
+            is_navigation_only=submission.is_navigation_only,
+        )
+        write_saved(path, header, submission)
+
+    def require_submission(self) -> AlignedSubmission:
+        """Return the trajectories and answers that were scored.
+
+        Raises
+        ------
+        ReverieEvalError
+            If these scores came without.
+        """
+        if self.submission is None:
+            raise ReverieEvalError("these scores have no trajectories; evaluate the file")
+        return self.submission
 
     def to_dict(self) -> dict[str, float]:
         """Return the means by name, for experiment loggers.
@@ -170,17 +392,16 @@ class Scores(Mapping[str, float]):
         return flat
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return the episode table: a row per ``instr_id``, a column per metric.
+        """Return a row per ``instr_id``: a column per metric, and those of :attr:`texts`.
 
-        Values are in the metrics' own units, which ``attrs["units"]`` lists by column. If there are
-        predicted boxes, the last column, ``box_outcome``, has their outcomes.
+        Values are in the metrics' own units, which ``attrs["units"]`` lists by column.
         """
         import pandas as pd
 
         index = pd.Index(self.instr_ids, name="instr_id")
         table = pd.DataFrame(dict(self.episodes), index=index)
         table.attrs["units"] = units_of(self)
-        return table if self.boxes is None else table.assign(box_outcome=self.box_outcomes)
+        return table.assign(**self.texts)
 
     def to_report(self) -> "ScoreReport":
         """Return the score report, which ``--format json`` prints."""
@@ -205,26 +426,26 @@ class Scores(Mapping[str, float]):
         return f"<Scores {values}; {self.signature}>"
 
 
-@dataclass(frozen=True, eq=False)
-class Validation:
-    """The result of checking a valid submission, without using the answers."""
+def _check_parts(parts: Sequence[Scores]) -> Scores:
+    """Return the first part, if all were scored alike."""
+    if not parts:
+        raise ProtocolError("there are no scores to concatenate")
+    first = parts[0]
+    for part in parts:
+        if _conditions(part) != _conditions(first):
+            raise ProtocolError(
+                f"these scores are not of one split under one protocol: {first.signature} and "
+                f"{part.signature}"
+            )
+    kinds = {part.require_submission().is_navigation_only for part in parts}
+    if len(kinds) > 1:
+        raise ProtocolError("some of these scores have answers and others have none")
+    return first
 
-    ground_truth: GroundTruth
-    abstained: BoolArray
-    """Shape (n_episodes,): whether the answer predicts neither an object nor a box."""
-    jumps: Array
-    """Shape (n_episodes,): moves between unconnected viewpoints."""
-    hints: Sequence[str] = ()
-    """How the file was read, and what in it looks like a mistake."""
 
-    @property
-    def notes(self) -> Sequence[str]:
-        """What the participant should know before submitting, one sentence each."""
-        abstained, total = int(self.abstained.sum()), len(self.abstained)
-        some_abstain = 0 < abstained < total  # if all do, there is a hint already
-        answers = count_text(total, "answer")
-        notes = [f"{abstained:,} of {answers} predict no object"] if some_abstain else []
-        return [*notes, *self.hints, *_jump_notes(self.jumps)]
+def _conditions(scores: Scores) -> Sequence[str]:
+    """Return what a signature says besides the choice of episodes."""
+    return scores.split, scores.protocol.name, scores.qualifier, scores.ground_truth.fingerprint
 
 
 def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
@@ -258,7 +479,7 @@ def _interval_report(intervals: Intervals) -> "IntervalReport":
     from reverie_eval.schemas.report import IntervalReport
 
     return IntervalReport(
-        by=intervals.by,
+        by=intervals.cluster,
         clusters=intervals.n_clusters,
         confidence=intervals.confidence,
         resamples=intervals.resamples,
@@ -275,13 +496,4 @@ def _box_note(boxes: BoxScores) -> str:
         f"(misses: {misses}), mean IoU {percent(boxes.mean_iou)} %; a box around the whole image "
         f"would be correct in {percent(boxes.whole_image_share)} %; "
         f"{percent(boxes.ambiguous_share)} % of the views that show the target are ambiguous"
-    )
-
-
-def _jump_notes(jumps: Array) -> Sequence[str]:
-    if not jumps.any():
-        return ()
-    episodes = count_text(int((jumps > 0).sum()), "episode")
-    return (
-        f"{count_text(int(jumps.sum()), 'jump')} in {episodes}: {CATALOGUE['jumps'].definition}",
     )

@@ -10,14 +10,24 @@ from reverie_eval.submissions._alignment import (
     AlignedSubmission,
     align,
     align_answers_only,
+    check_batch,
     check_navigation_only,
 )
 from reverie_eval.submissions._conversion import Conversion, convert
+from reverie_eval.submissions._document import are_records
 from reverie_eval.submissions._hints import answer_hints, submission_hints
 from reverie_eval.submissions._official import submission_schema
-from reverie_eval.submissions._predictions import NO_BOXES, BoxAnswers, Predictions, Submission
+from reverie_eval.submissions._predictions import (
+    NO_BOXES,
+    BoxAnswers,
+    Content,
+    Predictions,
+    Records,
+    Submission,
+)
 from reverie_eval.submissions._records import parse_predictions, read_predictions
 from reverie_eval.submissions._sources import (
+    MAX_MEBIBYTES_VARIABLE,
     RECEIPT_ENDING,
     Source,
     check_names,
@@ -30,17 +40,22 @@ from reverie_eval.submissions._sources import (
 )
 
 __all__ = [
+    "MAX_MEBIBYTES_VARIABLE",
     "NO_BOXES",
     "RECEIPT_ENDING",
     "AlignedSubmission",
     "BoxAnswers",
+    "Content",
     "Conversion",
     "Predictions",
+    "Records",
     "Source",
     "Submission",
     "align",
     "align_answers_only",
     "answer_hints",
+    "are_records",
+    "check_batch",
     "check_names",
     "check_navigation_only",
     "convert",

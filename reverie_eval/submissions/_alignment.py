@@ -15,7 +15,7 @@ from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
-from reverie_eval.submissions._predictions import BoxAnswers, Predictions
+from reverie_eval.submissions._predictions import BoxAnswers, Content, IdColumn, Predictions
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
@@ -49,6 +49,36 @@ class AlignedSubmission:
         abstained[self.boxes.row] = False
         return abstained
 
+    def take(self, rows: IntArray) -> "AlignedSubmission":
+        """Return some of the episodes, in the given order."""
+        return AlignedSubmission(
+            viewpoint=self.viewpoint[take_rows(rows, self.offsets)],
+            offsets=offsets_of(np.diff(self.offsets)[rows]),
+            predicted_object=self.predicted_object[rows],
+            answer_is_text=self.answer_is_text[rows],
+            has_leading_zeros=self.has_leading_zeros[rows],
+            boxes=_boxes_of(self.boxes, rows, len(self.predicted_object)),
+            is_navigation_only=self.is_navigation_only,
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["AlignedSubmission"]) -> "AlignedSubmission":
+        """Return the episodes of several submissions, one after the other."""
+        counts = offsets_of(np.array([len(part.predicted_object) for part in parts]))[:-1]
+        boxes = [
+            replace(part.boxes, row=part.boxes.row + count)
+            for part, count in zip(parts, counts, strict=True)
+        ]
+        return cls(
+            viewpoint=np.concatenate([part.viewpoint for part in parts]),
+            offsets=offsets_of(np.concatenate([np.diff(part.offsets) for part in parts])),
+            predicted_object=np.concatenate([part.predicted_object for part in parts]),
+            answer_is_text=np.concatenate([part.answer_is_text for part in parts]),
+            has_leading_zeros=np.concatenate([part.has_leading_zeros for part in parts]),
+            boxes=BoxAnswers.concatenate(boxes),
+            is_navigation_only=all(part.is_navigation_only for part in parts),
+        )
+
 
 def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmission:
     """Align predictions with the episodes of a split, without looking at answers.
@@ -70,7 +100,6 @@ def align(predictions: Predictions, ground_truth: GroundTruth) -> AlignedSubmiss
     order = _in_order(episode, rows)
     return _aligned(
         predictions,
-        episode,
         order,
         viewpoint=viewpoint[take_rows(order, predictions.offsets)],
         offsets=offsets_of(np.diff(predictions.offsets)[order]),
@@ -95,7 +124,47 @@ def align_answers_only(predictions: Predictions, ground_truth: GroundTruth) -> A
     answers = ground_truth.answers
     stop = ground_truth.episodes.start if answers is None else answers.goal
     offsets = np.arange(len(stop) + 1)
-    return _aligned(predictions, episode, _in_order(episode, rows), viewpoint=stop, offsets=offsets)
+    return _aligned(predictions, _in_order(episode, rows), viewpoint=stop, offsets=offsets)
+
+
+def check_batch(
+    predictions: Predictions,
+    ground_truth: GroundTruth,
+    collected: Mapping[str, Content],
+    *,
+    answers_only: bool = False,
+) -> Mapping[str, Content]:
+    """Check predictions of some episodes, without looking at answers.
+
+    Parameters
+    ----------
+    predictions : Predictions
+        Those of the batch. An episode may be in it more than once, if its predictions are equal.
+    collected : mapping
+        What was predicted in earlier batches, by instr_id.
+    answers_only : bool
+        Whether trajectories are ignored.
+
+    Returns
+    -------
+    mapping
+        What this batch predicts, by instr_id.
+
+    Raises
+    ------
+    SubmissionError
+        Listing every problem, including those found while reading.
+    """
+    whole, _ = ground_truth.subset_of or (ground_truth, None)
+    predictions, episode, viewpoint = _look_up(predictions, whole)
+    contents = [predictions.content(record) for record in range(len(episode))]
+    _raise_problems(
+        predictions.problems,
+        _unknown_problems(predictions, episode, whole),
+        () if answers_only else _trajectory_problems(predictions, episode, viewpoint, whole),
+        _changed_problems(predictions, contents, collected),
+    )
+    return dict(zip(map(str, predictions.instr_ids), contents, strict=True))
 
 
 def check_navigation_only(*, found: bool, declared: bool) -> None:
@@ -122,14 +191,14 @@ def _look_up(
     If unknown ids have something in common, that is one problem, and what was meant is looked up.
     """
     episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
-    viewpoint = _indices(predictions.viewpoint_ids, ground_truth.graph.index)
+    viewpoint = _viewpoints(predictions.viewpoint_ids, ground_truth.graph)
     if (episode != _UNKNOWN).all() and (viewpoint != _UNKNOWN).all():
         return predictions, episode, viewpoint
     fixed = _fix_ids(predictions, ground_truth)
     return (
         fixed,
         _indices(fixed.instr_ids, ground_truth.episodes.index),
-        _indices(fixed.viewpoint_ids, ground_truth.graph.index),
+        _viewpoints(fixed.viewpoint_ids, ground_truth.graph),
     )
 
 
@@ -148,8 +217,8 @@ def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions
     return replace(
         predictions,
         instr_ids=fix_instr_ids(predictions.instr_ids, ground_truth, log, place_of_id),
-        viewpoint_ids=fix_viewpoint_ids(
-            predictions.viewpoint_ids, ground_truth, log, place_of_pose
+        viewpoint_ids=IdColumn.of(
+            fix_viewpoint_ids(list(predictions.viewpoint_ids), ground_truth, log, place_of_pose)
         ),
         problems=[*predictions.problems, *log.all_problems()],
     )
@@ -164,26 +233,29 @@ def _raise_problems(*groups: Iterable[Problem]) -> None:
 
 def _aligned(
     predictions: Predictions,
-    episode: IntArray,
     order: IntArray,
     viewpoint: IntArray,
     offsets: IntArray,
 ) -> AlignedSubmission:
     """Put the answers into the given order; the trajectories are in it already."""
-    # Where each record comes in the order, -1 for those that are left out.
-    place = np.full(len(episode), -1)
-    place[order] = np.arange(len(order))
-    boxes = replace(predictions.boxes, row=place[predictions.boxes.row])
-    boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
     return AlignedSubmission(
         viewpoint=viewpoint,
         offsets=offsets,
         predicted_object=predictions.predicted_object[order],
         answer_is_text=predictions.answer_is_text[order],
         has_leading_zeros=predictions.has_leading_zeros[order],
-        boxes=boxes.take(np.argsort(boxes.row)),
+        boxes=_boxes_of(predictions.boxes, order, len(predictions.instr_ids)),
         is_navigation_only=predictions.is_navigation_only,
     )
+
+
+def _boxes_of(boxes: BoxAnswers, order: IntArray, count: int) -> BoxAnswers:
+    """Return the boxes of some records out of ``count``, put into the given order."""
+    place = np.full(count, -1)  # of records that are left out
+    place[order] = np.arange(len(order))
+    boxes = replace(boxes, row=place[boxes.row])
+    boxes = boxes.take(np.flatnonzero(boxes.row >= 0))
+    return boxes.take(np.argsort(boxes.row))
 
 
 def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
@@ -192,8 +264,12 @@ def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
     return order if rows is None else order[np.isin(episode[order], rows)]
 
 
+def _viewpoints(ids: IdColumn, graph: NavigationGraph) -> IntArray:
+    return _indices(ids.distinct, graph.index)[ids.number]
+
+
 def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:
-    # `map` calls `dict.get` from C: no Python frame for each of a hundred thousand poses.
+    # `map` calls `dict.get` from C: no Python frame for each of thousands of episodes.
     indices: Iterable[int] = map(index.get, ids, repeat(_UNKNOWN))  # type: ignore[arg-type]
     return np.fromiter(indices, np.int64, len(ids))
 
@@ -208,21 +284,10 @@ def _episode_problems(
     is_complete = (times_predicted[rows] == 1).all() and (times_predicted <= 1).all()
     if is_complete and len(known) == len(episode):
         return  # nearly always: what follows loops over records in Python
-    unknown = _unknown_by_split(predictions, episode, ground_truth)
-    if ground_truth.is_demo and not known.size and unknown.keys() == {None}:
-        _, first = _location_and_id(predictions, unknown[None][0])
-        yield problems.ids_outside_demo(len(unknown[None]), first, ground_truth.split)
+    unknown = list(_unknown_problems(predictions, episode, ground_truth))
+    yield from unknown
+    if any(problem.code == "not-the-demo-world" for problem in unknown):
         return
-    for other_split, records in unknown.items():
-        if other_split is not None:
-            # One problem for all of them: the file as a whole is for the wrong split.
-            location, instr_id = _location_and_id(predictions, records[0])
-            problem = problems.ids_of_another_split(
-                len(records), other_split, ground_truth.split, location, instr_id
-            )
-            yield problem if known.size else replace(problem, split=other_split)
-    for record in unknown.get(None, ()):
-        yield problems.unknown_episode(*_location_and_id(predictions, record), ground_truth.split)
     yield from _duplicate_problems(predictions, episode)
     instr_ids = ground_truth.episodes.instr_ids
     if not known.size:
@@ -234,6 +299,30 @@ def _episode_problems(
         return
     for instr_id in missing:
         yield problems.missing_episode(instr_id, ground_truth.split)
+
+
+def _unknown_problems(
+    predictions: Predictions, episode: IntArray, ground_truth: GroundTruth
+) -> Iterator[Problem]:
+    """Report records of episodes that the split does not have."""
+    if (episode != _UNKNOWN).all():
+        return  # before the ids of all other splits are collected
+    unknown = _unknown_by_split(predictions, episode, ground_truth)
+    none_known = (episode == _UNKNOWN).all()
+    if ground_truth.is_demo and none_known and unknown.keys() == {None}:
+        _, first = _location_and_id(predictions, unknown[None][0])
+        yield problems.ids_outside_demo(len(unknown[None]), first, ground_truth.split)
+        return
+    for other_split, records in unknown.items():
+        if other_split is not None:
+            # One problem for all of them: the file as a whole is for the wrong split.
+            location, instr_id = _location_and_id(predictions, records[0])
+            problem = problems.ids_of_another_split(
+                len(records), other_split, ground_truth.split, location, instr_id
+            )
+            yield replace(problem, split=other_split) if none_known else problem
+    for record in unknown.get(None, ()):
+        yield problems.unknown_episode(*_location_and_id(predictions, record), ground_truth.split)
 
 
 def _unknown_by_split(
@@ -266,6 +355,16 @@ def _duplicate_problems(predictions: Predictions, episode: IntArray) -> Iterator
         else:
             yield problems.duplicate_episode(location, instr_id, predictions.location(earlier))
     yield from log.all_problems()
+
+
+def _changed_problems(
+    predictions: Predictions, contents: Sequence[Content], collected: Mapping[str, Content]
+) -> Iterator[Problem]:
+    """Report episodes that have another prediction already."""
+    earlier = dict(collected)
+    for record, content in enumerate(contents):
+        if earlier.setdefault(str(predictions.instr_ids[record]), content) != content:
+            yield problems.changed_prediction(*_location_and_id(predictions, record))
 
 
 def _location_and_id(predictions: Predictions, record: int) -> tuple[RecordLocation, str]:

@@ -6,7 +6,7 @@ pixels. Then it is cut to the image.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
@@ -98,12 +98,16 @@ def read_answer(
     if not answers:
         log.problems.append(problems.no_answer(location, ANSWER_KEYS[0], BOX_KEY))
         return Answer(ABSTAINED)
-    # Compared as text, so that 3 and "3" are the same answer, and so are -1 and null.
-    if len({_NONE if is_abstention(value) else str(value) for value in answers.values()}) > 1:
+    if len(answers) > 1 and _disagree(answers.values()):
         log.add_fault(problems.DISAGREEING_ANSWERS, location, "", answers)
     key, value = next(iter(answers.items()))
     log.differences["other key"] += key != ANSWER_KEYS[0]
     return _read_object(location, key, value, log)
+
+
+def _disagree(answers: Iterable[Any]) -> bool:
+    # Compared as text, so that 3 and "3" are the same answer, and so are -1 and null.
+    return len({_NONE if is_abstention(value) else str(value) for value in answers}) > 1
 
 
 def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog) -> Answer:
@@ -125,7 +129,7 @@ def _read_object(location: RecordLocation, key: str, value: Any, log: ReadingLog
 
 
 def _is_decimal_text(value: Any) -> bool:
-    return isinstance(value, str) and _is_digits(value.removesuffix(".0")) and "." in value
+    return isinstance(value, str) and "." in value and _is_digits(value.removesuffix(".0"))
 
 
 def _is_digits(value: Any) -> bool:

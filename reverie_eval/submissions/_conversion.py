@@ -22,6 +22,7 @@ from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
 from reverie_eval.submissions._sources import read_bytes
+from reverie_eval.submissions._trajectories import Poses
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
 from reverie_eval.text import count_text
 
@@ -154,7 +155,9 @@ def _with_known_ids(
     return [
         record._replace(
             instr_id=instr_id,
-            poses=[pose._replace(viewpoint_id=next(viewpoint_ids)) for pose in record.poses],
+            poses=Poses.of(
+                [pose._replace(viewpoint_id=next(viewpoint_ids)) for pose in record.poses]
+            ),
         )
         for record, instr_id in zip(records, instr_ids, strict=True)
     ]

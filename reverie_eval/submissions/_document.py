@@ -255,7 +255,8 @@ def is_number(value: Any) -> TypeGuard[float]:
 
 def is_integer(value: Any) -> TypeGuard[int]:
     """Whether a value has an integer type; 3.0 has not."""
-    return isinstance(value, Integral) and not isinstance(value, bool)
+    # The common type comes first here too.
+    return type(value) is int or (isinstance(value, Integral) and not isinstance(value, bool))
 
 
 def is_finite(number: float) -> bool:

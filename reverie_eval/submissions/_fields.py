@@ -59,9 +59,9 @@ _CLOSE = 0.87
 
 def is_abstention(value: Any) -> bool:
     """Whether a value under an answer key predicts no object."""
-    if is_integer(value):
-        return value == ABSTAINED
-    return value is None or (isinstance(value, str) and value in _ABSTENTIONS)
+    if isinstance(value, str):
+        return value in _ABSTENTIONS
+    return value is None or (is_integer(value) and value == ABSTAINED)
 
 
 def find_misspelt(

@@ -7,20 +7,28 @@ other submission is declined here and read by :mod:`reverie_eval.submissions._re
 give the same columns for the same content: this lane never reports a problem of its own.
 """
 
+import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from itertools import chain
+from itertools import chain, repeat
 from operator import itemgetter
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from reverie_eval.arrays import offsets_of
+from reverie_eval.arrays import FloatArray, IntArray, offsets_of
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 from reverie_eval.metrics import ABSTAINED
-from reverie_eval.submissions._predictions import ID_PREFIX, Predictions, Records, look_like_degrees
+from reverie_eval.submissions._predictions import (
+    ID_PREFIX,
+    IdColumn,
+    Numbering,
+    Predictions,
+    Records,
+    look_like_degrees,
+)
 from reverie_eval.submissions._trajectories import MAX_POSES
 
 # The descriptions are those of the published JSON Schema.
@@ -91,30 +99,79 @@ _INTEGERS = frozenset({int, np.int64, np.int32})
 
 _decode = msgspec.json.Decoder(list[_Record]).decode
 
+_CHUNK = 1 << 16
+"""Bytes that are decoded at once. The objects of so many stay in the processor's cache, and memory
+is used again: the time for each episode and the memory do not grow with the file."""
+_BETWEEN_RECORDS = re.compile(rb"\}[ \t\r\n]*,[ \t\r\n]*\{")
+
 
 def decode_official(content: bytes) -> Predictions | None:
     """Read a file in the plain official form; return None if it has any other form."""
+    numbering = Numbering()
     try:
-        records = _decode(content)
+        parts = [_read(_decode(chunk), numbering) for chunk in _chunks(content)]
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
+    instr_ids = list(chain.from_iterable(part.instr_ids for part in parts))
+    lengths = np.concatenate([part.lengths for part in parts])
     # One colon for each field. If there are more, a record may have a field twice, which msgspec
     # accepts silently. An id with a colon looks the same here; the careful lane tells them apart.
-    if content.count(b":") != len(records) * len(_FIELDS):
+    if content.count(b":") != len(instr_ids) * len(_FIELDS):
         return None
-    instr_ids = [record.instr_id for record in records]
-    trajectories = [record.trajectory for record in records]
-    if _any_prefixed(instr_ids) or _any_too_long(trajectories):
+    if _any_prefixed(instr_ids) or lengths.max(initial=0) > MAX_POSES:
         return None
-    stop_angles = [trajectory[-1][1:] for trajectory in trajectories]
     return Predictions(
         instr_ids=instr_ids,
-        viewpoint_ids=list(map(itemgetter(0), chain.from_iterable(trajectories))),
-        offsets=offsets_of(np.fromiter(map(len, trajectories), np.int64, len(records))),
-        predicted_object=np.array([record.predObjId for record in records], dtype=np.int64),
-        has_degrees=look_like_degrees(np.array(stop_angles, dtype=np.float64).reshape(-1, 2)),
-        answer_is_text=np.zeros(len(records), dtype=np.bool_),
-        has_leading_zeros=np.zeros(len(records), dtype=np.bool_),
+        viewpoint_ids=IdColumn(
+            list(numbering), np.concatenate([part.viewpoints for part in parts])
+        ),
+        offsets=offsets_of(lengths),
+        predicted_object=np.concatenate([part.predicted_object for part in parts]),
+        has_degrees=look_like_degrees(np.concatenate([part.stop_angles for part in parts])),
+        answer_is_text=np.zeros(len(instr_ids), dtype=np.bool_),
+        has_leading_zeros=np.zeros(len(instr_ids), dtype=np.bool_),
+    )
+
+
+class _Part(NamedTuple):
+    """The columns of some records."""
+
+    instr_ids: Sequence[str]
+    lengths: IntArray
+    """Shape (n_records,): poses of each trajectory."""
+    viewpoints: IntArray
+    """Shape (n_poses,): the number of each viewpoint id."""
+    predicted_object: IntArray
+    """Shape (n_records,)."""
+    stop_angles: FloatArray
+    """Shape (n_records, 2): heading and elevation of the last poses."""
+
+
+def _chunks(content: bytes) -> Iterator[bytes]:
+    """Cut a list of records into shorter lists.
+
+    If all of them are lists of records, so is the whole. Where a cut is not between records after
+    all, but in a text, the lists on either side of it are not JSON.
+    """
+    begin, opening = 0, b""
+    while cut := _BETWEEN_RECORDS.search(content, begin + _CHUNK):
+        yield opening + content[begin : cut.start() + 1] + b"]"
+        begin, opening = cut.end() - 1, b"["
+    yield opening + content[begin:]
+
+
+def _read(records: Sequence[_Record], numbering: Numbering) -> _Part:
+    # C loops only, and no object outlives its chunk but for the ids of episodes.
+    trajectories = [record.trajectory for record in records]
+    stops = [trajectory[-1] for trajectory in trajectories]
+    angles = chain.from_iterable(map(itemgetter(1, 2), stops))
+    count = len(records)
+    return _Part(
+        instr_ids=[record.instr_id for record in records],
+        lengths=np.fromiter(map(len, trajectories), np.int64, count),
+        viewpoints=numbering.numbers(map(itemgetter(0), chain.from_iterable(trajectories))),
+        predicted_object=np.fromiter((record.predObjId for record in records), np.int64, count),
+        stop_angles=np.fromiter(angles, np.float64, 2 * count).reshape(-1, 2),
     )
 
 
@@ -140,7 +197,7 @@ def convert_official(submission: Records) -> Predictions | None:
     offsets = offsets_of(np.fromiter(map(len, trajectories), np.int64, len(trajectories)))
     return Predictions(
         instr_ids=instr_ids,
-        viewpoint_ids=list(viewpoint_ids),
+        viewpoint_ids=IdColumn.of(viewpoint_ids),
         offsets=offsets,
         predicted_object=predicted_object,
         has_degrees=look_like_degrees(angle[offsets[1:] - 1]),
@@ -199,7 +256,7 @@ def _have_types(values: Iterable[object], types: Collection[type]) -> bool:
 
 
 def _any_prefixed(instr_ids: Sequence[str]) -> bool:
-    return any(instr_id.startswith(ID_PREFIX) for instr_id in instr_ids)
+    return any(map(str.startswith, instr_ids, repeat(ID_PREFIX)))
 
 
 def _any_too_long(trajectories: Sequence[Sequence[object]]) -> bool:

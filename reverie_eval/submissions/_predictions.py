@@ -1,8 +1,8 @@
 """Predictions: the content of a submission as columns, before it is aligned with a split."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 
@@ -17,12 +17,57 @@ Records: TypeAlias = Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any
 Submission: TypeAlias = Source | Records
 """What can be scored: a file, its content, or its records as Python objects."""
 
+Content: TypeAlias = tuple[object, ...]
+"""What a record predicts, to be compared with that of another record."""
+
 ID_PREFIX = "reverie_"
 """NaviLLM mixes datasets and writes this before the ids; it is not part of them."""
 
 MOST = 0.5
 """Share of answers or angles above which something is probably a mistake; in good submissions the
 share is far lower."""
+
+
+class Numbering(dict[str | None, int]):
+    """Numbers ids in the order in which they are first asked for."""
+
+    def __missing__(self, each: str | None) -> int:
+        number = self[each] = len(self)
+        return number
+
+    def numbers(self, ids: Iterable[str | None]) -> IntArray:
+        """Return the number of each id."""
+        # `map` looks up from C: no Python frame for each of a hundred thousand poses.
+        return np.fromiter(map(self.__getitem__, ids), np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class IdColumn:
+    """Ids of which many are equal, as those of viewpoints are: each different one stands once."""
+
+    distinct: Sequence[str | None]
+    number: IntArray
+    """Shape (n,): the index of each id in ``distinct``."""
+
+    @classmethod
+    def of(cls, ids: Iterable[str | None]) -> Self:
+        """Find the distinct ids."""
+        numbering = Numbering()
+        number = numbering.numbers(ids)
+        return cls(list(numbering), number)
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    def __getitem__(self, row: int) -> str | None:
+        return self.distinct[int(self.number[row])]
+
+    def __iter__(self) -> Iterator[str | None]:
+        return map(self.distinct.__getitem__, self.number.tolist())
+
+    def take(self, rows: Any) -> Self:
+        """Return the ids of some rows: a slice, or whatever else numpy takes for an index."""
+        return replace(self, number=self.number[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +99,12 @@ class BoxAnswers:
             self.stop_angles[rows],
         )
 
+    @classmethod
+    def concatenate(cls, parts: "Sequence[BoxAnswers]") -> "BoxAnswers":
+        """Return the boxes of several parts, one after the other."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
 
 NO_BOXES = BoxAnswers(
     np.zeros(0, dtype=np.int64),
@@ -74,7 +125,7 @@ class Predictions:
 
     instr_ids: Sequence[str | None]
     """None for an id that could not be read; ``problems`` says why."""
-    viewpoint_ids: Sequence[str | None]
+    viewpoint_ids: IdColumn
     """The viewpoint of every pose, trajectory after trajectory; None if it could not be read."""
     offsets: IntArray
     """Shape (n_records + 1,): where each trajectory begins in ``viewpoint_ids``."""
@@ -127,12 +178,12 @@ class Predictions:
             return pose - int(self.offsets[record]), 0
         return self.pose_paths[pose]
 
-    def content(self, record: int) -> tuple[object, ...]:
+    def content(self, record: int) -> Content:
         """Return what a record predicts, to be compared with that of another record."""
         begin, end = self.offsets[record : record + 2]
         box = slice(*np.searchsorted(self.boxes.row, [record, record + 1]))
         return (
-            list(self.viewpoint_ids[begin:end]),
+            list(self.viewpoint_ids.take(slice(begin, end))),
             int(self.predicted_object[record]),
             self.boxes.xywh[box].tolist(),
             self.boxes.camera[box].tolist(),
@@ -148,7 +199,7 @@ class Predictions:
         lengths = np.add.reduceat(begins_hop, self.offsets[:-1], dtype=np.int64)
         return replace(
             self,
-            viewpoint_ids=[self.viewpoint_ids[pose] for pose in poses],
+            viewpoint_ids=self.viewpoint_ids.take(poses),
             offsets=offsets_of(lengths),
             pose_paths=[self.pose_paths[pose] for pose in poses],
             continues_hop=self.continues_hop[poses],
@@ -157,7 +208,7 @@ class Predictions:
     def without_trajectories(self) -> "Predictions":
         """Return the answers of a file in the plain official form, as if it had nothing else."""
         offsets = np.zeros_like(self.offsets)
-        return replace(self, viewpoint_ids=(), offsets=offsets, has_degrees=False)
+        return replace(self, viewpoint_ids=IdColumn.of(()), offsets=offsets, has_degrees=False)
 
 
 def look_like_degrees(stop_angles: FloatArray) -> bool:

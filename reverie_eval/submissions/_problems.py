@@ -12,6 +12,8 @@ from itertools import islice
 from sys import maxsize
 from typing import NamedTuple
 
+import numpy as np
+
 from reverie_eval.errors import Problem
 from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 from reverie_eval.text import count_text, first_few
@@ -254,6 +256,19 @@ def _json(value: object) -> str:
         return "an integer with thousands of digits"
 
 
+def _array_remedy(found: object) -> str:
+    """Say how to turn the arrays or tensors in a value into what JSON would hold."""
+    parts = [found, *(found if isinstance(found, list | tuple) else ())]
+    dimensions = [
+        np.ndim(part)
+        for part in parts
+        if hasattr(part, "tolist") and not isinstance(part, np.generic)
+    ]
+    if not dimensions:
+        return ""
+    return "; use .tolist()" if any(dimensions) else "; use .item()"
+
+
 def _record_problem(code: str, location: RecordLocation, message: str, field: str = "") -> Problem:
     return Problem(code, f"{location}{field}", message, (location.row,))
 
@@ -305,11 +320,13 @@ def too_deep() -> Problem:
     return Problem("too-deep", WHOLE_FILE, message)
 
 
-def too_large(limit: int) -> Problem:
+def too_large(limit: int, variable: str | None) -> Problem:
     message = (
         f"is larger than {limit >> 20} MiB unpacked; a submission needs instr_id, trajectory and "
         "predObjId only, remove everything else"
     )
+    if variable:
+        message += f"; if it has so many episodes, set {variable} to its size in MiB"
     return Problem("too-large", WHOLE_FILE, message)
 
 
@@ -432,7 +449,7 @@ def ids_of_another_split(
 def wrong_type(
     location: RecordLocation, found: object, expected: str, field: str | None = None
 ) -> Problem:
-    message = f"got {_json(found)}; expected {expected}"
+    message = f"got {_json(found)}; expected {expected}{_array_remedy(found)}"
     return _record_problem("wrong-type", location, message, f".{field}" if field else "")
 
 
@@ -459,6 +476,14 @@ def unknown_episode(location: RecordLocation, instr_id: str, split: str) -> Prob
 
 def duplicate_episode(location: RecordLocation, instr_id: str, first: RecordLocation) -> Problem:
     message = f"{instr_id} already has a prediction in {first}; keep one per episode"
+    return _record_problem("duplicate-episode", location, message, ".instr_id")
+
+
+def changed_prediction(location: RecordLocation, instr_id: str) -> Problem:
+    message = (
+        f"{instr_id} already has another prediction; keep one per episode, and call reset() before "
+        "the next epoch"
+    )
     return _record_problem("duplicate-episode", location, message, ".instr_id")
 
 
@@ -502,6 +527,7 @@ def wrong_view(location: RecordLocation, key: str, found: object) -> Problem:
     message = (
         f"got {_json(found)}; expected a view index, an integer from 0 to 35: 0-11 look down, "
         "12-23 are level, 24-35 look up, each row turning right from heading 0"
+        f"{_array_remedy(found)}"
     )
     return _record_problem("wrong-view", location, message, f".{key}")
 
@@ -524,7 +550,8 @@ def upside_down(location: RecordLocation, path: PosePath, elevation: float, key:
 
 
 def wrong_pose(location: RecordLocation, path: PosePath, found: object) -> Problem:
-    return _pose_problem("wrong-type", location, path, f"got {_json(found)}; expected {POSE_FORM}")
+    message = f"got {_json(found)}; expected {POSE_FORM}{_array_remedy(found)}"
+    return _pose_problem("wrong-type", location, path, message)
 
 
 def not_finite(location: RecordLocation, path: PosePath, found: Sequence[object]) -> Problem:

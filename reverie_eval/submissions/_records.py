@@ -7,6 +7,7 @@ one without changing the meaning is read, counted and reported.
 
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from collections.abc import Set as AbstractSet
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
     BoxAnswers,
+    IdColumn,
     Predictions,
     Submission,
     look_like_degrees,
@@ -44,7 +46,7 @@ from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._tables import rows_of_table
-from reverie_eval.submissions._trajectories import Pose, read_trajectory
+from reverie_eval.submissions._trajectories import Poses, read_trajectory
 
 
 class ReadRecord(NamedTuple):
@@ -53,7 +55,7 @@ class ReadRecord(NamedTuple):
     location: RecordLocation
     instr_id: str | None
     """None if it could not be read."""
-    poses: Sequence[Pose]
+    poses: Poses
     answer: Answer | None
     """None if no record of the file has an answer."""
 
@@ -116,7 +118,7 @@ def read_records(
         instr_id = _read_instr_id(location, record, log)
         poses = None if answers_only else read_trajectory(location, record, log)
         answer = None if navigation_only else read_answer(location, record, poses, log)
-        read.append(ReadRecord(location, instr_id, poses or (), answer))
+        read.append(ReadRecord(location, instr_id, poses or Poses.of([]), answer))
         _check_problem_count(log)
     return read
 
@@ -207,6 +209,8 @@ def _with_known_fields(
     location: RecordLocation, record: Mapping[str, Any], log: ReadingLog, optional: AbstractSet[str]
 ) -> Mapping[str, Any]:
     """Return a record with its misspelt fields under the names that they must mean."""
+    if record.keys() <= FIELDS:
+        return record
     if location.key is not None:
         optional = optional | {INSTR_ID_KEY}
     few = log.unknown_fields + len(record) <= MAX_COMPARED
@@ -245,8 +249,8 @@ def _bare(instr_id: str) -> str:
 def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False) -> Predictions:
     """Read a list of records, or records keyed by their instr_id, in any form."""
     records = read_records(document, log, answers_only=answers_only)
-    poses = [pose for record in records for pose in record.poses]
-    lengths = np.array([len(record.poses) for record in records], dtype=np.int64)
+    poses = [record.poses for record in records]
+    lengths = np.fromiter(map(len, poses), np.int64, len(poses))
     answers = [record.answer or Answer(ABSTAINED) for record in records]
     stop_angles = np.array([_stop_angles(record) for record in records]).reshape(-1, 2)
     boxes = _box_columns(answers, stop_angles)
@@ -255,15 +259,17 @@ def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False
     log.differences["far cameras"] += int((degrees_off(boxes.camera) > FAR_OFF).sum())
     return Predictions(
         instr_ids=[record.instr_id for record in records],
-        viewpoint_ids=[pose.viewpoint_id for pose in poses],
+        viewpoint_ids=IdColumn.of(chain.from_iterable(each.viewpoint_ids for each in poses)),
         offsets=offsets_of(lengths),
         predicted_object=np.array([answer.object_id for answer in answers], dtype=np.int64),
         has_degrees=look_like_degrees(stop_angles),
         answer_is_text=np.array([answer.is_text for answer in answers], dtype=np.bool_),
         has_leading_zeros=np.array([a.has_leading_zeros for a in answers], dtype=np.bool_),
         locations=[record.location for record in records],
-        pose_paths=[pose.path for pose in poses],
-        continues_hop=np.array([pose.continues_hop for pose in poses], dtype=np.bool_),
+        pose_paths=list(chain.from_iterable(each.paths for each in poses)),
+        continues_hop=np.fromiter(
+            chain.from_iterable(each.continues_hop for each in poses), np.bool_
+        ),
         boxes=boxes,
         read_as=log.read_as(),
         ignored_fields=dict(log.ignored_fields),
@@ -274,10 +280,10 @@ def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False
 
 def _stop_angles(record: ReadRecord) -> tuple[float, float]:
     """Return heading and elevation of the last pose; NaN if the file gives none."""
-    stop = record.poses[-1] if record.poses else None
-    if stop is None or stop.heading is None or stop.elevation is None:
+    poses = record.poses
+    if not poses or poses.headings[-1] is None or poses.elevations[-1] is None:
         return np.nan, np.nan
-    return float(stop.heading), float(stop.elevation)
+    return float(poses.headings[-1]), float(poses.elevations[-1])
 
 
 def _box_columns(answers: Sequence[Answer], stop_angles: FloatArray) -> BoxAnswers:

@@ -21,7 +21,9 @@ Source: TypeAlias = str | PathLike[str] | bytes | BinaryIO | TextIO
 """A path, ``-`` for standard input, the content itself, or an open file."""
 
 STANDARD_INPUT = "-"
-MAX_BYTES = 128 << 20
+MAX_MEBIBYTES_VARIABLE = "REVERIE_EVAL_MAX_MEBIBYTES"
+"""The environment variable that allows larger files, or smaller ones only."""
+MAX_MEBIBYTES = 128
 """Enough for 3,521 trajectories of a thousand poses. It limits the unpacked size too."""
 
 _JSON_BRACKETS = (("[", "]"), ("{", "}"))
@@ -37,6 +39,8 @@ _ZIP_ENTRY = b"PK\x01\x02"
 """The first bytes of a file's entry in the directory of an archive."""
 _MAX_ZIP_ENTRIES = 1000
 """Opening an archive takes a hundred times the 46 bytes of each entry in memory."""
+_MOST_DIGITS = 6
+"""Of mebibytes: a terabyte."""
 _ENCRYPTED = 0x1
 _METHODS = (ZIP_STORED, ZIP_DEFLATED)
 """What zip programs use by default. Python unpacks the other methods in one step, ignoring the
@@ -59,34 +63,49 @@ def read_bytes(source: Source) -> bytes:
     Raises
     ------
     SubmissionError
-        If it is larger than any submission needs, or does not unpack to one file.
+        If it is larger than any submission needs and no larger ones are allowed, or does not
+        unpack to one file.
+    ProtocolError
+        If the environment variable with the largest size has no whole number.
     OSError
         If the file cannot be read.
     TypeError
         If it is not a source.
     """
-    return unpack(source if isinstance(source, bytes) else _read(source), MAX_BYTES)
+    limit = _max_mebibytes() << 20
+    content = source if isinstance(source, bytes) else _read(source, limit)
+    return unpack(content, limit, MAX_MEBIBYTES_VARIABLE)
 
 
-def _read(source: str | PathLike[str] | BinaryIO | TextIO) -> bytes:
+def _max_mebibytes() -> int:
+    value = os.environ.get(MAX_MEBIBYTES_VARIABLE, str(MAX_MEBIBYTES))
+    if not (value.isascii() and value.isdigit() and 0 < len(value) <= _MOST_DIGITS):
+        raise ProtocolError(
+            f"{MAX_MEBIBYTES_VARIABLE} is the largest size of a submission, a whole number of MiB "
+            f"such as {MAX_MEBIBYTES}; got {value!r}"
+        )
+    return int(value)
+
+
+def _read(source: str | PathLike[str] | BinaryIO | TextIO, limit: int) -> bytes:
     if isinstance(source, str) and source == STANDARD_INPUT:
         if sys.stdin is None:  # closed by the shell: `<&-`
             raise OSError(errno.EBADF, "is closed", "standard input")
-        return sys.stdin.buffer.read(MAX_BYTES + 1)
+        return sys.stdin.buffer.read(limit + 1)
     if isinstance(source, str | PathLike):
-        return _read_file(source)
+        return _read_file(source, limit)
     if not hasattr(source, "read"):
         kind = type(source).__name__
         raise TypeError(f"a submission is a path, bytes, an open file or records, got {kind}")
-    content = source.read(MAX_BYTES + 1)
+    content = source.read(limit + 1)
     # A lone surrogate must not fail here: the reader reports it with its location.
     return content.encode(errors="surrogatepass") if isinstance(content, str) else content
 
 
-def _read_file(path: str | PathLike[str]) -> bytes:
+def _read_file(path: str | PathLike[str], limit: int) -> bytes:
     try:
         with Path(path).open("rb") as file:
-            return file.read(MAX_BYTES + 1)
+            return file.read(limit + 1)
     except (OSError, ValueError) as error:
         # Most libraries take JSON as text; here text is a path, and the system's error for one of
         # a hundred thousand letters would not help.
@@ -96,11 +115,11 @@ def _read_file(path: str | PathLike[str]) -> bytes:
         raise
 
 
-def unpack(content: bytes, limit: int) -> bytes:
+def unpack(content: bytes, limit: int, variable: str | None = None) -> bytes:
     """Unpack gzip, or a zip archive with one file; return any other content unchanged.
 
     The first bytes tell what it is, not the file's name. No more than the limit is unpacked,
-    whatever the archive claims.
+    whatever the archive claims. With an environment variable that allows more, the error names it.
 
     Raises
     ------
@@ -113,7 +132,7 @@ def unpack(content: bytes, limit: int) -> bytes:
     elif content.startswith(_ZIP_MAGICS):
         content = _unpack_zip(content, limit)
     if len(content) > limit:
-        raise SubmissionError([problems.too_large(limit)])
+        raise SubmissionError([problems.too_large(limit, variable)])
     return content
 
 

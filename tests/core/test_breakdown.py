@@ -1,12 +1,14 @@
 """Breakdowns: groups of episodes, worked out by hand and compared with the whole."""
 
 import re
+from typing import get_args
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from reverie_eval import GroundTruth, GroundTruthError, ProtocolError, Scores, evaluate
-from reverie_eval.analysis import GROUPINGS
+from reverie_eval.analysis import GROUPINGS, GroupingKey
 from reverie_eval.analysis._breakdown import level_in
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.metrics.uncertainty import bootstrap_means, interval
@@ -121,6 +123,66 @@ def test_a_breakdown_lists_the_units_of_its_columns(*, intervals: bool) -> None:
             "fraction",
         )
         assert units.get("path_length_low", "metres") == "metres"
+
+
+# Groups of the reader's own.
+
+
+@pytest.fixture(scope="module")
+def frame() -> pd.DataFrame:
+    """Return the episode table of the good sample."""
+    return evaluate(SAMPLES / "good.json", split="val_unseen").to_pandas()
+
+
+def test_several_groupings_and_a_column(frame: pd.DataFrame) -> None:
+    """As pandas groups the table; rows in the order that each grouping has by itself."""
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    found = scores.breakdown(by=["level", frame["outcome"]], intervals=True)
+    levels = np.array(GROUPINGS["level"].groups(scores))
+    expected = frame.groupby([levels, frame["outcome"]])["rgs"].agg(["size", "mean"])
+    assert found.index.names == ["level", "outcome"]
+    assert found["episodes"].to_dict() == expected["size"].to_dict()
+    assert found["rgs"].to_dict() == pytest.approx(expected["mean"].to_dict())
+    assert [level for level, _ in found.index] == sorted(level for level, _ in found.index)
+    alone = scores.breakdown(by="level", intervals=True)
+    together = scores.breakdown(by=["level"], intervals=True)
+    pd.testing.assert_frame_equal(alone, together)
+
+
+def test_a_condition_on_the_instruction(frame: pd.DataFrame) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    has_bed = frame["instruction"].str.contains("bed")
+    # In any order, and of more episodes than were scored.
+    found = scores.subset(scores.instr_ids[5:]).breakdown(by=has_bed[::-1])
+    assert found.index.tolist() == [False, True]
+    assert found["episodes"].sum() == len(scores.instr_ids) - 5
+    assert found["rgs"][True] == frame["rgs"][5:][has_bed[5:]].mean()
+
+
+def test_a_series_needs_one_group_for_each_episode(frame: pd.DataFrame) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    outcome = frame["outcome"]
+    for wrong in (outcome[:-1], outcome.reset_index(drop=True), pd.concat([outcome, outcome[:1]])):
+        with pytest.raises(ProtocolError, match="does not have one group for each episode"):
+            scores.breakdown(by=wrong)
+    with pytest.raises(ProtocolError, match="break scores down by something, such as scan"):
+        scores.breakdown(by=[])
+
+
+def test_words_of_the_instruction(frame: pd.DataFrame) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    chosen = frame["instruction"].str.contains(r"\bbed\b") & frame["instruction"].str.contains(
+        r"\b[Ll]evel\b"
+    )
+    found = scores.with_words("Bed", "level")
+    assert list(found.instr_ids) == frame.index[chosen].tolist()
+    assert found["rgs"] == frame["rgs"][chosen].mean()
+    with pytest.raises(ProtocolError, match="all the words 'bed zeppelin': zeppelin is in none"):
+        scores.with_words("bed zeppelin")
+
+
+def test_the_keys_of_groupings_are_typed() -> None:
+    assert get_args(GroupingKey) == tuple(GROUPINGS)
 
 
 def test_groups_with_few_targets_have_no_intervals() -> None:

@@ -294,7 +294,7 @@ def test_submissions_that_are_not_comparable() -> None:
     with pytest.raises(ProtocolError, match="give the split"):
         compare(official, GOOD)
     with pytest.raises(ProtocolError, match="choose one of: target, scan"):
-        compare(GOOD, GOOD, split=SPLIT, by="room")  # type: ignore[arg-type]
+        compare(GOOD, GOOD, split=SPLIT, cluster="room")  # type: ignore[arg-type]
     with pytest.raises(ProtocolError, match="a seed of 0 or more"):
         compare(GOOD, GOOD, split=SPLIT, seed=-1)
 
@@ -395,7 +395,7 @@ def test_names_are_not_folded_on_a_terminal_where_the_numbers_fit(tmp_path: Path
 
 
 def test_the_command_writes_json_and_csv(run: Run, tmp_path: object) -> None:
-    comparison = compare(GOOD, MEDIOCRE, split=SPLIT, by="scan")
+    comparison = compare(GOOD, MEDIOCRE, split=SPLIT, cluster="scan")
     options = ("compare", GOOD, MEDIOCRE, "--split", SPLIT, "--cluster", "scan")
     report = json.loads(run(*options, "--format", "json").out)
     difference = comparison["mediocre"]["rgspl"]

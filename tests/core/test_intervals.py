@@ -64,7 +64,7 @@ def test_every_output_with_intervals_warns_about_few_clusters(run: Run) -> None:
         run("compare", SAMPLE[0], other, *by_scan, "--format", "json").out,
         run("report", SAMPLE[0], *by_scan).out,
         evaluate(SAMPLE[0], split="val_unseen").with_intervals("scan")._repr_html_(),
-        compare(SAMPLE[0], other, split="val_unseen", by="scan")._repr_html_(),
+        compare(SAMPLE[0], other, split="val_unseen", cluster="scan")._repr_html_(),
     ):
         assert FEW in shown
     report = run("report", SAMPLE[0], other, *by_scan).out

@@ -132,6 +132,9 @@ def test_files_without_answers_come_last(tmp_path: Path, demo: rv.GroundTruth) -
     assert list(scored.ranks.values()) == [1, None]
     frame = scored.to_pandas()
     assert list(frame.index) == [str(paths[1]), str(paths[0])]
+    assert frame.index.name == "file"
+    assert list(frame) == [metric.key for metric in scored.metrics]
+    assert frame.attrs["units"]["path_length"] == "metres"
     assert frame["success"].iloc[1] == 1.0
     assert frame["rgspl"].isna().tolist() == [False, True]
 

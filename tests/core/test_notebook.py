@@ -121,11 +121,31 @@ def test_a_column_is_computed_once(scores: rv.Scores) -> None:
 
 def test_a_data_frame(scores: rv.Scores) -> None:
     frame = scores.to_pandas()
-    assert list(frame.columns) == SCORED
+    assert list(frame.columns) == [*SCORED, "outcome", "scan", "category", "instruction"]
     assert frame.index.name == "instr_id"
     assert list(frame.index) == list(scores.instr_ids)
-    assert frame.mean().to_dict() == pytest.approx(dict(scores), rel=1e-12)
+    assert frame[SCORED].mean().to_dict() == pytest.approx(dict(scores), rel=1e-12)
     assert frame.attrs["units"] == {key: rv.CATALOGUE[key].unit for key in SCORED}
+
+
+def test_the_texts_of_an_episode(scores: rv.Scores) -> None:
+    row = scores.to_pandas().loc["1196_0_0"]
+    episode = scores.episode("1196_0_0")
+    assert row["scan"] == episode.scan
+    assert row["category"] == episode.target_category
+    assert row["instruction"] == episode.instruction
+    assert row["outcome"] == episode.outcome
+
+
+def test_texts_that_are_not_there_are_left_out(scores: rv.Scores) -> None:
+    """No outcomes without answers; no texts in an older bundle."""
+    truth = scores.ground_truth
+    episodes = replace(truth.episodes, packed_instructions=None)
+    answers = replace(truth.require_answers(), packed_categories=None)
+    bare = replace(truth, episodes=episodes, answers=answers)
+    assert list(rv.evaluate(GOOD, split=SPLIT, ground_truth=bare).texts) == ["outcome", "scan"]
+    navigated = rv.evaluate(GOOD, split=SPLIT, protocol="r2r-style")
+    assert list(navigated.texts) == ["scan", "category", "instruction"]
 
 
 # What the numbers depend on.

@@ -1,6 +1,9 @@
-"""The code blocks of docs/notebook.md run and print the output shown below them."""
+"""The code blocks of the library's pages run and print the output shown below them."""
 
+import ast
+import os
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from importlib.util import find_spec
@@ -14,8 +17,14 @@ from reverie_eval import Comparison, Scores, compare, evaluate
 from reverie_eval.analysis import GROUPINGS
 from tests.conftest import REPOSITORY, SAMPLES, unavailable
 
-PAGE = (REPOSITORY / "docs" / "notebook.md").read_text()
+PAGES = {
+    name: (REPOSITORY / "docs" / f"{name}.md").read_text() for name in ("notebook", "training")
+}
+PAGE = PAGES["notebook"]
 FILES = {"submit.json": "good.json", "other.json": "mediocre.json"}
+
+
+every_page = pytest.mark.parametrize("page", PAGES.values(), ids=PAGES)
 
 
 class Block(NamedTuple):
@@ -25,10 +34,10 @@ class Block(NamedTuple):
     printed: str
 
 
-def blocks() -> Iterator[Block]:
+def blocks(page: str) -> Iterator[Block]:
     """Find the code blocks; a block without a language is the output of the one above."""
     pattern = r"^```python\n(.*?)^```\n(?:\n```\n(.*?)^```\n)?"
-    for code, printed in re.findall(pattern, PAGE, re.MULTILINE | re.DOTALL):
+    for code, printed in re.findall(pattern, page, re.MULTILINE | re.DOTALL):
         yield Block(code, printed)
 
 
@@ -38,6 +47,8 @@ def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     for name, sample in FILES.items():
         (tmp_path / name).write_bytes((SAMPLES / sample).read_bytes())
     monkeypatch.chdir(tmp_path)
+    # The page runs the command as a reader does who installed it.
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     yield tmp_path
     from matplotlib import pyplot as plt
 
@@ -45,23 +56,38 @@ def readers_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
 
 
 @pytest.mark.slow
-def test_every_block_runs_and_prints_what_the_page_shows(readers_folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("page", "written"),
+    [
+        pytest.param(PAGES["notebook"], {"episode.pdf", "comparison.pdf"}, id="notebook"),
+        pytest.param(PAGES["training"], {"runs", "epoch_1.npz", "curve.pdf"}, id="training"),
+    ],
+)
+def test_every_block_runs_and_prints_what_the_page_shows(
+    page: str, written: set[str], readers_folder: Path
+) -> None:
     if not (find_spec("matplotlib") and find_spec("tensorboardX")):
         unavailable("matplotlib and tensorboardX are not installed")
     names: dict[str, object] = {}
-    for block in blocks():
+    for block in blocks(page):
         shown = StringIO()
         with redirect_stdout(shown):
             exec(block.code, names)
         printed = [line.rstrip() for line in shown.getvalue().splitlines()]
         assert printed == block.printed.splitlines()
-    assert (readers_folder / "episode.pdf").stat().st_size
-    assert any((readers_folder / "runs" / "my-agent").iterdir())
+    assert {file.name for file in readers_folder.iterdir()} - FILES.keys() == written
 
 
-def test_every_block_is_found() -> None:
-    assert PAGE.count("```python") == len(list(blocks()))
-    assert PAGE.count("```") == sum(4 if block.printed else 2 for block in blocks())
+def test_what_runs_beside_an_old_python_is_old_python() -> None:
+    (code,) = (block.code for block in blocks(PAGES["training"]) if "subprocess" in block.code)
+    ast.parse(code, feature_version=(3, 6))
+    assert "capture_output" not in code  # of Python 3.7
+
+
+@every_page
+def test_every_block_is_found(page: str) -> None:
+    assert page.count("```python") == len(list(blocks(page)))
+    assert page.count("```") == sum(4 if block.printed else 2 for block in blocks(page))
 
 
 # Frames.
@@ -93,8 +119,7 @@ def test_the_columns_of_a_comparison(comparison: Comparison) -> None:
 
 def test_the_columns_of_an_episode_table(scores: Scores) -> None:
     frame = scores.to_pandas()
-    assert list(frame.columns) == [*scores, "box_outcome"]
-    assert columns_documented("scores.to_pandas()") == {"instr_id", "box_outcome"}
+    assert columns_documented("scores.to_pandas()") == {"instr_id", *set(frame.columns) - {*scores}}
 
 
 @pytest.mark.parametrize("by", GROUPINGS)
@@ -115,7 +140,7 @@ def test_the_columns_of_episodes_with_different_values(metric: str, comparison: 
 
 def test_values_are_in_the_units_of_their_metrics(scores: Scores) -> None:
     """Unrounded, and not percentages: the means of the table are the scores."""
-    means = scores.to_pandas().drop(columns="box_outcome").mean()
+    means = scores.to_pandas()[list(scores)].mean()
     assert means.to_dict() == pytest.approx(dict(scores), rel=1e-12)
     one_part = scores.breakdown(by="scan")
     weighted = (one_part["success"] * one_part["episodes"]).sum() / one_part["episodes"].sum()

@@ -1,7 +1,10 @@
 """Planning a comparison: power by formula, in simulated worlds, and on the command line."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.stats import norm, t
 
 from fixtures.clustered_worlds import simulated_power, simulated_power_of_runs
 from reverie_eval.metrics.power import Design
@@ -9,6 +12,8 @@ from tests.support.flat import Run
 
 SPLIT = "val_unseen"
 MANY = Design(n_episodes=10_000, n_clusters=10_000, size_of_own_cluster=1.0, discordance=0.25)
+FEW = Design(100, 5, 3.0, 0.3)
+RUNS = Design(1_000, 50, 20.0, 0.2, 0.1, n_runs=3, run_deviation=0.03)
 
 
 def test_power_of_many_independent_episodes() -> None:
@@ -25,6 +30,65 @@ def test_power_of_many_independent_episodes() -> None:
 
 def test_no_effect_is_found_in_one_direction_as_often_as_the_test_allows() -> None:
     assert MANY.power(0.0) == pytest.approx(0.025, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("design", "effect"),
+    [
+        pytest.param(FEW, 0.2, id="few clusters"),
+        pytest.param(replace(FEW, correlation=0.5), 0.25, id="few correlated clusters"),
+        pytest.param(RUNS, 0.1, id="three runs"),
+        pytest.param(replace(RUNS, n_runs=2), 0.1, id="two runs"),
+        pytest.param(replace(RUNS, n_runs=5, run_deviation=0.08), 0.1, id="runs that differ more"),
+        pytest.param(Design(200, 6, 20.0, 0.4, 0.05, 4, 0.1), 0.3, id="few clusters, four runs"),
+    ],
+)
+def test_power_is_how_often_drawn_estimates_are_significant(design: Design, effect: float) -> None:
+    """Estimates of variances are drawn: one of the clusters, and one of each method's runs."""
+    draws, random = 100_000, np.random.default_rng(0)
+    spread = 1 + design.correlation * (design.size_of_own_cluster - 1)
+    variances = [(design.discordance - effect**2) * spread / design.n_episodes]
+    freedoms = [design.n_clusters - 1]
+    if design.run_deviation:
+        variances += [design.run_deviation**2 / design.n_runs] * 2
+        freedoms += [design.n_runs - 1] * 2
+    drawn = [
+        variance * random.chisquare(freedom, draws) / freedom
+        for variance, freedom in zip(variances, freedoms, strict=True)
+    ]
+    total = sum(drawn, np.zeros(draws))
+    squares = sum(
+        (part**2 / freedom for part, freedom in zip(drawn, freedoms, strict=True)), np.zeros(draws)
+    )
+    critical = t.ppf(0.975, total**2 / squares) * np.sqrt(total)
+    power = norm.sf(critical, effect, np.sqrt(sum(variances))).mean()
+    assert design.power(effect) == pytest.approx(power, abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("design", "effect"),
+    [
+        pytest.param(FEW, 0.25, id="few clusters"),
+        pytest.param(replace(FEW, discordance=0.96), 0.95, id="too few episodes for two clusters"),
+    ],
+)
+def test_one_episode_fewer_would_be_too_few(design: Design, effect: float) -> None:
+    needed = design.episodes_needed(effect)
+    assert needed is not None
+    powers = [
+        replace(design, n_episodes=number, n_clusters=max(number / 20, 2)).power(effect)
+        for number in (needed - 1, needed)
+    ]
+    assert powers[0] < 0.8 <= powers[1]
+
+
+@pytest.mark.parametrize(
+    ("effect", "needed"), [pytest.param(0.18, 2, id="two"), pytest.param(0.15, 3, id="three")]
+)
+def test_the_fewest_runs_that_are_enough(effect: float, needed: int) -> None:
+    powers = [replace(RUNS, n_runs=number).power(effect) for number in (2, 3)]
+    assert [power >= 0.8 for power in powers] == [number >= needed for number in (2, 3)]
+    assert RUNS.runs_needed(effect) == needed
 
 
 def test_clusters_weigh_as_fewer_episodes() -> None:

@@ -123,3 +123,19 @@ def test_the_wheel_contains_data_files(name: str, wheel: ZipFile) -> None:
 def test_the_wheel_installs_the_command(wheel: ZipFile) -> None:
     entry_points = wheel.read(f"reverie_eval-{reverie_eval.__version__}.dist-info/entry_points.txt")
     assert b"reverie-eval = reverie_eval_cli.__main__:run" in entry_points
+
+
+IMPORTED = """
+import sys
+own = set(sys.modules)
+import reverie_eval
+names = {name.partition(".")[0] for name in sys.modules.keys() - own}
+alias = "__mp_main__"  # multiprocessing's name of the main module
+print(sorted(names - sys.stdlib_module_names - {alias, "typing_extensions"}))
+"""
+
+
+def test_the_import_brings_numpy_and_msgspec_alone() -> None:
+    """Beside another project's packages, nothing that could be in their way."""
+    printed = subprocess.check_output([sys.executable, "-c", IMPORTED], text=True)
+    assert printed == "['msgspec', 'numpy', 'reverie_eval']\n"

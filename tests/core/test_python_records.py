@@ -93,7 +93,7 @@ def test_the_careful_lane_takes_what_is_like_it(written: dict[str, Any]) -> None
 @pytest.mark.parametrize("pose", [("bath",), ("bath", 1.5, 0.25, 7.0)], ids=["shorter", "longer"])
 def test_poses_of_several_lengths(pose: tuple[Any, ...]) -> None:
     assert convert_official([ending_in(pose)]) is None
-    assert read_predictions([ending_in(pose)]).viewpoint_ids == ["hall", "bath"]
+    assert [*read_predictions([ending_in(pose)]).viewpoint_ids] == ["hall", "bath"]
 
 
 def test_the_last_pose_of_each_record_is_its_stop() -> None:
@@ -147,6 +147,45 @@ def test_a_python_value_that_is_none_of_the_format(
 ) -> None:
     (problem,) = problems_of([record(), written])
     assert (problem.code, problem.where) == (code, f"[1].{where}")
+
+
+class Tensor:
+    """A number as torch holds it."""
+
+    ndim = 0
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        return np.array(3, dtype=dtype)
+
+    def tolist(self) -> int:
+        """Return the number."""
+        return 3
+
+
+@pytest.mark.parametrize(
+    ("written", "remedy"),
+    [
+        pytest.param(record(predObjId=np.array(3)), "use .item()", id="array"),
+        pytest.param(record(predObjId=Tensor()), "use .item()", id="tensor"),
+        pytest.param(record(predObjId=np.array([3])), "use .tolist()", id="array of one"),
+        pytest.param(ending_in(("a", np.array(1.5), 0.0)), "use .item()", id="array in a pose"),
+        pytest.param(ending_in(np.zeros(3)), "use .tolist()", id="array as a pose"),
+        pytest.param(record(trajectory=np.zeros(3)), "use .tolist()", id="array of poses"),
+        pytest.param(record(predObjId=np.True_), "predicts no object", id="number of numpy's"),
+        pytest.param(
+            {"instr_id": "7_1_0", "trajectory": [POSE], "predBox": [1, 2, 3, 4]}
+            | {"predView": np.array(4)},
+            "use .item()",
+            id="view",
+        ),
+    ],
+)
+def test_arrays_and_tensors_are_refused_with_the_remedy(
+    written: dict[str, Any], remedy: str
+) -> None:
+    """Which number an array of several means is for the agent to say."""
+    (problem,) = problems_of([record(), written])
+    assert problem.message.endswith(remedy)
 
 
 @pytest.mark.parametrize("submission", [UserList([record()]), range(3)], ids=["user list", "range"])

@@ -42,6 +42,34 @@ def test_few_clusters_make_ranks_less_certain() -> None:
     assert rank_intervals(costs, np.eye(2), 3).high.tolist() == [2, 2]
 
 
+@pytest.mark.parametrize(
+    ("errors", "n_clusters", "is_told"),
+    [
+        pytest.param(3.7, 5, False, id="below the quantile of 2 degrees of freedom"),
+        pytest.param(4.9, 5, True, id="above it"),
+        pytest.param(3.7, 7, True, id="above that of 3"),
+    ],
+)
+def test_clusters_count_for_half_a_degree_of_freedom(
+    errors: float, n_clusters: int, *, is_told: bool
+) -> None:
+    """Of a difference in standard errors: t is 4.30 with 2 degrees of freedom, 3.18 with 3."""
+    found = rank_intervals(np.array([0, errors * 2**0.5]), np.eye(2), n_clusters)
+    assert (found.low.tolist() == [1, 2]) is is_told
+
+
+def test_only_results_that_go_together_are_told_apart_by_little() -> None:
+    """The errors of the differences are 0.14, 1.41 and 1.41; the bound is above 1.96 of these."""
+    covariance = np.array([[1, 0.99, 0], [0.99, 1, 0], [0, 0, 1]])
+    found = rank_intervals(np.array([0, 0.5, 2.7]), covariance, np.inf)
+    assert (found.low.tolist(), found.high.tolist()) == ([1, 2, 1], [2, 3, 3])
+
+
+def test_rounding_tells_nothing_apart() -> None:
+    covariance = np.array([[1, 1 - 2**-53], [1 - 2**-53, 1]])
+    assert rank_intervals(np.array([0, 1e-6]), covariance, np.inf).group.tolist() == [1, 1]
+
+
 def test_results_on_the_same_episodes_are_compared_in_pairs() -> None:
     """One is better by 0.1 wherever both have a chance; alone, their errors are far larger."""
     rng = np.random.default_rng(0)
@@ -63,8 +91,9 @@ def test_the_same_result_twice_is_not_told_apart() -> None:
 
 def test_the_covariance_of_means() -> None:
     """By hand: residuals 1 - 2/3 * 2 and 1 - 2/3 * 1, of 2 clusters, over 3 episodes squared."""
-    covariance = covariance_of_means(np.array([[1.0], [1.0]]), np.array([2.0, 1.0]))
-    assert covariance[0, 0] == pytest.approx(((-1 / 3) ** 2 + (1 / 3) ** 2) / 9 * 2)
+    covariance = covariance_of_means(np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([2.0, 1.0]))
+    variance = ((-1 / 3) ** 2 + (1 / 3) ** 2) / 9 * 2
+    assert covariance == pytest.approx(np.array([[variance, 0], [0, 0]]))
 
 
 def test_true_ranks_are_within_on_simulated_leaderboards() -> None:

@@ -60,6 +60,21 @@ def test_variance_by_hand() -> None:
     assert means.freedom == pytest.approx([freedom])
 
 
+def test_each_metric_has_its_own_variance() -> None:
+    one, other = values([1, 1, 0, 0], [1, 0, 0, 0]), values([3, 0, 3, 0], [0, 0, 3, 3])
+    both = CrossedMeans.of(np.concatenate([one, other], axis=2), np.arange(4))
+    alone = [CrossedMeans.of(each, np.arange(4)) for each in (one, other)]
+    assert both.run_variance[0] == pytest.approx([each.run_variance.item() for each in alone])
+    assert both.variance == pytest.approx([each.variance.item() for each in alone])
+
+
+def test_what_both_methods_count_twice_adds_up_in_their_difference() -> None:
+    """As by hand above: the clusters of each method's runs differ by as much."""
+    one = CrossedMeans.of(values([1, 1, 0, 0], [1, 0, 0, 0]), np.arange(4))
+    noise = 2 * (0.375**2 + 3 * 0.125**2) / 9 * 3 / 4 / 2
+    assert one.minus(one).noise == pytest.approx([2 * noise])
+
+
 def test_a_difference_of_runs_that_are_alike_is_certain_of_nothing() -> None:
     alike = CrossedMeans.of(values([1, 0, 1], [1, 0, 1]), np.arange(3))
     same = alike.minus(alike)
@@ -103,6 +118,7 @@ def test_runs_are_means_of_scores(runs: rv.Runs) -> None:
     assert runs.signature == scores[0].signature
     assert "<th scope=" in runs._repr_html_()
     assert repr(runs).startswith("<Runs of 3: TL m ")
+    assert ", SR % " in repr(runs)
     assert runs.deviation("rgspl") == pytest.approx(np.std([s["rgspl"] for s in scores], ddof=1))
 
 
@@ -111,8 +127,11 @@ def test_what_are_not_runs_of_one_method(runs: rv.Runs) -> None:
     with pytest.raises(rv.ProtocolError, match="1 run given; the variance between runs takes two"):
         rv.Runs.of({"a": good})
     other = rv.evaluate(SAMPLES / "good.json", split=SPLIT, protocol="duet")
-    with pytest.raises(rv.ProtocolError, match=r"not comparable: .*protocol:duet"):
+    with pytest.raises(rv.ProtocolError, match=r"not comparable: split:\S+, split:\S+$"):
         rv.Runs.of({"a": good, "b": other})
+    alone = rv.evaluate(SAMPLES / "good.json", split=SPLIT, subset=good.instr_ids[:1])
+    with pytest.raises(rv.ProtocolError, match="all episodes share one target"):
+        rv.Runs.of({"a": alone, "b": alone})
 
 
 def test_runs_are_compared_with_runs_and_with_single_files(runs: rv.Runs) -> None:

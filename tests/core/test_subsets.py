@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
-from reverie_eval.ground_truth import draw_subset
+from reverie_eval.errors import Problem
+from reverie_eval.ground_truth import draw_subset, read_episode_ids
+from reverie_eval.ground_truth._subset import subset_digest
 from reverie_eval.reporting import results_table
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
@@ -115,14 +117,29 @@ def test_a_subset_is_never_mixed_with_the_whole_split(ids: list[str]) -> None:
 def test_a_list_with_problems_is_refused_with_all_of_them(ids: list[str]) -> None:
     with pytest.raises(rv.SubsetError) as refused:
         rv.Evaluator(split=SPLIT, subset=[*ids, "nowhere_1_0", ids[2], ids[2]])
-    assert [(each.code, each.where) for each in refused.value.problems] == [
-        ("unknown-episode", "entry 29"),
-        ("duplicate-episode", "entry 30"),
-        ("duplicate-episode", "entry 31"),
+    assert [(each.code, each.where, each.position) for each in refused.value.problems] == [
+        ("unknown-episode", "entry 29", (29,)),
+        ("duplicate-episode", "entry 30", (30,)),
+        ("duplicate-episode", "entry 31", (31,)),
     ]
     assert "listed already, in entry 3;" in refused.value.problems[1].message
-    with pytest.raises(rv.SubsetError, match="no episode is listed"):
+    with pytest.raises(rv.SubsetError, match="no episode is listed") as refused:
         rv.Evaluator(split=SPLIT, subset=[])
+    assert [(each.code, each.where) for each in refused.value.problems] == [("no-episode", "list")]
+
+
+def test_a_list_that_is_not_text_is_refused(tmp_path: Path) -> None:
+    ids = tmp_path / "ids.txt"
+    ids.write_bytes(b"\xff\xfe")
+    with pytest.raises(rv.SubsetError) as refused:
+        read_episode_ids(ids)
+    message = "is not a text file; expected an instr_id on each line"
+    assert list(refused.value.problems) == [Problem("not-text", "file", message)]
+
+
+def test_the_digest_of_a_subset() -> None:
+    r"""By ``printf 'e1\ne2' | sha256sum``."""
+    assert subset_digest(["e2", "e1"]) == "c5a9367884b7"
 
 
 def test_many_files_in_several_processes(ids: list[str]) -> None:
@@ -143,10 +160,17 @@ def test_draws_are_the_same_for_ever() -> None:
     assert list(draw_subset(strata, 2, 0, SPLIT)) == ["e2", "e3"]
 
 
-def test_strata_have_their_share() -> None:
+@pytest.mark.parametrize(
+    ("number", "shares"),
+    [
+        pytest.param(7, [4, 2, 1], id="4.2, 2.1 and 0.7"),
+        pytest.param(3, [2, 1, 0], id="1.8, 0.9 and 0.3"),
+    ],
+)
+def test_strata_have_their_share(number: int, shares: list[int]) -> None:
     strata = {f"e{number}": scan for number, scan in enumerate("aaaaaabbbc")}
-    drawn = draw_subset(strata, 7, 0, SPLIT)
-    assert [sum(strata[each] == scan for each in drawn) for scan in "abc"] == [4, 2, 1]
+    drawn = draw_subset(strata, number, 0, SPLIT)
+    assert [sum(strata[each] == scan for each in drawn) for scan in "abc"] == shares
     assert list(drawn) == [each for each in strata if each in drawn]
 
 

@@ -92,11 +92,13 @@ def test_episodes_are_written_to_a_file_with_all_digits(here: Path, run: Run) ->
     assert run(*SCORE, "--episodes", "episodes.csv") == run(*SCORE)
     headings, *rows = csv.reader((here / "episodes.csv").read_text().splitlines())
     scores = evaluate("submit.json", split=SPLIT, ground_truth="full.npz")
-    assert headings == ["instr_id", *scores.episodes]
-    assert [row[0] for row in rows] == list(scores.instr_ids)
-    columns = zip(*(row[1:] for row in rows), strict=True)
-    expected = [column.tolist() for column in scores.episodes.values()]
-    assert [[float(value) for value in column] for column in columns] == expected
+    columns = dict(zip(headings, zip(*rows, strict=True), strict=True))
+    assert headings == ["instr_id", *scores.episodes, *scores.texts]
+    assert columns["instr_id"] == tuple(scores.instr_ids)
+    for key, values in scores.episodes.items():
+        assert [float(value) for value in columns[key]] == values.tolist()
+    for name, texts in scores.texts.items():
+        assert columns[name] == tuple(texts)
 
 
 # Several rows: all protocols, or both readings of hops.

@@ -119,15 +119,14 @@ def test_the_report(run: Run) -> None:
 def test_the_episode_table(boxes: Path, run: Run) -> None:
     run(*SCORE, "--episodes", "episodes.csv")
     headings, *rows = csv.reader((boxes / "episodes.csv").read_text().splitlines())
-    assert headings == ["instr_id", *CATALOGUE, "box_outcome"]
-    assert [row[-1] for row in rows] == OUTCOMES
+    assert headings[: len(CATALOGUE) + 3] == ["instr_id", *CATALOGUE, "outcome", "box_outcome"]
+    assert [row[headings.index("box_outcome")] for row in rows] == OUTCOMES
     assert [row[headings.index("iou")] for row in rows] == ["1.0", "0.0", "0.0", "0.0", "0.0"]
 
 
 @pytest.mark.usefixtures("boxes")
 def test_the_data_frame() -> None:
     frame = evaluate("boxes.json", split=SPLIT, ground_truth="full.npz").to_pandas()
-    assert list(frame.columns) == [*CATALOGUE, "box_outcome"]
     assert frame["box_outcome"].tolist() == OUTCOMES
     assert frame["iou_50"].tolist() == [1, 0, 0, 0, 0]
     assert frame.index.tolist() == [f"7_1_{row}" for row in range(5)]
@@ -136,9 +135,12 @@ def test_the_data_frame() -> None:
 def test_a_file_without_boxes_says_nothing_of_them(boxes: Path, run: Run) -> None:
     run(*words("submit.json {split} {full} --episodes episodes.csv"))
     scored = [key for key in CATALOGUE if key not in BOX_METRICS]
-    assert (boxes / "episodes.csv").read_text().splitlines()[0].split(",") == ["instr_id", *scored]
     scores = evaluate("submit.json", split=SPLIT, ground_truth="full.npz")
-    assert list(scores.to_pandas().columns) == list(scores) == scored
+    columns = [*scored, "outcome", "scan", "category", "instruction"]
+    headings = (boxes / "episodes.csv").read_text().splitlines()[0]
+    assert headings.split(",") == ["instr_id", *columns]
+    assert list(scores.to_pandas().columns) == columns
+    assert list(scores) == scored
     assert scores.to_report().boxes is None
     assert not [note for note in scores.notes if "box" in note]
 

@@ -3,8 +3,9 @@
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -14,10 +15,13 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 import reverie_eval as rv
+from reverie_eval.analysis import near_misses
+from reverie_eval.reporting import plot_curve
 from reverie_eval.reporting._charts import Histogram
 from reverie_eval.reporting._map_svg import map_key
 from reverie_eval.reporting._maps import EpisodeMap
 from tests.conftest import SAMPLES
+from tests.support.forms import FORMS
 from tests.support.home import home_scores, perfect
 
 mpl.use("agg")
@@ -204,6 +208,90 @@ def look(line: Line2D) -> tuple[object, ...]:
     if marker == "None":
         return line.get_color(), line.get_linestyle(), line.get_alpha()
     return marker, line.get_markerfacecolor(), line.get_markeredgecolor(), line.get_alpha()
+
+
+# Training and comparison.
+
+
+@pytest.fixture(scope="module")
+def checkpoints() -> dict[float, rv.Scores]:
+    """Score three checkpoints, the last one first."""
+    evaluator = rv.Evaluator(split="val_unseen")
+    samples = {300: "good", 100: "mediocre", 200: "drawn"}
+    return {step: evaluator(SAMPLES / f"{name}.json") for step, name in samples.items()}
+
+
+def test_a_curve(checkpoints: dict[float, rv.Scores]) -> None:
+    lines = {line.get_label(): line for line in plot_curve(checkpoints).get_lines()}
+    assert list(lines) == ["SR", "RGSPL"]
+    assert np.asarray(lines["RGSPL"].get_xdata()).tolist() == [100, 200, 300]
+    assert np.asarray(lines["RGSPL"].get_ydata()).tolist() == [
+        100 * checkpoints[step]["rgspl"] for step in (100, 200, 300)
+    ]
+
+
+def test_a_curve_with_intervals(checkpoints: dict[float, rv.Scores]) -> None:
+    sure = {step: each.with_intervals(resamples=200) for step, each in checkpoints.items()}
+    axes = plot_curve(sure, ["spl"])
+    (band,) = axes.collections
+    heights = np.asarray(band.get_paths()[0].vertices)[:, 1]
+    intervals = [each.intervals["spl"] for each in sure.values() if each.intervals]
+    ends = [100 * end for interval in intervals for end in (interval.low, interval.high)]
+    assert set(ends) <= set(heights.tolist())
+    assert [line.get_label() for line in axes.get_lines()] == ["SPL"]
+
+
+def test_curves_that_cannot_be_drawn(checkpoints: dict[float, rv.Scores]) -> None:
+    other = rv.evaluate(SAMPLES / "good.json", split="val_unseen", protocol="paper")
+    wrong: Mapping[str, Any] = {
+        "there are no scores": {},
+        "steps are numbers, such as epochs; got 'last'": {"last": checkpoints[100]},
+        "not comparable": checkpoints | {400: other},
+    }
+    for says, given in wrong.items():
+        with pytest.raises(rv.ProtocolError, match=says):
+            plot_curve(given)
+    with pytest.raises(rv.ProtocolError, match="path_length is not a fraction"):
+        plot_curve(checkpoints, ["spl", "path_length"])
+    with pytest.raises(KeyError, match="did you mean spl"):
+        plot_curve(checkpoints, ["spll"])
+
+
+def test_a_comparison(checkpoints: dict[float, rv.Scores]) -> None:
+    named = {"good": checkpoints[300], "mediocre": checkpoints[100], "drawn": checkpoints[200]}
+    comparison = rv.Comparison.of(named)
+    axes = comparison.plot()
+    drawn = {line.get_label(): line for line in axes.get_lines()}
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    assert rows == ["SR", "OSR", "SPL", "RGS", "RGSPL"]
+    for name in comparison:
+        keys = ("success", "oracle_success", "spl", "rgs", "rgspl")
+        means = [100 * comparison[name][key].mean for key in keys]
+        assert list(drawn[name].get_xdata()) == means
+    (low, _), (high, _) = axes.collections[0].get_segments()[-1]
+    interval = comparison["mediocre"]["rgspl"].interval
+    assert (low, high) == (100 * interval.low, 100 * interval.high)
+
+
+def test_a_comparison_with_navigation_alone(checkpoints: dict[float, rv.Scores]) -> None:
+    """Only metrics that both have are drawn."""
+    file = next(form for name, form in FORMS.items() if "NavGPT" in name).bytes()
+    walked = rv.evaluate(file, split="val_unseen")
+    axes = rv.Comparison.of({"ours": checkpoints[300], "walked": walked}).plot()
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["SR", "OSR", "SPL"]
+
+
+def test_a_gallery(scores: rv.Scores) -> None:
+    """Near misses of every outcome, with the maps and answers that episodes show by themselves."""
+    gallery = scores.gallery()
+    assert {outcome: [each.instr_id for each in shown] for outcome, shown in gallery.items()} == {
+        outcome: list(ids) for outcome, ids in near_misses(scores).items() if ids
+    }
+    html = gallery._repr_html_()
+    for outcome, shown in gallery.items():
+        assert f"<h4>{outcome.capitalize()}</h4>" in html
+        assert all(episode._repr_html_() in html for episode in shown)
+    assert repr(gallery).startswith("<Gallery of near misses: 1 never reached, 1 overshot")
 
 
 @pytest.mark.parametrize("draw", ["funnel", "breakdown", "distribution", "episode"])

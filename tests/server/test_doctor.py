@@ -35,7 +35,7 @@ from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.service.reported import add_reported, change_reported, remove_reported
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.tokens import revoke_token
-from reverie_eval.server.store.tables import AuditEntry, Submission
+from reverie_eval.server.store.tables import AuditEntry, News, Submission
 from tests.support.acting import AUDIT_LOG, NOON, add_person, add_team, create_token, review
 from tests.support.flat import Run
 from tests.support.serving import OTHER, OWNER, PRIVATE, Serving, settings_of, submission_for
@@ -373,12 +373,22 @@ def test_damage_to_several_is_named_all_at_once(kept: Path, run: Run) -> None:
     assert faults == ["uploads", "receipts", "audit log"]
 
 
+def test_files_among_the_uploads_that_nobody_has_sent_are_listed(kept: Path) -> None:
+    (kept / "uploads" / "00.txt").touch()
+    upload = next((kept / "uploads").glob("*/*.gz"))
+    for name in ("0", "zz"):
+        (upload.parent / name).touch()
+    folder = upload.parent.name
+    (note,) = (finding.what for finding in examine(kept) if finding.kind == "note")
+    assert note.startswith(f"3 files without a submission: 00.txt, {folder}/0, {folder}/zz; left")
+
+
 def test_a_stray_file_is_no_fault(kept: Path, run: Run) -> None:
     (kept / "uploads" / "ab").mkdir(exist_ok=True)
     (kept / "uploads" / "ab" / ".half").touch()
     outcome = run("server", "doctor", str(kept))
     assert (outcome.status, " note " in outcome.out) == (0, True)
-    assert "1 file without a submission: .half" in outcome.out
+    assert "1 file without a submission: ab/.half" in outcome.out
 
 
 def test_a_split_that_was_removed_is_no_fault(kept: Path, run: Run) -> None:
@@ -413,3 +423,20 @@ def test_nothing_written_meanwhile_looks_amiss(
     monkeypatch.setattr(doctor, "mismatches", mismatches_after_another)
     assert [finding for finding in examine(folder) if finding.kind == "fault"] == []
     assert settings_of(folder, url).database == url
+
+
+def test_the_audit_log_is_compared_with_all_rows(server_on: Serving) -> None:
+    sent = server_on.upload(OWNER).json()["submission"]["id"]
+    server_on.ask(OWNER, "PATCH", f"/submissions/{sent}", json={"published": True})
+    with server_on.state.database.writing() as session:
+        assert list(mismatches(session)) == []
+        session.get_one(Submission, sent).published_at = NOON + timedelta(hours=1)
+        session.execute(delete(AuditEntry).where(AuditEntry.action == "submitted"))
+        session.add(News(text="Forged", posted_by="", created_at=NOON))
+        session.flush()
+        day = f"{NOON:%Y-%m-%d}"
+        assert list(mismatches(session)) == [
+            f"changed (submission:{sent}, {day} 13:00:00): in the database, but not logged",
+            f"news added (news:1, {day} 12:00:00): in the database, but not logged",
+            f"submitted (submission:{sent}): in the database, but not logged",
+        ]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import delete
 
 from reverie_eval import evaluate
 from reverie_eval.agents import run_agent
@@ -22,6 +23,7 @@ from tests.support.serving import (
     OTHER,
     OWNER,
     PRIVATE,
+    STRICT,
     OpenServer,
     Serving,
     adjusted,
@@ -91,6 +93,18 @@ def test_a_result_without_stored_sums_may_have_any_rank(three: Serving) -> None:
     assert [interval for _, interval, _ in rest] == [[1, 4]] * 3
 
 
+def test_a_further_leaderboard_compares_by_its_own_sums(several: Serving) -> None:
+    publish(several, GOOD, "Good")
+    publish(
+        several, json.dumps(run_agent("random", several.state.boards[OPEN].truth)).encode(), "R"
+    )
+    with several.state.database.writing() as session:
+        session.execute(delete(ClusterSums).where(ClusterSums.board == ""))
+    assert [row["rank_interval"] for row in leaderboard(several)] == [None, None]
+    further = several.ask(None, "GET", f"/splits/{OPEN}/also/{STRICT}/leaderboard").json()["rows"]
+    assert [row["rank_interval"] for row in further] == [[1, 1], [2, 2]]
+
+
 def test_a_private_split_uses_the_shown_means_alone(server: Serving) -> None:
     """By hand: 0.5 and 0.4 of so few tasks are not told apart, 0.9 and 0.1 are."""
     for name, value in (("Ant", 0.9), ("Bee", 0.5), ("Cat", 0.4), ("Dog", 0.1)):
@@ -113,6 +127,8 @@ def test_there_are_none_of_a_single_result_or_too_many(
     assert places(leaderboard(server)) == [("Good", None, None)]
     publish(server, GOOD + b"\n", "Again")
     assert sorted(places(leaderboard(server))) == [("Again", [1, 2], 1), ("Good", [1, 2], 1)]
+    monkeypatch.setattr(rank_intervals, "MOST_COMPARED", 2)
+    assert leaderboard(server)[0]["rank_interval"] == [1, 2]
     monkeypatch.setattr(rank_intervals, "MOST_COMPARED", 1)
     server.clock.turn(seconds=1)
     assert sorted(places(leaderboard(server))) == [("Again", None, None), ("Good", None, None)]

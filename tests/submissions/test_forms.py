@@ -196,7 +196,7 @@ def test_a_trajectory_is_walked_from_first_to_last(
     record = {"instr_id": "7_1_0", "trajectory": trajectory, "predObjId": 3}
     predictions = read_predictions([record])
     assert not predictions.problems
-    assert predictions.viewpoint_ids == list(viewpoint_ids)
+    assert list(predictions.viewpoint_ids) == list(viewpoint_ids)
     told = [predictions.pose_path(0, pose) for pose in range(len(viewpoint_ids))]
     assert places is None or [".".join(map(str, path)) for path in told] == places
 

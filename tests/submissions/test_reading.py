@@ -10,15 +10,21 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from reverie_eval import Problem, SubmissionError
-from reverie_eval.submissions import Predictions, Submission, convert, read_predictions
-from reverie_eval.submissions import _sources as sources
+from reverie_eval import Problem, ProtocolError, SubmissionError
+from reverie_eval.submissions import (
+    MAX_MEBIBYTES_VARIABLE,
+    Predictions,
+    Submission,
+    convert,
+    read_predictions,
+)
 from reverie_eval.submissions._document import parse_document
 from reverie_eval.submissions._official import decode_official
 from reverie_eval.submissions._reading_log import ReadingLog
@@ -199,12 +205,20 @@ def test_too_large(
     submission: Callable[[bytes], Submission], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mebibyte = 1 << 20
-    monkeypatch.setattr(sources, "MAX_BYTES", mebibyte)
+    monkeypatch.setenv(MAX_MEBIBYTES_VARIABLE, "1")
     just_fits = document(record()).ljust(mebibyte)
     assert problems_of(submission(just_fits)) == ()
     (problem,) = problems_of(submission(just_fits + b" "))
     assert (problem.code, problem.where) == ("too-large", "file")
     assert "larger than 1 MiB" in problem.message
+    assert problem.message.endswith("set REVERIE_EVAL_MAX_MEBIBYTES to its size in MiB")
+
+
+@pytest.mark.parametrize("value", ["", "-1", "1.5", "two", "9" * 7])
+def test_a_largest_size_that_is_not_one(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(MAX_MEBIBYTES_VARIABLE, value)
+    with pytest.raises(ProtocolError, match="a whole number of MiB such as 128; got '"):
+        read_predictions(CONTENT)
 
 
 # Records.
@@ -624,9 +638,11 @@ def damaged_documents(draw: st.DrawFn) -> bytes:
 
 
 @settings(max_examples=500)
-@given(content=documents | damaged_documents())
-def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
-    predictions = decode_official(content)
+@given(content=documents | damaged_documents(), chunk=st.sampled_from([1, 100, 1 << 16]))
+def test_the_fast_lane_declines_or_agrees(content: bytes, chunk: int) -> None:
+    """However many bytes it decodes at once."""
+    with patch("reverie_eval.submissions._official._CHUNK", chunk):
+        predictions = decode_official(content)
     event("taken" if predictions else "declined")
     if predictions:
         log = ReadingLog()
@@ -636,6 +652,26 @@ def test_the_fast_lane_declines_or_agrees(content: bytes) -> None:
         assert predictions.answer_is_text.tolist() == carefully.answer_is_text.tolist()
         assert boxes_of(predictions) == boxes_of(carefully) == []
         assert not [*carefully.read_as, *carefully.problems]
+
+
+@pytest.mark.parametrize(
+    "between", [",", " ,\n\t", ",,", "", ",\x0b", "}, {", "], [", '"}, {"', ', {"note": "}, {"}, ']
+)
+def test_a_list_is_cut_between_records_only(between: str) -> None:
+    """Whatever is between records: the fast lane cuts here after each record."""
+    content = f"[{record()}{between}{record()}]".encode()
+    with patch("reverie_eval.submissions._official._CHUNK", 1):
+        predictions = decode_official(content)
+    assert (predictions is not None) == (between.strip(" \n\t") == ",")
+    assert predictions is None or columns_of(predictions) == columns_of(read_predictions(content))
+
+
+def test_a_text_that_looks_like_the_space_between_records() -> None:
+    name = json.dumps("a}, {b")
+    content = document(record(instr_id=name), record(trajectory=f"[[{name}, 0, 0]]"))
+    with patch("reverie_eval.submissions._official._CHUNK", 1):
+        assert decode_official(content) is None
+    assert read_predictions(content).instr_ids[0] == json.loads(name)
 
 
 @settings(max_examples=500)
@@ -685,6 +721,33 @@ def test_what_can_be_read_is_read_the_same_when_converted(content: bytes) -> Non
     before, after = (read_predictions(it) for it in (content, converted))
     assert columns_of(after)[:-1] == columns_of(before)[:-1]
     assert boxes_of(after) == boxes_of(before)
+
+
+def with_tuples(value: Any) -> Any:
+    """Return a document with tuples in the place of lists; its objects are changed."""
+    if isinstance(value, dict):
+        value |= {name: with_tuples(each) for name, each in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list) else value
+
+
+@settings(max_examples=200)
+@given(content=documents)
+def test_the_careful_lane_reads_common_forms_as_it_reads_others(content: bytes) -> None:
+    """Trajectories that are lists are read by loops in C if they have a common form."""
+    try:
+        document, other = (parse_document(content, ReadingLog()) for _ in range(2))
+        by_loops, by_elements = (
+            read_carefully(each, ReadingLog()) for each in (document, with_tuples(other))
+        )
+    except SubmissionError:
+        return
+    assert columns_of(by_loops) == columns_of(by_elements)
+    assert places_of(by_loops) == places_of(by_elements)
+    assert by_loops.differences == by_elements.differences
+    assert np.array_equal(by_loops.continues_hop, by_elements.continues_hop)  # type: ignore[arg-type]
+    assert [each.where for each in by_loops.problems] == [
+        each.where for each in by_elements.problems
+    ]
 
 
 @pytest.mark.parametrize("name", ["good.json", "mediocre.json"])

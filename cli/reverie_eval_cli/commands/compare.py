@@ -179,8 +179,8 @@ def _methods(words: Sequence[str]) -> Mapping[str, Sequence[str]]:
     return methods
 
 
-def _method(scores: Sequence[Scores], files: Sequence[str], by: "Clustering") -> Method:
+def _method(scores: Sequence[Scores], files: Sequence[str], cluster: "Clustering") -> Method:
     """Return the scores of a single file, or those of several runs together."""
     if len(files) == 1:
         return scores[0]
-    return Runs.of(dict(zip(submission_names(files), scores, strict=True)), by)
+    return Runs.of(dict(zip(submission_names(files), scores, strict=True)), cluster)

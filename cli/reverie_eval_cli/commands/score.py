@@ -101,7 +101,8 @@ _SECONDS_BETWEEN_LOOKS = 1.0
     "--episodes",
     metavar="FILE",
     type=click.Path(),
-    help="Also write every episode's values to FILE, as CSV; with several protocols, the first's.",
+    help="Also write the values, outcome and instruction of every episode to FILE, as CSV; with "
+    "several protocols, the first's.",
 )
 def score(
     *,
@@ -199,7 +200,11 @@ def _rank(
 
 
 def _score_runs(
-    words: Sequence[str], evaluator: Evaluator, by: "Clustering", layout: str, output: str | None
+    words: Sequence[str],
+    evaluator: Evaluator,
+    cluster: "Clustering",
+    layout: str,
+    output: str | None,
 ) -> int:
     """Print the mean of several runs of a method, with its interval."""
     from reverie_eval.reporting._runs import RUNS_FORMATS, print_runs
@@ -213,7 +218,7 @@ def _score_runs(
     name, files = found
     check_outputs([output], files)
     names = submission_names(files)
-    runs = Runs.of(dict(zip(names, score_each(files, evaluator), strict=True)), by)
+    runs = Runs.of(dict(zip(names, score_each(files, evaluator), strict=True)), cluster)
     text = partial(RUNS_FORMATS[layout], name, runs)
     if layout == "table":
         show(text, output, lambda console: print_runs(console, runs))

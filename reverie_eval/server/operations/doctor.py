@@ -8,7 +8,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 
 from pydantic import ValidationError
-from sqlalchemy import select, text
+from sqlalchemy import Select, func, select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
@@ -40,14 +40,14 @@ from reverie_eval.server.store.tables import StoredSnapshot, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, name_of, open_uploads
 from reverie_eval.text import count_text, first_few
 
-Track = Callable[[Sequence[str], str], Iterable[str]]
-"""Shows progress while iterating over items."""
+Track = Callable[[Iterable[str], str, int], Iterable[str]]
+"""Shows progress while iterating over items: what they are, and how many."""
 
 _LITTLE_SPACE = 1 << 30
 """Bytes; a thousand typical uploads to the largest split, unpacked, take a few times as much."""
 
 
-def examine(folder: Path, track: Track = lambda items, _: items) -> Iterator[Finding]:
+def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Finding]:
     """Check what a server needs to start, then all stored data, if it can be read at all."""
     yield from check_folder(folder)
     try:
@@ -102,15 +102,13 @@ def _at_the_file(database: Database, session: Session) -> Iterator[Finding]:
 
 def _at_submissions(session: Session, state: ServerState, track: Track) -> Iterator[Finding]:
     uploads = open_uploads(state.settings.uploads, state.settings.folder)
-    kept = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None))
-    files = session.scalars(kept.distinct().order_by(Submission.sha256)).all()
-    yield from _at_uploads(session, files, uploads, track)
-    yield from _at_strays(files, uploads)
+    yield from _at_uploads(session, uploads, track)
+    yield from _at_strays(session, uploads)
     reports = _Reports(state.boards)
     receipts = _Receipts(list_keys(session), all_names_of_teams(session))
-    names = session.scalars(select(Submission.id).order_by(Submission.received_at)).all()
-    for start in range(0, len(names), AT_ONCE):
-        for name, submission in _read(session, names[start : start + AT_ONCE]):
+    chosen = select(Submission.id).order_by(Submission.received_at)
+    for names in session.scalars(chosen.execution_options(yield_per=AT_ONCE)).partitions():
+        for name, submission in _read(session, names):
             if submission is None:
                 message = f"the row of submission {name} cannot be read; restore the last backup"
                 yield Finding("submissions", "fault", message)
@@ -135,20 +133,29 @@ def _read(session: Session, names: Sequence[str]) -> Iterator[tuple[str, Submiss
                 yield name, None
 
 
-def _at_uploads(
-    session: Session, files: Sequence[str], uploads: Uploads, track: Track
-) -> Iterator[Finding]:
+def _at_uploads(session: Session, uploads: Uploads, track: Track) -> Iterator[Finding]:
+    number = session.scalar(select(func.count()).select_from(_files().subquery())) or 0
     sound = 0
-    for sha256 in track(files, "uploads"):
+    for sha256 in track(_streamed(session), "uploads", number):
         trouble = _trouble(uploads, sha256)
         sound += not trouble
         if trouble:
             chosen = select(Submission.id).where(Submission.sha256 == sha256)
             whose = first_few(session.scalars(chosen.order_by(Submission.received_at)).all())
             remedy = f"replace it with uploads/{sha256}.json from a backup, compressed with gzip"
-            message = f"{sha256[:2]}/{name_of(sha256)} of submission {whose} {trouble}; {remedy}"
+            message = f"{name_of(sha256)} of submission {whose} {trouble}; {remedy}"
             yield Finding("uploads", "fault", message)
-    yield Finding("uploads", "ok", f"{sound:,} of {count_text(len(files), 'upload')} intact")
+    yield Finding("uploads", "ok", f"{sound:,} of {count_text(number, 'upload')} intact")
+
+
+def _files() -> Select[str]:
+    """Select the SHA-256 of all uploads that are kept, in order."""
+    kept = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None))
+    return kept.distinct().order_by(Submission.sha256)
+
+
+def _streamed(session: Session) -> Iterable[str]:
+    return session.scalars(_files().execution_options(yield_per=AT_ONCE))
 
 
 def _trouble(uploads: Uploads, sha256: str) -> str:
@@ -162,15 +169,25 @@ def _trouble(uploads: Uploads, sha256: str) -> str:
     return "" if found == sha256 else "differs from the file that was uploaded"
 
 
-def _at_strays(files: Iterable[str], uploads: Uploads) -> Iterator[Finding]:
-    expected = set(map(name_of, files))
-    strays = sorted(name for name in uploads.names() if name not in expected)
+def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
+    strays = list(_others(uploads.names(), map(name_of, _streamed(session))))
     if strays:
         message = (
             f"{count_text(len(strays), 'file')} without a submission: {first_few(strays)}; left by "
             "a crash, or being accepted now. If the server is stopped, they can be deleted"
         )
         yield Finding("uploads", "note", message)
+
+
+def _others(names: Iterable[str], known: Iterable[str]) -> Iterator[str]:
+    """Yield the names that are not known; both come in order, and neither is kept in memory."""
+    rest = iter(known)
+    least = next(rest, None)
+    for name in names:
+        while least is not None and least < name:
+            least = next(rest, None)
+        if name != least:
+            yield name
 
 
 class _Reports:

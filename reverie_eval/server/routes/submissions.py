@@ -20,7 +20,10 @@ router = APIRouter(prefix="/submissions", tags=["submissions"])
 
 SubmissionId = Annotated[str, Path(examples=["5f2b0c9a4d7e1f36"])]
 _OF_ONE = problems("not-signed-in", "not-found")
-_CSV = "instr_id,path_length,success,...\n4774_267_1,12.5,1.0,...\n"
+_CSV = (
+    "instr_id,path_length,success,...,outcome,scan,...\n"
+    "4774_267_1,12.5,1.0,...,correct,QUCTc6BB5sX,...\n"
+)
 
 
 @router.get("", responses=problems("not-signed-in"))

@@ -23,11 +23,24 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
-from sqlalchemy import Executable, func, inspect, literal, null, select
-from sqlalchemy.orm import Session
+from sqlalchemy import (
+    ColumnElement,
+    Select,
+    SQLColumnExpression,
+    String,
+    case,
+    cast,
+    except_,
+    func,
+    inspect,
+    literal,
+    select,
+    union_all,
+)
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from reverie_eval.receipts import key_id_of
 from reverie_eval.schemas.organising import AuditReport
@@ -301,25 +314,19 @@ class Action(NamedTuple):
         return f"{self.name} ({self.row}{when})"
 
 
+_Actions: TypeAlias = Select[Any, Any, Any]
+"""Selects name, row and time of actions."""
+
+
 def mismatches(session: Session) -> Iterator[str]:
     """Describe every disagreement between the audit log and the rows of the database."""
-    logged = {
-        Action(name, row, None if name == _SUBMITTED else at)
-        for name, row, at in session.execute(
-            select(AuditEntry.action, AuditEntry.row, AuditEntry.at),
-            execution_options={"yield_per": AT_ONCE},
-        )
-    }
-    visible = {
-        Action(name, f"{table.__tablename__}:{key}", at)
-        for table, rows in _VISIBLE_ACTIONS
-        for name, key, at in session.execute(rows, execution_options={"yield_per": AT_ONCE})
-        if at is not None or name == _SUBMITTED
-    }
-    for action in sorted(logged - visible, key=str):
-        if action.name not in _REPEATABLE | _SHOWN_BY_NO_ROW:
-            yield f"{action}: logged, but no longer in the database"
-    for action in sorted(visible - logged, key=str):
+    # The database compares them: there may be millions.
+    visible = union_all(*_VISIBLE_ACTIONS).subquery().select()
+    logged = select(AuditEntry.action, AuditEntry.row, _time(AuditEntry.action, AuditEntry.at))
+    lasting = logged.where(AuditEntry.action.not_in(_REPEATABLE | _SHOWN_BY_NO_ROW))
+    for action in _difference(session, lasting, visible):
+        yield f"{action}: logged, but no longer in the database"
+    for action in _difference(session, visible, logged):
         yield f"{action}: in the database, but not logged"
     names = dict(_recorded_names(session))
     for team in session.scalars(select(Team)):
@@ -327,6 +334,12 @@ def mismatches(session: Session) -> Iterator[str]:
         if recorded != team.name:
             yield f"{row_name(team)} is called {team.name!r}; the audit log calls it {recorded!r}"
     yield from _mismatched_keys(session)
+
+
+def _difference(session: Session, some: _Actions, others: _Actions) -> Sequence[Action]:
+    """Return the actions that only the first statement selects."""
+    rows = session.execute(except_(some, others))
+    return sorted((Action(*row) for row in rows), key=str)
 
 
 def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
@@ -398,47 +411,44 @@ def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str, str]]:
             yield entry.row, entry.key_id, entry.details["name_digest"]
 
 
-_VISIBLE_ACTIONS: Sequence[tuple[type[Base], Executable]] = (
-    (Team, select(literal("team added"), Team.id, Team.created_at)),
-    (Team, select(literal("team merged"), Team.id, Team.merged_at)),
-    (Person, select(literal("person added"), Person.id, Person.created_at)),
-    (Person, select(literal("person deleted"), Person.id, Person.deleted_at)),
-    (JoinRequest, select(JoinRequest.decision, JoinRequest.id, JoinRequest.decided_at)),
-    (Token, select(Token.kind.concat(" token created"), Token.id, Token.created_at)),
+def _time(action: SQLColumnExpression[Any], at: SQLColumnExpression[Any]) -> ColumnElement[Any]:
+    """Return when an action happened; None for one that is logged some time after it did."""
+    return case((action != _SUBMITTED, at))
+
+
+def _shown(action: str | SQLColumnExpression[Any], at: InstrumentedAttribute[Any]) -> _Actions:
+    """Select an action that the rows of a table show, as entries refer to it, by its time."""
+    table, name = at.class_, literal(action) if isinstance(action, str) else action
+    row = literal(f"{table.__tablename__}:").concat(cast(table.id, String))
+    return select(name, row, _time(name, at)).where(at.is_not(None))
+
+
+_VISIBLE_ACTIONS: Sequence[_Actions] = (
+    _shown("team added", Team.created_at),
+    _shown("team merged", Team.merged_at),
+    _shown("person added", Person.created_at),
+    _shown("person deleted", Person.deleted_at),
+    _shown(JoinRequest.decision, JoinRequest.decided_at),
+    _shown(Token.kind.concat(" token created"), Token.created_at),
     # Using an invitation is not logged; creating the token that it was exchanged for is.
-    (
-        Token,
-        select(literal("token revoked"), Token.id, Token.revoked_at).where(Token.kind == "access"),
-    ),
-    (Submission, select(literal(_SUBMITTED), Submission.id, null())),
-    (Submission, select(literal("changed"), Submission.id, Submission.published_at)),
-    (Submission, select(literal("changed"), Submission.id, Submission.withdrawn_at)),
-    (Submission, select(literal("upload deleted"), Submission.id, Submission.upload_deleted_at)),
-    (Submission, select(literal("scored again"), Submission.id, Submission.rescored_at)),
-    (Grant, select(literal("granted"), Grant.id, Grant.created_at)),
-    (Review, select(Review.verdict, Review.id, Review.created_at)),
-    (Review, select(literal("review lifted"), Review.id, Review.lifted_at)),
-    (
-        ReportedResult,
-        select(literal("reported result added"), ReportedResult.id, ReportedResult.created_at),
-    ),
-    (
-        ReportedResult,
-        select(literal("reported result removed"), ReportedResult.id, ReportedResult.removed_at),
-    ),
-    (
-        SigningKey,
-        select(literal("signing key replaced"), SigningKey.id, SigningKey.replaced_at),
-    ),
-    (SigningKey, select(literal("signing key revoked"), SigningKey.id, SigningKey.revoked_at)),
-    (News, select(literal("news added"), News.id, News.created_at)),
-    (News, select(literal("news removed"), News.id, News.removed_at)),
-    (Notice, select(literal("notice posted"), Notice.id, Notice.created_at)),
-    (SetSchedule, select(literal("schedule set"), SetSchedule.id, SetSchedule.created_at)),
-    (
-        StoredSnapshot,
-        select(literal("snapshot taken"), StoredSnapshot.id, StoredSnapshot.created_at),
-    ),
-    (Correction, select(literal("correction announced"), Correction.id, Correction.created_at)),
+    _shown("token revoked", Token.revoked_at).where(Token.kind == "access"),
+    _shown(_SUBMITTED, Submission.received_at),
+    _shown("changed", Submission.published_at),
+    _shown("changed", Submission.withdrawn_at),
+    _shown("upload deleted", Submission.upload_deleted_at),
+    _shown("scored again", Submission.rescored_at),
+    _shown("granted", Grant.created_at),
+    _shown(Review.verdict, Review.created_at),
+    _shown("review lifted", Review.lifted_at),
+    _shown("reported result added", ReportedResult.created_at),
+    _shown("reported result removed", ReportedResult.removed_at),
+    _shown("signing key replaced", SigningKey.replaced_at),
+    _shown("signing key revoked", SigningKey.revoked_at),
+    _shown("news added", News.created_at),
+    _shown("news removed", News.removed_at),
+    _shown("notice posted", Notice.created_at),
+    _shown("schedule set", SetSchedule.created_at),
+    _shown("snapshot taken", StoredSnapshot.created_at),
+    _shown("correction announced", Correction.created_at),
 )
-"""For each table, the actions that its rows show: name, key of the row, time or None."""
+"""The actions that the rows of the database show."""

@@ -7,11 +7,12 @@ no scores that are held back, no team that is anonymous, nothing that was withdr
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from heapq import nlargest
 from uuid import NAMESPACE_URL, uuid5
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.service import NewsReport
-from reverie_eval.server.service.entries import Entry
+from reverie_eval.server.service.entries import Entry, PublishedReview
 from reverie_eval.server.service.leaderboard import ANONYMOUS, Ranking
 
 MOST_ITEMS = 50
@@ -33,11 +34,20 @@ class Item:
 
 
 def items_of(ranking: Ranking) -> Iterator[Item]:
-    """Yield what happened on a leaderboard, in no order."""
-    board = ranking.board
-    for row in (*ranking.rows, *ranking.apart):
-        if row.entry.submission_id is not None:
-            yield from _items_of_entry(row.entry, row.entry.submission_id, ranking)
+    """Yield what happened on a leaderboard lately, in no order."""
+    board, entries = ranking.board, [row.entry for row in (*ranking.rows, *ranking.apart)]
+    # Only what a feed may have is worded: there may be thousands of results.
+    published = [entry for entry in entries if entry.submission_id is not None]
+    for entry in nlargest(MOST_ITEMS, published, key=lambda entry: entry.published_at):
+        yield _published(entry, ranking)
+    disqualified = [
+        (entry, review)
+        for entry in published
+        for review in entry.reviews
+        if review.verdict == "disqualified"
+    ]
+    for entry, review in nlargest(MOST_ITEMS, disqualified, key=lambda pair: pair[1].created_at):
+        yield _disqualified(entry, review, ranking)
     for correction in ranking.corrections:
         yield Item(
             id=_urn("correction", board.name, board.further, correction.created_at.isoformat()),
@@ -65,34 +75,40 @@ def latest(items: Iterable[Item]) -> Sequence[Item]:
     return sorted(items, key=lambda item: (item.at, item.id), reverse=True)[:MOST_ITEMS]
 
 
-def _items_of_entry(entry: Entry, submission_id: str, ranking: Ranking) -> Iterator[Item]:
-    name, board = entry.method["name"], ranking.board
-    team = ranking.team(entry) or ANONYMOUS
-    path = f"/submissions/{submission_id}"
-    primary = board.primary
-    score = entry.scores.get(primary.key)
-    title = f"{board.label}: {name}, {team}"
-    if score is not None:
-        title += f": {primary.heading} {primary.display(score)}"
+def _published(entry: Entry, ranking: Ranking) -> Item:
+    board = ranking.board
+    title, primary = _title(entry, ranking), board.primary
+    if primary.key in entry.scores:
+        title += f": {primary.heading} {primary.display(entry.scores[primary.key])}"
     shown = [
         f"{metric.heading} {metric.display(entry.scores[key])}"
         for key, metric in CATALOGUE.items()
         if metric.headline and key in entry.scores
     ]
-    text = ", ".join(shown) or "Its scores are published when the phase ends."
-    published = _urn("published", submission_id, board.further)
-    yield Item(published, entry.published_at, title, text, path, team)
-    for review in entry.reviews:
-        if review.verdict == "disqualified":
-            yield Item(
-                id=_urn(
-                    "disqualified", submission_id, board.further, review.created_at.isoformat()
-                ),
-                at=review.created_at,
-                title=f"{board.label}: {name}, {team}: disqualified",
-                text=review.reason,
-                path=path,
-            )
+    return Item(
+        id=_urn("published", entry.submission_id or "", board.further),
+        at=entry.published_at,
+        title=title,
+        text=", ".join(shown) or "Its scores are published when the phase ends.",
+        path=f"/submissions/{entry.submission_id}",
+        author=ranking.team(entry) or ANONYMOUS,
+    )
+
+
+def _disqualified(entry: Entry, review: PublishedReview, ranking: Ranking) -> Item:
+    at, further = review.created_at, ranking.board.further
+    return Item(
+        id=_urn("disqualified", entry.submission_id or "", further, at.isoformat()),
+        at=at,
+        title=f"{_title(entry, ranking)}: disqualified",
+        text=review.reason,
+        path=f"/submissions/{entry.submission_id}",
+    )
+
+
+def _title(entry: Entry, ranking: Ranking) -> str:
+    team = ranking.team(entry) or ANONYMOUS
+    return f"{ranking.board.label}: {entry.method['name']}, {team}"
 
 
 def _urn(*parts: str) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy import and_, or_, select
+from sqlalchemy import and_, bindparam, or_, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import NoticeReport
@@ -44,6 +44,19 @@ from reverie_eval.submissions import check_navigation_only
 from reverie_eval.submissions._sources import unpack
 
 Clock = Callable[[], datetime]
+
+# Made here, because to make them takes longer than to run them, which each upload does twice.
+_IS_SAME_FILE = and_(
+    Submission.team_id == bindparam("team"),
+    Submission.repeat == "",
+    Submission.split == bindparam("split"),
+    Submission.sha256 == bindparam("sha256"),
+)
+_IS_SAME_KEY = and_(
+    Submission.person_id == bindparam("person"), Submission.idempotency_key == bindparam("key")
+)
+_SAME_FILE = select(Submission).where(_IS_SAME_FILE)
+_SAME_FILE_OR_KEY = select(Submission).where(or_(_IS_SAME_FILE, _IS_SAME_KEY))
 
 
 @dataclass
@@ -202,17 +215,11 @@ class Intake:
         self, session: Session, person: Person, split: str, sha256: str, key: str | None
     ) -> Submission | None:
         """Return the earlier submission that this one repeats, or None."""
-        same_file = and_(
-            Submission.team_id == person.team_id,
-            Submission.repeat == "",
-            Submission.split == split,
-            Submission.sha256 == sha256,
-        )
-        same_key = and_(Submission.person_id == person.id, Submission.idempotency_key == key)
-        chosen = select(Submission).where(same_file if key is None else or_(same_file, same_key))
-        repeated = session.scalars(chosen).all()
+        given = {"team": person.team_id, "split": split, "sha256": sha256}
         if key is None:
-            return repeated[0] if repeated else None
+            return session.scalars(_SAME_FILE, given).first()
+        given |= {"person": person.id, "key": key}
+        repeated = session.scalars(_SAME_FILE_OR_KEY, given).all()
         by_key = [
             row for row in repeated if (row.person_id, row.idempotency_key) == (person.id, key)
         ]

@@ -13,7 +13,7 @@ from heapq import merge
 from math import ceil
 from typing import Any
 
-from sqlalchemy import Row, literal, null, select
+from sqlalchemy import Row, bindparam, literal, null, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import GrantReport, NewGrant
@@ -32,14 +32,11 @@ WINDOWS: Mapping[WindowName, timedelta] = {
 }
 
 
-def usage_of(session: Session, person: Person, now: datetime) -> "Usage":
-    """Return what a person and their team have sent in the last year, and what they were granted.
-
-    Within a transaction, the result stays valid until it ends.
-    """
-    theirs = (Submission.team_id == person.team_id) | (Submission.person_id == person.id)
-    # Of all splits, or SQLite looks through everybody's submissions to the one that is asked for.
-    sent = select(
+# Of all splits, or SQLite looks through everybody's submissions to the one that is asked for. In
+# one statement, because an upload asks twice, and many pages once. Made here, because to make it
+# takes longer than to run it.
+_SENT_AND_GRANTED = (
+    select(
         Submission.split,
         Submission.received_at.label("at"),
         Submission.team_id,
@@ -47,12 +44,34 @@ def usage_of(session: Session, person: Person, now: datetime) -> "Usage":
         Submission.size,
         Submission.repeat,
         literal(0).label("extra"),
-    ).where(theirs, Submission.received_at > now - max(WINDOWS.values()))
-    granted = select(
-        Grant.split, Grant.expires_at, Grant.team_id, null(), literal(0), literal(""), Grant.extra
-    ).where(Grant.team_id == person.team_id)
-    # In one statement, because an upload asks twice, and many pages once.
-    rows = session.execute(sent.union_all(granted).order_by("at")).all()
+    )
+    .where(
+        (Submission.team_id == bindparam("team")) | (Submission.person_id == bindparam("person")),
+        Submission.received_at > bindparam("since"),
+    )
+    .union_all(
+        select(
+            Grant.split,
+            Grant.expires_at,
+            Grant.team_id,
+            null(),
+            literal(0),
+            literal(""),
+            Grant.extra,
+        ).where(Grant.team_id == bindparam("team"))
+    )
+    .order_by("at")
+)
+
+
+def usage_of(session: Session, person: Person, now: datetime) -> "Usage":
+    """Return what a person and their team have sent in the last year, and what they were granted.
+
+    Within a transaction, the result stays valid until it ends.
+    """
+    since = now - max(WINDOWS.values())
+    given = {"team": person.team_id, "person": person.id, "since": since}
+    rows = session.execute(_SENT_AND_GRANTED, given).all()
     return Usage(
         person.team_id,
         person.id,

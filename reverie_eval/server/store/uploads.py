@@ -58,7 +58,7 @@ class Uploads(Protocol):
         """Delete an upload; deleting it again changes nothing."""
 
     def names(self) -> Iterator[str]:
-        """Return the names of all files; complete uploads are named by :func:`name_of`."""
+        """Return the names of all files in order; that of an upload is :func:`name_of`."""
 
     def try_out(self) -> None:
         """Test whether uploads can be stored and read, without a change."""
@@ -92,7 +92,7 @@ def stored_upload(uploads: Uploads, sha256: str) -> bytes:
 
 def name_of(sha256: str) -> str:
     """Return the name of an upload's file, in a folder of the first two letters."""
-    return f"{sha256}.json.gz"
+    return f"{sha256[:2]}/{sha256}.json.gz"
 
 
 def pack(content: bytes) -> bytes:
@@ -165,7 +165,7 @@ class FolderUploads:
 
     def names(self) -> Iterator[str]:
         """List the files, including incomplete ones after a crash."""
-        return (path.name for path in self.folder.rglob("*") if path.is_file())
+        yield from _names_in(self.folder, "")
 
     def try_out(self) -> None:
         """Look for a missing upload, and write an unnamed file to the folder or its parent."""
@@ -176,7 +176,16 @@ class FolderUploads:
             file.write(_NO_UPLOAD.encode())
 
     def _path(self, sha256: str) -> Path:
-        return self.folder / sha256[:2] / name_of(sha256)
+        return self.folder / name_of(sha256)
+
+
+def _names_in(folder: Path, prefix: str) -> Iterator[str]:
+    """Return the names of the files in a folder and those below it, in order."""
+    files = folder.iterdir() if folder.is_dir() else ()
+    # A folder's name ends with its slash, as in the names of its files.
+    for name in sorted(f"{prefix}{file.name}{'/' * file.is_dir()}" for file in files):
+        is_folder = name.endswith("/")
+        yield from _names_in(folder / name[len(prefix) :], name) if is_folder else [name]
 
 
 def _piece(path: Path, start: int) -> bytes:
@@ -265,7 +274,8 @@ class S3Uploads:
         pages = self._client.get_paginator("list_objects_v2")
         with self._asking():
             for page in pages.paginate(Bucket=self._bucket, Prefix=self._prefix):
-                yield from (found["Key"].rpartition("/")[2] for found in page.get("Contents", ()))
+                for found in page.get("Contents", ()):
+                    yield found["Key"].removeprefix(self._prefix)
 
     def try_out(self) -> None:
         """Look for a missing upload."""
@@ -302,4 +312,4 @@ class S3Uploads:
         return UploadsError(f"s3://{self._bucket}: {error}; {remedy}")
 
     def _key(self, sha256: str) -> str:
-        return f"{self._prefix}{sha256[:2]}/{name_of(sha256)}"
+        return f"{self._prefix}{name_of(sha256)}"

@@ -1,0 +1,116 @@
+"""Saved scores: the aligned predictions and how they were scored, without any answers.
+
+Scores are computed again from them, which takes milliseconds and gives the same digits.
+"""
+
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from os import PathLike
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from reverie_eval.arrays import Array, frozen
+from reverie_eval.errors import ReverieEvalError
+from reverie_eval.files import staged_file
+from reverie_eval.submissions import AlignedSubmission, BoxAnswers
+
+FORMAT_VERSION = 1
+_HEADER = "header"
+_BOXES = "boxes/"
+_COLUMNS = (
+    *("viewpoint", "offsets", "predicted_object", "answer_is_text", "has_leading_zeros"),
+    *(f"{_BOXES}{field.name}" for field in fields(BoxAnswers)),
+)
+# numpy parses the header of each array as Python source, hence the second line.
+_DAMAGE = (
+    *(ValueError, TypeError, KeyError, EOFError, NotImplementedError, RuntimeError),
+    *(tokenize.TokenError, SyntaxError, zipfile.BadZipFile, zlib.error, msgspec.DecodeError),
+)
+"""Exceptions that numpy, zipfile and msgspec raise for other files and damaged ones."""
+
+
+@dataclass(frozen=True)
+class IntervalSettings:
+    """How intervals were computed, as :meth:`Scores.with_intervals` takes it."""
+
+    cluster: str
+    confidence: float
+    resamples: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class SavedHeader:
+    """How the predictions were scored."""
+
+    split: str
+    protocol: str
+    qualifier: str
+    fingerprint: str
+    """Of the ground truth, whose viewpoints and episodes the columns number."""
+    subset: tuple[str, ...] | None
+    """The instr_ids of a declared subset."""
+    hints: tuple[str, ...]
+    intervals: IntervalSettings | None
+    is_navigation_only: bool
+    format_version: int = FORMAT_VERSION
+
+
+def write_saved(
+    path: str | PathLike[str], header: SavedHeader, submission: AlignedSubmission
+) -> None:
+    """Write what scores are computed from; the file appears complete or not at all."""
+    columns = {name: _column(submission, name) for name in _COLUMNS}
+    columns[_HEADER] = np.frombuffer(msgspec.json.encode(header), np.uint8)
+    with staged_file(Path(path)) as file:
+        np.savez_compressed(file, **columns)  # type: ignore[arg-type]  # mypy: allow_pickle, too
+
+
+def read_saved(path: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmission]:
+    """Read what :func:`write_saved` wrote.
+
+    Raises
+    ------
+    ReverieEvalError
+        If the file is another one, is damaged, or was written by a later version.
+    OSError
+        If it cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            columns = {name: frozen(np.asarray(archive[name])) for name in _COLUMNS}
+            header = msgspec.json.decode(archive[_HEADER].tobytes(), type=SavedHeader)
+    except _DAMAGE as error:
+        raise ReverieEvalError(
+            f"{path} has no saved scores, or is damaged; `Scores.save` writes such files, and "
+            "`rv.evaluate` scores a result file"
+        ) from error
+    if header.format_version != FORMAT_VERSION:
+        raise ReverieEvalError(
+            f"{path} has format {header.format_version} of saved scores, this version of "
+            f"reverie-eval reads format {FORMAT_VERSION}; load it with the version that wrote it"
+        )
+    return header, _submission(columns, is_navigation_only=header.is_navigation_only)
+
+
+def _column(submission: AlignedSubmission, name: str) -> Array:
+    holder = submission.boxes if name.startswith(_BOXES) else submission
+    column: Array = getattr(holder, name.removeprefix(_BOXES))
+    return column
+
+
+def _submission(columns: Mapping[str, Array], *, is_navigation_only: bool) -> AlignedSubmission:
+    boxes = {
+        name.removeprefix(_BOXES): column
+        for name, column in columns.items()
+        if name.startswith(_BOXES)
+    }
+    others = {name: column for name, column in columns.items() if not name.startswith(_BOXES)}
+    return AlignedSubmission(
+        **others, boxes=BoxAnswers(**boxes), is_navigation_only=is_navigation_only
+    )

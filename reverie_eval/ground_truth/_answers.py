@@ -1,5 +1,6 @@
 """The answers of a split: targets, annotated paths, and candidates with their boxes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,6 +20,9 @@ from reverie_eval.arrays import (
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.ground_truth._bundle import Bundle, unpack_texts
 from reverie_eval.metrics import SUCCESS_DISTANCE
+
+NO_TARGET = -2
+"""The target object of episodes without one: no answer names it, not even one without an object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +99,13 @@ class CandidateBoxes:
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Everything that a public bundle leaves out."""
+    """Everything that a public bundle leaves out.
+
+    In a task without target objects there are no candidates, boxes and categories either.
+    """
 
     target_object: IntArray
-    """Shape (n_episodes,): object id within the episode's scan."""
+    """Shape (n_episodes,): object id within the episode's scan, or ``NO_TARGET``."""
     goal: IntArray
     """Shape (n_episodes,): last viewpoint of the annotated path."""
     candidate_viewpoint: IntArray
@@ -125,17 +132,18 @@ class Answers:
         arrays = bundle.arrays
         task = arrays["episode_task"]
         task_goal = arrays["path"][last_of(arrays["path_offsets"])]
+        targets = arrays if "task_target" in arrays else _without_targets(len(task_goal))
         return cls(
-            target_object=arrays["task_target"][task],
+            target_object=targets["task_target"][task],
             goal=task_goal[task],
-            candidate_viewpoint=arrays["candidate_viewpoint"],
-            candidate_object=arrays["candidate_object"],
-            candidate_distance=arrays.get("candidate_distance"),
+            candidate_viewpoint=targets["candidate_viewpoint"],
+            candidate_object=targets["candidate_object"],
+            candidate_distance=targets.get("candidate_distance"),
             boxes=CandidateBoxes(
-                candidate=arrays["box_candidate"],
-                candidate_viewpoint=arrays["candidate_viewpoint"],
-                view=arrays["box_view"],
-                xywh=arrays["box_xywh"],
+                candidate=targets["box_candidate"],
+                candidate_viewpoint=targets["candidate_viewpoint"],
+                view=targets["box_view"],
+                xywh=targets["box_xywh"],
             ),
             path=arrays["path"],
             path_offsets=arrays["path_offsets"],
@@ -195,6 +203,19 @@ class Answers:
     def _candidate_keys(self) -> IntArray:
         # Ascending without a sort, because the compiler orders candidates by viewpoint and object.
         return with_object(self.candidate_viewpoint, self.candidate_object)
+
+
+def _without_targets(n_tasks: int) -> Mapping[str, Array]:
+    """Return the arrays of targets and candidates for a task that has none."""
+    nothing = np.zeros(0, dtype=np.int64)
+    return {
+        "task_target": np.full(n_tasks, NO_TARGET),
+        "candidate_viewpoint": nothing,
+        "candidate_object": nothing,
+        "box_candidate": nothing,
+        "box_view": nothing,
+        "box_xywh": nothing.reshape(0, 4),
+    }
 
 
 def _view_key(candidate_or_viewpoint: IntArray, view: IntArray) -> IntArray:

@@ -5,6 +5,7 @@ from reverie_eval.metrics._catalogue import (
     PRIMARY_METRIC,
     Metric,
     primary_metric,
+    ranking_metrics,
     table_metrics,
     units_of,
 )
@@ -56,6 +57,7 @@ __all__ = [
     "oracle_success",
     "path_length",
     "primary_metric",
+    "ranking_metrics",
     "sdtw",
     "spl",
     "steps",

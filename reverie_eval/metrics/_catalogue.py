@@ -358,14 +358,23 @@ def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
     ]
 
 
+def ranking_metrics() -> Sequence[Metric]:
+    """Return the metrics that rank REVERIE's submissions, the first that is scored before others.
+
+    >>> [metric.key for metric in ranking_metrics()]
+    ['rgspl', 'rgs', 'spl']
+    """
+    ranking = [metric for metric in CATALOGUE.values() if metric.ranks is not None]
+    return sorted(ranking, key=lambda metric: metric.ranks or 0)
+
+
 def primary_metric(scored: Collection[str] = CATALOGUE) -> Metric:
     """Return the metric that submissions are ranked by: RGSPL, else RGS, else SPL.
 
     >>> primary_metric().key, primary_metric(["success", "spl"]).key
     ('rgspl', 'spl')
     """
-    ranking = (CATALOGUE[key] for key in scored if CATALOGUE[key].ranks is not None)
-    return min(ranking, key=lambda metric: metric.ranks or 0)
+    return next(metric for metric in ranking_metrics() if metric.key in scored)
 
 
 PRIMARY_METRIC = primary_metric().key

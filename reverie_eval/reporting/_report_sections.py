@@ -115,8 +115,7 @@ class Chart:
 def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
     """Return the headline metrics of every submission."""
     rows: dict[str, list[ScoreCell]] = {name: [] for name in scores}
-    scored = {metric for each in scores.values() for metric in each.headline}
-    metrics = [metric for metric in CATALOGUE.values() if metric in scored]
+    metrics = list(dict.fromkeys(metric for each in scores.values() for metric in each.headline))
     for name, each in scores.items():
         primary = primary_metric(each.keys())
         for metric in metrics:

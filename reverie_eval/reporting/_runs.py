@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import Runs
-from reverie_eval.metrics import CATALOGUE, Metric, table_metrics
+from reverie_eval.metrics import CATALOGUE, Metric
 from reverie_eval.reporting._results import results_table
 from reverie_eval.reporting._table import MISSING, Table, print_table
 
@@ -22,7 +22,7 @@ _Row = tuple[str, Callable[[Metric], float], Callable[[Metric, float], str]]
 
 def runs_table(runs: Runs) -> Table:
     """Return a row per run, and below them the mean, its interval and its variance."""
-    metrics = table_metrics(runs.keys())
+    metrics = runs.ground_truth.task.table_metrics(runs.keys())
     shown = [m for m in metrics if m.key in runs]
     each_run = [
         [name, *(m.display(scores[m.key]) if m.key in scores else MISSING for m in shown)]

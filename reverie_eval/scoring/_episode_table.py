@@ -10,7 +10,7 @@ import numpy as np
 from reverie_eval.arrays import Array, BoolArray, FloatArray, frozen
 from reverie_eval.metrics import CATALOGUE, candidate_match
 from reverie_eval.scoring._lookups import Lookups
-from reverie_eval.scoring._protocol import Protocol
+from reverie_eval.tasks import Protocol
 from reverie_eval.text import did_you_mean
 
 Track = Literal["full", "grounding"]

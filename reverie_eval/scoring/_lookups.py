@@ -8,8 +8,8 @@ from reverie_eval.arrays import BoolArray, FloatArray, IntArray, last_of, row_of
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import SUCCESS_DISTANCE, Overlap, path_length
 from reverie_eval.scoring._boxes import BoxScores, score_boxes
-from reverie_eval.scoring._protocol import GoalRule
 from reverie_eval.submissions import AlignedSubmission
+from reverie_eval.tasks import GoalRule
 
 
 class Lookups:

@@ -17,8 +17,8 @@ from reverie_eval.processes import map_in_processes
 from reverie_eval.scoring._episode_table import EpisodeTable, Track
 from reverie_eval.scoring._evaluation import Evaluator
 from reverie_eval.scoring._lookups import Lookups
-from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL
 from reverie_eval.scoring._scores import Scores
+from reverie_eval.tasks import DEFAULT_PROTOCOL
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,7 +78,8 @@ class ScoredFiles(Mapping[str, Scores]):
     @property
     def metrics(self) -> Sequence[Metric]:
         """The metrics of a score table that has any of them."""
-        return table_metrics(_keys(self))
+        first = next(iter(self.values()), None)
+        return first.ground_truth.task.table_metrics(_keys(self)) if first else []
 
     @property
     def ranks(self) -> Mapping[str, int | None]:
@@ -188,7 +189,7 @@ def score_files(
     # A path is a short message, and a process elsewhere may read the bundle faster than receive it.
     place = truth.origin if Path(truth.origin).is_file() else truth
     size = min(_CHUNK, math.ceil(len(paths) / jobs)) if executor is None else _CHUNK
-    subset = truth.episodes.instr_ids if truth.subset_of else None
+    subset = truth.episodes.instr_ids if truth.subset_digest else None
     chunks = [
         _Chunk(paths[begin : begin + size], place, truth.split, rules, track, subset, keys)
         for begin in range(0, len(paths), size)

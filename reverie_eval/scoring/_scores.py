@@ -12,9 +12,9 @@ from reverie_eval.metrics import CATALOGUE, Metric, units_of
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
 from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
-from reverie_eval.scoring._protocol import Protocol
 from reverie_eval.submissions import AlignedSubmission
-from reverie_eval.text import count_text
+from reverie_eval.tasks import DEFAULT_TASK, Protocol
+from reverie_eval.text import count_text, first_few
 from reverie_eval.version import __version__
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class Scores(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        return [CATALOGUE[key] for key in self.episodes if CATALOGUE[key].headline]
+        return [CATALOGUE[key] for key in self.ground_truth.task.headline if key in self.episodes]
 
     @property
     def notes(self) -> Sequence[str]:
@@ -93,7 +93,8 @@ class Scores(Mapping[str, float]):
         return [
             *([] if self.boxes is None else [_box_note(self.boxes)]),
             *self.hints,
-            *([] if jumps is None else _jump_notes(jumps)),
+            *([] if jumps is None else _jump_notes(jumps, self.protocol)),
+            *_unscored_notes(self.ground_truth, self.protocol),
         ]
 
     @property
@@ -229,11 +230,13 @@ class Validation:
 
 def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
     """Return the signature of scores by a protocol and a ground truth, from this version."""
+    task = truth.header.task
     parts = [
+        *([] if task == DEFAULT_TASK else [f"task:{task}"]),
         f"split:{truth.split}",
         f"protocol:{protocol.name}",
         *([qualifier] if qualifier else []),
-        *([f"subset:{truth.subset_digest}"] if truth.subset_of else []),
+        *([f"subset:{truth.subset_digest}"] if truth.subset_digest else []),
         f"data:{truth.fingerprint[:_FINGERPRINT_SHOWN]}",
         f"n:{len(truth.episodes.instr_ids)}",
         f"version:{__version__}",
@@ -278,10 +281,24 @@ def _box_note(boxes: BoxScores) -> str:
     )
 
 
-def _jump_notes(jumps: Array) -> Sequence[str]:
+def _jump_notes(jumps: Array, rules: Protocol | None = None) -> Sequence[str]:
     if not jumps.any():
         return ()
     episodes = count_text(int((jumps > 0).sum()), "episode")
-    return (
-        f"{count_text(int(jumps.sum()), 'jump')} in {episodes}: {CATALOGUE['jumps'].definition}",
+    remark = ""
+    if rules is not None and rules.rejects_jumps:
+        remark = f"; {rules.name}'s own evaluator stops at a jump"
+    jumps_text = count_text(int(jumps.sum()), "jump")
+    return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{remark}",)
+
+
+def _unscored_notes(truth: GroundTruth, rules: Protocol) -> Iterator[str]:
+    """Yield what a protocol leaves out of a split, if it does."""
+    if truth.subset_digest or truth.subset_of is None:
+        return
+    whole, _ = truth.subset_of
+    unscored = sorted(whole.episodes.index.keys() - truth.episodes.index.keys())
+    yield (
+        f"{rules.name} scores the first {rules.scored_instructions} instructions of a path, not "
+        f"{first_few(unscored)}"
     )

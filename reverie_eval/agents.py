@@ -137,7 +137,7 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     has_targets = ground_truth.task.has_targets
     return [
         {
-            "instr_id": instr_id,
+            **ground_truth.task.id_field(instr_id),
             "trajectory": surroundings.poses(viewpoints),
             **({"predObjId": object_id} if has_targets else {}),
         }

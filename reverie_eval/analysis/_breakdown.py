@@ -16,7 +16,7 @@ import numpy as np
 
 from reverie_eval.arrays import Array, FloatArray, IntArray, with_object
 from reverie_eval.errors import ProtocolError
-from reverie_eval.ground_truth import GroundTruth
+from reverie_eval.ground_truth import Answers, GroundTruth
 from reverie_eval.metrics import units_of
 from reverie_eval.scoring import FEW_CLUSTERS, Scores, clusters_of
 from reverie_eval.text import category_text, did_you_mean, tokenize
@@ -96,11 +96,18 @@ def _by_words(scores: Scores) -> Sequence[str]:
     return _WORDS.of(np.array([len(tokenize(instruction)) for instruction in instructions]))
 
 
+def _require_targets(truth: GroundTruth) -> Answers:
+    """Return the answers of a task with target objects."""
+    if not truth.task.has_targets:
+        raise ProtocolError(f"{truth.task.title} has no target objects")
+    return truth.require_answers()
+
+
 def _by_category(scores: Scores) -> Sequence[str]:
     truth = scores.ground_truth
     categories = [
         category_text(name).strip().lower() or NO_CATEGORY
-        for name in truth.require_answers().target_categories
+        for name in _require_targets(truth).target_categories
     ]
     return [categories[task] for task in truth.episodes.task]
 
@@ -125,7 +132,7 @@ def level_in(instruction: str) -> str:
 def _by_visibility(scores: Scores) -> Sequence[str]:
     """Group by the number of viewpoints from which the target is visible."""
     truth = scores.ground_truth
-    answers = truth.require_answers()
+    answers = _require_targets(truth)
     scan = truth.graph.viewpoint_scan
     seen = with_object(scan[answers.candidate_viewpoint], answers.candidate_object)
     objects, counts = np.unique(seen, return_counts=True)
@@ -208,7 +215,8 @@ def breakdown(scores: Scores, by: str, *, intervals: bool = False) -> "pd.DataFr
     Raises
     ------
     ProtocolError
-        If there is no such grouping, or it needs something that the track does not score.
+        If there is no such grouping, or it needs something that the track does not score or the
+        task does not have.
     GroundTruthError
         If the ground truth was compiled without instructions or categories that it needs.
     """

@@ -62,7 +62,7 @@ def compile_split(
     if has_targets:
         arrays["task_target"] = np.array([target_of(task) for task in tasks])
     if content.has_answers:
-        arrays |= _path_arrays(tasks, graph)
+        arrays |= _path_arrays(tasks, graph) | _goal_arrays(tasks, graph)
     if has_targets:
         seen = _candidate_entries(boxes, graph)
         arrays |= _candidate_arrays(boxes, seen, graph)
@@ -122,6 +122,20 @@ def _path_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[st
         "path": np.array([graph.index[id_] for task in tasks for id_ in task.reference]),
         "path_offsets": offsets_of(np.array([len(task.reference) for task in tasks])),
     }
+
+
+def _goal_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
+    """Return further annotated paths and goals beside paths, of a task that has them."""
+    rows = {name: [task.further_paths[name] for task in tasks] for name in tasks[0].further_paths}
+    arrays = {}
+    for name, paths in rows.items():
+        arrays[f"path/{name}"] = np.array([graph.index[id_] for path in paths for id_ in path])
+        arrays[f"path_offsets/{name}"] = offsets_of(np.array([len(path) for path in paths]))
+    if any(task.goals for task in tasks):
+        goals = [task.goals for task in tasks]
+        arrays["goal_viewpoint"] = np.array([graph.index[id_] for each in goals for id_ in each])
+        arrays["goal_offsets"] = offsets_of(np.array([len(each) for each in goals]))
+    return arrays
 
 
 def _candidate_entries(boxes: Boxes, graph: NavigationGraph) -> IntArray:

@@ -63,6 +63,14 @@ OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
         "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
     }
 )
+GOAL_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "goal_viewpoint": "i4",  # annotated goals of the tasks, end to end
+        "goal_offsets": "i8",  # (n_tasks + 1,)
+    }
+)
+"""Answers, if the task annotates goals beside paths. Further annotated paths are in arrays like
+``path/planner`` and ``path_offsets/planner``, of the types of ``path`` and ``path_offsets``."""
 UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "viewpoint_rotation": "f4",  # (n_viewpoints, 3, 3) from the camera's frame to the scan's
@@ -132,8 +140,11 @@ class Bundle:
     ) -> Self:
         """Build a bundle from arrays, each converted to the type that the format defines."""
         formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **TARGET_ARRAYS, **OPTIONAL_ANSWER_ARRAYS}
-        formats |= UNSCORED_ARRAYS
-        typed = {name: frozen(array.astype(formats[name])) for name, array in arrays.items()}
+        formats |= {**GOAL_ARRAYS, **UNSCORED_ARRAYS}
+        typed = {
+            name: frozen(array.astype(formats[name.partition("/")[0]]))
+            for name, array in arrays.items()
+        }
         header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed), task)
         return cls(header, typed, other_splits, texts)
 

@@ -152,6 +152,12 @@ class GroundTruth:
         digest = subset_digest(scored.episodes.instr_ids) if self.subset_digest else ""
         return replace(scored, subset_digest=digest)
 
+    def along(self, reference: str) -> "GroundTruth":
+        """Return the ground truth by one of the further annotated paths; "" for the usual one."""
+        if not reference or self.answers is None:
+            return self
+        return replace(self, answers=self.answers.along(reference, self.episodes.task))
+
     def _take(self, rows: IntArray) -> "GroundTruth":
         answers = self.answers and self.answers.take(rows)
         whole, all_rows = self.subset_of or (self, np.arange(len(self.episodes.instr_ids)))

@@ -2,8 +2,10 @@
 
 from reverie_eval.metrics._catalogue import (
     CATALOGUE,
+    METRICS,
     PRIMARY_METRIC,
     Metric,
+    Need,
     primary_metric,
     ranking_metrics,
     table_metrics,
@@ -39,10 +41,12 @@ __all__ = [
     "FIDELITY_DISTANCE",
     "IOU_THRESHOLD",
     "LOOSE_IOU_THRESHOLD",
+    "METRICS",
     "PRIMARY_METRIC",
     "STRICT_IOU_THRESHOLD",
     "SUCCESS_DISTANCE",
     "Metric",
+    "Need",
     "Overlap",
     "box_iou",
     "box_match",

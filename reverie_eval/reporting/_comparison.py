@@ -1,11 +1,12 @@
 """A comparison of submissions: scores, differences, and a sentence for each."""
 
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
-from reverie_eval.metrics import CATALOGUE, Metric, primary_metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._results import results_table
 from reverie_eval.reporting._table import (
     MISSING,
@@ -83,7 +84,9 @@ def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
     primary = _ranking_metric(comparison)
     metrics = _headline(comparison, scored)
     shown = [primary] if is_narrow else metrics
-    ranked = sorted(comparison.scores.items(), key=lambda each: -each[1].get(primary.key, -1.0))
+    ranked = sorted(
+        comparison.scores.items(), key=lambda each: -each[1].get(primary.key, -math.inf)
+    )
     rows = [
         [
             name,
@@ -98,11 +101,12 @@ def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
 
 def _headline(comparison: Comparison, scored: Collection[str]) -> Sequence[Metric]:
     task = comparison.scores[comparison.first].ground_truth.task
-    return [CATALOGUE[key] for key in task.headline if key in scored]
+    return [METRICS[key] for key in task.headline if key in scored]
 
 
 def _ranking_metric(comparison: Comparison) -> Metric:
-    return primary_metric(comparison.scores[comparison.first])
+    first = comparison.scores[comparison.first]
+    return first.ground_truth.task.primary_metric(first)
 
 
 def _difference_cells(comparison: Comparison, name: str, metric: Metric) -> Sequence[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reverie_eval.analysis import Episode
-from reverie_eval.metrics import CATALOGUE, primary_metric
+from reverie_eval.metrics import METRICS, primary_metric
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._figure_style import (
     BLUE,
@@ -99,7 +99,7 @@ class Plots:
         with styled_axes(ax) as axes:
             for number, (key, colour) in enumerate(bars):
                 y = rows + height * (number - (len(bars) - 1) / 2)
-                label = CATALOGUE[key].label
+                label = METRICS[key].label
                 axes.barh(y, 100 * shown[key], height=0.9 * height, color=colour, label=label)
                 if key != primary:
                     continue

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TextIO
 
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import Metric
 from reverie_eval.reporting._table import MARK, MISSING, Table, print_table
 from reverie_eval.scoring import Evaluator, ScoredFiles, Scores, scored_metrics
 from reverie_eval.submissions import submission_names
@@ -53,8 +53,9 @@ def print_scores(console: "Console", results: Sequence[Scores]) -> None:
 def scores_csv(results: Sequence[Scores]) -> str:
     """Return a row per protocol: every metric by its key, unrounded, and the signature."""
     has_intervals = results[0].intervals is not None
-    bounds = [f"{key}_{end}" for key in CATALOGUE for end in ("low", "high")] * has_intervals
-    keys = [*CATALOGUE, *bounds]
+    metrics = results[0].ground_truth.task.metrics
+    bounds = [f"{key}_{end}" for key in metrics for end in ("low", "high")] * has_intervals
+    keys = [*metrics, *bounds]
     values = [(scores.to_dict(), scores.signature) for scores in results]
     rows = [[*(str(row.get(key, "")) for key in keys), signature] for row, signature in values]
     return Table([*keys, "signature"], rows).to_csv()
@@ -109,17 +110,19 @@ def print_ranking(console: "Console", scored: ScoredFiles) -> None:
 
 def ranking_csv(scored: ScoredFiles) -> str:
     """Return a row per file, best first: every metric by its key, unrounded, and the signature."""
+    first = next(iter(scored.values()))
+    keys = first.ground_truth.task.metrics
     rows = [
         [
             path,
             scores.split,
             scores.protocol.name,
-            *(str(scores.get(key, "")) for key in CATALOGUE),
+            *(str(scores.get(key, "")) for key in keys),
             scores.signature,
         ]
         for path, scores in scored.items()
     ]
-    return Table(["file", "split", "protocol", *CATALOGUE, "signature"], rows).to_csv()
+    return Table(["file", "split", "protocol", *keys, "signature"], rows).to_csv()
 
 
 def ranking_json(scored: ScoredFiles) -> str:

@@ -109,14 +109,14 @@ def evaluate_protocols(
     reasons = {rules: why_not(rules, truth, track) for rules in protocols}
     # A missing row would look like an omission of ours, so every table says why.
     left_out = [f"left out: {reason}" for reason in reasons.values() if reason]
-    prepared: dict[int | None, PreparedSubmission] = {}
+    prepared: dict[tuple[int | None, str], PreparedSubmission] = {}
     for rules in protocols:
-        if rules.scored_instructions not in prepared:
+        if _basis(rules) not in prepared:
             aligned = PreparedSubmission.of(predictions, scored_by(rules, truth), track)
             aligned = replace(aligned, hints=[*aligned.hints, *left_out])
-            prepared[rules.scored_instructions] = aligned
+            prepared[_basis(rules)] = aligned
     return {
-        rules.name: prepared[rules.scored_instructions].score(rules)
+        rules.name: prepared[_basis(rules)].score(rules)
         for rules in protocols
         if not reasons[rules]
     }
@@ -354,9 +354,14 @@ def why_not(rules: Protocol, truth: GroundTruth, track: Track) -> str | None:
     return None
 
 
+def _basis(rules: Protocol) -> tuple[int | None, str]:
+    """Return what :func:`scored_by` depends on."""
+    return rules.scored_instructions, rules.reference
+
+
 def scored_by(rules: Protocol, truth: GroundTruth) -> GroundTruth:
-    """Return the ground truth of the episodes that a protocol scores."""
-    return truth.first_instructions(rules.scored_instructions)
+    """Return the ground truth of the episodes and annotated paths that a protocol scores by."""
+    return truth.first_instructions(rules.scored_instructions).along(rules.reference)
 
 
 def _find_answers(

@@ -8,7 +8,7 @@ import numpy as np
 
 from reverie_eval.arrays import Array, BoolArray
 from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.metrics import CATALOGUE, Metric, units_of
+from reverie_eval.metrics import METRICS, Metric, units_of
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
 from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
@@ -84,7 +84,7 @@ class Scores(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        return [CATALOGUE[key] for key in self.ground_truth.task.headline if key in self.episodes]
+        return [METRICS[key] for key in self.ground_truth.task.headline if key in self.episodes]
 
     @property
     def notes(self) -> Sequence[str]:
@@ -271,7 +271,7 @@ def _interval_report(intervals: Intervals) -> "IntervalReport":
 
 
 def _box_note(boxes: BoxScores) -> str:
-    percent = CATALOGUE["iou"].display
+    percent = METRICS["iou"].display
     misses = ", ".join(f"{count:,} {reason}" for reason, count in boxes.misses.items())
     return (
         f"{count_text(len(boxes), 'box', 'boxes')} predicted, {boxes.is_correct.sum():,} correct "
@@ -289,7 +289,7 @@ def _jump_notes(jumps: Array, rules: Protocol | None = None) -> Sequence[str]:
     if rules is not None and rules.rejects_jumps:
         remark = f"; {rules.name}'s own evaluator stops at a jump"
     jumps_text = count_text(int(jumps.sum()), "jump")
-    return (f"{jumps_text} in {episodes}: {CATALOGUE['jumps'].definition}{remark}",)
+    return (f"{jumps_text} in {episodes}: {METRICS['jumps'].definition}{remark}",)
 
 
 def _unscored_notes(truth: GroundTruth, rules: Protocol) -> Iterator[str]:

@@ -27,7 +27,7 @@ from reverie_eval.submissions._records import (
 )
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
-from reverie_eval.tasks import DEFAULT_TASK, find_task
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import count_text
 
 
@@ -108,7 +108,7 @@ def convert(
     records = read_records(given, log, of_task)
     if truth is not None:
         records = _with_known_ids(records, truth, log)
-    written = _without_repeats(records, log)
+    written = _without_repeats(records, log, of_task)
     if log.has_unfixable:
         raise SubmissionError(log.all_problems())
     poses = [pose for record in records for pose in record.poses]
@@ -171,12 +171,14 @@ def _with_known_ids(
     ]
 
 
-def _without_repeats(records: Sequence[ReadRecord], log: ReadingLog) -> Sequence[Mapping[str, Any]]:
+def _without_repeats(
+    records: Sequence[ReadRecord], log: ReadingLog, task: Task
+) -> Sequence[Mapping[str, Any]]:
     """Write records in the official form, and leave out those that repeat an earlier one."""
     earlier: dict[str | None, Mapping[str, Any]] = {}
     written = []
     for record in records:
-        official = _official(record)
+        official = _official(record, task)
         if record.instr_id is not None and earlier.get(record.instr_id) == official:
             log.add_fault(problems.REPEATED_RECORDS, record.location, ".instr_id", record.instr_id)
         else:
@@ -185,9 +187,9 @@ def _without_repeats(records: Sequence[ReadRecord], log: ReadingLog) -> Sequence
     return written
 
 
-def _official(record: ReadRecord) -> dict[str, Any]:
+def _official(record: ReadRecord, task: Task) -> dict[str, Any]:
     return {
-        "instr_id": record.instr_id,
+        **task.id_field(record.instr_id or ""),
         "trajectory": [
             [pose.viewpoint_id, float(pose.heading or 0), float(pose.elevation or 0)]
             for pose in record.poses

@@ -231,11 +231,13 @@ class RecordLocation(NamedTuple):
 def record_form(task: Task) -> str:
     """Return what a record of a task's result is."""
     answer = ", trajectory and predObjId" if task.has_targets else " and trajectory"
-    return f"an object with instr_id{answer}"
+    return f"an object with {task.id_keys[0]}{answer}"
 
 
 def id_form(task: Task) -> str:
     """Return what the id of a task's episode is."""
+    if task.has_numbers:
+        return f"the number of the episode: {task.id_example}"
     return f'the episode\'s id as text: "{task.id_example}"'
 
 

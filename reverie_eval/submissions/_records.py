@@ -22,6 +22,7 @@ from reverie_eval.submissions._document import (
     RepeatingObject,
     are_records,
     check_record_count,
+    is_integer,
     is_list,
     parse_document,
 )
@@ -116,7 +117,7 @@ def read_records(
     if not task.has_targets:
         optional |= {*ANSWER_KEYS, *BOX_KEYS}
     records = [
-        (location, _with_known_fields(location, record, log, optional, task))
+        (location, _with_known_fields(location, _with_id(record, task), log, optional, task))
         for location, record in _located_records(document, log)
         if _is_record(location, record, log, task)
     ]
@@ -239,6 +240,16 @@ def _with_known_fields(
     if not misspelt:
         return record
     return {**record, **{meant: record[field] for field, meant in misspelt.items()}}
+
+
+def _with_id(record: Mapping[str, Any], task: Task) -> Mapping[str, Any]:
+    """Return a record with its id as instr_id, whatever the task calls it; a number as text."""
+    key = next((key for key in task.id_keys if key in record), INSTR_ID_KEY)
+    if key not in record or not (key != INSTR_ID_KEY or task.has_numbers):
+        return record
+    value = record[key]
+    text = str(value) if task.has_numbers and is_integer(value) else value
+    return {**{name: each for name, each in record.items() if name != key}, INSTR_ID_KEY: text}
 
 
 def _read_instr_id(

@@ -7,7 +7,7 @@ scored, and by what they are ranked. Everything else in the package is the same 
 from reverie_eval.tasks._annotation import Annotation, Path, ViewpointId
 from reverie_eval.tasks._protocol import DEFAULT_PROTOCOL, GoalRule, HopReading, Protocol
 from reverie_eval.tasks._registry import BUILT_IN, DEFAULT_TASK, ENTRY_POINTS, find_task, task_names
-from reverie_eval.tasks._task import Cluster, Task
+from reverie_eval.tasks._task import Task
 
 __all__ = [
     "BUILT_IN",
@@ -15,7 +15,6 @@ __all__ = [
     "DEFAULT_TASK",
     "ENTRY_POINTS",
     "Annotation",
-    "Cluster",
     "GoalRule",
     "HopReading",
     "Path",

@@ -2,16 +2,12 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import METRICS, Metric, Need
 from reverie_eval.tasks._annotation import Annotation
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.text import did_you_mean
-
-Cluster = Literal["target", "path", "scan"]
-"""What dependent episodes have in common: the target object, the annotated path, the building."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +43,8 @@ class Task:
     id_example: str
     id_keys: Sequence[str] = ("instr_id",)
     """The fields of a result's record that can hold the id, the official one first."""
+    has_numbers: bool = False
+    """Whether the id is a number in the official form; it is compared as text."""
     has_targets: bool = False
     """Whether an episode has a target object, which agents name or box."""
     protocols: Sequence[Protocol]
@@ -57,14 +55,27 @@ class Task:
     """The metrics of every score table, by key, in its order."""
     ranking: Sequence[str]
     """The metrics that rank submissions, by key: the first of them that is scored does."""
-    cluster: Cluster
-    """What makes episodes dependent, if users do not say otherwise."""
 
     def release(self, split: str, records: int, episodes: int, sha256: str) -> str | None:
         """Return the name of the release that a split's file is from; None if it is unknown."""
         if self.published.get(sha256) == split:
             return self.title
         return self.releases.get((split, records, episodes))
+
+    def id_field(self, instr_id: str) -> Mapping[str, str | int]:
+        """Return the id of an episode as the official form of a result has it."""
+        is_number = self.has_numbers and instr_id.isdecimal()
+        return {self.id_keys[0]: int(instr_id) if is_number else instr_id}
+
+    @property
+    def metrics(self) -> Sequence[str]:
+        """The keys of all metrics that a submission for the task can have."""
+        available: set[Need] = {"trajectory"}
+        if self.has_targets:
+            available |= {"answer", "box"}
+        for rules in self.protocols:
+            available |= rules.measures
+        return [key for key, metric in METRICS.items() if metric.needs <= available]
 
     def protocol(self, name: str) -> Protocol:
         """Return the protocol with this name or alias.
@@ -89,9 +100,9 @@ class Task:
         """
         has_all = "success" in scored
         headline = [key for key in self.headline if has_all or key in scored]
-        boxes = [key for key in scored if "box" in CATALOGUE[key].needs]
-        return [CATALOGUE[key] for key in (*headline, *boxes)]
+        boxes = [key for key in scored if "box" in METRICS[key].needs]
+        return [METRICS[key] for key in (*headline, *boxes)]
 
     def primary_metric(self, scored: Collection[str]) -> Metric:
         """Return the metric that submissions are ranked by."""
-        return CATALOGUE[next(key for key in self.ranking if key in scored)]
+        return METRICS[next(key for key in self.ranking if key in scored)]

@@ -93,5 +93,4 @@ TASK = Task(
     aliases=MappingProxyType({"hamt": "duet"}),
     headline=("path_length", "navigation_error", "oracle_success", "success", "spl"),
     ranking=("spl",),
-    cluster="path",
 )

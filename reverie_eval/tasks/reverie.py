@@ -139,5 +139,4 @@ TASK = Task(
     aliases=MappingProxyType({"hamt": "duet", "hm3d": "scalevln"}),
     headline=[key for key, metric in CATALOGUE.items() if metric.headline],
     ranking=[metric.key for metric in ranking_metrics()],
-    cluster="target",
 )

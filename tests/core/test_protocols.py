@@ -85,7 +85,12 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
     },
 }
 """A released protocol never changes: a correction is a new protocol with another name."""
-OF_OTHER_TASKS = {"scored_instructions": None, "rejects_jumps": False}
+OF_OTHER_TASKS: Mapping[str, Any] = {
+    "reference": "",
+    "measures": frozenset(),
+    "scored_instructions": None,
+    "rejects_jumps": False,
+}
 """Rules that none of REVERIE's protocols has."""
 PROSE = ("name", "summary", "source")
 

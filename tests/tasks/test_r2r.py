@@ -12,6 +12,7 @@ import pytest
 
 from reverie_eval import GroundTruth, SubmissionError, evaluate, validate
 from tests.conftest import REPOSITORY
+from tests.support.amounts import amount, tell
 from tests.support.family import (
     LENGTHS_WITHIN,
     Published,
@@ -142,18 +143,9 @@ def test_success_is_less_than_3_m_from_the_paths_end(
     assert (scores["success"], scores["oracle_success"]) == (success, success)
 
 
-WORLDS, WORLDS_OF_A_TEST = 2500, 100
-
-
-@pytest.mark.parametrize(
-    "first",
-    [
-        pytest.param(first, marks=[pytest.mark.slow] if first else [])
-        for first in range(0, WORLDS, WORLDS_OF_A_TEST)
-    ],
-)
-def test_both_protocols_agree_with_the_oracle(first: int) -> None:
-    for seed in range(first, first + WORLDS_OF_A_TEST):
+def test_both_protocols_agree_with_the_oracle() -> None:
+    worlds = amount(25)
+    for seed in range(worlds):
         case = random_case(Random(seed), (0,))
         truth, records = world_of_task(case.world, "r2r"), walks_of(case.predictions)
         official = evaluate(records, split=SPLIT, ground_truth=truth)
@@ -179,6 +171,7 @@ def test_both_protocols_agree_with_the_oracle(first: int) -> None:
             for instr_id in task.instr_ids
         ]
         assert duet.episodes["spl"].tolist() == by_annotated, seed
+    tell(random_worlds=worlds)
 
 
 def annotated_length(scan: Scan, path: Sequence[str]) -> float:

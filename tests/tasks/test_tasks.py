@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval import CATALOGUE, ProtocolError, evaluate
+from reverie_eval import ProtocolError, evaluate
+from reverie_eval.metrics import METRICS
 from reverie_eval.tasks import BUILT_IN, DEFAULT_PROTOCOL, Task, find_task, task_names
 from tests.conftest import REPOSITORY
 from tests.support.flat import Run
@@ -26,7 +27,7 @@ def test_a_task_says_everything_about_itself(name: str) -> None:
         assert text
     assert task.protocols[0].name == DEFAULT_PROTOCOL
     assert all(rules.summary and rules.source for rules in task.protocols)
-    assert {*task.headline, *task.ranking} <= CATALOGUE.keys()
+    assert {*task.headline, *task.ranking} <= METRICS.keys()
     assert set(task.aliases.values()) <= {rules.name for rules in task.protocols}
     assert re.fullmatch(task.id_pattern, task.id_example)
 
@@ -54,7 +55,8 @@ def test_the_demo_world_has_every_split(name: str, run: Run) -> None:
 def test_the_page_shows_what_is_printed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(REPOSITORY)
     page = (REPOSITORY / "docs" / "tasks.md").read_text()
-    shown = re.findall(r"```sh\nreverie-eval (fixtures/.*)\n```\n\n```\n(.*?)```", page, re.DOTALL)
+    command = r"```sh\nreverie-eval (fixtures/[^\n]*)\n```"
+    shown = re.findall(rf"{command}\n\n```\n(.*?)```", page, re.DOTALL)
     assert len(shown) == len(BUILT_IN) - 1
     for words, printed in shown:
         assert run(*words.split()).out == printed

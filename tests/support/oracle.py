@@ -143,21 +143,25 @@ Values = Mapping[str, float]
 """By metric key."""
 
 
-def score(
-    world: World, predictions: Predictions, protocol: str = "official-v1"
-) -> Mapping[str, Values]:
-    """Give every episode, in the order of the tasks, its value of every metric."""
-    values = {
-        instr_id: score_episode(world.scans[task.scan_id], task, predictions[instr_id], protocol)
+def score(world: World, predictions: Predictions) -> Mapping[str, Mapping[str, Values]]:
+    """Give, under every protocol, every episode in the order of the tasks its values."""
+    episodes = {
+        instr_id: measure(world.scans[task.scan_id], task, predictions[instr_id])
         for task in world.tasks
         for instr_id in task.instr_ids
     }
     unscored = set() if has_boxes(predictions) else {"iou", "iou_25", "iou_50", "iou_75"}
-    if protocol in WITHOUT_GROUNDING:
-        unscored = {"rgs", "rgspl", "iou", "iou_25", "iou_50", "iou_75"}
+    of_objects = {"rgs", "rgspl", "iou", "iou_25", "iou_50", "iou_75"}
     return {
-        instr_id: {key: value for key, value in episode.items() if key not in unscored}
-        for instr_id, episode in values.items()
+        protocol: {
+            instr_id: {
+                key: value
+                for key, value in score_episode(episode, protocol).items()
+                if key not in (of_objects if protocol in WITHOUT_GROUNDING else unscored)
+            }
+            for instr_id, episode in episodes.items()
+        }
+        for protocol in PROTOCOLS
     }
 
 
@@ -166,20 +170,53 @@ def has_boxes(predictions: Predictions) -> bool:
     return any(prediction.drawing is not None for prediction in predictions.values())
 
 
-def score_episode(scan: Scan, task: Task, prediction: Prediction, protocol: str) -> Values:
-    """Give one episode its values, in the order in which docs/metrics.md lists them."""
+@dataclass(frozen=True)
+class Episode:
+    """What an agent did in an episode, and what no protocol sees differently."""
+
+    scan: Scan
+    task: Task
+    prediction: Prediction
+    walked: float
+    shortest: float
+    annotated: float
+    errors: Sequence[float]
+    """Metres from every pose to the goal."""
+    iou: Number
+    warped: float
+    likeness: float
+    coverage: float
+    jumps: int
+
+
+def measure(scan: Scan, task: Task, prediction: Prediction) -> Episode:
+    """Measure what an agent did."""
     trajectory, goal = prediction.trajectory, task.path[-1]
-    walked = trajectory_length(scan, trajectory)
-    shortest = distance(scan, task.path[0], goal)
-    annotated = trajectory_length(scan, task.path)
-    length = annotated if protocol in SPL_BY_ANNOTATED_LENGTH else shortest
+    warped = dynamic_time_warping(scan, trajectory, task.path)
+    return Episode(
+        scan,
+        task,
+        prediction,
+        walked=trajectory_length(scan, trajectory),
+        shortest=distance(scan, task.path[0], goal),
+        annotated=trajectory_length(scan, task.path),
+        errors=[distance(scan, viewpoint_id, goal) for viewpoint_id in trajectory],
+        iou=overlap_with_target(scan, task, prediction),
+        warped=warped,
+        likeness=math.exp(-warped / (3.0 * len(task.path))),
+        coverage=coverage_by_length(scan, trajectory, task.path),
+        jumps=count_jumps(scan, trajectory),
+    )
+
+
+def score_episode(episode: Episode, protocol: str) -> Values:
+    """Give one episode its values, in the order in which docs/metrics.md lists them."""
+    scan, task, prediction = episode.scan, episode.task, episode.prediction
+    walked, iou, trajectory = episode.walked, episode.iou, prediction.trajectory
+    length = episode.annotated if protocol in SPL_BY_ANNOTATED_LENGTH else episode.shortest
     arrivals = [is_at_goal(scan, task, viewpoint_id, protocol) for viewpoint_id in trajectory]
     success = arrivals[-1]
-    iou = overlap_with_target(scan, task, prediction)
     right = is_right(task, prediction, iou, protocol, success=success)
-    errors = [distance(scan, viewpoint_id, goal) for viewpoint_id in trajectory]
-    warped = dynamic_time_warping(scan, trajectory, task.path)
-    likeness = math.exp(-warped / (3.0 * len(task.path)))
     spl_floor = 0.01 if protocol in SPL_WITH_FLOOR else 0.0
     rgspl_floor = 0.01 if protocol in RGSPL_WITH_FLOOR else 0.0
     return {
@@ -193,15 +230,15 @@ def score_episode(scan: Scan, task: Task, prediction: Prediction, protocol: str)
         "iou_25": float(iou >= Fraction(1, 4)),
         "iou_50": float(iou >= Fraction(1, 2)),
         "iou_75": float(iou >= Fraction(3, 4)),
-        "navigation_error": errors[-1],
-        "oracle_error": min(errors),
-        "dtw": warped,
-        "ndtw": likeness,
-        "sdtw": likeness if success else 0.0,
-        "cls": coverage_by_length(scan, trajectory, task.path),
-        "shortest_length": shortest,
+        "navigation_error": episode.errors[-1],
+        "oracle_error": min(episode.errors),
+        "dtw": episode.warped,
+        "ndtw": episode.likeness,
+        "sdtw": episode.likeness if success else 0.0,
+        "cls": episode.coverage,
+        "shortest_length": episode.shortest,
         "steps": len(trajectory) - 1,
-        "jumps": count_jumps(scan, trajectory),
+        "jumps": episode.jumps,
     }
 
 

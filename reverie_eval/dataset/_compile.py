@@ -97,8 +97,8 @@ def origin_notes(header: BundleHeader) -> Iterator[str]:
     difference = task.edited_copies.get(header.sources.get("annotations", ""))
     if difference:
         yield (
-            f"the annotations are an edited copy of {task.title} that circulates: {difference}; "
-            "scores on it are not comparable with published ones"
+            f"the annotations are a known copy that differs from the published {task.title}: "
+            f"{difference}; scores on it are not comparable with published ones"
         )
     elif task.published and header.dataset == CUSTOM_DATASET:
         yield (

@@ -175,9 +175,10 @@ def is_goal(
             return answers.is_visible(answers.target_object[episode], viewpoint)
         case "visible and near the object":
             return answers.is_visible_near(answers.target_object[episode], viewpoint)
-        case "near the path's end":
+        case "near the path's end" | "at most 3 m from the path's end":
             distance = ground_truth.graph.distance_between(viewpoint, answers.goal[episode])
-            return np.less(distance, SUCCESS_DISTANCE)
+            near = np.less if rule == "near the path's end" else np.less_equal
+            return np.asarray(near(distance, SUCCESS_DISTANCE))
         case "at a goal viewpoint":
             return answers.is_goal(ground_truth.episodes.task[episode], viewpoint)
 

@@ -13,7 +13,11 @@ DEFAULT_PROTOCOL = "official-v1"
 """Every task has a protocol of this name: the rules of the dataset's own authors."""
 
 GoalRule = Literal[
-    "visible", "visible and near the object", "near the path's end", "at a goal viewpoint"
+    "visible",
+    "visible and near the object",
+    "near the path's end",
+    "at most 3 m from the path's end",
+    "at a goal viewpoint",
 ]
 Grounding = Literal["anywhere", "only with success", "not scored"]
 HopReading = Literal["first viewpoint", "every viewpoint", "rejected", "no evaluator"]
@@ -31,7 +35,7 @@ class Protocol:
     goal: GoalRule = "visible"
     """Which viewpoints are goals: those from which the target is visible; those from which it is
     visible with its centre at most 3 m from the camera; those less than 3 m along the graph from
-    the path's end; or those that the task annotates as goals."""
+    the path's end, or at most 3 m; or those that the task annotates as goals."""
     spl_numerator: Literal["shortest", "annotated", "nearest goal"] = "shortest"
     """The length in SPL's numerator: of the shortest route, of the annotated path, or of the
     shortest route to the nearest annotated goal."""

@@ -353,7 +353,11 @@ def test_a_public_bundle_validates_but_does_not_score(bundle: Bundle) -> None:
 # The bundles that ship with the package.
 
 SPLITS = ["train.npz", "val_seen.npz", "val_unseen.npz", "test.public.npz", "private/test.npz"]
-DEMO = [*SPLITS, *(f"{task}/{name}" for task in BUILT_IN if task != "reverie" for name in SPLITS)]
+DEMO = [
+    *SPLITS,
+    *(f"{task}/{name}" for task in BUILT_IN if task not in ("reverie", "r4r") for name in SPLITS),
+    *(f"r4r/{name}" for name in SPLITS if "test" not in name),
+]
 
 
 def test_these_bundles_ship_with_the_package() -> None:

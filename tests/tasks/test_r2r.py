@@ -1,9 +1,8 @@
 """R2R: the same digits as its own script and HAMT's, and what is peculiar about its files."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from random import Random
 
@@ -22,7 +21,7 @@ from tests.support.family import (
     world_of_task,
 )
 from tests.support.flat import Run
-from tests.support.oracle import Scan, Task, Viewpoint, World, score_episode, weighted
+from tests.support.oracle import Scan, Task, Viewpoint, World, measure, score_episode, weighted
 from tests.support.worlds import SPLIT, random_case
 
 SAMPLE = REPOSITORY / "fixtures" / "submissions" / "r2r.json"
@@ -150,36 +149,21 @@ def test_both_protocols_agree_with_the_oracle() -> None:
         truth, records = world_of_task(case.world, "r2r"), walks_of(case.predictions)
         official = evaluate(records, split=SPLIT, ground_truth=truth)
         duet = evaluate(records, split=SPLIT, ground_truth=truth, protocol="duet")
-        expected = {
-            instr_id: score_episode(
-                case.world.scans[task.scan_id], task, case.predictions[instr_id], "r2r-style"
-            )
-            for task in case.world.tasks
-            for instr_id in task.instr_ids
-        }
-        for key in official:
-            values = [expected[instr_id][key] for instr_id in official.instr_ids]
-            assert official.episodes[key] == pytest.approx(values, abs=1e-12), (seed, key)
-        by_annotated = [
-            weighted(
-                expected[instr_id]["path_length"],
-                annotated_length(case.world.scans[task.scan_id], task.path),
-                0.01,
-                achieved=bool(expected[instr_id]["success"]),
-            )
+        episodes = [
+            measure(case.world.scans[task.scan_id], task, case.predictions[instr_id])
             for task in case.world.tasks
             for instr_id in task.instr_ids
         ]
+        expected = [score_episode(episode, "r2r-style") for episode in episodes]
+        for key in official:
+            values = [each[key] for each in expected]
+            assert official.episodes[key] == pytest.approx(values, abs=1e-12), (seed, key)
+        by_annotated = [
+            weighted(each.walked, each.annotated, 0.01, achieved=bool(values["success"]))
+            for each, values in zip(episodes, expected, strict=True)
+        ]
         assert duet.episodes["spl"].tolist() == by_annotated, seed
     tell(random_worlds=worlds)
-
-
-def annotated_length(scan: Scan, path: Sequence[str]) -> float:
-    """Add up the legs of an annotated path."""
-    total = 0.0
-    for a, b in pairwise(path):
-        total += scan.routes[a][b]
-    return total
 
 
 # The demo world.
@@ -233,7 +217,7 @@ def test_a_file_of_another_task_is_recognised() -> None:
         evaluate(SAMPLE, split="val_unseen")
     (problem,) = error.value.problems
     assert problem.code == "other-task"
-    assert "look like R2R ids, not like REVERIE ids (4774_267_1)" in problem.message
+    assert "look like R2R or R4R ids, not like REVERIE ids (4774_267_1)" in problem.message
     assert problem.message.endswith("score the file with --task r2r")
     good = SAMPLE.with_name("good.json")
     with pytest.raises(SubmissionError, match="look like REVERIE ids, not like R2R ids"):

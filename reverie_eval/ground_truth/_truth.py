@@ -141,11 +141,13 @@ class GroundTruth:
 
     def first_instructions(self, number: int | None) -> "GroundTruth":
         """Return the ground truth of at most so many instructions of each path; None for all."""
+        if number is None:
+            return self
         whole, rows = self.subset_of or (self, np.arange(len(self.episodes.instr_ids)))
         task = whole.episodes.task
         # The episodes of a path follow each other, so its first one is where its number begins.
         index = np.arange(len(task)) - np.searchsorted(task, task)
-        is_scored = index[rows] < (len(task) if number is None else number)
+        is_scored = index[rows] < number
         if is_scored.all():
             return self
         scored = self._take(np.flatnonzero(is_scored))

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from reverie_eval.arrays import LARGEST_OBJECT_ID, offsets_of
+from reverie_eval.arrays import LARGEST_OBJECT_ID, IntArray, offsets_of
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._predictions import ID_PREFIX, Predictions, Records, look_like_degrees
@@ -117,14 +117,19 @@ def decode_official(content: bytes, *, has_answers: bool = True) -> Predictions 
         instr_ids=instr_ids,
         viewpoint_ids=list(map(itemgetter(0), chain.from_iterable(trajectories))),
         offsets=offsets_of(np.fromiter(map(len, trajectories), np.int64, len(records))),
-        predicted_object=np.array(
-            [getattr(record, "predObjId", ABSTAINED) for record in records], dtype=np.int64
-        ),
+        predicted_object=_answers(records),
         has_degrees=look_like_degrees(np.array(stop_angles, dtype=np.float64).reshape(-1, 2)),
         answer_is_text=np.zeros(len(records), dtype=np.bool_),
         has_leading_zeros=np.zeros(len(records), dtype=np.bool_),
         is_navigation_only=not has_answers,
     )
+
+
+def _answers(records: Sequence[_Record | _NavigationRecord]) -> IntArray:
+    """Return the object of each record, -1 in a task without any."""
+    if records and isinstance(records[0], _NavigationRecord):
+        return np.full(len(records), ABSTAINED)
+    return np.array([record.predObjId for record in records], dtype=np.int64)  # type: ignore[union-attr]
 
 
 def convert_official(submission: Records, *, has_answers: bool = True) -> Predictions | None:

@@ -9,8 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval import ProtocolError, evaluate
+from reverie_eval import GroundTruthError, ProtocolError, evaluate
+from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import METRICS
+from reverie_eval.server.service.boards import load_board
+from reverie_eval.server.settings import Split
 from reverie_eval.tasks import BUILT_IN, DEFAULT_PROTOCOL, Task, find_task, task_names
 from tests.conftest import REPOSITORY
 from tests.support.flat import Run
@@ -65,6 +68,13 @@ def test_the_page_shows_what_is_printed(run: Run, monkeypatch: pytest.MonkeyPatc
 @every_task
 def test_the_page_names_every_task(name: str) -> None:
     assert f"| `{name}` |" in (REPOSITORY / "docs" / "tasks.md").read_text()
+
+
+def test_a_server_refuses_the_bundle_of_another_task() -> None:
+    place = DEMO_BUNDLES / "r2r" / "val_unseen.npz"
+    split = Split(visibility="open", bundle=place)
+    with pytest.raises(GroundTruthError, match="the ground truth of R2R; a server's splits are"):
+        load_board("val_unseen", split, place)
 
 
 def test_an_unknown_task() -> None:

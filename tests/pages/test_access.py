@@ -1,10 +1,14 @@
 """Who may see which page, and send which form."""
 
 import re
-from collections.abc import Mapping
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
 
 import httpx
 import pytest
+from anyio.from_thread import BlockingPortal
 
 from reverie_eval.schemas.organising import NewNews, NewSnapshot
 from reverie_eval.schemas.service import Method
@@ -22,7 +26,10 @@ from tests.support.serving import (
     OTHER,
     OWNER,
     PRIVATE,
+    Populated,
     Serving,
+    add_boards,
+    opening,
 )
 
 ROLES = {
@@ -119,6 +126,7 @@ POST /desk/notice                   sign-in    403       403       403       303
 GET  /desk/audit                    sign-in    403       403       403       200
 """
 ROWS = {" ".join(line.split()[:2]): line.split()[2:] for line in TABLE.splitlines()[2:]}
+every_form = pytest.mark.parametrize("row", [row for row in ROWS if row.startswith("POST")])
 
 FORMS: Mapping[str, dict[str, str]] = {
     "POST /submit": {"split": OPEN, "what": "score", "name": "Walker"},
@@ -176,15 +184,42 @@ FILES = {
 FIELD = re.compile(r'name="csrf_token" value="([^"]+)"')
 
 
-@pytest.fixture
-def server(several: Serving) -> Serving:
-    """Return a server with every page that there can be."""
-    return several
+class Stocked(NamedTuple):
+    """A server with every page that there can be."""
+
+    folder: Path
+    server: Serving
+    parts: Mapping[str, str]
+    """What stands for the braces of a path: what belongs to the owner."""
+
+
+@pytest.fixture(scope="module")
+def stocked(
+    made_folder: Path,
+    portal: BlockingPortal,
+    populated: Populated,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Stocked]:
+    """Run a server for pages to be looked at, of which others can be made by copying."""
+    folder = Path(shutil.copytree(made_folder, tmp_path_factory.mktemp("stocked") / "server"))
+    add_boards(folder, OPEN, PRIVATE)
+    with opening(folder, portal, populated) as open_server:
+        server = open_server()
+        yield Stocked(folder, server, stock(server))
 
 
 @pytest.fixture
-def parts(server: Serving) -> Mapping[str, str]:
-    """Return what stands for the braces of a path: what belongs to the owner."""
+def copied(
+    stocked: Stocked, portal: BlockingPortal, populated: Populated, tmp_path: Path
+) -> Iterator[Serving]:
+    """Run a copy for forms to be sent to."""
+    folder = Path(shutil.copytree(stocked.folder, tmp_path / "server"))
+    with opening(folder, portal, populated) as open_server:
+        yield open_server(tokens=stocked.server.tokens)
+
+
+def stock(server: Serving) -> Mapping[str, str]:
+    """Add something to every page."""
     ids = {
         split: server.upload(OWNER, server.distinct(split), split).json()["submission"]["id"]
         for split in (OPEN, PRIVATE)
@@ -232,17 +267,15 @@ def sign_in(server: Serving, who: str | None) -> str:
     return found[1]
 
 
-def visit(server: Serving, row: str, who: str | None, parts: Mapping[str, str]) -> httpx.Response:
-    """Ask for a page as somebody."""
-    method, path = row.split()
+def send(server: Serving, row: str, who: str | None, parts: Mapping[str, str]) -> httpx.Response:
+    """Send a form as somebody."""
     token = sign_in(server, who)
-    if method == "GET":
-        return server.client.get(path.format(**parts))
     own = {name: value.format(**parts) for name, value in FORMS.get(row, {}).items()}
     form = {"csrf_token": token, "confirmed": "yes"} | own
     if row == "POST /sign-in":
         form["token"] = server.tokens[who] if who else "rv_none"
-    return server.client.post(path.format(**parts), data=form, files=FILES.get(row))
+    path = row.removeprefix("POST ").format(**parts)
+    return server.client.post(path, data=form, files=FILES.get(row))
 
 
 def outcome(reply: httpx.Response) -> str:
@@ -250,22 +283,31 @@ def outcome(reply: httpx.Response) -> str:
     return SIGN_IN if leads_in else str(reply.status_code)
 
 
-@pytest.mark.parametrize("row", ROWS)
-def test_who_may_see_what(row: str, server: Serving, parts: Mapping[str, str]) -> None:
-    found = {role: outcome(visit(server, row, who, parts)) for role, who in ROLES.items()}
+@pytest.mark.parametrize("role", ROLES)
+def test_who_may_see_what(role: str, stocked: Stocked) -> None:
+    sign_in(stocked.server, ROLES[role])
+    column = [*ROLES].index(role)
+    expected = {row: cells[column] for row, cells in ROWS.items() if row.startswith("GET")}
+    paths = {row: row.removeprefix("GET ").format(**stocked.parts) for row in expected}
+    found = {row: outcome(stocked.server.client.get(path)) for row, path in paths.items()}
+    assert found == expected
+
+
+@every_form
+def test_who_may_send_what(row: str, copied: Serving, stocked: Stocked) -> None:
+    found = {role: outcome(send(copied, row, who, stocked.parts)) for role, who in ROLES.items()}
     assert found == dict(zip(ROLES, ROWS[row], strict=True))
 
 
-def test_every_page_has_its_row(server: Serving) -> None:
-    routes = {f"{method} {path}" for method, path in page_routes(create_app(server.state))}
+def test_every_page_has_its_row(stocked: Stocked) -> None:
+    routes = {f"{method} {path}" for method, path in page_routes(create_app(stocked.server.state))}
     assert routes == set(ROWS)
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row.startswith("POST")])
-def test_no_form_is_taken_of_another_site(
-    row: str, server: Serving, parts: Mapping[str, str]
-) -> None:
+@every_form
+def test_no_form_is_taken_of_another_site(row: str, stocked: Stocked) -> None:
     """Neither without the session's token, nor if the browser says where it comes from."""
+    server, parts = stocked.server, stocked.parts
     method, path = row.split()
     sign_in(server, ORGANISER)
     if not path.startswith(("/sign-in", "/join")):

@@ -339,9 +339,9 @@ def portal() -> Iterator[BlockingPortal]:
         yield portal
 
 
-@pytest.fixture
-def open_server(folder: Path, portal: BlockingPortal, populated: Populated) -> Iterator[OpenServer]:
-    """Return what opens the server with these settings, or those of the folder.
+@contextmanager
+def opening(folder: Path, portal: BlockingPortal, populated: Populated) -> Iterator[OpenServer]:
+    """Give what opens the server with these settings, or those of the folder, until the end.
 
     People are added to it, unless the tokens are given of those who are there.
     """
@@ -366,6 +366,13 @@ def open_server(folder: Path, portal: BlockingPortal, populated: Populated) -> I
     for server in opened:
         server.client.close()
         server.state.database.close()
+
+
+@pytest.fixture
+def open_server(folder: Path, portal: BlockingPortal, populated: Populated) -> Iterator[OpenServer]:
+    """Return what opens the server of a test."""
+    with opening(folder, portal, populated) as open_server:
+        yield open_server
 
 
 @pytest.fixture

@@ -214,7 +214,11 @@ def test_two_predictions_in_a_batch(evaluator: rv.Evaluator, records: list[Recor
         evaluator.update([records[0], changed])
 
 
-@pytest.mark.parametrize("given", [GOOD, str(GOOD), b"[]", None, iter(())], ids=repr)
+@pytest.mark.parametrize(
+    "given",
+    [GOOD, str(GOOD), b"[]", None, iter(())],
+    ids=["a path", "its text", "a file's bytes", "nothing", "an iterator"],
+)
 def test_what_is_no_batch(given: Any, evaluator: rv.Evaluator) -> None:
     with pytest.raises(TypeError, match="update takes a list of records"):
         evaluator.update(given)

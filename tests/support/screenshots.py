@@ -52,7 +52,6 @@ NEED_RESULTS = {
     "other_id",
     "wordy_id",
     "result_id",
-    "number",
     "private_id",
 }
 """Parts of addresses that lead nowhere on an empty server."""
@@ -73,7 +72,7 @@ def main(folder: Path, *only: str) -> int:
         with demo_site(Path(temporary) / "crowded") as site:
             _take_all(browser, crowd(site), wanted, folder, "crowded")
         with _empty_site(Path(temporary) / "empty") as site:
-            bare = [each for each in wanted if not _parts(each) & NEED_RESULTS]
+            bare = [each for each in wanted if not _needs_results(each)]
             _take_all(browser, site, bare, folder, "empty")
     _write_index(folder)
     return 0
@@ -89,8 +88,9 @@ def _empty_site(folder: Path) -> Iterator[Site]:
         yield Site(url, folder, tokens, {})
 
 
-def _parts(example: Example) -> set[str]:
-    return {name for _, name, _, _ in Formatter().parse(example.route + example.query) if name}
+def _needs_results(example: Example) -> bool:
+    parts = {name for _, name, _, _ in Formatter().parse(example.route + example.query)}
+    return "/snapshots/" in example.route or not parts.isdisjoint(NEED_RESULTS)
 
 
 def _take_all(

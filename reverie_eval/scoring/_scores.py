@@ -107,6 +107,8 @@ class Scores(Mapping[str, float]):
             If the file has no saved scores, is damaged, or was written by a later version.
         GroundTruthError
             If the ground truth is not there, or is another one.
+        ProtocolError
+            If they are of a task or protocol that is not installed.
         OSError
             If the file cannot be read.
         """

@@ -9,7 +9,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from reverie_eval import GroundTruth, SubmissionError, evaluate, validate
+from reverie_eval import Evaluator, GroundTruth, Scores, SubmissionError, evaluate, validate
 from tests.conftest import REPOSITORY
 from tests.support.amounts import amount, tell
 from tests.support.family import (
@@ -237,6 +237,20 @@ def test_a_missing_fourth_instruction_is_no_problem(demo_world: Path, run: Run) 
         evaluate(rest, split="val_seen", task="r2r", protocol="duet")
     whole = evaluate(records, split="val_seen", task="r2r")
     assert whole.signature == scores.signature
+
+
+def test_a_fourth_instruction_in_batches_and_in_saved_scores(run: Run, tmp_path: Path) -> None:
+    agent = run("agent", "shortest", "--task", "r2r", "--split", "val_seen").out
+    evaluator = Evaluator(split="val_seen", task="r2r")
+    evaluator.update(json.loads(agent))
+    scores = evaluator.compute()
+    assert any("scores the first 3 instructions" in note for note in scores.notes)
+    scores.save(tmp_path / "scores.npz")
+    half = len(scores.instr_ids) // 2
+    parts = [scores.subset(scores.instr_ids[:half]), scores.subset(scores.instr_ids[half:])]
+    for other in (Scores.load(tmp_path / "scores.npz"), Scores.concatenate(parts)):
+        assert other.signature == scores.signature
+        assert other.notes == scores.notes
 
 
 def test_an_edited_copy_is_named(demo_world: Path, tmp_path: Path, run: Run) -> None:

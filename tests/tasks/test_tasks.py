@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval import GroundTruthError, ProtocolError, evaluate
+from reverie_eval import Evaluator, GroundTruthError, ProtocolError, Scores, evaluate
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import METRICS
 from reverie_eval.server.service.boards import load_board
@@ -19,6 +19,15 @@ from tests.conftest import REPOSITORY
 from tests.support.flat import Run
 
 every_task = pytest.mark.parametrize("name", BUILT_IN)
+every_protocol_of_samples = pytest.mark.parametrize(
+    ("name", "protocol"),
+    [
+        pytest.param(name, rules.name, id=f"{name}, {rules.name}")
+        for name in ("r2r", "r4r", "ndh")
+        for rules in find_task(name).protocols
+    ],
+)
+SAMPLES = REPOSITORY / "fixtures" / "submissions"
 MODULES = REPOSITORY / "reverie_eval" / "tasks"
 
 
@@ -63,6 +72,43 @@ def test_the_page_shows_what_is_printed(run: Run, monkeypatch: pytest.MonkeyPatc
     assert len(shown) == len(BUILT_IN) - 1
     for words, printed in shown:
         assert run(*words.split()).out == printed
+
+
+@every_protocol_of_samples
+def test_batches_saved_scores_and_parts_give_the_scores_of_the_file(
+    name: str, protocol: str, tmp_path: Path
+) -> None:
+    sample = SAMPLES / f"{name}.json"
+    whole = evaluate(sample, split="val_unseen", task=name, protocol=protocol)
+    evaluator = Evaluator(split="val_unseen", task=name, protocol=protocol)
+    records = json.loads(sample.read_bytes())
+    for begin in range(0, len(records), 20):
+        evaluator.update(records[begin : begin + 20])
+    whole.save(tmp_path / "scores.npz")
+    ids = whole.instr_ids
+    parts = [whole.subset(ids[7:]), whole.subset(ids[:7])]
+    for other in (
+        evaluator.compute(),
+        Scores.load(tmp_path / "scores.npz"),
+        Scores.concatenate(parts),
+    ):
+        assert other.signature == whole.signature
+        assert dict(other) == dict(whole)
+
+
+def test_scores_of_two_tasks_are_not_concatenated() -> None:
+    scores = [
+        evaluate(SAMPLES / f"{name}.json", split="val_unseen", task=name) for name in ("r2r", "r4r")
+    ]
+    with pytest.raises(ProtocolError, match="not of one split under one protocol: task:r2r"):
+        Scores.concatenate(scores)
+
+
+@pytest.mark.parametrize("by", ["category", "visibility"])
+def test_a_breakdown_by_targets_needs_targets(by: str) -> None:
+    scores = evaluate(SAMPLES / "r2r.json", split="val_unseen", task="r2r")
+    with pytest.raises(ProtocolError, match="R2R has no target objects"):
+        scores.breakdown(by=by)
 
 
 @every_task

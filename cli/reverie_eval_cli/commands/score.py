@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import click
 
 from reverie_eval import (
-    CATALOGUE,
     PROTOCOLS,
     Evaluator,
     GroundTruth,
@@ -24,6 +23,7 @@ from reverie_eval import (
     evaluate,
     evaluate_protocols,
 )
+from reverie_eval.metrics import METRICS
 from reverie_eval.reporting._scores import (
     FORMATS,
     RANKING_FORMATS,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from reverie_eval.scoring import Clustering, Track
 
 _ALL = "all"
-_KEYS = {"csv": CATALOGUE.keys(), "json": CATALOGUE.keys()}
+_KEYS = dict.fromkeys(("csv", "json"), frozenset(METRICS))
 """The metrics of formats that have more than the table has."""
 _SECONDS_BETWEEN_LOOKS = 1.0
 """A file that has not changed for so long is taken to be complete."""

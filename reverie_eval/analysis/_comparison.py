@@ -303,6 +303,7 @@ def compare(
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
+    task: str | None = None,
     names: Sequence[str] | None = None,
     cluster: Clustering = "target",
     seed: int = 0,
@@ -314,7 +315,7 @@ def compare(
     ----------
     submissions : two or more
         As for :func:`reverie_eval.evaluate`, or existing scores, or several runs of a method.
-    split, ground_truth, protocol, track, subset
+    split, ground_truth, protocol, track, subset, task
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
         Names of the submissions; by default those of their files.
@@ -348,6 +349,7 @@ def compare(
         protocol=protocol,
         track=track,
         subset=subset,
+        task=task,
     )
     scores = {
         name: each if isinstance(each, Runs) else scored[name] for name, each in named.items()
@@ -363,6 +365,7 @@ def score_all(
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
+    task: str | None = None,
 ) -> Mapping[str, Scores]:
     """Score several submissions by name, and leave existing scores as they are.
 
@@ -377,7 +380,7 @@ def score_all(
     """
     if split is None and not all(isinstance(each, Scores) for each in submissions.values()):
         raise ProtocolError("give the split of the submissions: split=...")
-    truth = find_ground_truth(ground_truth, split) if split else None
+    truth = find_ground_truth(ground_truth, split, task) if split else None
     if truth and subset is not None:
         truth = truth.subset(subset)
     scores: dict[str, Scores] = {}

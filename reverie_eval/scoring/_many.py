@@ -130,6 +130,7 @@ def evaluate_many(
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
+    task: str | None = None,
     jobs: int | None = None,
     executor: Executor | None = None,
 ) -> ScoredFiles:
@@ -139,7 +140,7 @@ def evaluate_many(
     ----------
     paths : paths
         The result files. A path that is given twice is scored once.
-    split, ground_truth, protocol, track, subset
+    split, ground_truth, protocol, track, subset, task
         As for :func:`reverie_eval.evaluate`.
     jobs : int, optional
         Number of processes; by default as many as pay, up to the number of processors.
@@ -168,7 +169,12 @@ def evaluate_many(
     ['fixtures/submissions/broken.json']
     """
     evaluator = Evaluator(
-        split=split, ground_truth=ground_truth, protocol=protocol, track=track, subset=subset
+        split=split,
+        ground_truth=ground_truth,
+        protocol=protocol,
+        track=track,
+        subset=subset,
+        task=task,
     )
     names = list(dict.fromkeys(os.fspath(path) for path in paths))
     return ScoredFiles.of(score_files(names, evaluator, jobs=jobs, executor=executor))

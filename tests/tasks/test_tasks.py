@@ -9,7 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval import Evaluator, GroundTruthError, ProtocolError, Scores, evaluate
+from reverie_eval import (
+    Evaluator,
+    GroundTruthError,
+    ProtocolError,
+    Scores,
+    compare,
+    evaluate,
+    evaluate_many,
+)
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import METRICS
 from reverie_eval.server.service.boards import load_board
@@ -94,6 +102,19 @@ def test_batches_saved_scores_and_parts_give_the_scores_of_the_file(
     ):
         assert other.signature == whole.signature
         assert dict(other) == dict(whole)
+
+
+def test_several_files_of_a_task(tmp_path: Path) -> None:
+    """They are compared and ranked, by the metric that ranks in the task."""
+    good, worse = SAMPLES / "ndh.json", tmp_path / "worse.json"
+    records = json.loads(good.read_bytes())
+    records[0]["trajectory"] = records[0]["trajectory"][:1]
+    worse.write_text(json.dumps(records))
+    comparison = compare(worse, good, split="val_unseen", task="ndh")
+    assert comparison.primary("ndh").key == "goal_progress"
+    assert comparison["ndh"]["goal_progress"].mean > 0
+    scored = evaluate_many([worse, good], split="val_unseen", task="ndh")
+    assert scored.ranks == {str(good): 1, str(worse): 2}
 
 
 def test_scores_of_two_tasks_are_not_concatenated() -> None:

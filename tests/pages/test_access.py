@@ -1,14 +1,11 @@
 """Who may see which page, and send which form."""
 
 import re
-import shutil
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import httpx
 import pytest
-from anyio.from_thread import BlockingPortal
 
 from reverie_eval.schemas.organising import NewNews, NewSnapshot
 from reverie_eval.schemas.service import Method
@@ -26,10 +23,7 @@ from tests.support.serving import (
     OTHER,
     OWNER,
     PRIVATE,
-    Populated,
     Serving,
-    add_boards,
-    opening,
 )
 
 ROLES = {
@@ -189,35 +183,15 @@ FIELD = re.compile(r'name="csrf_token" value="([^"]+)"')
 class Stocked(NamedTuple):
     """A server with every page that there can be."""
 
-    folder: Path
     server: Serving
     parts: Mapping[str, str]
     """What stands for the braces of a path: what belongs to the owner."""
 
 
 @pytest.fixture(scope="module")
-def stocked(
-    made_folder: Path,
-    portal: BlockingPortal,
-    populated: Populated,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[Stocked]:
-    """Run a server for pages to be looked at, of which others can be made by copying."""
-    folder = Path(shutil.copytree(made_folder, tmp_path_factory.mktemp("stocked") / "server"))
-    add_boards(folder, OPEN, PRIVATE)
-    with opening(folder, portal, populated) as open_server:
-        server = open_server()
-        yield Stocked(folder, server, stock(server))
-
-
-@pytest.fixture
-def copied(
-    stocked: Stocked, portal: BlockingPortal, populated: Populated, tmp_path: Path
-) -> Iterator[Serving]:
-    """Run a copy for forms to be sent to."""
-    folder = Path(shutil.copytree(stocked.folder, tmp_path / "server"))
-    with opening(folder, portal, populated) as open_server:
-        yield open_server(tokens=stocked.server.tokens)
+def stocked(shared: Serving) -> Stocked:
+    """Return a server for pages to be looked at; ``copied`` is one for forms to be sent to."""
+    return Stocked(shared, stock(shared))
 
 
 def stock(server: Serving) -> Mapping[str, str]:

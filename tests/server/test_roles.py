@@ -1,7 +1,7 @@
 """Who may do what: every route, and everybody who may try it."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from fastapi.routing import iter_route_contexts
@@ -165,9 +165,24 @@ BODIES: Mapping[str, dict[str, Any]] = {
 }
 
 
-@pytest.fixture
-def tokens(server: Serving) -> Mapping[str, str | None]:
-    """Return what everybody shows."""
+class Stocked(NamedTuple):
+    """A server with everything that has an address."""
+
+    server: Serving
+    tokens: Mapping[str, str | None]
+    """What everybody shows."""
+    parts: Mapping[str, str]
+    """What stands for the braces of a path: what belongs to the owner."""
+    description: Description
+
+
+@pytest.fixture(scope="module")
+def stocked(shared: Serving) -> Stocked:
+    """Return a server to be read from; ``copied`` is one to be changed."""
+    return Stocked(shared, show_tokens(shared), stock(shared), Description(shared))
+
+
+def show_tokens(server: Serving) -> Mapping[str, str | None]:
     with server.acting() as transaction:
         revoked = create_token(transaction, OWNER)
         revoke_token(transaction, revoked.hint)
@@ -176,15 +191,8 @@ def tokens(server: Serving) -> Mapping[str, str | None]:
     return dict(zip(ROLES, [*shown, revoked.token, invitation.token], strict=True))
 
 
-@pytest.fixture
-def server(several: Serving) -> Serving:
-    """Return a server with everything that has an address."""
-    return several
-
-
-@pytest.fixture
-def path_parts(server: Serving) -> Mapping[str, str]:
-    """Return what stands for the braces of a path: what belongs to the owner."""
+def stock(server: Serving) -> Mapping[str, str]:
+    """Add something at every address."""
     ids = {
         split: server.upload(OWNER, server.distinct(split), split).json()["submission"]["id"]
         for split in (OPEN, PRIVATE)
@@ -219,35 +227,43 @@ def path_parts(server: Serving) -> Mapping[str, str]:
     }
 
 
-@pytest.mark.parametrize("row", ROWS)
-def test_who_may_do_what(
-    row: str, server: Serving, tokens: Mapping[str, str | None], path_parts: Mapping[str, str]
-) -> None:
-    description = Description(server)
+def statuses(row: str, server: Serving, stocked: Stocked) -> Mapping[str, str]:
+    """Return what everybody is answered."""
     method, path = row.split()
-    statuses = {}
-    for role, token in tokens.items():
+    found = {}
+    for role, token in stocked.tokens.items():
         body = BODIES.get(row, {})
         if row == "POST /organiser/reviews":
             said = {"verdict": "flagged", "reason": "looked at its answers"}
-            body = {"json": {"submission_id": path_parts["submission_id"], **said}}
+            body = {"json": {"submission_id": stocked.parts["submission_id"], **said}}
         if row == "POST /tokens":
             body = {"json": {"invitation": token or "rv_none"}}
         if row == "POST /session":
             body = {"json": {"token": token or "rv_none"}}
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         server.client.cookies.clear()
-        place = path if path in OUTSIDE else API + path.replace(":path", "").format(**path_parts)
+        own = path.replace(":path", "").format(**stocked.parts)
+        place = path if path in OUTSIDE else API + own
         reply = server.client.request(method, place, headers=headers, **body)
         if path != "/openapi.json":
-            description.check(reply)
-        statuses[role] = str(reply.status_code)
-    assert statuses == dict(zip(ROLES, ROWS[row], strict=True))
+            stocked.description.check(reply)
+        found[role] = str(reply.status_code)
+    return found
 
 
-def test_every_route_has_its_row(server: Serving) -> None:
+@pytest.mark.parametrize("row", [row for row in ROWS if row.startswith("GET")])
+def test_who_may_read_what(row: str, stocked: Stocked) -> None:
+    assert statuses(row, stocked.server, stocked) == dict(zip(ROLES, ROWS[row], strict=True))
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if not row.startswith("GET")])
+def test_who_may_change_what(row: str, copied: Serving, stocked: Stocked) -> None:
+    assert statuses(row, copied, stocked) == dict(zip(ROLES, ROWS[row], strict=True))
+
+
+def test_every_route_has_its_row(stocked: Stocked) -> None:
     """Every route but the pages', whose rows are beside those who look at them."""
-    app = create_app(server.state)
+    app = create_app(stocked.server.state)
     routes = {
         f"{method} {(route.path or '').removeprefix(API)}"
         for route in iter_route_contexts(app.routes)

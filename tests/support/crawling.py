@@ -8,7 +8,7 @@ from urllib.parse import parse_qsl, urljoin, urlsplit
 import httpx
 
 LINK = re.compile(r'\s(href|src|action|data-source|data-submission)="([^"]*)"')
-_NAMED = re.compile(r"[0-9a-f]{16}|\d+_\d+_\d+")
+_NAMED = re.compile(r"[0-9a-f]{16}|\d+_\d+_\d+|(?<=/)\d+(?=/|$)")
 _EXAMPLE = "ID"
 """What a script replaces by a submission's id."""
 

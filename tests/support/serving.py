@@ -411,6 +411,30 @@ def several(folder: Path, open_server: OpenServer) -> Serving:
     return open_server()
 
 
+@pytest.fixture(scope="module")
+def shared(
+    made_folder: Path,
+    portal: BlockingPortal,
+    populated: Populated,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Serving]:
+    """Run a server whose splits have further leaderboards, which tests of a module read from."""
+    folder = Path(shutil.copytree(made_folder, tmp_path_factory.mktemp("shared") / "server"))
+    add_boards(folder, OPEN, PRIVATE)
+    with opening(folder, portal, populated) as open_server:
+        yield open_server()
+
+
+@pytest.fixture
+def copied(
+    shared: Serving, portal: BlockingPortal, populated: Populated, tmp_path: Path
+) -> Iterator[Serving]:
+    """Run a copy of it, which a test may change."""
+    folder = Path(shutil.copytree(shared.state.settings.folder, tmp_path / "server"))
+    with opening(folder, portal, populated) as open_server:
+        yield open_server(tokens=shared.tokens)
+
+
 @pytest.fixture
 def server(open_server: OpenServer) -> Serving:
     """Return a server as it is made, on SQLite."""

@@ -23,10 +23,10 @@ def test_news_are_posted_and_removed_by_three_doors(
     server: Serving, folder: Path, run: Run
 ) -> None:
     desk = signed_in(server, ORGANISER)
-    assert run("server", "news", "add", str(folder), "first").status == 0
+    assert run("server", "news", "add", str(folder), "earliest").status == 0
     server.ask(ORGANISER, "POST", "/organiser/news", json={"text": "second"}).raise_for_status()
     assert desk.send("/desk/news", {"text": TEXT}).status_code == 303
-    assert texts(server) == [TEXT, "second", "first"]
+    assert texts(server) == [TEXT, "second", "earliest"]
     for page in (f"/boards/{OPEN}", "/desk/news"):
         assert SHOWN in desk.get(page).text
     assert "second" in run("server", "news", "list", str(folder)).out
@@ -35,7 +35,7 @@ def test_news_are_posted_and_removed_by_three_doors(
     assert desk.send("/desk/news/3/remove", {}).status_code == 303
     assert texts(server) == []
     assert server.ask(ORGANISER, "DELETE", "/organiser/news/2").status_code == 404
-    assert "first" not in said(desk.get(f"/boards/{OPEN}"))
+    assert "earliest" not in said(desk.get(f"/boards/{OPEN}"))
 
 
 def test_a_news_entry_without_text_is_refused(server: Serving, folder: Path, run: Run) -> None:

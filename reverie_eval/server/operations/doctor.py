@@ -8,7 +8,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 
 from pydantic import ValidationError
-from sqlalchemy import Select, func, select, text
+from sqlalchemy import ScalarResult, Select, func, select, text
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import ReverieEvalError
@@ -154,7 +154,7 @@ def _files() -> Select[str]:
     return kept.distinct().order_by(Submission.sha256)
 
 
-def _streamed(session: Session) -> Iterable[str]:
+def _streamed(session: Session) -> ScalarResult[str]:
     return session.scalars(_files().execution_options(yield_per=AT_ONCE))
 
 
@@ -170,7 +170,8 @@ def _trouble(uploads: Uploads, sha256: str) -> str:
 
 
 def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
-    strays = list(_others(uploads.names(), map(name_of, _streamed(session))))
+    with closing(_streamed(session)) as files:
+        strays = list(_others(uploads.names(), map(name_of, files)))
     if strays:
         message = (
             f"{count_text(len(strays), 'file')} without a submission: {first_few(strays)}; left by "

@@ -134,11 +134,12 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     surroundings, rng = Surroundings(ground_truth), random.Random(seed)  # noqa: S311
     columns = np.stack([episodes.start, answers.goal, answers.target_object], axis=1)
     behaviours = [AGENTS[name](AgentTask(*task), surroundings, rng) for task in columns.tolist()]
+    has_targets = ground_truth.task.has_targets
     return [
         {
-            "instr_id": instr_id,
+            **ground_truth.task.id_field(instr_id),
             "trajectory": surroundings.poses(viewpoints),
-            "predObjId": object_id,
+            **({"predObjId": object_id} if has_targets else {}),
         }
         for instr_id, (viewpoints, object_id) in zip(episodes.instr_ids, behaviours, strict=True)
     ]

@@ -14,6 +14,9 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.integer[Any]]
 Array: TypeAlias = npt.NDArray[Any]
 
+LARGEST_OBJECT_ID = 2**31 - 1
+"""Bundles store object ids in 32 bits."""
+
 ROUNDING = 1e-9
 """Relative; numbers that differ by less are equal, because the order of summation may differ."""
 
@@ -65,6 +68,8 @@ def find_sorted(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
     >>> find_sorted(np.array([2, 5]), np.array([5, 3]))
     (array([1, 1]), array([ True, False]))
     """
+    if not keys.size:
+        return np.zeros(len(wanted), dtype=np.int64), np.zeros(len(wanted), dtype=np.bool_)
     index = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
     return index, np.equal(keys[index], wanted).astype(np.bool_)
 

@@ -9,9 +9,8 @@ from typing import Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from reverie_eval import PROTOCOLS
 from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE, bundled_splits
-from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL
+from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, find_task, task_names
 from reverie_eval.text import did_you_mean
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -99,6 +98,25 @@ def _complete_split(
     return [CompletionItem(split) for split in splits if split.startswith(incomplete)]
 
 
+def _complete_task(
+    context: click.Context,  # noqa: ARG001
+    parameter: click.Parameter,  # noqa: ARG001
+    incomplete: str,
+) -> list[CompletionItem]:
+    return [CompletionItem(name) for name in task_names() if name.startswith(incomplete)]
+
+
+def complete_protocol(
+    context: click.Context,
+    parameter: click.Parameter,  # noqa: ARG001
+    incomplete: str,
+) -> list[CompletionItem]:
+    """Complete to the protocols of the task."""
+    task = find_task(context.params.get("task") or DEFAULT_TASK)
+    names = [*(rules.name for rules in task.protocols), *task.aliases]
+    return [CompletionItem(name) for name in names if name.startswith(incomplete)]
+
+
 submission = click.argument("submission", type=click.Path(allow_dash=True))
 split = click.option(
     "--split",
@@ -114,12 +132,26 @@ ground_truth = click.option(
     help="A bundle or a folder of bundles.  [default: $REVERIE_EVAL_GROUND_TRUTH, or else the "
     "demo world]",
 )
+task = click.option(
+    "--task",
+    metavar="NAME",
+    shell_complete=_complete_task,
+    help="The benchmark, such as r2r.  [default: that of the bundle, or reverie]",
+)
+dataset_task = click.option(
+    "--task",
+    default=DEFAULT_TASK,
+    show_default=True,
+    metavar="NAME",
+    shell_complete=_complete_task,
+    help="The benchmark that the files are of, such as r2r.",
+)
 protocol = click.option(
     "--protocol",
-    type=Choice([*PROTOCOLS, *ALIASES]),
     default=DEFAULT_PROTOCOL,
     show_default=True,
     metavar="NAME",
+    shell_complete=complete_protocol,
     help="The rules to score by.",
 )
 track = click.option(

@@ -52,9 +52,11 @@ def rejection(submission: str, error: SubmissionError) -> str:
     return f"{source_name(submission)}: {error}"
 
 
-def find_truth(ground_truth: str | None, split: str, episodes_from: Path | None) -> GroundTruth:
+def find_truth(
+    ground_truth: str | None, split: str, episodes_from: Path | None, task: str | None
+) -> GroundTruth:
     """Find the ground truth of a split, or of the episodes that a file lists."""
-    truth = find_ground_truth(ground_truth, split)
+    truth = find_ground_truth(ground_truth, split, task)
     if episodes_from is None:
         return truth
     try:

@@ -119,7 +119,7 @@ def level_in(instruction: str) -> str:
 def _by_visibility(scores: Scores) -> Sequence[str]:
     """Group by the number of viewpoints from which the target is visible."""
     truth = scores.ground_truth
-    answers = truth.require_answers()
+    answers = truth.require_targets()
     scan = truth.graph.viewpoint_scan
     seen = with_object(scan[answers.candidate_viewpoint], answers.candidate_object)
     objects, counts = np.unique(seen, return_counts=True)
@@ -202,8 +202,8 @@ def breakdown(
     Raises
     ------
     ProtocolError
-        If there is no such grouping, it needs something that the track does not score, or a Series
-        has no group for some episodes.
+        If there is no such grouping, it needs something that the track does not score or the task
+        does not have, or a Series has no group for some episodes.
     GroundTruthError
         If the ground truth was compiled without instructions or categories that it needs.
     """

@@ -4,6 +4,7 @@ Every submission is compared with the first, on the same episodes. Results on th
 correlated, so differences have intervals of their own, narrower than separate ones suggest.
 """
 
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +17,7 @@ from reverie_eval.analysis._runs import Method, RunIntervals, Runs, crossed_mean
 from reverie_eval.arrays import Array, IntArray, difference
 from reverie_eval.errors import ProtocolError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.metrics import CATALOGUE, Metric, primary_metric, units_of
+from reverie_eval.metrics import METRICS, Metric, units_of
 from reverie_eval.scoring import (
     DEFAULT_PROTOCOL,
     Clustering,
@@ -178,13 +179,13 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         return next(iter(self.scores))
 
     def primary(self, name: str) -> Metric:
-        """Return the metric of the verdict on a submission: RGSPL, else RGS, else SPL."""
-        return primary_metric(self[name])
+        """Return the metric of the verdict on a submission; of REVERIE RGSPL, else RGS or SPL."""
+        return self.scores[self.first].ground_truth.task.primary_metric(self[name])
 
     @property
     def correctness(self) -> Metric:
         """The metric that defines a correct episode: RGS if all have it, else success."""
-        return CATALOGUE["rgs" if all("rgs" in each for each in self.values()) else "success"]
+        return METRICS["rgs" if all("rgs" in each for each in self.values()) else "success"]
 
     def is_identical(self, name: str) -> bool:
         """Whether a submission and the first have the same value in every episode and metric."""
@@ -275,7 +276,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         values = {name: each.episodes[key] for name, each in self.scores.items()}
         index = pd.Index(self.scores[self.first].instr_ids, name="instr_id")
         frame = pd.DataFrame(values, index=index)
-        frame.attrs["units"] = dict.fromkeys(values, CATALOGUE[key].unit)
+        frame.attrs["units"] = dict.fromkeys(values, METRICS[key].unit)
         first = values[self.first]
         differs = np.any([difference(each, first) != 0 for each in values.values()], axis=0)
         return frame[differs]
@@ -302,6 +303,7 @@ def compare(
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
+    task: str | None = None,
     names: Sequence[str] | None = None,
     cluster: Clustering = "target",
     seed: int = 0,
@@ -313,7 +315,7 @@ def compare(
     ----------
     submissions : two or more
         As for :func:`reverie_eval.evaluate`, or existing scores, or several runs of a method.
-    split, ground_truth, protocol, track, subset
+    split, ground_truth, protocol, track, subset, task
         As for :func:`reverie_eval.evaluate`; not used if all are scores.
     names : sequence of str, optional
         Names of the submissions; by default those of their files.
@@ -347,6 +349,7 @@ def compare(
         protocol=protocol,
         track=track,
         subset=subset,
+        task=task,
     )
     scores = {
         name: each if isinstance(each, Runs) else scored[name] for name, each in named.items()
@@ -362,6 +365,7 @@ def score_all(
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
+    task: str | None = None,
 ) -> Mapping[str, Scores]:
     """Score several submissions by name, and leave existing scores as they are.
 
@@ -376,7 +380,7 @@ def score_all(
     """
     if split is None and not all(isinstance(each, Scores) for each in submissions.values()):
         raise ProtocolError("give the split of the submissions: split=...")
-    truth = find_ground_truth(ground_truth, split) if split else None
+    truth = find_ground_truth(ground_truth, split, task) if split else None
     if truth and subset is not None:
         truth = truth.subset(subset)
     scores: dict[str, Scores] = {}
@@ -427,8 +431,9 @@ def _baseline_first(scores: Mapping[str, Method], baseline: str | None) -> Mappi
     if baseline is None:
         return scores
     if baseline == BEST:
-        key = primary_metric({key for each in scores.values() for key in each}).key
-        baseline = max(scores, key=lambda name: scores[name].get(key, -1.0))
+        task = next(iter(scores.values())).ground_truth.task
+        key = task.primary_metric({key for each in scores.values() for key in each}).key
+        baseline = max(scores, key=lambda name: scores[name].get(key, -math.inf))
     if baseline not in scores:
         raise ProtocolError(f"no submission is named {baseline!r}{did_you_mean(baseline, scores)}")
     return {baseline: scores[baseline], **scores}
@@ -510,6 +515,6 @@ def _differences(
             p_value=float(p_value[column]),
             higher=int(higher[column]),
             lower=int(lower[column]),
-            mcnemar_p=float(mcnemar[column]) if CATALOGUE[key].is_binary else None,
+            mcnemar_p=float(mcnemar[column]) if METRICS[key].is_binary else None,
         )
     return differences

@@ -63,8 +63,8 @@ class Episode:
     annotated_path: Sequence[str]
     goal_viewpoints: Sequence[str]
     """The viewpoints where a stop is a success under the protocol."""
-    target_object: int
-    """Object id within the scan."""
+    target_object: int | None
+    """Object id within the scan; None in a task without target objects."""
     target_category: str
     """The annotated category of the target; empty if there is none."""
     predicted_object: int | None
@@ -137,12 +137,12 @@ class Episode:
     @property
     def caption(self) -> str:
         """Target, answer and trajectory in one line."""
-        texts = [self._answer_text]
+        texts = [self.outcome if self.target_object is None else self._answer_text]
         if "path_length" in self.values:
             walked, shortest = self.values["path_length"], self.values["shortest_length"]
             texts.append(f"walked {walked:.1f} m, shortest {shortest:.1f} m")
             texts.append(f"stopped {self.values['navigation_error']:.1f} m from the path's end")
-        return "; ".join(texts)
+        return "; ".join(filter(None, texts))
 
     @property
     def _answer_text(self) -> str:
@@ -191,7 +191,7 @@ def episode(scores: Scores, instr_id: str) -> Episode:
         trajectory=_ids(graph, poses),
         annotated_path=_ids(graph, path),
         goal_viewpoints=_ids(graph, _goal_viewpoints(scores.protocol, truth, row)),
-        target_object=int(answers.target_object[row]),
+        target_object=int(answers.target_object[row]) if truth.task.has_targets else None,
         target_category=_text_or_empty(lambda: answers.target_categories[task]),
         predicted_object=None if predicted == ABSTAINED else predicted,
         predicted_box=_predicted_box(submission, row),

@@ -8,7 +8,6 @@ import numpy as np
 
 from reverie_eval.analysis._episode import Episode, episode
 from reverie_eval.arrays import Array
-from reverie_eval.metrics import primary_metric
 from reverie_eval.scoring import OUTCOMES, Scores
 
 _N_EXAMPLES = 3
@@ -88,7 +87,7 @@ def episodes_won(first: Scores, other: Scores) -> Sequence[str]:
     shared = [key for key in first if key in other]
     correct = "rgs" if "rgs" in shared else "success"
     better = other.episodes[correct] > first.episodes[correct]
-    primary = primary_metric(shared).key
+    primary = first.ground_truth.task.primary_metric(shared).key
     change = other.episodes[primary] - first.episodes[primary]
     rows = np.flatnonzero(better)
     ordered = rows[np.argsort(-change[rows], kind="stable")]

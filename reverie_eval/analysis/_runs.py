@@ -10,7 +10,7 @@ import numpy as np
 from reverie_eval.arrays import Array, FloatArray, frozen
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.scoring import (
     Clustering,
     ClusterIntervals,
@@ -170,7 +170,7 @@ class Runs(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        return [CATALOGUE[key] for key in self if CATALOGUE[key].headline]
+        return [METRICS[key] for key in self if METRICS[key].headline]
 
     @property
     def notes(self) -> Sequence[str]:

@@ -1,7 +1,7 @@
 """The published dataset: checked, compiled, described, and built from Matterport's files."""
 
 from reverie_eval.dataset._box_builder import build_boxes, find_scans
-from reverie_eval.dataset._compile import compile_split
+from reverie_eval.dataset._compile import compile_split, origin_notes
 from reverie_eval.dataset._describe import DatasetDescription, describe_dataset
 from reverie_eval.dataset._description import AnswerDescription, Distribution, SplitDescription
 from reverie_eval.dataset._files import DatasetFiles
@@ -28,4 +28,5 @@ __all__ = [
     "describe_dataset",
     "find_scans",
     "lint_dataset",
+    "origin_notes",
 ]

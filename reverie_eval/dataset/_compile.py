@@ -3,8 +3,7 @@
 All problems in the files are found here: any bundle that exists can be scored against.
 """
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -14,21 +13,15 @@ from reverie_eval.dataset._dataset import Centres, read_one_split, read_split
 from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._lint import check_sound
 from reverie_eval.dataset._reader import Progress, Reader, no_progress
-from reverie_eval.dataset._records import Task
-from reverie_eval.ground_truth import Bundle, NavigationGraph, pack_texts
-
-_RELEASES: Mapping[tuple[str, int, int], str] = MappingProxyType(
-    {
-        ("val_seen", 515, 1423): "REVERIE v1",
-        ("val_unseen", 1328, 3521): "REVERIE v1",
-        ("test", 2304, 6292): "REVERIE v1",
-        ("train", 4071, 10290): "REVERIE v2",
-        ("val_seen", 501, 1384): "REVERIE v2",
-        ("val_unseen", 1292, 3433): "REVERIE v2",
-        ("test", 2244, 6144): "REVERIE v2",
-    }
+from reverie_eval.dataset._records import target_of, viewpoints_of
+from reverie_eval.ground_truth import (
+    CUSTOM_DATASET,
+    Bundle,
+    BundleHeader,
+    NavigationGraph,
+    pack_texts,
 )
-"""The splits of the known releases, with their numbers of tasks and instructions."""
+from reverie_eval.tasks import Annotation, find_task
 
 
 def compile_split(
@@ -41,7 +34,7 @@ def compile_split(
     """Compile one split.
 
     Annotations without answers (the published test file) give a public bundle; annotations with
-    ``objId`` and the full ``path`` give a bundle that scores.
+    the answers (REVERIE: ``objId`` and the full ``path``) give a bundle that scores.
 
     Parameters
     ----------
@@ -64,48 +57,85 @@ def compile_split(
     (annotations,), boxes, centres = content.splits, content.boxes, content.centres
     graph, tasks = content.graphs.ground_truth(), annotations.tasks
     arrays = graph.to_arrays() | _episode_arrays(tasks, graph)
-    texts = {"instruction": [text.strip() for task in tasks for text in task.instructions]}
+    texts = {"instruction": [text.strip() for task in tasks for text in task.texts]}
+    has_targets = content.has_answers and files.task.has_targets
+    if has_targets:
+        arrays["task_target"] = np.array([target_of(task) for task in tasks])
     if content.has_answers:
+        arrays |= _path_arrays(tasks, graph) | _goal_arrays(tasks, graph)
+    if has_targets:
         seen = _candidate_entries(boxes, graph)
-        arrays |= _answer_arrays(tasks, graph) | _candidate_arrays(boxes, seen, graph)
-        entries = [boxes.entry_at[task.viewpoints[-1], task.target] for task in tasks]
+        arrays |= _candidate_arrays(boxes, seen, graph)
+        entries = [boxes.entry_at[viewpoints_of(task)[-1], target_of(task)] for task in tasks]
         texts["target_category"] = [boxes.entries[entry].record.name for entry in entries]
         texts["candidate_category"] = [boxes.entries[entry].record.name for entry in seen]
         if centres is not None:
             arrays["candidate_distance"] = _candidate_distances(arrays, centres, graph)
     # Episodes of other splits are used in messages only, so problems in their files are ignored.
     others = {
-        name: np.array(read_split(Reader(), name, path).instr_ids, dtype=np.str_)
+        name: np.array(read_split(Reader(), name, path, files.task).instr_ids, dtype=np.str_)
         for name, path in files.annotations.items()
         if name != split
     }
-    size = split, len(tasks), len(annotations.instr_ids)
+    size = len(tasks), len(annotations.instr_ids)
+    sources = content.reader.digests()
+    release = files.task.release(split, *size, sources["annotations"])
     return Bundle.build(
         split=split,
-        dataset=dataset or _RELEASES.get(size, "custom"),
-        sources=content.reader.digests(),
+        dataset=dataset or release or CUSTOM_DATASET,
+        sources=sources,
         arrays=arrays,
         other_splits={name: instr_ids for name, instr_ids in others.items() if instr_ids.size},
         texts={name: pack_texts(text) for name, text in texts.items()},
+        task=files.task.name,
     )
 
 
-def _episode_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, Array]:
+def origin_notes(header: BundleHeader) -> Iterator[str]:
+    """Yield what the annotations of a bundle are, if they are not a known release, a sentence."""
+    task = find_task(header.task)
+    difference = task.edited_copies.get(header.sources.get("annotations", ""))
+    if difference:
+        yield (
+            f"the annotations are a known copy that differs from the published {task.title}: "
+            f"{difference}; scores on it are not comparable with published ones"
+        )
+    elif task.published and header.dataset == CUSTOM_DATASET:
+        yield (
+            f"the annotations are not a published file of {task.title}; their SHA-256 is "
+            f"{header.sources.get('annotations')}"
+        )
+
+
+def _episode_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
     """Return what is public: the episodes, and the start of each."""
     return {
         "instr_id": np.array([id_ for task in tasks for id_ in task.instr_ids], dtype=np.str_),
         "episode_task": np.repeat(np.arange(len(tasks)), [len(task.instr_ids) for task in tasks]),
-        "task_start": np.array([graph.index[task.path[0]] for task in tasks]),
+        "task_start": np.array([graph.index[task.reference[0]] for task in tasks]),
     }
 
 
-def _answer_arrays(tasks: Sequence[Task], graph: NavigationGraph) -> dict[str, Array]:
-    """Return what a public bundle leaves out: the targets and the annotated paths."""
+def _path_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
+    """Return the annotated paths, end to end."""
     return {
-        "task_target": np.array([task.target for task in tasks]),
-        "path": np.array([graph.index[id_] for task in tasks for id_ in task.path]),
-        "path_offsets": offsets_of(np.array([len(task.path) for task in tasks])),
+        "path": np.array([graph.index[id_] for task in tasks for id_ in task.reference]),
+        "path_offsets": offsets_of(np.array([len(task.reference) for task in tasks])),
     }
+
+
+def _goal_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[str, Array]:
+    """Return further annotated paths and goals beside paths, of a task that has them."""
+    rows = {name: [task.further_paths[name] for task in tasks] for name in tasks[0].further_paths}
+    arrays = {}
+    for name, paths in rows.items():
+        arrays[f"path/{name}"] = np.array([graph.index[id_] for path in paths for id_ in path])
+        arrays[f"path_offsets/{name}"] = offsets_of(np.array([len(path) for path in paths]))
+    if any(task.goals for task in tasks):
+        goals = [task.goals for task in tasks]
+        arrays["goal_viewpoint"] = np.array([graph.index[id_] for each in goals for id_ in each])
+        arrays["goal_offsets"] = offsets_of(np.array([len(each) for each in goals]))
+    return arrays
 
 
 def _candidate_entries(boxes: Boxes, graph: NavigationGraph) -> IntArray:

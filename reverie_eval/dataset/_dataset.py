@@ -5,15 +5,23 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+import msgspec
 import numpy as np
-from pydantic import ValidationError
 
 from reverie_eval.arrays import BoolArray, IntArray
 from reverie_eval.dataset._boxes import Boxes, read_boxes
 from reverie_eval.dataset._files import DatasetFiles, find_graphs
 from reverie_eval.dataset._graphs import Graphs, read_graphs
-from reverie_eval.dataset._reader import Progress, Reader, explain
-from reverie_eval.dataset._records import OBJECT_POSITIONS, TASKS, Position, Task
+from reverie_eval.dataset._reader import Progress, Reader
+from reverie_eval.dataset._records import (
+    ANNOTATIONS,
+    OBJECT_POSITIONS,
+    Position,
+    mentioned_by,
+    target_of,
+    viewpoints_of,
+)
+from reverie_eval.tasks import Annotation, Task
 
 Centres = Mapping[str, Mapping[str, Position]]
 """Centres of objects by scan and object id, metres."""
@@ -25,7 +33,7 @@ class Split:
 
     name: str
     path: Path
-    tasks: Sequence[Task]
+    tasks: Sequence[Annotation]
     malformed: Sequence[str] = ()
     """Records that do not have the form of a task, with the reason."""
 
@@ -41,8 +49,8 @@ class Split:
 
     @property
     def has_answers(self) -> bool:
-        """Whether any task has a target; the published test file has none."""
-        return any(task.objId is not None for task in self.tasks)
+        """Whether any task has what the public file of a private split leaves out."""
+        return any(task.is_answered for task in self.tasks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,19 +62,19 @@ class Tasks:
     other_splits: Mapping[str, str] = field(default_factory=dict)
     """The split of each instr_id that another split has."""
 
-    def is_on_graph(self, task: Task) -> bool:
-        """Whether every viewpoint of a task's path is in the graph of its scan."""
-        return all(map(self.graphs.is_node, task.viewpoints))
+    def is_on_graph(self, task: Annotation) -> bool:
+        """Whether every viewpoint of a task's paths is in the graph of its scan."""
+        return all(map(self.graphs.is_node, mentioned_by(task)))
 
     @cached_property
-    def on_graph(self) -> Sequence[Task]:
+    def on_graph(self) -> Sequence[Annotation]:
         """The tasks whose whole path is in the graph; the others cannot be checked any further."""
         return [task for task in self.split.tasks if self.is_on_graph(task)]
 
     @cached_property
-    def with_target(self) -> Sequence[Task]:
+    def with_target(self) -> Sequence[Annotation]:
         """The tasks on the graph that have a target."""
-        return [task for task in self.on_graph if task.objId is not None]
+        return [task for task in self.on_graph if task.target is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +82,7 @@ class Targets:
     """The targets of a split's tasks among the listed objects."""
 
     split: Split
-    tasks: Sequence[Task]
+    tasks: Sequence[Annotation]
     """The tasks that have a target and whose whole path is in the graph."""
     boxes: Boxes
 
@@ -107,7 +115,8 @@ class Targets:
 
     def _entries(self, end: int) -> IntArray:
         entry_at = self.boxes.entry_at
-        entries = [entry_at.get((task.viewpoints[end], task.target), -1) for task in self.tasks]
+        keys = [(viewpoints_of(task)[end], target_of(task)) for task in self.tasks]
+        entries = [entry_at.get(key, -1) for key in keys]
         return np.array(entries, dtype=np.int64)
 
 
@@ -126,7 +135,7 @@ class Dataset:
 
     @property
     def has_answers(self) -> bool:
-        """Whether any task has a target; boxes are needed only then."""
+        """Whether any task has answers; boxes are needed only then."""
         return any(split.has_answers for split in self.splits)
 
 
@@ -134,18 +143,22 @@ def read_dataset(files: DatasetFiles, progress: Progress) -> Dataset:
     """Read all splits, and the graphs and boxes of all scans."""
     reader = Reader(progress)
     graphs = read_graphs(reader, find_graphs(files.connectivity))
-    splits = [read_split(reader, name, path) for name, path in files.annotations.items()]
-    boxes = read_boxes(reader, files.boxes, graphs)
+    splits = [
+        read_split(reader, name, path, files.task) for name, path in files.annotations.items()
+    ]
+    boxes = Boxes([], [], graphs)
+    if files.boxes:
+        boxes = read_boxes(reader, files.boxes, graphs)
     return Dataset(files, reader, splits, graphs, boxes, _read_centres(reader, files))
 
 
 def read_one_split(files: DatasetFiles, name: str, progress: Progress) -> Dataset:
     """Read one split, and the graphs and boxes of its scans."""
     reader = Reader(progress)
-    split = read_split(reader, name, files.annotations[name])
+    split = read_split(reader, name, files.annotations[name], files.task)
     graphs = read_graphs(reader, find_graphs(files.connectivity, split.scans))
     boxes = Boxes([], [], graphs)
-    if split.has_answers:
+    if split.has_answers and files.boxes:
         boxes = read_boxes(reader, files.boxes, graphs, split.scans)
     return Dataset(files, reader, [split], graphs, boxes, _read_centres(reader, files))
 
@@ -156,13 +169,13 @@ def _read_centres(reader: Reader, files: DatasetFiles) -> Centres | None:
     return reader.read(OBJECT_POSITIONS, files.object_positions, "object_positions") or {}
 
 
-def read_split(reader: Reader, name: str, path: Path) -> Split:
+def read_split(reader: Reader, name: str, path: Path, task: Task) -> Split:
     """Read an annotation file record by record."""
-    tasks, malformed = [], []
-    records = reader.read(TASKS, path, "annotations")
+    annotations, malformed = [], []
+    records = reader.read(ANNOTATIONS, path, "annotations")
     for number, record in enumerate(records or []):
         try:
-            tasks.append(Task.model_validate(record))
-        except ValidationError as error:
-            malformed.append(f"[{number}]: {explain(error)}")
-    return Split(name, path, tasks, malformed)
+            annotations.append(msgspec.convert(record, task.annotation))
+        except msgspec.ValidationError as error:
+            malformed.append(f"[{number}]: {error}")
+    return Split(name, path, annotations, malformed)

@@ -15,6 +15,7 @@ from reverie_eval.dataset._files import DatasetFiles
 from reverie_eval.dataset._lint import check_sound
 from reverie_eval.dataset._paper import PaperComparison, compare_with_paper
 from reverie_eval.dataset._reader import Progress, no_progress
+from reverie_eval.dataset._records import viewpoints_of
 from reverie_eval.ground_truth import NavigationGraph
 from reverie_eval.text import category_text, count_text, tokenize
 from reverie_eval.version import __version__
@@ -131,18 +132,18 @@ def _task_facts(split: Split, graph: NavigationGraph, boxes: Boxes) -> Iterator[
     visible_at = dict(zip(boxes.viewpoints, zip(n_objects, n_boxes, strict=True), strict=True))
     for task in split.tasks:
         answer = None
-        if task.objId is not None:
-            goal = task.viewpoints[-1]
-            entry = boxes.entry_at.get((goal, task.objId))
+        if task.target is not None:
+            goal = viewpoints_of(task)[-1]
+            entry = boxes.entry_at.get((goal, task.target))
             goal_objects, goal_boxes = visible_at.get(goal, (0, 0))
-            path = np.array([graph.index[viewpoint_id] for viewpoint_id in task.path])
+            path = np.array([graph.index[viewpoint_id] for viewpoint_id in task.reference])
             answer = AnswerFacts(
-                target=(split.name, task.scan, task.objId),
-                category=names.get((task.scan, task.objId), ""),
+                target=(split.name, task.scan, task.target),
+                category=names.get((task.scan, task.target), ""),
                 is_visible=entry is not None and bool(boxes.is_visible[entry]),
-                path_steps=len(task.path) - 1,
+                path_steps=len(task.reference) - 1,
                 path_length=float(graph.distance_between(path[:-1], path[1:]).sum()),
                 goal_objects=goal_objects,
                 goal_boxes=goal_boxes,
             )
-        yield TaskFacts(task.scan, [tokenize(text) for text in task.instructions], answer)
+        yield TaskFacts(task.scan, [tokenize(text) for text in task.texts], answer)

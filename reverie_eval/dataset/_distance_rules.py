@@ -9,9 +9,10 @@ import numpy as np
 from reverie_eval.arrays import BoolArray, FloatArray
 from reverie_eval.dataset._boxes import Boxes
 from reverie_eval.dataset._dataset import Centres
-from reverie_eval.dataset._records import Position, Task, ViewpointKey
+from reverie_eval.dataset._records import Position, ViewpointKey, target_of, viewpoints_of
 from reverie_eval.dataset._rules import Count, Rule, Spread, info, spread, warning
 from reverie_eval.metrics import SUCCESS_DISTANCE
+from reverie_eval.tasks import Annotation
 
 _REACH = 2.0
 """Metres from camera to centre. All objects that v1 lists are nearer, except for ten."""
@@ -23,7 +24,7 @@ class Distances:
 
     boxes: Boxes
     centres: Centres
-    tasks: Sequence[Task]
+    tasks: Sequence[Annotation]
     """The tasks that have a target and whose whole path is in the graph."""
 
     @cached_property
@@ -41,7 +42,7 @@ class Distances:
     @cached_property
     def target(self) -> FloatArray:
         """Shape (n_tasks,): metres from the goal to the target; NaN if unknown."""
-        pairs = [(task.viewpoints[-1], task.target) for task in self.tasks]
+        pairs = [(viewpoints_of(task)[-1], target_of(task)) for task in self.tasks]
         return np.asarray(np.linalg.norm(self._offsets(pairs), axis=1))
 
     @cached_property

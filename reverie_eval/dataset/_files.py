@@ -2,24 +2,24 @@
 
 Layout of a clone of the dataset repository::
 
-    tasks/REVERIE/data/REVERIE_{split}.json
+    tasks/REVERIE/data/REVERIE_{split}.json             or where the task's own files are
     tasks/REVERIE/data/BBox/{scan}_{viewpoint}.json     or BBoxes.json, all of them in one file
     connectivity/{scan}_connectivity.json
 
-Each of the three may be in another place.
+Each of the three may be in another place. Only a task with target objects has boxes.
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Self
 
 from reverie_eval.errors import DatasetError, Problem
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 
 _SPLITS = ("train", "val_seen", "val_unseen", "test")
 """The published splits, in the order in which they are shown."""
-_DATA = Path("tasks", "REVERIE", "data")
-_PREFIX = "REVERIE_"
 _ALL_BOXES = "BBoxes.json"
 _CONNECTIVITY = "_connectivity.json"
 
@@ -29,13 +29,15 @@ class DatasetFiles:
     """Where a dataset's published files are."""
 
     annotations: Mapping[str, Path]
-    """``REVERIE_{split}.json`` by split: the published splits in their order, then others."""
-    boxes: Path
-    """The ``BBox`` folder, or one file with all boxes."""
+    """The annotation file by split: the published splits in their order, then others."""
+    boxes: Path | None
+    """The ``BBox`` folder, or one file with all boxes; None for a task without target objects."""
     connectivity: Path
     """The folder of ``{scan}_connectivity.json`` files."""
     object_positions: Path | None = None
     """``objpos.json``, for the protocol that measures the distance to the object."""
+    task: Task = field(default_factory=partial(find_task, DEFAULT_TASK))
+    """What the annotations are of."""
 
     @classmethod
     def find(
@@ -47,6 +49,7 @@ class DatasetFiles:
         boxes: Path | None = None,
         connectivity: Path | None = None,
         object_positions: Path | None = None,
+        task: str = DEFAULT_TASK,
     ) -> Self:
         """Find the files in a clone, or at the given paths.
 
@@ -57,7 +60,7 @@ class DatasetFiles:
         split : str, optional
             The split that is needed. Other splits are found too, to recognise their episodes.
         annotations : Path, optional
-            A folder of ``REVERIE_{split}.json`` files, or one file with any name. A file is taken
+            A folder of annotation files, or one file with any name. A file is taken
             for ``split``, or if that is not given, for the only split.
         boxes : Path, optional
             The ``BBox`` folder, or DUET's ``BBoxes.json``.
@@ -66,13 +69,18 @@ class DatasetFiles:
         object_positions : Path, optional
             A file with the centres of all objects. It is never found in a clone, because a bundle
             with it has another fingerprint.
+        task : str
+            The name of a task.
 
         Raises
         ------
         DatasetError
             Listing everything that is missing.
+        ProtocolError
+            If there is no such task.
         """
-        data = root / _DATA if root else None
+        of_task = find_task(task)
+        data = root / of_task.folder if root else None
         if data and not boxes:
             folder, file = data / "BBox", data / _ALL_BOXES
             boxes = file if file.exists() and not folder.exists() else folder
@@ -80,8 +88,8 @@ class DatasetFiles:
             boxes = boxes / _ALL_BOXES
         connectivity = connectivity or (root / "connectivity" if root else None)
         needed = {
-            "annotations": _needed_annotations(annotations or data, split),
-            "boxes": boxes,
+            "annotations": _needed_annotations(annotations or data, split, of_task),
+            **({"boxes": boxes} if of_task.has_targets else {}),
             "connectivity": connectivity,
         }
         if object_positions:
@@ -96,10 +104,11 @@ class DatasetFiles:
             for kind, path in needed.items()
             if not (path and path.exists())
         ]
-        if problems or not (boxes and connectivity):
+        if problems or not connectivity:
             raise DatasetError(problems)
-        splits = _annotations(data, annotations, split)
-        return cls(splits, boxes, connectivity, object_positions)
+        splits = _annotations(data, annotations, split, of_task)
+        boxes = boxes if of_task.has_targets else None
+        return cls(splits, boxes, connectivity, object_positions, of_task)
 
 
 def find_graphs(connectivity: Path, scans: Collection[str] | None = None) -> Mapping[str, Path]:
@@ -116,29 +125,39 @@ def graph_name(scan_id: str) -> str:
     return f"{scan_id}{_CONNECTIVITY}"
 
 
-def _needed_annotations(path: Path | None, split: str | None) -> Path | None:
+def _needed_annotations(path: Path | None, split: str | None, task: Task) -> Path | None:
     """Return a file that must exist, given the file or folder of annotations."""
     if path is None or path.is_file():
         return path
     if split is None:
-        return min(path.glob(f"{_PREFIX}*.json"), default=path / f"{_PREFIX}*.json")
-    return path / f"{_PREFIX}{split}.json"
+        pattern = task.file_name.format(split="*")
+        return min(path.glob(pattern), default=path / pattern)
+    return path / task.file_name.format(split=split)
 
 
-def _annotations(data: Path | None, given: Path | None, split: str | None) -> Mapping[str, Path]:
+def _annotations(
+    data: Path | None, given: Path | None, split: str | None, task: Task
+) -> Mapping[str, Path]:
     """Return the annotations by split."""
     if given is None or given.is_dir():
-        published = {} if split is None else _splits_in(data)
-        return published | _splits_in(given or data)
+        published = {} if split is None else _splits_in(data, task)
+        return published | _splits_in(given or data, task)
     if split is None:
-        return {given.stem.removeprefix(_PREFIX): given}
-    others = _splits_in(data) | _splits_in(given.parent)
+        return {_split_of(given, task): given}
+    others = _splits_in(data, task) | _splits_in(given.parent, task)
     return {name: path for name, path in others.items() if path != given} | {split: given}
 
 
-def _splits_in(folder: Path | None) -> dict[str, Path]:
+def _splits_in(folder: Path | None, task: Task) -> dict[str, Path]:
     if folder is None:
         return {}
-    paths = {path.stem.removeprefix(_PREFIX): path for path in folder.glob(f"{_PREFIX}*.json")}
+    found = folder.glob(task.file_name.format(split="*"))
+    paths = {_split_of(path, task): path for path in found}
     published = [split for split in _SPLITS if split in paths]
     return {split: paths[split] for split in [*published, *sorted(paths.keys() - {*published})]}
+
+
+def _split_of(path: Path, task: Task) -> str:
+    """Return the split that a file's name tells."""
+    before, _, after = task.file_name.partition("{split}")
+    return path.name.removeprefix(before).removesuffix(after).removesuffix(path.suffix)

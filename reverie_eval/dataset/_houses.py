@@ -22,11 +22,10 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray
+from reverie_eval.arrays import LARGEST_OBJECT_ID, BoolArray, FloatArray, IntArray
 from reverie_eval.dataset._records import FARTHEST
 from reverie_eval.errors import DatasetError, Problem
 from reverie_eval.geometry._oriented_boxes import OrientedBoxes
-from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 from reverie_eval.text import category_text
 
 _VERSION = ["ASCII", "1.1"]

@@ -25,6 +25,7 @@ from reverie_eval.dataset._rules import Finding, Purpose, Rule, S, Spread, find_
 from reverie_eval.dataset._task_rules import TARGET_RULES, TASK_RULES, target_spreads
 from reverie_eval.dataset._view_rules import VIEW_RULES, view_spreads
 from reverie_eval.errors import DatasetError, Problem
+from reverie_eval.tasks import Task
 from reverie_eval.version import __version__
 
 _BOX_SECTIONS: Sequence[tuple[str, Sequence[Rule[Boxes]], Callable[[Boxes], list[Spread]]]] = (
@@ -83,12 +84,13 @@ def lint_dataset(files: DatasetFiles, *, progress: Progress = no_progress) -> Li
     splits = sorted(dataset.splits, key=lambda split: split.name)
     tasks = [Tasks(split, dataset.graphs, _other_splits(split, splits)) for split in splits]
     boxes = dataset.boxes
+    box_sections = _BOX_SECTIONS if files.boxes else ()
     sections = [
         _section("files", FILE_RULES, dataset.reader),
         _section("navigation graphs", GRAPH_RULES, dataset.graphs, graph_spreads(dataset.graphs)),
-        *(_section(title, rules, boxes, of(boxes)) for title, rules, of in _BOX_SECTIONS),
-        *(_annotations(each, boxes) for each in tasks),
-        _distances(boxes, dataset.centres, tasks),
+        *(_section(title, rules, boxes, of(boxes)) for title, rules, of in box_sections),
+        *(_annotations(each, boxes, files.task) for each in tasks),
+        *([_distances(boxes, dataset.centres, tasks)] if files.boxes else []),
     ]
     findings = [finding for section in sections for finding in section.counts]
     is_sound = not any(each.severity == "error" and each.found.number for each in findings)
@@ -108,13 +110,13 @@ def check_sound(dataset: Dataset, purpose: Purpose) -> None:
         *file_problems(dataset.reader, purpose),
         *find_problems(GRAPH_RULES, graphs, files.connectivity, purpose),
     ]
-    if dataset.has_answers:
+    if dataset.has_answers and files.boxes:
         for _, rules, _ in _BOX_SECTIONS:
             found += find_problems(rules, boxes, files.boxes, purpose)
     for split in dataset.splits:
         tasks = Tasks(split, graphs)
         found += find_problems(TASK_RULES, tasks, split.path, purpose)
-        if split.has_answers:
+        if split.has_answers and files.boxes:
             targets = Targets(split, tasks.with_target, boxes)
             found += find_problems(TARGET_RULES, targets, split.path, purpose)
     if found:
@@ -137,9 +139,11 @@ def _other_splits(split: Split, splits: Sequence[Split]) -> Mapping[str, str]:
     }
 
 
-def _annotations(tasks: Tasks, boxes: Boxes) -> LintSection:
+def _annotations(tasks: Tasks, boxes: Boxes, task: Task) -> LintSection:
     split = tasks.split
     counts = [rule.check(tasks) for rule in TASK_RULES]
+    if not task.has_targets:
+        return LintSection("annotations", split.name, counts)
     if not split.has_answers:
         return LintSection("annotations", split.name, counts, note=_NO_ANSWERS)
     targets = Targets(split, tasks.with_target, boxes)

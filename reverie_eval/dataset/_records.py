@@ -6,7 +6,8 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter
 
-from reverie_eval.ground_truth import LARGEST_OBJECT_ID
+from reverie_eval.arrays import LARGEST_OBJECT_ID
+from reverie_eval.tasks import Annotation
 
 FARTHEST = 1e6
 """Largest coordinate and half extent, metres. No building is that large, though coordinates in the
@@ -38,46 +39,32 @@ class ViewpointKey(NamedTuple):
         return "_".join(self)
 
 
-Name = Annotated[str, StringConstraints(min_length=1)]
-ObjectId = Annotated[int, Field(ge=0, le=LARGEST_OBJECT_ID, strict=True)]
 ObjectKey = Annotated[str, AfterValidator(object_key)]
 Metres = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 Position = tuple[Metres, Metres, Metres]
 """A position in the scan's own frame: x, y, and z up."""
 
 
+def viewpoints_of(annotation: Annotation) -> list[ViewpointKey]:
+    """Return the viewpoints of the annotated path, the start first and the goal last."""
+    return [ViewpointKey(annotation.scan, viewpoint_id) for viewpoint_id in annotation.reference]
+
+
+def mentioned_by(annotation: Annotation) -> set[ViewpointKey]:
+    """Return all viewpoints that an annotation names, of every path and of the goals."""
+    paths = [annotation.reference, *annotation.further_paths.values(), annotation.goals]
+    return {ViewpointKey(annotation.scan, viewpoint_id) for path in paths for viewpoint_id in path}
+
+
+def target_of(annotation: Annotation) -> int:
+    """Return the target object of an annotation that has one."""
+    if annotation.target is None:
+        raise ValueError(f"annotation {annotation.name} has no target")
+    return annotation.target
+
+
 class _Published(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
-
-
-class Task(_Published):
-    """One record of ``REVERIE_{split}.json``: a path, a target and up to three instructions."""
-
-    scan: Name
-    id: Annotated[str, Field(coerce_numbers_to_str=True, min_length=1)]
-    """The published id; episode ``k`` of the task is ``{id}_{k}``."""
-    path: Annotated[list[Name], Field(min_length=1)]
-    """Viewpoints of the annotated path. A public test file gives only the start."""
-    instructions: Annotated[list[str], Field(min_length=1)]
-    objId: ObjectId | None = None  # noqa: N815  # the published name
-    """The target object's id within the scan; absent from a public test file."""
-
-    @property
-    def instr_ids(self) -> list[str]:
-        """The ids of the task's episodes, one per instruction."""
-        return [f"{self.id}_{index}" for index in range(len(self.instructions))]
-
-    @property
-    def viewpoints(self) -> list[ViewpointKey]:
-        """The viewpoints of the path, the start first and the goal last."""
-        return [ViewpointKey(self.scan, viewpoint_id) for viewpoint_id in self.path]
-
-    @property
-    def target(self) -> int:
-        """The target object, of a task that has one."""
-        if self.objId is None:
-            raise ValueError(f"task {self.id} has no target")
-        return self.objId
 
 
 class Viewpoint(_Published):
@@ -111,8 +98,8 @@ class ObjectRecord(msgspec.Struct, frozen=True):
     name: str = ""
 
 
-TASKS = TypeAdapter(Annotated[list[Any], Field(min_length=1)])
-"""An annotation file, whose records are read one by one as :class:`Task`."""
+ANNOTATIONS = TypeAdapter(Annotated[list[Any], Field(min_length=1)])
+"""An annotation file, whose records are read one by one as the task's annotations."""
 CONNECTIVITY = TypeAdapter(list[Viewpoint])
 BOXES = TypeAdapter(dict[str, dict[str, Any]])
 """A file of the ``BBox`` folder (key: viewpoint) or ``BBoxes.json`` (key: ``scan_viewpoint``); its

@@ -7,8 +7,9 @@ import numpy as np
 
 from reverie_eval.arrays import BoolArray
 from reverie_eval.dataset._dataset import Targets, Tasks
-from reverie_eval.dataset._records import Task
+from reverie_eval.dataset._records import mentioned_by
 from reverie_eval.dataset._rules import Count, Rule, Spread, error, info, spread, warning
+from reverie_eval.tasks import Annotation
 
 
 def _shared_episodes(tasks: Tasks) -> Count:
@@ -16,8 +17,8 @@ def _shared_episodes(tasks: Tasks) -> Count:
     return Count.among(instr_ids, lambda id_: id_ in other, lambda id_: f"{id_} of {other[id_]}")
 
 
-def _count_tasks(tasks: Sequence[Task], which: Callable[[Task], bool]) -> Count:
-    return Count.among(tasks, which, lambda task: task.id)
+def _count_tasks(tasks: Sequence[Annotation], which: Callable[[Annotation], bool]) -> Count:
+    return Count.among(tasks, which, lambda task: task.name)
 
 
 def _without_graph(tasks: Tasks) -> Count:
@@ -32,17 +33,17 @@ def _off_the_graph(tasks: Tasks) -> Count:
 
 
 def _unreachable(tasks: Tasks) -> Count:
-    def is_cut_off(task: Task) -> bool:
+    def is_cut_off(task: Annotation) -> bool:
         scan = tasks.graphs.scans[task.scan]
-        return len({scan.component[scan.row[id_]] for id_ in task.path}) > 1
+        return len({scan.component[scan.row[id_]] for _, id_ in mentioned_by(task)}) > 1
 
     return _count_tasks(tasks.on_graph, is_cut_off)
 
 
 def _off_the_edges(tasks: Tasks) -> Count:
-    def leaves_edges(task: Task) -> bool:
+    def leaves_edges(task: Annotation) -> bool:
         scan = tasks.graphs.scans[task.scan]
-        return any(a != b and not scan.has_edge(a, b) for a, b in pairwise(task.path))
+        return any(a != b and not scan.has_edge(a, b) for a, b in pairwise(task.reference))
 
     return _count_tasks(tasks.on_graph, leaves_edges)
 
@@ -109,7 +110,7 @@ _MIXED_RELEASES = (
 
 def _where(targets: Targets, mask: BoolArray) -> Count:
     """Count the tasks for which the mask is true."""
-    return Count.where(mask, lambda row: targets.tasks[row].id)
+    return Count.where(mask, lambda row: targets.tasks[row].name)
 
 
 TARGET_RULES: Sequence[Rule[Targets]] = (
@@ -122,7 +123,7 @@ TARGET_RULES: Sequence[Rule[Targets]] = (
         "missing-answer",
         "tasks without objId in a file where others have one",
         "Give every task its objId, or none (the form of the published test file).",
-        lambda targets: _count_tasks(targets.split.tasks, lambda task: task.objId is None),
+        lambda targets: _count_tasks(targets.split.tasks, lambda task: task.target is None),
     ),
     error(
         "target-not-listed",

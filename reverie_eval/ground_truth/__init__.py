@@ -2,7 +2,7 @@
 
 from reverie_eval.ground_truth._answers import Answers, CandidateBoxes
 from reverie_eval.ground_truth._bundle import (
-    LARGEST_OBJECT_ID,
+    CUSTOM_DATASET,
     Bundle,
     BundleHeader,
     bundle_name,
@@ -16,15 +16,16 @@ from reverie_eval.ground_truth._truth import (
     GROUND_TRUTH_VARIABLE,
     Episodes,
     GroundTruth,
+    bundle_folder,
     bundled_splits,
     find_ground_truth,
 )
 
 __all__ = [
+    "CUSTOM_DATASET",
     "DEMO_BUNDLES",
     "DEMO_DATASET",
     "GROUND_TRUTH_VARIABLE",
-    "LARGEST_OBJECT_ID",
     "Answers",
     "Bundle",
     "BundleHeader",
@@ -32,6 +33,7 @@ __all__ = [
     "Episodes",
     "GroundTruth",
     "NavigationGraph",
+    "bundle_folder",
     "bundle_name",
     "bundled_splits",
     "draw_subset",

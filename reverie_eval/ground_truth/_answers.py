@@ -1,7 +1,9 @@
 """The answers of a split: targets, annotated paths, and candidates with their boxes."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,9 +18,14 @@ from reverie_eval.arrays import (
     row_of,
     with_object,
 )
+from reverie_eval.errors import GroundTruthError
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.ground_truth._bundle import Bundle, unpack_texts
 from reverie_eval.metrics import SUCCESS_DISTANCE
+
+_FURTHER = "path/"
+NO_TARGET = -2
+"""The target object of episodes without one: no answer names it, not even one without an object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +102,13 @@ class CandidateBoxes:
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Everything that a public bundle leaves out."""
+    """Everything that a public bundle leaves out.
+
+    In a task without target objects there are no candidates, boxes and categories either.
+    """
 
     target_object: IntArray
-    """Shape (n_episodes,): object id within the episode's scan."""
+    """Shape (n_episodes,): object id within the episode's scan, or ``NO_TARGET``."""
     goal: IntArray
     """Shape (n_episodes,): last viewpoint of the annotated path."""
     candidate_viewpoint: IntArray
@@ -113,6 +123,12 @@ class Answers:
     """Annotated paths of the tasks, end to end."""
     path_offsets: IntArray
     """Shape (n_tasks + 1,): where each task's path begins in ``path``."""
+    goal_viewpoint: IntArray | None = None
+    """Annotated goals of the tasks, end to end; None if the task has none beside paths."""
+    goal_offsets: IntArray | None = None
+    """Shape (n_tasks + 1,): where each task's goals begin in ``goal_viewpoint``."""
+    further_paths: Mapping[str, tuple[IntArray, IntArray]] = field(default_factory=dict)
+    """Other annotated paths by name, each as ``path`` and ``path_offsets``."""
     # Unpacked when needed: scoring does not read them.
     packed_categories: Array | None = None
     packed_candidate_categories: Array | None = None
@@ -125,20 +141,28 @@ class Answers:
         arrays = bundle.arrays
         task = arrays["episode_task"]
         task_goal = arrays["path"][last_of(arrays["path_offsets"])]
+        targets = arrays if "task_target" in arrays else _without_targets(len(task_goal))
         return cls(
-            target_object=arrays["task_target"][task],
+            target_object=targets["task_target"][task],
             goal=task_goal[task],
-            candidate_viewpoint=arrays["candidate_viewpoint"],
-            candidate_object=arrays["candidate_object"],
-            candidate_distance=arrays.get("candidate_distance"),
+            candidate_viewpoint=targets["candidate_viewpoint"],
+            candidate_object=targets["candidate_object"],
+            candidate_distance=targets.get("candidate_distance"),
             boxes=CandidateBoxes(
-                candidate=arrays["box_candidate"],
-                candidate_viewpoint=arrays["candidate_viewpoint"],
-                view=arrays["box_view"],
-                xywh=arrays["box_xywh"],
+                candidate=targets["box_candidate"],
+                candidate_viewpoint=targets["candidate_viewpoint"],
+                view=targets["box_view"],
+                xywh=targets["box_xywh"],
             ),
             path=arrays["path"],
             path_offsets=arrays["path_offsets"],
+            goal_viewpoint=arrays.get("goal_viewpoint"),
+            goal_offsets=arrays.get("goal_offsets"),
+            further_paths={
+                name.removeprefix(_FURTHER): (path, arrays[f"path_offsets/{name[len(_FURTHER) :]}"])
+                for name, path in arrays.items()
+                if name.startswith(_FURTHER)
+            },
             packed_categories=bundle.texts.get("target_category"),
             packed_candidate_categories=bundle.texts.get("candidate_category"),
         )
@@ -170,6 +194,43 @@ class Answers:
         packed, count = self.packed_candidate_categories, len(self.candidate_object)
         return unpack_texts(packed, "categories of candidates", count)
 
+    def along(self, reference: str, task: IntArray) -> "Answers":
+        """Return the answers by one of the further paths.
+
+        ``task`` is the task of each episode.
+        """
+        path, offsets = self.further_paths[reference]
+        return replace(self, path=path, path_offsets=offsets, goal=path[last_of(offsets)][task])
+
+    def goals(self) -> tuple[IntArray, IntArray]:
+        """Return the annotated goals of the tasks, and where each task's begin.
+
+        Raises
+        ------
+        GroundTruthError
+            If the bundle has none.
+        """
+        if self.goal_viewpoint is None or self.goal_offsets is None:
+            raise GroundTruthError("this ground truth has no goals beside its paths")
+        return self.goal_viewpoint, self.goal_offsets
+
+    def is_goal(self, task: IntArray, viewpoint: IntArray) -> BoolArray:
+        """Whether each viewpoint is an annotated goal of the task."""
+        return find_sorted(self._goal_keys, with_object(task, viewpoint))[1]
+
+    @cached_property
+    def goal_region(self) -> IntArray:
+        """Shape (n_tasks,): a number for each set of annotated goals."""
+        goal, offsets = self.goals()
+        sets = [frozenset(goal[slice(*ends)].tolist()) for ends in pairwise(offsets.tolist())]
+        number = {region: index for index, region in enumerate(dict.fromkeys(sets))}
+        return np.array([number[region] for region in sets])
+
+    @cached_property
+    def _goal_keys(self) -> IntArray:
+        goal, offsets = self.goals()
+        return np.unique(with_object(row_of(offsets), goal))
+
     def is_visible(self, target_object: IntArray, viewpoint: IntArray) -> BoolArray:
         """Whether each object is visible from each viewpoint of its scan."""
         return self.find(target_object, viewpoint)[1]
@@ -195,6 +256,19 @@ class Answers:
     def _candidate_keys(self) -> IntArray:
         # Ascending without a sort, because the compiler orders candidates by viewpoint and object.
         return with_object(self.candidate_viewpoint, self.candidate_object)
+
+
+def _without_targets(n_tasks: int) -> Mapping[str, Array]:
+    """Return the arrays of targets and candidates for a task that has none."""
+    nothing = np.zeros(0, dtype=np.int64)
+    return {
+        "task_target": np.full(n_tasks, NO_TARGET),
+        "candidate_viewpoint": nothing,
+        "candidate_object": nothing,
+        "box_candidate": nothing,
+        "box_view": nothing,
+        "box_xywh": nothing.reshape(0, 4),
+    }
 
 
 def _view_key(candidate_or_viewpoint: IntArray, view: IntArray) -> IntArray:

@@ -10,7 +10,7 @@ import os
 import tokenize
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Self
@@ -19,11 +19,12 @@ import msgspec
 import numpy as np
 
 from reverie_eval.arrays import Array, frozen
-from reverie_eval.errors import GroundTruthError
+from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.files import staged_file
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 
-LARGEST_OBJECT_ID = 2**31 - 1
-"""Bundles store object ids in 32 bits."""
+CUSTOM_DATASET = "custom"
+"""Name of a dataset that is not a known release."""
 
 FORMAT_VERSION = 1
 
@@ -42,9 +43,13 @@ PUBLIC_ARRAYS: Mapping[str, str] = MappingProxyType(
 )
 ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
-        "task_target": "i4",  # (n_tasks,) object id within the scan
         "path": "i4",  # annotated paths, end to end
         "path_offsets": "i8",  # (n_tasks + 1,)
+    }
+)
+TARGET_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "task_target": "i4",  # (n_tasks,) object id within the scan
         "candidate_viewpoint": "i4",  # (n_candidates,) ordered by viewpoint, then object
         "candidate_object": "i4",  # (n_candidates,) object id, visible from the viewpoint
         "box_candidate": "i4",  # (n_boxes,) row of the candidate in the box
@@ -52,11 +57,20 @@ ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
         "box_xywh": "i2",  # (n_boxes, 4) pixels of the 640 x 480 view
     }
 )
+"""All of them are in a bundle with answers, if its task has target objects."""
 OPTIONAL_ANSWER_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "candidate_distance": "f8",  # (n_candidates,) metres from camera to object centre
     }
 )
+GOAL_ARRAYS: Mapping[str, str] = MappingProxyType(
+    {
+        "goal_viewpoint": "i4",  # annotated goals of the tasks, end to end
+        "goal_offsets": "i8",  # (n_tasks + 1,)
+    }
+)
+"""Answers, if the task annotates goals beside paths. Further annotated paths are in arrays like
+``path/planner`` and ``path_offsets/planner``, of the types of ``path`` and ``path_offsets``."""
 UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "viewpoint_rotation": "f4",  # (n_viewpoints, 3, 3) from the camera's frame to the scan's
@@ -90,6 +104,8 @@ class BundleHeader:
     """SHA-256 of the annotations, boxes and connectivity files it was compiled from."""
     fingerprint: str
     """SHA-256 of the arrays, as :func:`fingerprint_of` computes it."""
+    task: str = DEFAULT_TASK
+    """The name of the task; only headers of other tasks than the default one have it."""
     format_version: int = FORMAT_VERSION
 
 
@@ -120,11 +136,16 @@ class Bundle:
         other_splits: Mapping[str, Array],
         *,
         texts: Mapping[str, Array] = MappingProxyType({}),
+        task: str = DEFAULT_TASK,
     ) -> Self:
         """Build a bundle from arrays, each converted to the type that the format defines."""
-        formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **OPTIONAL_ANSWER_ARRAYS, **UNSCORED_ARRAYS}
-        typed = {name: frozen(array.astype(formats[name])) for name, array in arrays.items()}
-        header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed))
+        formats = {**PUBLIC_ARRAYS, **ANSWER_ARRAYS, **TARGET_ARRAYS, **OPTIONAL_ANSWER_ARRAYS}
+        formats |= {**GOAL_ARRAYS, **UNSCORED_ARRAYS}
+        typed = {
+            name: frozen(array.astype(formats[name.partition("/")[0]]))
+            for name, array in arrays.items()
+        }
+        header = BundleHeader(split, dataset, dict(sources), fingerprint_of(typed), task)
         return cls(header, typed, other_splits, texts)
 
     @property
@@ -138,8 +159,15 @@ class Bundle:
         arrays = {name: self.arrays[name] for name in known}
         sources = {"connectivity": self.header.sources["connectivity"]}
         texts = {name: text for name, text in self.texts.items() if name in PUBLIC_TEXTS}
-        split, dataset = self.header.split, self.header.dataset
-        return self.build(split, dataset, sources, arrays, self.other_splits, texts=texts)
+        return self.build(
+            self.header.split,
+            self.header.dataset,
+            sources,
+            arrays,
+            self.other_splits,
+            texts=texts,
+            task=self.header.task,
+        )
 
     def save(self, path: Path) -> None:
         """Write the bundle; the file appears complete or not at all.
@@ -147,7 +175,7 @@ class Bundle:
         A new file with answers can be read by its owner alone.
         """
         members: dict[str, Array] = {
-            _HEADER: np.frombuffer(msgspec.json.encode(self.header), np.uint8)
+            _HEADER: np.frombuffer(msgspec.json.encode(self._written_header), np.uint8)
         }
         members |= self.arrays
         members |= {_OTHER_SPLIT + split: ids for split, ids in self.other_splits.items()}
@@ -160,6 +188,14 @@ class Bundle:
             for name, array in members.items():
                 with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
                     np.lib.format.write_array(member, array, allow_pickle=False)
+
+    @property
+    def _written_header(self) -> Mapping[str, object]:
+        """The header as a file has it: REVERIE's are the same bytes as before there were tasks."""
+        written = asdict(self.header)
+        if self.header.task == DEFAULT_TASK:
+            del written["task"]
+        return written
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -175,9 +211,10 @@ class Bundle:
         members = _read_members(path)
         header = _read_header(path, members.pop(_HEADER, None))
         other_splits, texts = _take(members, _OTHER_SPLIT), _take(members, _TEXT)
-        answers = ANSWER_ARRAYS.keys() & members.keys()
+        has_targets = _task_of(path, header).has_targets
+        needed = {*ANSWER_ARRAYS, *(TARGET_ARRAYS if has_targets else ())}
         is_complete = members.keys() >= PUBLIC_ARRAYS.keys() and (
-            not answers or len(answers) == len(ANSWER_ARRAYS)
+            needed & members.keys() in (set(), needed)
         )
         if not is_complete or fingerprint_of(members) != header.fingerprint:
             raise GroundTruthError(f"{path} is damaged: its contents do not match its header")
@@ -258,6 +295,15 @@ def _read_header(path: Path, header: Array | None) -> BundleHeader:
         f"{path} has bundle format {version}, this version of reverie-eval reads format "
         f"{FORMAT_VERSION}; compile it again"
     )
+
+
+def _task_of(path: Path, header: BundleHeader) -> Task:
+    try:
+        return find_task(header.task)
+    except ProtocolError as error:
+        raise GroundTruthError(
+            f"{path} is the ground truth of a task that is not installed: {error}"
+        ) from error
 
 
 def _not_a_bundle(path: Path) -> GroundTruthError:

@@ -12,11 +12,12 @@ from typing import Self
 import numpy as np
 
 from reverie_eval.arrays import Array, IntArray
-from reverie_eval.errors import GroundTruthError
+from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.ground_truth._answers import Answers
 from reverie_eval.ground_truth._bundle import Bundle, BundleHeader, bundle_name, unpack_texts
 from reverie_eval.ground_truth._graph import NavigationGraph
 from reverie_eval.ground_truth._subset import subset_digest, subset_rows
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import category_text, count_text, did_you_mean
 
 GROUND_TRUTH_VARIABLE = "REVERIE_EVAL_GROUND_TRUTH"
@@ -84,8 +85,9 @@ class GroundTruth:
     origin: str
     """The file it was read from; shown with scores."""
     subset_of: "tuple[GroundTruth, IntArray] | None" = None
-    """The ground truth of the whole split and the rows of the chosen episodes, if this is that of a
-    declared subset."""
+    """The ground truth of the whole split and the rows of the episodes, if this is that of some."""
+    subset_digest: str = ""
+    """The digest of the chosen episodes of a declared subset; empty for all that are scored."""
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
@@ -122,7 +124,7 @@ class GroundTruth:
     def __repr__(self) -> str:
         kind = "public, " if self.answers is None else ""
         count = count_text(len(self.episodes.instr_ids), "episode")
-        some = f", subset {self.subset_digest}" if self.subset_of else ""
+        some = f", subset {self.subset_digest}" if self.subset_digest else ""
         return f"<GroundTruth of {self.split}, {kind}{count}{some}, from {self.origin}>"
 
     def subset(self, instr_ids: Iterable[str]) -> "GroundTruth":
@@ -137,15 +139,40 @@ class GroundTruth:
             If there are none, or some are unknown or listed twice; lists every problem.
         """
         rows = subset_rows(list(instr_ids), self.episodes.index, self.split)
+        chosen = self._take(rows)
+        return replace(chosen, subset_digest=subset_digest(chosen.episodes.instr_ids))
+
+    def first_instructions(self, number: int | None) -> "GroundTruth":
+        """Return the ground truth of at most so many instructions of each path; None for all."""
+        if number is None:
+            return self
+        whole, rows = self.subset_of or (self, np.arange(len(self.episodes.instr_ids)))
+        task = whole.episodes.task
+        # The episodes of a path follow each other, so its first one is where its number begins.
+        index = np.arange(len(task)) - np.searchsorted(task, task)
+        is_scored = index[rows] < number
+        if is_scored.all():
+            return self
+        scored = self._take(np.flatnonzero(is_scored))
+        digest = subset_digest(scored.episodes.instr_ids) if self.subset_digest else ""
+        return replace(scored, subset_digest=digest)
+
+    def along(self, reference: str) -> "GroundTruth":
+        """Return the ground truth by one of the further annotated paths; "" for the usual one."""
+        if not reference or self.answers is None:
+            return self
+        return replace(self, answers=self.answers.along(reference, self.episodes.task))
+
+    def _take(self, rows: IntArray) -> "GroundTruth":
         answers = self.answers and self.answers.take(rows)
         whole, all_rows = self.subset_of or (self, np.arange(len(self.episodes.instr_ids)))
         episodes = self.episodes.take(rows)
         return replace(self, episodes=episodes, answers=answers, subset_of=(whole, all_rows[rows]))
 
     @property
-    def subset_digest(self) -> str:
-        """The digest of the chosen episodes; empty for the whole split."""
-        return subset_digest(self.episodes.instr_ids) if self.subset_of else ""
+    def task(self) -> Task:
+        """What the split is of."""
+        return find_task(self.header.task)
 
     @property
     def split(self) -> str:
@@ -174,7 +201,7 @@ class GroundTruth:
 
     def _described(self, origin: str) -> str:
         if self.is_demo:
-            return "the synthetic demo world that ships with reverie-eval, not REVERIE"
+            return f"the synthetic demo world that ships with reverie-eval, not {self.task.title}"
         return f"{origin} ({self.header.dataset})"
 
     @property
@@ -190,10 +217,26 @@ class GroundTruth:
         ------
         GroundTruthError
             If the bundle has no categories, or is public.
+        ProtocolError
+            If the task has no target objects.
         """
-        annotated = self.require_answers().target_categories
+        annotated = self.require_targets().target_categories
         names = [category_text(name).strip().lower() or NO_CATEGORY for name in annotated]
         return [names[task] for task in self.episodes.task]
+
+    def require_targets(self) -> Answers:
+        """Return the answers of a task with target objects.
+
+        Raises
+        ------
+        GroundTruthError
+            If this is a public bundle.
+        ProtocolError
+            If the task has no target objects.
+        """
+        if not self.task.has_targets:
+            raise ProtocolError(f"{self.task.title} has no target objects")
+        return self.require_answers()
 
     def require_answers(self) -> Answers:
         """Return the answers.
@@ -211,23 +254,34 @@ class GroundTruth:
         return self.answers
 
 
-def find_ground_truth(given: str | PathLike[str] | GroundTruth | None, split: str) -> GroundTruth:
+def find_ground_truth(
+    given: str | PathLike[str] | GroundTruth | None, split: str, task: str | None = None
+) -> GroundTruth:
     """Return the ground truth of a split.
 
     The first of these that exists is used: ``given``; the path in the environment variable
     ``REVERIE_EVAL_GROUND_TRUTH``; the demo world. A path is a bundle, or a folder with
-    ``{split}.npz`` or ``{split}.public.npz``.
+    ``{split}.npz`` or ``{split}.public.npz``; those of other tasks than REVERIE may be in a folder
+    in it that has the task's name. Without a task, it is that of the bundle, or REVERIE.
 
     Raises
     ------
     GroundTruthError
         If there is no ground truth for this split, or the file is not a valid bundle.
+    ProtocolError
+        If there is no such task.
     """
     if isinstance(given, GroundTruth):
         truth = given
     else:
         named = os.environ.get(GROUND_TRUTH_VARIABLE) if given is None else given
-        truth = _load(DEMO_BUNDLES if named is None else Path(named), split)
+        folder = DEMO_BUNDLES if named is None else Path(named)
+        truth = _load(folder, split, find_task(task or DEFAULT_TASK))
+    if task is not None and truth.task.name != task:
+        raise GroundTruthError(
+            f"{truth.origin} is the ground truth of {truth.task.title}, not of "
+            f"{find_task(task).title}; choose the task {truth.task.name}, or another bundle"
+        )
     if truth.split != split:
         raise GroundTruthError(
             f"{truth.origin} is the ground truth of {truth.split}, not of {split}"
@@ -240,23 +294,32 @@ def bundled_splits(folder: Path | None = None) -> Sequence[str]:
     return sorted({path.name.split(".")[0] for path in (folder or DEMO_BUNDLES).glob("*.npz")})
 
 
-def _load(path: Path, split: str) -> GroundTruth:
+def bundle_folder(folder: Path, task: str) -> Path:
+    """Return the folder of a task's bundles in one that has those of several."""
+    return folder if task == DEFAULT_TASK else folder / task
+
+
+def _load(path: Path, split: str, task: Task) -> GroundTruth:
     """Load a bundle, or the split's bundle from a folder; the full one comes before the public."""
+    own = bundle_folder(path, task.name)
+    if own.is_dir():
+        path = own
     if not path.exists():
         raise GroundTruthError(
             f"there is no ground truth at {path}; `reverie-eval compile` creates it"
         )
     if path.is_file():
         return GroundTruth.load(path)
+    is_demo = path.is_relative_to(DEMO_BUNDLES)
     for public in (False, True):
         bundle = path / bundle_name(split, public=public)
         if bundle.is_file():
             # Where the package is installed concerns nobody who uses the demo world.
-            origin = f"the demo world's {bundle.name}" if path == DEMO_BUNDLES else str(bundle)
+            origin = f"the demo world's {bundle.name}" if is_demo else str(bundle)
             return GroundTruth.from_bundle(Bundle.load(bundle), origin)
     splits = bundled_splits(path)
     if splits:
-        where = "the demo world" if path == DEMO_BUNDLES else path
+        where = "the demo world" if is_demo else path
         raise GroundTruthError(f"{where} has no split {split!r}{did_you_mean(split, splits)}")
     name, dataset = bundle_name(split, public=False), shlex.quote(str(path))
     raise GroundTruthError(

@@ -2,9 +2,12 @@
 
 from reverie_eval.metrics._catalogue import (
     CATALOGUE,
+    METRICS,
     PRIMARY_METRIC,
     Metric,
+    Need,
     primary_metric,
+    ranking_metrics,
     table_metrics,
     units_of,
 )
@@ -38,10 +41,12 @@ __all__ = [
     "FIDELITY_DISTANCE",
     "IOU_THRESHOLD",
     "LOOSE_IOU_THRESHOLD",
+    "METRICS",
     "PRIMARY_METRIC",
     "STRICT_IOU_THRESHOLD",
     "SUCCESS_DISTANCE",
     "Metric",
+    "Need",
     "Overlap",
     "box_iou",
     "box_match",
@@ -56,6 +61,7 @@ __all__ = [
     "oracle_success",
     "path_length",
     "primary_metric",
+    "ranking_metrics",
     "sdtw",
     "spl",
     "steps",

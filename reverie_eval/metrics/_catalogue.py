@@ -28,6 +28,7 @@ from reverie_eval.metrics._navigation import (
     jumps,
     navigation_error,
     oracle_error,
+    oracle_path_success,
     oracle_success,
     path_length,
     spl,
@@ -37,7 +38,7 @@ from reverie_eval.metrics._navigation import (
 
 Unit = Literal["fraction", "metres", "count"]
 Direction = Literal["higher", "lower", "neither"]
-Need = Literal["trajectory", "answer", "box"]
+Need = Literal["trajectory", "answer", "box", "goal region", "planner's path"]
 
 _SUFFIXES: Mapping[Unit, str] = MappingProxyType({"fraction": "%", "metres": "m", "count": ""})
 
@@ -46,7 +47,7 @@ _SUFFIXES: Mapping[Unit, str] = MappingProxyType({"fraction": "%", "metres": "m"
 class Metric:
     """A metric: its names, its meaning, and how it is computed.
 
-    Values lie in ``[0, upper_bound]``.
+    Values lie in ``[0, upper_bound]``, or in ``[-upper_bound, upper_bound]`` if it is signed.
     """
 
     key: str
@@ -64,6 +65,8 @@ class Metric:
     """The arguments of ``compute``, in order."""
     is_binary: bool = False
     """Whether every value is 0 or 1."""
+    is_signed: bool = False
+    """Whether values can be negative."""
     headline: bool = False
     """Whether every score table shows it; JSON, CSV and the notebook give all metrics."""
     ranks: int | None = None
@@ -340,7 +343,40 @@ _METRICS = (
 )
 
 CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metric in _METRICS})
-"""Every metric by its key, in the order in which tables show them."""
+"""Every metric of REVERIE by its key, in the order in which tables show them."""
+
+_OF_OTHER_TASKS = (
+    Metric(
+        key="goal_progress",
+        label="GP",
+        name="goal progress",
+        definition="metres by which the stop is nearer to the goal region than the start",
+        unit="metres",
+        better="higher",
+        needs=_TRAJECTORY | {"goal region"},
+        compute=np.subtract,
+        inputs=("start_to_goals", "stop_to_goals"),
+        is_signed=True,
+    ),
+    Metric(
+        key="oracle_path_success",
+        label="OPSR",
+        name="oracle path success rate",
+        definition="a viewpoint of the trajectory is less than 3 m from the end of the planner's "
+        "path",
+        unit="fraction",
+        better="higher",
+        needs=_TRAJECTORY | {"planner's path"},
+        compute=oracle_path_success,
+        inputs=("planner_distance", "offsets"),
+        is_binary=True,
+    ),
+)
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {**CATALOGUE, **{metric.key: metric for metric in _OF_OTHER_TASKS}}
+)
+"""Every metric of every task by its key: those of REVERIE, then further ones."""
 
 
 def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
@@ -358,14 +394,23 @@ def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
     ]
 
 
+def ranking_metrics() -> Sequence[Metric]:
+    """Return the metrics that rank REVERIE's submissions, the first that is scored before others.
+
+    >>> [metric.key for metric in ranking_metrics()]
+    ['rgspl', 'rgs', 'spl']
+    """
+    ranking = [metric for metric in CATALOGUE.values() if metric.ranks is not None]
+    return sorted(ranking, key=lambda metric: metric.ranks or 0)
+
+
 def primary_metric(scored: Collection[str] = CATALOGUE) -> Metric:
     """Return the metric that submissions are ranked by: RGSPL, else RGS, else SPL.
 
     >>> primary_metric().key, primary_metric(["success", "spl"]).key
     ('rgspl', 'spl')
     """
-    ranking = (CATALOGUE[key] for key in scored if CATALOGUE[key].ranks is not None)
-    return min(ranking, key=lambda metric: metric.ranks or 0)
+    return next(metric for metric in ranking_metrics() if metric.key in scored)
 
 
 PRIMARY_METRIC = primary_metric().key
@@ -378,4 +423,4 @@ def units_of(keys: Iterable[str]) -> dict[str, Unit]:
     >>> units_of(["path_length", "success"])
     {'path_length': 'metres', 'success': 'fraction'}
     """
-    return {key: CATALOGUE[key].unit for key in keys}
+    return {key: METRICS[key].unit for key in keys}

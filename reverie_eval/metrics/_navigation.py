@@ -170,6 +170,33 @@ def oracle_error(goal_distance: FloatArray, offsets: IntArray) -> FloatArray:
     return np.minimum.reduceat(goal_distance, offsets[:-1])
 
 
+def oracle_path_success(planner_distance: FloatArray, offsets: IntArray) -> BoolArray:
+    """Whether any pose is less than 3 m from the end of the planner's path, per episode.
+
+    Parameters
+    ----------
+    planner_distance : float array of shape (n_poses,)
+        Metres along the navigation graph from the pose to the end of the planner's path.
+    offsets : int array of shape (n_episodes + 1,)
+        Where each episode's poses begin and end.
+
+    Returns
+    -------
+    bool array of shape (n_episodes,)
+        True is better.
+
+    References
+    ----------
+    .. [1] ``tasks/NDH/eval.py`` of mmurray/cvdn at 97a4ae9.
+
+    Examples
+    --------
+    >>> oracle_path_success(np.array([4.0, 2.9, 5.0, 3.0]), np.array([0, 3, 4]))
+    array([ True, False])
+    """
+    return np.less(np.minimum.reduceat(planner_distance, offsets[:-1]), SUCCESS_DISTANCE)
+
+
 def steps(offsets: IntArray) -> IntArray:
     """Poses after the first, per episode; turning on the spot counts as a step.
 

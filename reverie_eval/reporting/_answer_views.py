@@ -256,7 +256,7 @@ def _answer_sentence(episode: Episode, predicted: VisibleObject | None) -> str:
         iou = _iou_text(episode)
         return f"The predicted box has {iou} with the target's box." if iou else ""
     if episode.predicted_object is None:
-        return "The agent predicted no object."
+        return "The agent predicted no object." if episode.target_object is not None else ""
     name = episode.object_name(episode.predicted_object)
     if episode.predicted_object == episode.target_object:
         name = f"the target, {name}"
@@ -271,7 +271,7 @@ def _target_sentence(
     target: VisibleObject | None,
     view: int | None,
 ) -> str:
-    if episode.predicted_object == episode.target_object:
+    if episode.target_object is None or episode.predicted_object == episode.target_object:
         return ""
     name = episode.object_name(episode.target_object)
     if target is None:

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.metrics._catalogue import Unit
 from reverie_eval.scoring import Scores
 
@@ -84,7 +84,7 @@ class Histogram:
             If the metric is not scored.
         """
         values = {name: each.episodes[key] for name, each in scores.items()}
-        metric = CATALOGUE[key]
+        metric = METRICS[key]
         is_of_boxes = "box" in metric.needs
         if is_of_boxes:
             boxes = {name: each.boxes for name, each in scores.items() if each.boxes is not None}

@@ -1,11 +1,12 @@
 """A comparison of submissions: scores, differences, and a sentence for each."""
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
-from reverie_eval.metrics import CATALOGUE, Metric, primary_metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._results import results_table
 from reverie_eval.reporting._table import (
     MISSING,
@@ -64,7 +65,7 @@ def comparison_table(comparison: Comparison) -> Table:
 def _pair_table(comparison: Comparison) -> Table:
     """Return the scores, a row per submission, and below them the differences from the first."""
     scored = {key for scores in comparison.scores.values() for key in scores}
-    metrics = [metric for key, metric in CATALOGUE.items() if metric.headline and key in scored]
+    metrics = _headline(comparison, scored)
     scores = [
         [name, *(m.display(scores[m.key]) if m.key in scores else MISSING for m in metrics)]
         for name, scores in comparison.scores.items()
@@ -81,9 +82,11 @@ def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
     """
     scored = {key for scores in comparison.scores.values() for key in scores}
     primary = _ranking_metric(comparison)
-    metrics = [m for key, m in CATALOGUE.items() if m.headline and key in scored]
+    metrics = _headline(comparison, scored)
     shown = [primary] if is_narrow else metrics
-    ranked = sorted(comparison.scores.items(), key=lambda each: -each[1].get(primary.key, -1.0))
+    ranked = sorted(
+        comparison.scores.items(), key=lambda each: -each[1].get(primary.key, -math.inf)
+    )
     rows = [
         [
             name,
@@ -96,8 +99,14 @@ def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
     return Table(headings, rows, frozenset({0}))
 
 
+def _headline(comparison: Comparison, scored: Collection[str]) -> Sequence[Metric]:
+    task = comparison.scores[comparison.first].ground_truth.task
+    return [METRICS[key] for key in task.headline if key in scored]
+
+
 def _ranking_metric(comparison: Comparison) -> Metric:
-    return primary_metric(comparison.scores[comparison.first])
+    first = comparison.scores[comparison.first]
+    return first.ground_truth.task.primary_metric(first)
 
 
 def _difference_cells(comparison: Comparison, name: str, metric: Metric) -> Sequence[str]:

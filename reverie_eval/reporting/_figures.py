@@ -13,7 +13,7 @@ import numpy as np
 
 from reverie_eval.analysis import Comparison, Episode, GroupingKey, Method
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import CATALOGUE, primary_metric, table_metrics
+from reverie_eval.metrics import METRICS, primary_metric
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._figure_style import (
     BLUE,
@@ -107,7 +107,7 @@ class Plots:
         with styled_axes(ax) as axes:
             for number, (key, colour) in enumerate(bars):
                 y = rows + height * (number - (len(bars) - 1) / 2)
-                label = CATALOGUE[key].label
+                label = METRICS[key].label
                 axes.barh(y, 100 * shown[key], height=0.9 * height, color=colour, label=label)
                 if key != primary:
                     continue
@@ -174,12 +174,12 @@ def plot_curve(
     first = scores[steps[0]]
     keys = [key for key in ("success", primary_metric(first).key) if key in first]
     means = {key: [100 * scores[step][key] for step in steps] for key in metrics or keys}
-    lengths = [key for key in means if CATALOGUE[key].unit != "fraction"]
+    lengths = [key for key in means if METRICS[key].unit != "fraction"]
     if lengths:
         raise ProtocolError(f"{first_few(lengths)} is not a fraction; draw each in its own figure")
     with styled_axes(ax) as axes:
         for (key, values), colour in zip(means.items(), cycle(_COLOURS), strict=False):
-            axes.plot(steps, values, marker="o", color=colour, label=CATALOGUE[key].label)
+            axes.plot(steps, values, marker="o", color=colour, label=METRICS[key].label)
             intervals = [scores[step].intervals for step in steps]
             ends = [100 * np.array([each[key].low, each[key].high]) for each in intervals if each]
             if len(ends) == len(steps):
@@ -209,9 +209,10 @@ def _sorted_steps(scores: Mapping[float, Method]) -> Sequence[float]:
 
 def plot_comparison(comparison: Comparison, ax: "Axes | None" = None) -> "Axes":
     """Draw the differences from the first submission; see :meth:`Comparison.plot`."""
+    first = comparison.scores[comparison.first]
     metrics = [
         metric
-        for metric in table_metrics(comparison.scores[comparison.first].keys())
+        for metric in first.ground_truth.task.table_metrics(first.keys())
         if metric.unit == "fraction" and any(metric.key in each for each in comparison.values())
     ]
     height = 0.8 / len(comparison)

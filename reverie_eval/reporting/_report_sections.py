@@ -11,7 +11,7 @@ import numpy as np
 
 from reverie_eval.analysis import GROUPINGS, Grouping
 from reverie_eval.errors import GroundTruthError, ProtocolError
-from reverie_eval.metrics import CATALOGUE, Metric, primary_metric
+from reverie_eval.metrics import METRICS, Metric, primary_metric
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._charts_svg import histogram_svg, walks_svg
 from reverie_eval.reporting._table import MISSING
@@ -115,10 +115,9 @@ class Chart:
 def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
     """Return the headline metrics of every submission."""
     rows: dict[str, list[ScoreCell]] = {name: [] for name in scores}
-    scored = {metric for each in scores.values() for metric in each.headline}
-    metrics = [metric for metric in CATALOGUE.values() if metric in scored]
+    metrics = list(dict.fromkeys(metric for each in scores.values() for metric in each.headline))
     for name, each in scores.items():
-        primary = primary_metric(each.keys())
+        primary = each.ground_truth.task.primary_metric(each.keys())
         for metric in metrics:
             if metric.key not in each:
                 rows[name].append(ScoreCell(metric, MISSING, "", is_primary=False))
@@ -259,7 +258,7 @@ def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
         GroupRow(
             name=name,
             episodes=int(row["episodes"]),
-            success=CATALOGUE["success"].display(row["success"]) if "success" in row else None,
+            success=METRICS["success"].display(row["success"]) if "success" in row else None,
             bars=[by_group.get(name) for by_group in bars],
         )
         for name, row in zip(bars[0], first.to_dict("records"), strict=True)

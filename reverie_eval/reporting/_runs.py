@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import Runs
-from reverie_eval.metrics import CATALOGUE, Metric, table_metrics
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._results import results_table
 from reverie_eval.reporting._table import MISSING, Table, print_table
 
@@ -22,7 +22,7 @@ _Row = tuple[str, Callable[[Metric], float], Callable[[Metric, float], str]]
 
 def runs_table(runs: Runs) -> Table:
     """Return a row per run, and below them the mean, its interval and its variance."""
-    metrics = table_metrics(runs.keys())
+    metrics = runs.ground_truth.task.table_metrics(runs.keys())
     shown = [m for m in metrics if m.key in runs]
     each_run = [
         [name, *(m.display(scores[m.key]) if m.key in scores else MISSING for m in shown)]
@@ -50,19 +50,20 @@ def print_runs(console: "Console", runs: Runs) -> None:
 
 def runs_csv(runs: Runs) -> str:
     """Return the same rows as CSV: every metric by its key, unrounded, and the signature."""
+    keys = runs.ground_truth.task.metrics
     each_run = [
-        [name, *(str(scores.get(key, "")) for key in CATALOGUE), runs.signature]
+        [name, *(str(scores.get(key, "")) for key in keys), runs.signature]
         for name, scores in runs.runs.items()
     ]
     summary = [
         [
             name,
-            *(str(value(metric)) if key in runs else "" for key, metric in CATALOGUE.items()),
+            *(str(value(METRICS[key])) if key in runs else "" for key in keys),
             runs.signature,
         ]
         for name, value, _ in _rows(runs)
     ]
-    return Table(["run", *CATALOGUE, "signature"], [*each_run, *summary]).to_csv()
+    return Table(["run", *keys, "signature"], [*each_run, *summary]).to_csv()
 
 
 RUNS_FORMATS: Mapping[str, Callable[[str, Runs], str]] = MappingProxyType(

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TextIO
 
-from reverie_eval.metrics import CATALOGUE, Metric, table_metrics
+from reverie_eval.metrics import Metric
 from reverie_eval.reporting._table import MARK, MISSING, Table, print_table
-from reverie_eval.scoring import Evaluator, ScoredFiles, Scores, find_protocol, scored_metrics
+from reverie_eval.scoring import Evaluator, ScoredFiles, Scores, scored_metrics
 from reverie_eval.submissions import submission_names
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def score_table(results: Sequence[Scores]) -> Table:
     protocol's are marked.
     """
     first = results[0]
-    metrics = table_metrics(first.keys())
+    metrics = first.ground_truth.task.table_metrics(first.keys())
     has_several = len(results) > 1
     has_names = has_several or first.intervals is not None
     named = [row for scores in results for row in _rows(scores, first, metrics)]
@@ -53,8 +53,9 @@ def print_scores(console: "Console", results: Sequence[Scores]) -> None:
 def scores_csv(results: Sequence[Scores]) -> str:
     """Return a row per protocol: every metric by its key, unrounded, and the signature."""
     has_intervals = results[0].intervals is not None
-    bounds = [f"{key}_{end}" for key in CATALOGUE for end in ("low", "high")] * has_intervals
-    keys = [*CATALOGUE, *bounds]
+    metrics = results[0].ground_truth.task.metrics
+    bounds = [f"{key}_{end}" for key in metrics for end in ("low", "high")] * has_intervals
+    keys = [*metrics, *bounds]
     values = [(scores.to_dict(), scores.signature) for scores in results]
     rows = [[*(str(row.get(key, "")) for key in keys), signature] for row, signature in values]
     return Table([*keys, "signature"], rows).to_csv()
@@ -109,17 +110,19 @@ def print_ranking(console: "Console", scored: ScoredFiles) -> None:
 
 def ranking_csv(scored: ScoredFiles) -> str:
     """Return a row per file, best first: every metric by its key, unrounded, and the signature."""
+    first = next(iter(scored.values()))
+    keys = first.ground_truth.task.metrics
     rows = [
         [
             path,
             scores.split,
             scores.protocol.name,
-            *(str(scores.get(key, "")) for key in CATALOGUE),
+            *(str(scores.get(key, "")) for key in keys),
             scores.signature,
         ]
         for path, scores in scored.items()
     ]
-    return Table(["file", "split", "protocol", *CATALOGUE, "signature"], rows).to_csv()
+    return Table(["file", "split", "protocol", *keys, "signature"], rows).to_csv()
 
 
 def ranking_json(scored: ScoredFiles) -> str:
@@ -156,7 +159,8 @@ def watch_line(path: str, scores: Scores, evaluator: Evaluator) -> str:
 
 
 def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
-    return table_metrics(scored_metrics(find_protocol(evaluator.protocol), evaluator.track))
+    task = evaluator.ground_truth.task
+    return task.table_metrics(scored_metrics(task.protocol(evaluator.protocol), evaluator.track))
 
 
 def write_episodes(scores: Scores, file: TextIO) -> None:
@@ -175,7 +179,8 @@ def write_episodes(scores: Scores, file: TextIO) -> None:
 
 def episode_table(scores: Scores) -> Table:
     """Return the score table's metrics for every episode, a row each."""
-    metrics = [metric for metric in table_metrics(scores.keys()) if metric.key in scores]
+    metrics = scores.ground_truth.task.table_metrics(scores.keys())
+    metrics = [metric for metric in metrics if metric.key in scores]
     columns = [map(metric.display, scores.episodes[metric.key].tolist()) for metric in metrics]
     return Table(
         headings=["instr_id", *(metric.heading for metric in metrics)],

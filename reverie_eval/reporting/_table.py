@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
+from reverie_eval.metrics import METRICS, PRIMARY_METRIC
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,8 +23,8 @@ MISSING = "-"
 MARK = "*"
 """Ends a value that a note below the table explains."""
 
-_MEANINGS = {m.heading: f"{m.name}: {m.definition}" for m in CATALOGUE.values()}
-_PRIMARY = CATALOGUE[PRIMARY_METRIC].heading
+_MEANINGS = {m.heading: f"{m.name}: {m.definition}" for m in METRICS.values()}
+_PRIMARY = METRICS[PRIMARY_METRIC].heading
 _ANY_WIDTH = 1000
 _NARROWEST_TEXT = 12
 """Letters: a terminal does not wrap a column to fewer."""

@@ -31,13 +31,12 @@ from reverie_eval.scoring._many import (
 from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
 from reverie_eval.scoring._protocol import (
     ALIASES,
-    DEFAULT_PROTOCOL,
     PROTOCOLS,
-    Protocol,
     find_protocol,
 )
 from reverie_eval.scoring._scores import Scores, signature_of
 from reverie_eval.scoring._validation import Validation
+from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
 
 __all__ = [
     "ALIASES",

@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from reverie_eval.arrays import Array, BoolArray, FloatArray, frozen
-from reverie_eval.metrics import CATALOGUE, candidate_match
+from reverie_eval.metrics import METRICS, Need, candidate_match
 from reverie_eval.scoring._lookups import Lookups
-from reverie_eval.scoring._protocol import Protocol
+from reverie_eval.tasks import Protocol
 from reverie_eval.text import did_you_mean
 
 Track = Literal["full", "grounding"]
@@ -26,12 +26,14 @@ def scored_metrics(
 ) -> Sequence[str]:
     """Return the keys of the metrics that submissions get under a protocol, in CATALOGUE order."""
     available = {
+        **dict.fromkeys(get_args(Need), False),
+        **dict.fromkeys(protocol.measures, True),
         "trajectory": track == "full",
         "answer": has_answers and protocol.grounding != "not scored",
         "box": has_boxes,
     }
     return tuple(
-        key for key, metric in CATALOGUE.items() if all(available[need] for need in metric.needs)
+        key for key, metric in METRICS.items() if all(available[need] for need in metric.needs)
     )
 
 
@@ -74,7 +76,7 @@ class EpisodeTable(Mapping[str, Array]):
         self._columns: dict[str, Array] = dict(columns)
 
     def __getitem__(self, key: str) -> Array:
-        if key not in CATALOGUE:
+        if key not in METRICS:
             raise KeyError(f"no metric has the key {key!r}{did_you_mean(key, self._keys)}")
         if key not in self._keys:
             raise KeyError(f"{key} is not scored; the scored metrics are {', '.join(self._keys)}")
@@ -114,14 +116,18 @@ class EpisodeTable(Mapping[str, Array]):
     @property
     def reference_length(self) -> FloatArray:
         """Shape (n_episodes,): metres with which SPL compares the walked length."""
-        if self._protocol.spl_numerator == "annotated":
-            return self._lookups.annotated_length
-        return self._lookups.shortest_length
+        match self._protocol.spl_numerator:
+            case "shortest":
+                return self._lookups.shortest_length
+            case "annotated":
+                return self._lookups.annotated_length
+            case "nearest goal":
+                return self._lookups.start_to_goals
 
     def _value(self, key: str) -> Array:
         """Compute a metric, in the type that its function returns."""
         if key not in self._values:
-            metric = CATALOGUE[key]
+            metric = METRICS[key]
             self._values[key] = metric.compute(*map(self._input, metric.inputs))
         return self._values[key]
 

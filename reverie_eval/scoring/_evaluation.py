@@ -12,7 +12,7 @@ from reverie_eval.ground_truth import GroundTruth, find_ground_truth
 from reverie_eval.scoring._episode_table import Track, qualifier_of
 from reverie_eval.scoring._literal_reading import check_first_of_hop, literal_reading_notes
 from reverie_eval.scoring._lookups import Lookups, find_jumps
-from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, PROTOCOLS, Protocol, find_protocol
+from reverie_eval.scoring._protocol import basis_of, scored_by
 from reverie_eval.scoring._scores import Scores
 from reverie_eval.scoring._validation import Validation
 from reverie_eval.submissions import (
@@ -25,6 +25,7 @@ from reverie_eval.submissions import (
     read_predictions,
     submission_hints,
 )
+from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
 from reverie_eval.text import did_you_mean
 
 
@@ -36,6 +37,7 @@ def evaluate(
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
+    task: str | None = None,
 ) -> Scores:
     """Score a submission.
 
@@ -51,13 +53,15 @@ def evaluate(
         A bundle, or a folder of bundles. If not given, the environment variable
         ``REVERIE_EVAL_GROUND_TRUTH``, or else the synthetic demo world that ships with the package.
     protocol : str
-        A name in ``PROTOCOLS``, or an alias.
+        A name in ``PROTOCOLS``, or an alias; for another task, one of its protocols.
     track : "full" or "grounding"
         In the grounding track the agent answers from the end of the annotated path: trajectories
         are ignored and may be missing, and RGS is the only score.
     subset : instr_ids, optional
         The episodes to score, if not all. The submission may have others of the split as well;
         they are checked and left out. Scores are comparable with those on the same subset only.
+    task : str, optional
+        ``reverie``, ``r2r``, ...: the benchmark. If not given, that of the bundle, or REVERIE.
 
     Returns
     -------
@@ -71,7 +75,7 @@ def evaluate(
     GroundTruthError
         If there is no valid ground truth with answers for the split and protocol.
     ProtocolError
-        If there is no such protocol or track.
+        If there is no such task, protocol or track.
     SubsetError
         If episodes of the subset are unknown or listed twice; lists every problem.
     OSError
@@ -83,10 +87,9 @@ def evaluate(
     >>> round(scores["success"], 2)
     0.81
     """
-    # First what is quick to check: a misspelt protocol should not wait for files to be read.
-    rules = find_protocol(protocol)
-    truth = find_answers(ground_truth, split, subset)
-    return _prepare(submission, truth, track).score(rules)
+    truth = find_answers(ground_truth, split, subset, task)
+    rules = truth.task.protocol(protocol)
+    return _prepare(submission, scored_by(rules, truth), track).score(rules)
 
 
 def evaluate_protocols(
@@ -95,18 +98,30 @@ def evaluate_protocols(
     split: str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
     track: Track = "full",
+    task: str | None = None,
 ) -> Mapping[str, Scores]:
     """Score a submission under every protocol that the ground truth supports, by name.
 
     Parameters and errors are those of :func:`evaluate`.
     """
-    truth = find_answers(ground_truth, split)
-    prepared = _prepare(submission, truth, track)
-    reasons = {name: why_not(rules, truth, track) for name, rules in PROTOCOLS.items()}
+    truth = find_answers(ground_truth, split, task=task)
+    check_track(track)
+    predictions = read_predictions(submission, truth.task, answers_only=track == "grounding")
+    protocols = truth.task.protocols
+    reasons = {rules: why_not(rules, truth, track) for rules in protocols}
     # A missing row would look like an omission of ours, so every table says why.
     left_out = [f"left out: {reason}" for reason in reasons.values() if reason]
-    prepared = replace(prepared, hints=[*prepared.hints, *left_out])
-    return {name: prepared.score(rules) for name, rules in PROTOCOLS.items() if not reasons[name]}
+    prepared: dict[tuple[int | None, str], PreparedSubmission] = {}
+    for rules in protocols:
+        if basis_of(rules) not in prepared:
+            aligned = PreparedSubmission.of(predictions, scored_by(rules, truth), track)
+            aligned = replace(aligned, hints=[*aligned.hints, *left_out])
+            prepared[basis_of(rules)] = aligned
+    return {
+        rules.name: prepared[basis_of(rules)].score(rules)
+        for rules in protocols
+        if not reasons[rules]
+    }
 
 
 def diagnose(
@@ -115,6 +130,7 @@ def diagnose(
     split: str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
     protocol: str = DEFAULT_PROTOCOL,
+    task: str | None = None,
 ) -> tuple[Scores, Scores]:
     """Score a submission as intended, and as evaluators that truncate nested hops would.
 
@@ -125,10 +141,10 @@ def diagnose(
     Parameters and errors are those of :func:`evaluate`; a protocol whose evaluator reads hops in
     another way is a ProtocolError.
     """
-    check_first_of_hop(protocol)
-    rules = find_protocol(protocol)
-    truth = find_answers(ground_truth, split)
-    predictions = read_predictions(submission)
+    truth = find_answers(ground_truth, split, task=task)
+    check_first_of_hop(protocol, truth.task.name)
+    rules = truth.task.protocol(protocol)
+    predictions = read_predictions(submission, truth.task)
     whole = PreparedSubmission.of(predictions, truth)
     return replace(whole, predictions=None).score(rules), whole.truncated().score(rules)
 
@@ -140,13 +156,15 @@ def validate(
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
     track: Track = "full",
     subset: Iterable[str] | None = None,
+    task: str | None = None,
 ) -> Validation:
     """Check a submission as :func:`evaluate` does, but without the answers.
 
     A public bundle is enough. Parameters and errors are those of :func:`evaluate`.
     """
-    truth = _choose(find_ground_truth(ground_truth, split), subset)
-    return _prepare(submission, truth, track).validation()
+    truth = _choose(find_ground_truth(ground_truth, split, task), subset)
+    default, *_ = truth.task.protocols
+    return _prepare(submission, scored_by(default, truth), track).validation()
 
 
 @dataclass(frozen=True)
@@ -272,9 +290,10 @@ def find_answers(
     ground_truth: str | PathLike[str] | GroundTruth | None,
     split: str,
     subset: Iterable[str] | None = None,
+    task: str | None = None,
 ) -> GroundTruth:
     """Find the ground truth, and refuse a public bundle before the submission is read."""
-    truth = find_ground_truth(ground_truth, split)
+    truth = find_ground_truth(ground_truth, split, task)
     truth.require_answers()
     return _choose(truth, subset)
 
@@ -285,5 +304,5 @@ def _choose(truth: GroundTruth, subset: Iterable[str] | None) -> GroundTruth:
 
 def _prepare(submission: Submission, truth: GroundTruth, track: Track) -> PreparedSubmission:
     check_track(track)
-    predictions = read_predictions(submission, answers_only=track == "grounding")
+    predictions = read_predictions(submission, truth.task, answers_only=track == "grounding")
     return PreparedSubmission.of(predictions, truth, track)

@@ -8,7 +8,7 @@ from reverie_eval.errors import GroundTruthError
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.scoring._episode_table import Track, qualifier_of
 from reverie_eval.scoring._evaluation import check_track, evaluate, find_answers, why_not
-from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL, find_protocol
+from reverie_eval.scoring._protocol import scored_by
 from reverie_eval.scoring._scores import Scores, signature_of
 from reverie_eval.submissions import (
     Content,
@@ -18,6 +18,7 @@ from reverie_eval.submissions import (
     check_batch,
     read_predictions,
 )
+from reverie_eval.tasks import DEFAULT_PROTOCOL
 
 
 class Evaluator:
@@ -29,7 +30,7 @@ class Evaluator:
 
     Parameters
     ----------
-    split, ground_truth, protocol, track, subset
+    split, ground_truth, protocol, track, subset, task
         As for :func:`reverie_eval.evaluate`.
 
     Raises
@@ -37,7 +38,7 @@ class Evaluator:
     GroundTruthError
         If there is no valid ground truth with answers for the split, protocol and track.
     ProtocolError
-        If there is no such protocol or track.
+        If there is no such task, protocol or track.
     SubsetError
         If episodes of the subset are unknown or listed twice; lists every problem.
 
@@ -56,12 +57,14 @@ class Evaluator:
         protocol: str = DEFAULT_PROTOCOL,
         track: Track = "full",
         subset: Iterable[str] | None = None,
+        task: str | None = None,
     ) -> None:
         # Unusable settings must raise here, and not after the first epoch of training.
-        rules = find_protocol(protocol)
-        self.protocol = rules.name
         self.track = check_track(track)
-        self.ground_truth = find_answers(ground_truth, split, subset)
+        truth = find_answers(ground_truth, split, subset, task)
+        rules = truth.task.protocol(protocol)
+        self.protocol = rules.name
+        self.ground_truth = scored_by(rules, truth)
         reason = why_not(rules, self.ground_truth, track)
         if reason:
             raise GroundTruthError(reason)
@@ -108,7 +111,8 @@ class Evaluator:
         if not records:  # the share of a process may be empty
             return
         answers_only = self.track == "grounding"
-        predictions = read_predictions(records, answers_only=answers_only)
+        task = self.ground_truth.task
+        predictions = read_predictions(records, task, answers_only=answers_only)
         self._contents |= check_batch(
             predictions, self.ground_truth, self._contents, answers_only=answers_only
         )
@@ -133,8 +137,8 @@ class Evaluator:
         return list(self._records.values())
 
     def __repr__(self) -> str:
-        rules, qualifier = find_protocol(self.protocol), qualifier_of(self.track)
-        return f"<Evaluator {signature_of(self.ground_truth, rules, qualifier)}>"
+        rules = self.ground_truth.task.protocol(self.protocol)
+        return f"<Evaluator {signature_of(self.ground_truth, rules, qualifier_of(self.track))}>"
 
 
 def _listed(records: Records) -> Iterable[Mapping[str, Any]]:

@@ -13,7 +13,8 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.text import count_text, did_you_mean
 
 Clustering = Literal["target", "scan"]
-"""What dependent episodes have in common: the target object, or the building."""
+"""What dependent episodes have in common: the target, or the building. The target is the object;
+in a task without target objects, the goal region, or else the end of the path."""
 
 FEW_CLUSTERS = 5
 """With fewer clusters, intervals contain the true mean less often than they claim; measured in
@@ -190,8 +191,8 @@ class Intervals(ClusterIntervals):
 def clusters_of(truth: GroundTruth, cluster: Clustering) -> IntArray:
     """Return the cluster of each episode.
 
-    By target, all instructions of a task are in one cluster, and so are tasks that lead to the
-    same object on different paths.
+    By target, all instructions of a path are in one cluster, and so are paths that lead to the
+    same object, or in a task without target objects, to the same region or viewpoint.
 
     Returns
     -------
@@ -207,7 +208,13 @@ def clusters_of(truth: GroundTruth, cluster: Clustering) -> IntArray:
         known = did_you_mean(cluster, get_args(Clustering))
         raise ProtocolError(f"cannot cluster episodes by {cluster!r}{known}")
     scan = truth.graph.viewpoint_scan[truth.episodes.start]
-    return scan if cluster == "scan" else with_object(scan, truth.require_answers().target_object)
+    if cluster == "scan":
+        return scan
+    answers = truth.require_answers()
+    if truth.task.has_targets:
+        return with_object(scan, answers.target_object)
+    has_regions = answers.goal_viewpoint is not None
+    return answers.goal_region[truth.episodes.task] if has_regions else answers.goal
 
 
 def _one_cluster(cluster: Clustering) -> str:

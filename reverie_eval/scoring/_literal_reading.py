@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 
 from reverie_eval.errors import ProtocolError
-from reverie_eval.scoring._protocol import FIRST_OF_HOP, HopReading, Protocol, hop_reading
+from reverie_eval.scoring._protocol import FIRST_OF_HOP, hop_reading
 from reverie_eval.scoring._scores import Scores
 from reverie_eval.submissions import Predictions
+from reverie_eval.tasks import DEFAULT_TASK, HopReading, Protocol
 
 _FIRST_ONLY = "it reads only the first viewpoint of each hop"
 _NO_TEXT = "no object id written as text is correct"
@@ -38,7 +39,7 @@ _NOT_DIAGNOSED: Mapping[HopReading, str] = MappingProxyType(
 )
 
 
-def check_first_of_hop(name: str) -> None:
+def check_first_of_hop(name: str, task: str = DEFAULT_TASK) -> None:
     """Check that a protocol's evaluator reads only the first viewpoint of nested hops.
 
     Raises
@@ -46,7 +47,7 @@ def check_first_of_hop(name: str) -> None:
     ProtocolError
         If there is no such protocol, or its evaluator reads hops in another way.
     """
-    reading = hop_reading(name)
+    reading = hop_reading(name, task)
     if reading != "first viewpoint":
         raise ProtocolError(
             f"{name} has nothing to diagnose: {_NOT_DIAGNOSED[reading]}; evaluators that read only "

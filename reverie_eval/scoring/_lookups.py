@@ -4,12 +4,20 @@ from functools import cached_property
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, FloatArray, IntArray, last_of, row_of, take_rows
+from reverie_eval.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    last_of,
+    offsets_of,
+    row_of,
+    take_rows,
+)
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import SUCCESS_DISTANCE, Overlap, path_length
 from reverie_eval.scoring._boxes import BoxScores, score_boxes
-from reverie_eval.scoring._protocol import GoalRule
 from reverie_eval.submissions import AlignedSubmission
+from reverie_eval.tasks import GoalRule
 
 
 class Lookups:
@@ -87,6 +95,31 @@ class Lookups:
         return self._graph.distance_between(start, self._answers.goal)
 
     @cached_property
+    def start_to_goals(self) -> FloatArray:
+        """Shape (n_episodes,): metres from the start to the nearest annotated goal."""
+        return self._to_goals(self.ground_truth.episodes.start)
+
+    @cached_property
+    def stop_to_goals(self) -> FloatArray:
+        """Shape (n_episodes,): metres from the stop to the nearest annotated goal."""
+        return self._to_goals(self.submission.viewpoint[last_of(self.offsets)])
+
+    def _to_goals(self, viewpoint: IntArray) -> FloatArray:
+        goal, offsets = self._answers.goals()
+        task = self.ground_truth.episodes.task
+        count = np.diff(offsets)[task]
+        goals = goal[take_rows(task, offsets)]
+        distance = self._graph.distance_between(np.repeat(viewpoint, count), goals)
+        return np.minimum.reduceat(distance, offsets_of(count)[:-1])
+
+    @cached_property
+    def planner_distance(self) -> FloatArray:
+        """Shape (n_poses,): metres to the end of the planner's path."""
+        path, offsets = self._answers.further_paths["planner"]
+        end = path[last_of(offsets)][self.ground_truth.episodes.task[self._episode]]
+        return self._graph.distance_between(self.submission.viewpoint, end)
+
+    @cached_property
     def annotated_length(self) -> FloatArray:
         """Shape (n_episodes,): metres along the annotated path."""
         path, offsets = self._answers.path, self._answers.path_offsets
@@ -142,9 +175,12 @@ def is_goal(
             return answers.is_visible(answers.target_object[episode], viewpoint)
         case "visible and near the object":
             return answers.is_visible_near(answers.target_object[episode], viewpoint)
-        case "near the path's end":
+        case "near the path's end" | "at most 3 m from the path's end":
             distance = ground_truth.graph.distance_between(viewpoint, answers.goal[episode])
-            return np.less(distance, SUCCESS_DISTANCE)
+            near = np.less if rule == "near the path's end" else np.less_equal
+            return np.asarray(near(distance, SUCCESS_DISTANCE))
+        case "at a goal viewpoint":
+            return answers.is_goal(ground_truth.episodes.task[episode], viewpoint)
 
 
 def find_jumps(submission: AlignedSubmission, graph: NavigationGraph) -> BoolArray:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, ca
 
 from reverie_eval.errors import GroundTruthError, SubmissionError
 from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.metrics import CATALOGUE, Metric, primary_metric, table_metrics, units_of
+from reverie_eval.metrics import CATALOGUE, Metric, table_metrics, units_of
 from reverie_eval.processes import map_in_processes
 from reverie_eval.scoring._episode_table import EpisodeTable, Track
 from reverie_eval.scoring._evaluator import Evaluator
 from reverie_eval.scoring._lookups import Lookups
-from reverie_eval.scoring._protocol import DEFAULT_PROTOCOL
 from reverie_eval.scoring._scores import Scores
+from reverie_eval.tasks import DEFAULT_PROTOCOL
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,8 +62,8 @@ class ScoredFiles(Mapping[str, Scores]):
         found = dict(results)
         scores = {path: each for path, each in found.items() if isinstance(each, Scores)}
         failures = {path: each for path, each in found.items() if not isinstance(each, Scores)}
-        key = primary_metric(_keys(scores)).key if scores else ""
-        ranked = sorted(scores, key=lambda path: -scores[path].get(key, -1.0))
+        key = _ranking_key(scores)
+        ranked = sorted(scores, key=lambda path: -scores[path].get(key, -math.inf))
         return cls({path: scores[path] for path in ranked}, failures)
 
     def __getitem__(self, path: str) -> Scores:
@@ -78,14 +78,15 @@ class ScoredFiles(Mapping[str, Scores]):
     @property
     def metrics(self) -> Sequence[Metric]:
         """The metrics of a score table that has any of them."""
-        return table_metrics(_keys(self))
+        first = next(iter(self.values()), None)
+        return first.ground_truth.task.table_metrics(_keys(self)) if first else []
 
     @property
     def ranks(self) -> Mapping[str, int | None]:
         """The rank of each file: equal for equal values, None for files without the metric."""
         if not self:
             return {}
-        key = primary_metric(_keys(self)).key
+        key = _ranking_key(self)
         values = {path: each[key] for path, each in self.items() if key in each}
         return {
             path: 1 + sum(value > values[path] for value in values.values())
@@ -111,6 +112,12 @@ class ScoredFiles(Mapping[str, Scores]):
         return f"<ScoredFiles: {len(self)} scored, {len(self.failures)} failed>"
 
 
+def _ranking_key(scores: Mapping[str, Scores]) -> str:
+    """Return the metric that ranks; empty if there are no scores."""
+    first = next(iter(scores.values()), None)
+    return first.ground_truth.task.primary_metric(_keys(scores)).key if first else ""
+
+
 def _keys(scores: Mapping[str, Scores]) -> set[str]:
     return {key for each in scores.values() for key in each}
 
@@ -123,6 +130,7 @@ def evaluate_many(
     protocol: str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
+    task: str | None = None,
     jobs: int | None = None,
     executor: Executor | None = None,
 ) -> ScoredFiles:
@@ -132,7 +140,7 @@ def evaluate_many(
     ----------
     paths : paths
         The result files. A path that is given twice is scored once.
-    split, ground_truth, protocol, track, subset
+    split, ground_truth, protocol, track, subset, task
         As for :func:`reverie_eval.evaluate`.
     jobs : int, optional
         Number of processes; by default as many as pay, up to the number of processors.
@@ -161,7 +169,12 @@ def evaluate_many(
     ['fixtures/submissions/broken.json']
     """
     evaluator = Evaluator(
-        split=split, ground_truth=ground_truth, protocol=protocol, track=track, subset=subset
+        split=split,
+        ground_truth=ground_truth,
+        protocol=protocol,
+        track=track,
+        subset=subset,
+        task=task,
     )
     names = list(dict.fromkeys(os.fspath(path) for path in paths))
     return ScoredFiles.of(score_files(names, evaluator, jobs=jobs, executor=executor))
@@ -188,7 +201,7 @@ def score_files(
     # A path is a short message, and a process elsewhere may read the bundle faster than receive it.
     place = truth.origin if Path(truth.origin).is_file() else truth
     size = min(_CHUNK, math.ceil(len(paths) / jobs)) if executor is None else _CHUNK
-    subset = truth.episodes.instr_ids if truth.subset_of else None
+    subset = truth.episodes.instr_ids if truth.subset_digest else None
     chunks = [
         _Chunk(paths[begin : begin + size], place, truth.split, rules, track, subset, keys)
         for begin in range(0, len(paths), size)

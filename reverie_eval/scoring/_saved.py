@@ -48,6 +48,7 @@ class IntervalSettings:
 class SavedHeader:
     """How the predictions were scored."""
 
+    task: str
     split: str
     protocol: str
     qualifier: str

@@ -12,16 +12,17 @@ import numpy as np
 from reverie_eval.arrays import Array
 from reverie_eval.errors import GroundTruthError, ProtocolError, ReverieEvalError
 from reverie_eval.ground_truth import GroundTruth, find_ground_truth
-from reverie_eval.metrics import CATALOGUE, Metric, units_of
+from reverie_eval.metrics import METRICS, Metric, units_of
 from reverie_eval.scoring._boxes import BOX_OUTCOMES, BoxScores
 from reverie_eval.scoring._episode_table import EpisodeTable, Track, track_of
 from reverie_eval.scoring._intervals import Clustering, Intervals, clusters_of
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes, outcome_indices
-from reverie_eval.scoring._protocol import Protocol, find_protocol
+from reverie_eval.scoring._protocol import find_protocol, scored_by
 from reverie_eval.scoring._saved import IntervalSettings, SavedHeader, read_saved, write_saved
 from reverie_eval.scoring._validation import jump_notes
 from reverie_eval.submissions import AlignedSubmission
+from reverie_eval.tasks import DEFAULT_TASK, Protocol
 from reverie_eval.text import count_text, first_few, tokenize
 from reverie_eval.version import __version__
 
@@ -106,11 +107,14 @@ class Scores(Mapping[str, float]):
             If the file has no saved scores, is damaged, or was written by a later version.
         GroundTruthError
             If the ground truth is not there, or is another one.
+        ProtocolError
+            If they are of a task or protocol that is not installed.
         OSError
             If the file cannot be read.
         """
         header, submission = read_saved(path)
-        truth = find_ground_truth(ground_truth, header.split)
+        rules = find_protocol(header.protocol, header.task)
+        truth = find_ground_truth(ground_truth, header.split, header.task)
         if truth.fingerprint != header.fingerprint:
             raise GroundTruthError(
                 f"{path} was scored with ground truth {header.fingerprint[:_FINGERPRINT_SHOWN]}, "
@@ -120,8 +124,8 @@ class Scores(Mapping[str, float]):
         if header.subset is not None:
             truth = truth.subset(header.subset)
         scores = cls.of(
-            Lookups(submission, truth),
-            find_protocol(header.protocol),
+            Lookups(submission, scored_by(rules, truth)),
+            rules,
             track_of(header.qualifier),
             hints=header.hints,
             qualifier=header.qualifier,
@@ -150,6 +154,7 @@ class Scores(Mapping[str, float]):
         listed = list(parts)
         first = _check_parts(listed)
         whole, _ = first.ground_truth.subset_of or (first.ground_truth, None)
+        whole = scored_by(first.protocol, whole)
         instr_ids = [instr_id for part in listed for instr_id in part.instr_ids]
         repeated = [instr_id for instr_id, count in Counter(instr_ids).items() if count > 1]
         if repeated:
@@ -198,7 +203,7 @@ class Scores(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        return [CATALOGUE[key] for key in self.episodes if CATALOGUE[key].headline]
+        return [METRICS[key] for key in self.ground_truth.task.headline if key in self.episodes]
 
     @property
     def notes(self) -> Sequence[str]:
@@ -207,7 +212,8 @@ class Scores(Mapping[str, float]):
         return [
             *([] if self.boxes is None else [_box_note(self.boxes)]),
             *self.hints,
-            *([] if jumps is None else jump_notes(jumps)),
+            *([] if jumps is None else jump_notes(jumps, self.protocol)),
+            *_unscored_notes(self.ground_truth, self.protocol),
         ]
 
     @property
@@ -358,11 +364,12 @@ class Scores(Mapping[str, float]):
         )
         submission = self.require_submission()
         header = SavedHeader(
+            task=self.ground_truth.task.name,
             split=self.split,
             protocol=self.protocol.name,
             qualifier=self.qualifier,
             fingerprint=self.ground_truth.fingerprint,
-            subset=tuple(self.instr_ids) if self.ground_truth.subset_of else None,
+            subset=tuple(self.instr_ids) if self.ground_truth.subset_digest else None,
             hints=tuple(self.hints),
             intervals=settings or None,
             is_navigation_only=submission.is_navigation_only,
@@ -445,16 +452,20 @@ def _check_parts(parts: Sequence[Scores]) -> Scores:
 
 def _conditions(scores: Scores) -> Sequence[str]:
     """Return what a signature says besides the choice of episodes."""
-    return scores.split, scores.protocol.name, scores.qualifier, scores.ground_truth.fingerprint
+    truth = scores.ground_truth
+    of = truth.task.name, truth.split, truth.fingerprint
+    return *of, scores.protocol.name, scores.qualifier
 
 
 def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
     """Return the signature of scores by a protocol and a ground truth, from this version."""
+    task = truth.header.task
     parts = [
+        *([] if task == DEFAULT_TASK else [f"task:{task}"]),
         f"split:{truth.split}",
         f"protocol:{protocol.name}",
         *([qualifier] if qualifier else []),
-        *([f"subset:{truth.subset_digest}"] if truth.subset_of else []),
+        *([f"subset:{truth.subset_digest}"] if truth.subset_digest else []),
         f"data:{truth.fingerprint[:_FINGERPRINT_SHOWN]}",
         f"n:{len(truth.episodes.instr_ids)}",
         f"version:{__version__}",
@@ -489,11 +500,23 @@ def _interval_report(intervals: Intervals) -> "IntervalReport":
 
 
 def _box_note(boxes: BoxScores) -> str:
-    percent = CATALOGUE["iou"].display
+    percent = METRICS["iou"].display
     misses = ", ".join(f"{count:,} {reason}" for reason, count in boxes.misses.items())
     return (
         f"{count_text(len(boxes), 'box', 'boxes')} predicted, {boxes.is_correct.sum():,} correct "
         f"(misses: {misses}), mean IoU {percent(boxes.mean_iou)} %; a box around the whole image "
         f"would be correct in {percent(boxes.whole_image_share)} %; "
         f"{percent(boxes.ambiguous_share)} % of the views that show the target are ambiguous"
+    )
+
+
+def _unscored_notes(truth: GroundTruth, rules: Protocol) -> Iterator[str]:
+    """Yield what a protocol leaves out of a split, if it does."""
+    if truth.subset_digest or truth.subset_of is None:
+        return
+    whole, _ = truth.subset_of
+    unscored = sorted(whole.episodes.index.keys() - truth.episodes.index.keys())
+    yield (
+        f"{rules.name} scores the first {rules.scored_instructions} instructions of a path, not "
+        f"{first_few(unscored)}"
     )

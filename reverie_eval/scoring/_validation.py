@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from reverie_eval.arrays import Array, BoolArray
 from reverie_eval.ground_truth import GroundTruth
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import METRICS
+from reverie_eval.tasks import Protocol
 from reverie_eval.text import count_text
 
 
@@ -31,11 +32,13 @@ class Validation:
         return [*notes, *self.hints, *jump_notes(self.jumps)]
 
 
-def jump_notes(jumps: Array) -> Sequence[str]:
-    """Say how many moves were between unconnected viewpoints, if any were."""
+def jump_notes(jumps: Array, rules: Protocol | None = None) -> Sequence[str]:
+    """Say how many moves were between unconnected viewpoints, and what a protocol makes of them."""
     if not jumps.any():
         return ()
     episodes = count_text(int((jumps > 0).sum()), "episode")
-    return (
-        f"{count_text(int(jumps.sum()), 'jump')} in {episodes}: {CATALOGUE['jumps'].definition}",
-    )
+    remark = ""
+    if rules is not None and rules.rejects_jumps:
+        remark = f"; {rules.name}'s own evaluator stops at a jump"
+    jumps_text = count_text(int(jumps.sum()), "jump")
+    return (f"{jumps_text} in {episodes}: {METRICS['jumps'].definition}{remark}",)

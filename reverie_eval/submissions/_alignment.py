@@ -3,6 +3,7 @@
 After this stage there is no text left, and nothing can fail.
 """
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,8 +20,11 @@ from reverie_eval.submissions._predictions import BoxAnswers, Content, IdColumn,
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
+from reverie_eval.tasks import BUILT_IN, Task, find_task
 
 _UNKNOWN = -1
+_FOREIGN = ("other-task", "not-the-demo-world")
+"""The codes of problems that explain why all ids are unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +290,7 @@ def _episode_problems(
         return  # nearly always: what follows loops over records in Python
     unknown = list(_unknown_problems(predictions, episode, ground_truth))
     yield from unknown
-    if any(problem.code == "not-the-demo-world" for problem in unknown):
+    if any(problem.code in _FOREIGN for problem in unknown):
         return
     yield from _duplicate_problems(predictions, episode)
     instr_ids = ground_truth.episodes.instr_ids
@@ -309,10 +313,11 @@ def _unknown_problems(
         return  # before the ids of all other splits are collected
     unknown = _unknown_by_split(predictions, episode, ground_truth)
     none_known = (episode == _UNKNOWN).all()
-    if ground_truth.is_demo and none_known and unknown.keys() == {None}:
-        _, first = _location_and_id(predictions, unknown[None][0])
-        yield problems.ids_outside_demo(len(unknown[None]), first, ground_truth.split)
-        return
+    if none_known and unknown.keys() == {None}:
+        problem = _foreign_problem(predictions, unknown[None], ground_truth)
+        if problem is not None:
+            yield problem
+            return
     for other_split, records in unknown.items():
         if other_split is not None:
             # One problem for all of them: the file as a whole is for the wrong split.
@@ -322,7 +327,31 @@ def _unknown_problems(
             )
             yield replace(problem, split=other_split) if none_known else problem
     for record in unknown.get(None, ()):
-        yield problems.unknown_episode(*_location_and_id(predictions, record), ground_truth.split)
+        yield problems.unknown_episode(
+            *_location_and_id(predictions, record), ground_truth.split, ground_truth.task
+        )
+
+
+def _foreign_problem(
+    predictions: Predictions, records: Sequence[int], ground_truth: GroundTruth
+) -> Problem | None:
+    """Return the one problem of a file whose ids are all of another task or another world."""
+    count, task = len(records), ground_truth.task
+    _, first = _location_and_id(predictions, records[0])
+    others = _tasks_with_such_ids(predictions.instr_ids, task)
+    if others:
+        return problems.ids_of_another_task(count, first, task, others)
+    if ground_truth.is_demo:
+        return problems.ids_outside_demo(count, first, ground_truth.split, task)
+    return None
+
+
+def _tasks_with_such_ids(instr_ids: Sequence[str | None], task: Task) -> Sequence[Task]:
+    """Return the tasks whose ids look like all of these; none if this task's do."""
+    ids = [instr_id for instr_id in instr_ids if instr_id is not None]
+    known = [task, *(find_task(name) for name in BUILT_IN if name != task.name)]
+    alike = [each for each in known if all(re.fullmatch(each.id_pattern, it) for it in ids)]
+    return [] if task in alike else alike
 
 
 def _unknown_by_split(

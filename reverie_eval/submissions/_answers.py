@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
+from reverie_eval.arrays import LARGEST_OBJECT_ID
 from reverie_eval.geometry import HEIGHT, N_VIEWS, WIDTH, view_angles
-from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._document import is_finite, is_integer, is_list, is_number

@@ -20,10 +20,15 @@ from reverie_eval.submissions._fields import ANSWER_KEYS
 from reverie_eval.submissions._hints import UNNAMED_ANSWERS
 from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
+from reverie_eval.submissions._records import (
+    ReadRecord,
+    read_predictions,
+    read_records,
+)
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._trajectories import Poses
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 from reverie_eval.text import count_text
 
 
@@ -45,9 +50,12 @@ class Conversion:
     remaining: Sequence[Problem] = ()
     """Why the converted file is still rejected, if a split was given."""
 
+    has_targets: bool = True
+    """Whether the task has target objects, so that answers are expected."""
+
     @property
-    def _is_navigation_only(self) -> bool:
-        return not any(map(has_answer, self.records))
+    def _lacks_answers(self) -> bool:
+        return self.has_targets and not any(map(has_answer, self.records))
 
     @property
     def notes(self) -> Sequence[str]:
@@ -60,7 +68,7 @@ class Conversion:
             *([f"read as: {'; '.join(self.read_as)}"] if self.read_as else []),
             *(f"fixed: {mistake}" for mistake in self.fixed),
             *(f"dropped: {name}, in {count:,} records" for name, count in self.dropped.items()),
-            *([UNNAMED_ANSWERS] if self.dropped and self._is_navigation_only else []),
+            *([UNNAMED_ANSWERS] if self.dropped and self._lacks_answers else []),
             *([without_angles] if self.poses_without_angles else []),
             *([_remaining_note(self.remaining)] if self.remaining else []),
         ]
@@ -71,6 +79,7 @@ def convert(
     *,
     split: str | None = None,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
+    task: str | None = None,
 ) -> Conversion:
     """Read a submission in any form and convert it to the official one.
 
@@ -80,7 +89,7 @@ def convert(
     ----------
     submission
         As for :func:`reverie_eval.evaluate`.
-    split, ground_truth : optional
+    split, ground_truth, task : optional
         With a split, ids that its ground truth does not have are fixed too. A public bundle is
         enough. Without one, any ids and viewpoints are accepted.
 
@@ -93,13 +102,14 @@ def convert(
     OSError
         If the file cannot be read.
     """
-    truth = None if split is None else find_ground_truth(ground_truth, split)
+    truth = None if split is None else find_ground_truth(ground_truth, split, task)
     log = ReadingLog()
     given = submission if are_records(submission) else _parse(read_bytes(submission), log)
-    records = read_records(given, log)
+    of_task = find_task(task or DEFAULT_TASK) if truth is None else truth.task
+    records = read_records(given, log, of_task)
     if truth is not None:
         records = _with_known_ids(records, truth, log)
-    written = _without_repeats(records, log)
+    written = _without_repeats(records, log, of_task)
     if log.has_unfixable:
         raise SubmissionError(log.all_problems())
     poses = [pose for record in records for pose in record.poses]
@@ -109,13 +119,14 @@ def convert(
         fixed=log.fixed(),
         dropped=dict(log.ignored_fields),
         poses_without_angles=sum(pose.heading is None for pose in poses),
+        has_targets=of_task.has_targets,
         remaining=() if truth is None else _problems_of(written, truth),
     )
 
 
 def _problems_of(records: Sequence[Mapping[str, Any]], truth: GroundTruth) -> Sequence[Problem]:
     try:
-        align(read_predictions(records), truth)
+        align(read_predictions(records, truth.task), truth)
     except SubmissionError as error:
         return error.problems
     return ()
@@ -163,12 +174,14 @@ def _with_known_ids(
     ]
 
 
-def _without_repeats(records: Sequence[ReadRecord], log: ReadingLog) -> Sequence[Mapping[str, Any]]:
+def _without_repeats(
+    records: Sequence[ReadRecord], log: ReadingLog, task: Task
+) -> Sequence[Mapping[str, Any]]:
     """Write records in the official form, and leave out those that repeat an earlier one."""
     earlier: dict[str | None, Mapping[str, Any]] = {}
     written = []
     for record in records:
-        official = _official(record)
+        official = _official(record, task)
         if record.instr_id is not None and earlier.get(record.instr_id) == official:
             log.add_fault(problems.REPEATED_RECORDS, record.location, ".instr_id", record.instr_id)
         else:
@@ -177,9 +190,9 @@ def _without_repeats(records: Sequence[ReadRecord], log: ReadingLog) -> Sequence
     return written
 
 
-def _official(record: ReadRecord) -> dict[str, Any]:
+def _official(record: ReadRecord, task: Task) -> dict[str, Any]:
     return {
-        "instr_id": record.instr_id,
+        **task.id_field(record.instr_id or ""),
         "trajectory": [
             [pose.viewpoint_id, float(pose.heading or 0), float(pose.elevation or 0)]
             for pose in record.poses

@@ -20,6 +20,8 @@ BOX_KEYS: tuple[str, ...] = (BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY)
 
 FIELDS = frozenset({INSTR_ID_KEY, TRAJECTORY_KEY, *ANSWER_KEYS, *BOX_KEYS})
 """The fields that are read; all others are ignored."""
+NAVIGATION_FIELDS = frozenset({INSTR_ID_KEY, TRAJECTORY_KEY})
+"""Those that are read in a task without target objects."""
 
 _ABSTENTIONS = ("None", "-1", "")
 """What codebases write besides -1 and null where the agent predicts no object."""

@@ -37,7 +37,7 @@ def submission_hints(
         yield f"read as: {'; '.join(predictions.read_as)}"
     if predictions.ignored_fields:
         yield f"ignored fields: {_list_fields(predictions.ignored_fields)}"
-        if submission.is_navigation_only:
+        if predictions.differences.get("navigation only"):
             yield UNNAMED_ANSWERS
     if submission.abstained.all() and not submission.is_navigation_only:
         yield "no answer predicts an object: RGS will be 0"

@@ -2,24 +2,24 @@
 
 A submission takes this lane only if every record is exactly ``{"instr_id": text, "trajectory":
 [[viewpoint, heading, elevation], ...], "predObjId": integer}``, with nothing missing, repeated or
-added. Nearly all files are, and decoding them is ten times faster than reading value by value. Any
-other submission is declined here and read by :mod:`reverie_eval.submissions._records`, which must
-give the same columns for the same content: this lane never reports a problem of its own.
+added; in a task without target objects, there is no ``predObjId``. Nearly all files are, and
+decoding them is ten times faster than reading value by value. Any other submission is declined here
+and read by :mod:`reverie_eval.submissions._records`, which must give the same columns for the same
+content: this lane never reports a problem of its own.
 """
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import chain, repeat
 from operator import itemgetter
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from reverie_eval.arrays import FloatArray, IntArray, offsets_of
+from reverie_eval.arrays import LARGEST_OBJECT_ID, FloatArray, IntArray, offsets_of
 from reverie_eval.geometry import N_VIEWS
-from reverie_eval.ground_truth import LARGEST_OBJECT_ID
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
@@ -63,6 +63,12 @@ class _Record(msgspec.Struct, gc=False, forbid_unknown_fields=True):
     predObjId: _ObjectId  # noqa: N815  # the published name
 
 
+class _NavigationRecord(msgspec.Struct, gc=False, forbid_unknown_fields=True):
+    instr_id: _InstrId
+    trajectory: _Trajectory
+    predObjId: ClassVar[int] = ABSTAINED  # noqa: N815  # what a record without the field predicts
+
+
 # The official form with all its options. It is never decoded into: answers by box take the careful
 # lane, and this class exists for the JSON Schema.
 class Prediction(msgspec.Struct):
@@ -91,13 +97,12 @@ class Prediction(msgspec.Struct):
     ] = None
 
 
-_FIELDS = _Record.__struct_fields__
-_KEYS = frozenset(_FIELDS)
 _LISTS = frozenset({list, tuple})
 _NUMBERS = frozenset({float, int, np.float64, np.float32})
 _INTEGERS = frozenset({int, np.int64, np.int32})
 
 _decode = msgspec.json.Decoder(list[_Record]).decode
+_decode_navigation = msgspec.json.Decoder(list[_NavigationRecord]).decode
 
 _CHUNK = 1 << 16
 """Bytes that are decoded at once. The objects of so many stay in the processor's cache, and memory
@@ -105,18 +110,20 @@ is used again: the time for each episode and the memory do not grow with the fil
 _BETWEEN_RECORDS = re.compile(rb"\}[ \t\r\n]*,[ \t\r\n]*\{")
 
 
-def decode_official(content: bytes) -> Predictions | None:
+def decode_official(content: bytes, *, has_answers: bool = True) -> Predictions | None:
     """Read a file in the plain official form; return None if it has any other form."""
+    fields = _fields(has_answers=has_answers)
+    decode = _decode if has_answers else _decode_navigation
     numbering = Numbering()
     try:
-        parts = [_read(_decode(chunk), numbering) for chunk in _chunks(content)]
+        parts = [_read(decode(chunk), numbering) for chunk in _chunks(content)]
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
     instr_ids = list(chain.from_iterable(part.instr_ids for part in parts))
     lengths = np.concatenate([part.lengths for part in parts])
     # One colon for each field. If there are more, a record may have a field twice, which msgspec
     # accepts silently. An id with a colon looks the same here; the careful lane tells them apart.
-    if content.count(b":") != len(instr_ids) * len(_FIELDS):
+    if content.count(b":") != len(instr_ids) * len(fields):
         return None
     if _any_prefixed(instr_ids) or lengths.max(initial=0) > MAX_POSES:
         return None
@@ -130,6 +137,7 @@ def decode_official(content: bytes) -> Predictions | None:
         has_degrees=look_like_degrees(np.concatenate([part.stop_angles for part in parts])),
         answer_is_text=np.zeros(len(instr_ids), dtype=np.bool_),
         has_leading_zeros=np.zeros(len(instr_ids), dtype=np.bool_),
+        is_navigation_only=not has_answers,
     )
 
 
@@ -160,7 +168,7 @@ def _chunks(content: bytes) -> Iterator[bytes]:
     yield opening + content[begin:]
 
 
-def _read(records: Sequence[_Record], numbering: Numbering) -> _Part:
+def _read(records: Sequence[_Record | _NavigationRecord], numbering: Numbering) -> _Part:
     # C loops only, and no object outlives its chunk but for the ids of episodes.
     trajectories = [record.trajectory for record in records]
     stops = [trajectory[-1] for trajectory in trajectories]
@@ -175,14 +183,16 @@ def _read(records: Sequence[_Record], numbering: Numbering) -> _Part:
     )
 
 
-def convert_official(submission: Records) -> Predictions | None:
+def convert_official(submission: Records, *, has_answers: bool = True) -> Predictions | None:
     """Read Python objects in the plain official form; return None if they have any other form.
 
     Angles and object ids may be numpy numbers, which agents often produce.
     """
-    if not _is_plain(submission):
+    fields = _fields(has_answers=has_answers)
+    if not _is_plain(submission, fields):
         return None
-    instr_ids, trajectories, answers = _columns(submission)
+    instr_ids, trajectories, *given = _columns(submission, fields)
+    answers = given[0] if given else [ABSTAINED] * len(instr_ids)
     if _any_too_long(trajectories):
         return None
     viewpoint_ids, *angles = zip(*chain.from_iterable(trajectories), strict=True)
@@ -203,6 +213,7 @@ def convert_official(submission: Records) -> Predictions | None:
         has_degrees=look_like_degrees(angle[offsets[1:] - 1]),
         answer_is_text=np.zeros(len(instr_ids), dtype=np.bool_),
         has_leading_zeros=np.zeros(len(instr_ids), dtype=np.bool_),
+        is_navigation_only=not has_answers,
     )
 
 
@@ -223,7 +234,12 @@ def submission_schema() -> dict[str, Any]:
     return schema
 
 
-def _is_plain(submission: Any) -> bool:
+def _fields(*, has_answers: bool) -> Sequence[str]:
+    record = _Record if has_answers else _NavigationRecord
+    return record.__struct_fields__
+
+
+def _is_plain(submission: Any, fields: Sequence[str]) -> bool:
     """Whether everything has the official form, and exactly its types.
 
     Comparing sets of types takes C loops only. Subclasses do not pass, as they may behave in their
@@ -231,13 +247,13 @@ def _is_plain(submission: Any) -> bool:
     """
     if not (submission and _have_types([submission], _LISTS) and _have_types(submission, {dict})):
         return False
-    if any(record.keys() != _KEYS for record in submission):
+    if any(record.keys() != set(fields) for record in submission):
         return False
-    instr_ids, trajectories, answers = _columns(submission)
+    instr_ids, trajectories, *answers = _columns(submission, fields)
     if not (
         _have_types(instr_ids, {str})
         and _have_types(trajectories, _LISTS)
-        and _have_types(answers, _INTEGERS)
+        and all(_have_types(each, _INTEGERS) for each in answers)
     ):
         return False
     poses = list(chain.from_iterable(trajectories))
@@ -247,8 +263,8 @@ def _is_plain(submission: Any) -> bool:
     return _have_types(viewpoint_ids, {str}) and _have_types(chain(*angles), _NUMBERS)
 
 
-def _columns(submission: Any) -> Iterator[list[Any]]:
-    return (list(map(itemgetter(field), submission)) for field in _FIELDS)
+def _columns(submission: Any, fields: Sequence[str]) -> Iterator[list[Any]]:
+    return (list(map(itemgetter(field), submission)) for field in fields)
 
 
 def _have_types(values: Iterable[object], types: Collection[type]) -> bool:

@@ -152,13 +152,10 @@ class Predictions:
     """The fields that are not read, with the number of records that have them."""
     differences: Mapping[str, int] = field(default_factory=dict)
     """How often each difference from the official form occurs, by its key."""
+    is_navigation_only: bool = False
+    """Whether no record has an answer."""
     problems: Sequence[Problem] = ()
     """What could not be read."""
-
-    @property
-    def is_navigation_only(self) -> bool:
-        """Whether no record has an answer."""
-        return self.differences.get("navigation only", 0) > 0
 
     @property
     def has_long_hops(self) -> bool:

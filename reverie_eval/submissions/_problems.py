@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from reverie_eval.arrays import LARGEST_OBJECT_ID
 from reverie_eval.errors import Problem
-from reverie_eval.ground_truth import LARGEST_OBJECT_ID
+from reverie_eval.tasks import DEFAULT_TASK, Task
 from reverie_eval.text import count_text, first_few
 
 MAX_PROBLEMS = 10_000
@@ -23,8 +24,6 @@ MAX_PROBLEMS = 10_000
 
 WHOLE_FILE = "file"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
-RECORD_FORM = "an object with instr_id, trajectory and predObjId"
-INSTR_ID_FORM = 'the episode\'s id as text: "4774_267_1"'
 TRAJECTORY_FORM = f"a list of poses {POSE_FORM}"
 OBJECT_FORM = "an object id (an integer from 0), or -1 where the agent predicts no object"
 BOX_FORM = "[x, y, width, height] in pixels from the upper left corner"
@@ -231,6 +230,19 @@ class RecordLocation(NamedTuple):
         return f"[{self.row}]" if self.key is None else f'["{self.key}"]'
 
 
+def record_form(task: Task) -> str:
+    """Return what a record of a task's result is."""
+    answer = ", trajectory and predObjId" if task.has_targets else " and trajectory"
+    return f"an object with {task.id_keys[0]}{answer}"
+
+
+def id_form(task: Task) -> str:
+    """Return what the id of a task's episode is."""
+    if task.has_numbers:
+        return f"the number of the episode: {task.id_example}"
+    return f'the episode\'s id as text: "{task.id_example}"'
+
+
 def limit_problems(problems: Iterable[Problem]) -> Sequence[Problem]:
     """Return all problems, or the first of them and one that says that there are more."""
     first = list(islice(problems, MAX_PROBLEMS + 1))
@@ -418,11 +430,22 @@ def missing_episodes(missing: Sequence[str], expected: int, split: str) -> Probl
     return Problem("missing-episode", WHOLE_FILE, message)
 
 
-def ids_outside_demo(count: int, first: str, split: str) -> Problem:
+def ids_of_another_task(count: int, first: str, task: Task, others: Sequence[Task]) -> Problem:
+    titles = " or ".join(each.title for each in others)
+    ids_look = "1 id looks" if count == 1 else f"{count:,} ids look"
+    message = (
+        f"{ids_look} like {titles} ids, not like {task.title} ids ({task.id_example}); the first "
+        f"is {_json(first)}: score the file with --task {others[0].name}"
+    )
+    return Problem("other-task", WHOLE_FILE, message)
+
+
+def ids_outside_demo(count: int, first: str, split: str, task: Task) -> Problem:
+    of_task = "" if task.name == DEFAULT_TASK else f"--task {task.name} "
     message = (
         f"no instr_id is in the demo world that ships with this package ({count:,} are not, the "
-        f"first is {_json(first)}); to score REVERIE itself, clone "
-        f"github.com/YuankaiQi/REVERIE, run `reverie-eval compile REVERIE --split {split} "
+        f"first is {_json(first)}); to score {task.title} itself, clone "
+        f"{task.source}, run `reverie-eval compile {task.title} {of_task}--split {split} "
         f"-o {split}.npz` once and pass --ground-truth {split}.npz"
     )
     return Problem("not-the-demo-world", WHOLE_FILE, message)
@@ -466,11 +489,8 @@ def missing_field(location: RecordLocation, field: str) -> Problem:
     return _record_problem("missing-field", location, f"has no {field}; add it")
 
 
-def unknown_episode(location: RecordLocation, instr_id: str, split: str) -> Problem:
-    message = (
-        f"{_json(instr_id)} is not an episode of {split}; ids are <task id>_<index of the "
-        "instruction>, counted from 0"
-    )
+def unknown_episode(location: RecordLocation, instr_id: str, split: str, task: Task) -> Problem:
+    message = f"{_json(instr_id)} is not an episode of {split}; ids are {task.id_form}"
     return _record_problem("unknown-episode", location, message, ".instr_id")
 
 

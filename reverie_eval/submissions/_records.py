@@ -23,13 +23,17 @@ from reverie_eval.submissions._document import (
     RepeatingObject,
     are_records,
     check_record_count,
+    is_integer,
     is_list,
     parse_document,
 )
 from reverie_eval.submissions._fields import (
+    ANSWER_KEYS,
+    BOX_KEYS,
     FIELDS,
     INSTR_ID_KEY,
     MAX_COMPARED,
+    NAVIGATION_FIELDS,
     TRAJECTORY_KEY,
     find_misspelt,
 )
@@ -47,6 +51,10 @@ from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._tables import rows_of_table
 from reverie_eval.submissions._trajectories import Poses, read_trajectory
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
+
+REVERIE = find_task(DEFAULT_TASK)
+"""What is read if no task is named."""
 
 
 class ReadRecord(NamedTuple):
@@ -60,8 +68,10 @@ class ReadRecord(NamedTuple):
     """None if no record of the file has an answer."""
 
 
-def read_predictions(submission: Submission, *, answers_only: bool = False) -> Predictions:
-    """Read a submission in any form that public codebases write.
+def read_predictions(
+    submission: Submission, task: Task = REVERIE, *, answers_only: bool = False
+) -> Predictions:
+    """Read a submission in any form that public codebases of a task write.
 
     With ``answers_only``, trajectories are ignored and may be left out.
 
@@ -73,22 +83,26 @@ def read_predictions(submission: Submission, *, answers_only: bool = False) -> P
         If the file cannot be read.
     """
     if not are_records(submission):
-        return parse_predictions(read_bytes(submission), answers_only=answers_only)
-    predictions = None if answers_only else convert_official(submission)
-    return predictions or read_carefully(submission, ReadingLog(), answers_only=answers_only)
+        return parse_predictions(read_bytes(submission), task, answers_only=answers_only)
+    predictions = None
+    if not answers_only:
+        predictions = convert_official(submission, has_answers=task.has_targets)
+    return predictions or read_carefully(submission, ReadingLog(), task, answers_only=answers_only)
 
 
-def parse_predictions(content: bytes, *, answers_only: bool = False) -> Predictions:
+def parse_predictions(
+    content: bytes, task: Task = REVERIE, *, answers_only: bool = False
+) -> Predictions:
     """Read the unpacked JSON text of a submission, as :func:`read_predictions` does."""
-    predictions = decode_official(content)
+    predictions = decode_official(content, has_answers=task.has_targets)
     if predictions is not None:
         return predictions.without_trajectories() if answers_only else predictions
     log = ReadingLog()
-    return read_carefully(parse_document(content, log), log, answers_only=answers_only)
+    return read_carefully(parse_document(content, log), log, task, answers_only=answers_only)
 
 
 def read_records(
-    document: Any, log: ReadingLog, *, answers_only: bool = False
+    document: Any, log: ReadingLog, task: Task = REVERIE, *, answers_only: bool = False
 ) -> Sequence[ReadRecord]:
     """Read a list of records, or an object of records keyed by their instr_id.
 
@@ -102,20 +116,23 @@ def read_records(
     if isinstance(document, Sized):
         check_record_count(len(document))
     optional = {TRAJECTORY_KEY} if answers_only else set()
+    if not task.has_targets:
+        optional |= {*ANSWER_KEYS, *BOX_KEYS}
     records = [
-        (location, _with_known_fields(location, record, log, optional))
+        (location, _with_known_fields(location, _with_id(record, task), log, optional, task))
         for location, record in _located_records(document, log)
-        if _is_record(location, record, log)
+        if _is_record(location, record, log, task)
     ]
     _check_problem_count(log)
     # A single missing answer is a fault; if no record has one, the agent does not ground at all.
-    navigation_only = bool(records) and not any(has_answer(record) for _, record in records)
-    log.differences["navigation only"] += len(records) * navigation_only
+    has_any = any(has_answer(record) for _, record in records)
+    navigation_only = bool(records) and not (task.has_targets and has_any)
+    log.differences["navigation only"] += len(records) * (navigation_only and task.has_targets)
     if navigation_only and answers_only:
         log.problems.append(problems.no_answers())
     read = []
     for location, record in records:
-        instr_id = _read_instr_id(location, record, log)
+        instr_id = _read_instr_id(location, record, log, task)
         poses = None if answers_only else read_trajectory(location, record, log)
         answer = None if navigation_only else read_answer(location, record, poses, log)
         read.append(ReadRecord(location, instr_id, poses or Poses.of([]), answer))
@@ -195,9 +212,9 @@ def _located_records(document: Any, log: ReadingLog) -> Iterable[tuple[RecordLoc
     ]
 
 
-def _is_record(location: RecordLocation, record: Any, log: ReadingLog) -> bool:
+def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Task) -> bool:
     if not isinstance(record, Mapping):
-        log.problems.append(problems.wrong_type(location, record, problems.RECORD_FORM))
+        log.problems.append(problems.wrong_type(location, record, problems.record_form(task)))
         return False
     if isinstance(record, RepeatingObject):
         for field in sorted(record.repeated & FIELDS):
@@ -206,10 +223,15 @@ def _is_record(location: RecordLocation, record: Any, log: ReadingLog) -> bool:
 
 
 def _with_known_fields(
-    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog, optional: AbstractSet[str]
+    location: RecordLocation,
+    record: Mapping[str, Any],
+    log: ReadingLog,
+    optional: AbstractSet[str],
+    task: Task,
 ) -> Mapping[str, Any]:
     """Return a record with its misspelt fields under the names that they must mean."""
-    if record.keys() <= FIELDS:
+    read = FIELDS if task.has_targets else NAVIGATION_FIELDS
+    if record.keys() <= read:
         return record
     if location.key is not None:
         optional = optional | {INSTR_ID_KEY}
@@ -217,15 +239,25 @@ def _with_known_fields(
     misspelt = find_misspelt(record, optional) if few else {}
     for field, meant in misspelt.items():
         log.add_fault(problems.misspelt(field, meant), location, "", field)
-    ignored = [field for field in record if field not in FIELDS and field not in misspelt]
+    ignored = [field for field in record if field not in read and field not in misspelt]
     log.ignored_fields.update(ignored)
     if not misspelt:
         return record
     return {**record, **{meant: record[field] for field, meant in misspelt.items()}}
 
 
+def _with_id(record: Mapping[str, Any], task: Task) -> Mapping[str, Any]:
+    """Return a record with its id as instr_id, whatever the task calls it; a number as text."""
+    key = next((key for key in task.id_keys if key in record), INSTR_ID_KEY)
+    if key not in record or not (key != INSTR_ID_KEY or task.has_numbers):
+        return record
+    value = record[key]
+    text = str(value) if task.has_numbers and is_integer(value) else value
+    return {**{name: each for name, each in record.items() if name != key}, INSTR_ID_KEY: text}
+
+
 def _read_instr_id(
-    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog
+    location: RecordLocation, record: Mapping[str, Any], log: ReadingLog, task: Task
 ) -> str | None:
     value = record.get("instr_id", location.key)
     if value is None and "instr_id" not in record:
@@ -233,7 +265,7 @@ def _read_instr_id(
         return None
     if not isinstance(value, str):
         log.problems.append(
-            problems.wrong_type(location, value, problems.INSTR_ID_FORM, "instr_id")
+            problems.wrong_type(location, value, problems.id_form(task), "instr_id")
         )
         return None
     if location.key is not None and _bare(location.key) != _bare(value):
@@ -246,9 +278,11 @@ def _bare(instr_id: str) -> str:
     return instr_id.removeprefix(ID_PREFIX)
 
 
-def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False) -> Predictions:
+def read_carefully(
+    document: Any, log: ReadingLog, task: Task = REVERIE, *, answers_only: bool = False
+) -> Predictions:
     """Read a list of records, or records keyed by their instr_id, in any form."""
-    records = read_records(document, log, answers_only=answers_only)
+    records = read_records(document, log, task, answers_only=answers_only)
     poses = [record.poses for record in records]
     lengths = np.fromiter(map(len, poses), np.int64, len(poses))
     answers = [record.answer or Answer(ABSTAINED) for record in records]
@@ -274,6 +308,7 @@ def read_carefully(document: Any, log: ReadingLog, *, answers_only: bool = False
         read_as=log.read_as(),
         ignored_fields=dict(log.ignored_fields),
         differences=log.differences,
+        is_navigation_only=bool(records) and all(record.answer is None for record in records),
         problems=log.all_problems(),
     )
 

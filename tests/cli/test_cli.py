@@ -189,7 +189,6 @@ def test_every_problem_is_listed_with_its_place(run: Run) -> None:
     [
         pytest.param("submit.json", id="no split"),
         pytest.param("{split}", id="no submission"),
-        pytest.param("submit.json {split} --protocol mine", id="unknown protocol"),
         pytest.param("submit.json {split} --format yaml", id="unknown format"),
         pytest.param("submit.json {split} --track navigation", id="unknown track"),
         pytest.param("submit.json {split} --diagnose twice", id="diagnose takes no value"),

@@ -23,15 +23,17 @@ from reverie_eval.ground_truth._bundle import (
     OPTIONAL_ANSWER_ARRAYS,
     PUBLIC_ARRAYS,
     PUBLIC_TEXTS,
+    TARGET_ARRAYS,
     UNSCORED_ARRAYS,
     pack_texts,
 )
+from reverie_eval.tasks import BUILT_IN
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
 from tests.support.worlds import SPLIT
 
 VAL_UNSEEN = DEMO_BUNDLES / "val_unseen.npz"
-PRIVATE = ANSWER_ARRAYS.keys() | OPTIONAL_ANSWER_ARRAYS.keys()
+PRIVATE = ANSWER_ARRAYS.keys() | TARGET_ARRAYS.keys() | OPTIONAL_ANSWER_ARRAYS.keys()
 """The names of everything that a public bundle leaves out."""
 
 
@@ -350,7 +352,12 @@ def test_a_public_bundle_validates_but_does_not_score(bundle: Bundle) -> None:
 
 # The bundles that ship with the package.
 
-DEMO = ["train.npz", "val_seen.npz", "val_unseen.npz", "test.public.npz", "private/test.npz"]
+SPLITS = ["train.npz", "val_seen.npz", "val_unseen.npz", "test.public.npz", "private/test.npz"]
+DEMO = [
+    *SPLITS,
+    *(f"{task}/{name}" for task in BUILT_IN if task not in ("reverie", "r4r") for name in SPLITS),
+    *(f"r4r/{name}" for name in SPLITS if "test" not in name),
+]
 
 
 def test_these_bundles_ship_with_the_package() -> None:

@@ -173,8 +173,10 @@ def test_a_folder_or_a_pattern(run: Run, here: Path, words: list[str]) -> None:
     assert row.endswith(rv.evaluate("runs/good.json", split=SPLIT).signature)
 
 
-def test_reports_of_all_files(run: Run, files: list[str]) -> None:
-    reports = json.loads(run(*files[:2], "--split", SPLIT, "--format", "json").out)
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_reports_of_all_files(jobs: str, run: Run, files: list[str]) -> None:
+    words = ("--split", SPLIT, "--format", "json", "--jobs", jobs)
+    reports = json.loads(run(*files[:2], *words).out)
     assert list(reports) == [files[1], files[0]]
     assert reports[files[0]]["scores"] == dict(rv.evaluate(files[0], split=SPLIT))
 

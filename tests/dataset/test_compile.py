@@ -27,7 +27,7 @@ RECTORY = CONNECTIVITY / "DemoRectory_connectivity.json"
 
 def compiled(root: Path, split: str = SPLIT, **elsewhere: Path) -> Bundle:
     """Compile a split of the files below a folder."""
-    return compile_split(DatasetFiles.find(root, split=split, **elsewhere), split)
+    return compile_split(DatasetFiles.find(root, split=split, task="reverie", **elsewhere), split)
 
 
 @pytest.fixture(scope="module")
@@ -277,6 +277,7 @@ def _boxes_in_one_file(world: Path) -> DatasetFiles:
 
 def _boxes_in_one_file_without_empty_viewpoints(world: Path) -> DatasetFiles:
     files = _boxes_in_one_file(world)
+    assert files.boxes is not None
     edit(files.boxes, lambda boxes: [boxes.pop(key) for key in list(boxes) if not boxes[key]])
     return files
 
@@ -447,23 +448,23 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _tasks(lambda tasks: tasks[1].update(objId="lamp")),
             "malformed-task",
             ANNOTATIONS,
-            "[1]: objId: Input should be a valid integer",
+            "[1]: Expected `int | null`, got `str` - at `$.objId`",
             id="target is a text",
         ),
         pytest.param(
             _tasks(lambda tasks: tasks[1].update(path=[])),
             "malformed-task",
             ANNOTATIONS,
-            "[1]: path: List should have at least 1 item",
+            "[1]: Expected `array` of length >= 1 - at `$.path`",
             id="empty path",
         ),
         pytest.param(
             _tasks(lambda tasks: [task.pop("instructions") for task in tasks[:5]]),
             "malformed-task",
             ANNOTATIONS,
-            "5 of 32 records that do not have the published form: [0]: instructions: Field "
-            "required, [1]: instructions: Field required, [2]: instructions: Field required and 2 "
-            "more. All other",
+            "5 of 32 records that do not have the published form: [0]: Object missing required "
+            "field `instructions`, [1]: Object missing required field `instructions`, [2]: Object "
+            "missing required field `instructions` and 2 more. All other",
             id="instructions missing",
         ),
         pytest.param(

@@ -150,6 +150,7 @@ def test_a_broken_file_gets_all_problems_at_once_as_at_home(
         validate(content, split=split, ground_truth=public)
     at_home = [
         {"code": each.code, "where": each.where, "message": each.message}
+        | ({"split": each.split} if each.split else {})
         for each in rejected.value.problems
     ]
     for path in ("submissions", "validate"):

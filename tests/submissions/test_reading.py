@@ -29,6 +29,7 @@ from reverie_eval.submissions._document import parse_document
 from reverie_eval.submissions._official import decode_official
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import read_carefully
+from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
 
 RIGHT = {"instr_id": '"7_1_0"', "trajectory": '[["hall", 1.5, 0]]', "predObjId": "3"}
@@ -753,6 +754,22 @@ def test_the_careful_lane_reads_common_forms_as_it_reads_others(content: bytes) 
 @pytest.mark.parametrize("name", ["good.json", "mediocre.json"])
 def test_the_fast_lane_accepts_what_agents_write(name: str) -> None:
     assert decode_official((SAMPLES / name).read_bytes()) is not None
+
+
+@pytest.mark.parametrize("name", ["r2r", "r4r"])
+@pytest.mark.parametrize("chunk", [1, 1 << 16])
+def test_the_fast_lane_reads_a_task_without_objects(name: str, chunk: int) -> None:
+    content = (SAMPLES / f"{name}.json").read_bytes()
+    with patch("reverie_eval.submissions._official._CHUNK", chunk):
+        predictions = decode_official(content, has_answers=False)
+    assert predictions is not None
+    log = ReadingLog()
+    carefully = read_carefully(parse_document(content, log), log, find_task(name))
+    assert columns_of(predictions) == columns_of(carefully)
+    assert predictions.is_navigation_only
+    assert carefully.is_navigation_only
+    assert decode_official(content) is None
+    assert decode_official((SAMPLES / "good.json").read_bytes(), has_answers=False) is None
 
 
 @pytest.mark.parametrize("content", [b"[{}, {}, {}]", b"{}\n{}\n{}", b"{} {} {} and more"])

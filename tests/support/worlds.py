@@ -21,6 +21,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from reverie_eval import GroundTruth, Scores, evaluate
+from reverie_eval.arrays import Array
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.ground_truth import Bundle
 from tests.support.drawings import fields_of, random_box, random_drawing
@@ -218,6 +219,12 @@ def ground_truth_of(world: World) -> GroundTruth:
 
 def ground_truth_by_hand(world: World) -> GroundTruth:
     """Lay out a world's bundle with what the oracle says, and take it for ground truth."""
+    arrays = ground_truth_arrays(world)
+    return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}))
+
+
+def ground_truth_arrays(world: World) -> Mapping[str, Array]:
+    """Return the arrays of a world's bundle."""
     numbered = [
         (number, scan, viewpoint_id)
         for number, scan in enumerate(world.scans.values())
@@ -238,7 +245,7 @@ def ground_truth_by_hand(world: World) -> GroundTruth:
         for view in scan.viewpoints[viewpoint_id].views[object_id]
     ]
     tasks = world.tasks
-    arrays = {
+    return {
         "instr_id": np.array([instr_id for task in tasks for instr_id in task.instr_ids]),
         "episode_task": np.repeat(np.arange(len(tasks)), [task.instructions for task in tasks]),
         "task_start": np.array([row[task.path[0]] for task in tasks]),
@@ -260,7 +267,6 @@ def ground_truth_by_hand(world: World) -> GroundTruth:
         "box_view": np.array([view for _, view, _ in shown]),
         "box_xywh": np.array([box for _, _, box in shown]).reshape(-1, 4),
     }
-    return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}))
 
 
 def write_world(world: World, folder: Path) -> None:

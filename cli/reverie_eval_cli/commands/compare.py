@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 )
 @options.split
 @options.ground_truth
+@options.task
 @options.protocol
 @options.track
 @options.episodes_from
@@ -69,6 +70,7 @@ def compare(
     baseline: str | None,
     split: str,
     ground_truth: str | None,
+    task: str | None,
     protocol: str,
     track: "Track",
     episodes_from: Path | None,
@@ -97,7 +99,7 @@ def compare(
     if baseline is None and len(methods) > len(submissions):
         baseline = BEST
     name_of = {runs[0]: name for name, runs in methods.items() if len(runs) == 1}
-    truth = find_truth(ground_truth, split, episodes_from)
+    truth = find_truth(ground_truth, split, episodes_from, task)
     evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
     scored = iter(score_each(files, evaluator))
     scores = {
@@ -126,6 +128,7 @@ def compare(
 @click.argument("other", required=False, type=click.Path(allow_dash=True))
 @options.split
 @options.ground_truth
+@options.task
 @options.protocol
 @options.track
 @options.episodes_from
@@ -137,6 +140,7 @@ def report(
     other: str | None,
     split: str,
     ground_truth: str | None,
+    task: str | None,
     protocol: str,
     track: "Track",
     episodes_from: Path | None,
@@ -153,7 +157,7 @@ def report(
     check_outputs([output], [*submissions, ground_truth, episodes_from])
     if output is None and sys.stdout.isatty():
         raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
-    truth = find_truth(ground_truth, split, episodes_from)
+    truth = find_truth(ground_truth, split, episodes_from, task)
     evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
     scored = score_each(submissions, evaluator)
     scores = dict(zip(submission_names(submissions), scored, strict=True))

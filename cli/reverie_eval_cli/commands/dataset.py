@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from reverie_eval import DatasetError, ReverieEvalError
-from reverie_eval.ground_truth import Bundle, bundle_name
+from reverie_eval.ground_truth import Bundle, bundle_folder, bundle_name
+from reverie_eval.tasks import DEFAULT_TASK
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.output import check_outputs, show, with_progress
+from reverie_eval_cli.output import check_outputs, note, show, with_progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 @click.command("compile")
 @options.dataset_files
 @options.object_positions
+@options.dataset_task
 @options.split
 @click.option(
     "-o",
@@ -29,21 +31,24 @@ if TYPE_CHECKING:
     required=True,
     metavar="FILE",
     help="The bundle to write; or a folder, existing or ending in /, for SPLIT.npz or "
-    "SPLIT.public.npz.",
+    "SPLIT.public.npz, in it or in its folder of the task's name.",
 )
 @click.option("--public", is_flag=True, help="Leave out the answers: a bundle to validate with.")
-def compile_bundle(*, split: str, output: str, public: bool, **paths: Path | None) -> None:
+def compile_bundle(
+    *, split: str, output: str, public: bool, task: str, **paths: Path | None
+) -> None:
     """Compile a split's files into a ground-truth bundle.
 
-    DATASET is a clone of the REVERIE dataset repository. Files that are not in it are named by the
-    options.
+    DATASET is a clone of the REVERIE dataset repository, or of another task's. Files that are not
+    in it are named by the options.
     """
-    from reverie_eval.dataset import DatasetFiles, compile_split
+    from reverie_eval.dataset import DatasetFiles, compile_split, origin_notes
 
     if not re.fullmatch(r"\w+", split):
         raise click.UsageError(f"{split!r} is not a split's name; use letters, digits and _")
-    files = DatasetFiles.find(split=split, **paths)
+    files = DatasetFiles.find(split=split, task=task, **paths)
     bundle = compile_split(files, split, progress=with_progress)
+    notes = list(origin_notes(bundle.header))
     if public:
         bundle = bundle.public()
     place = _bundle_path(output, bundle)
@@ -55,6 +60,8 @@ def compile_bundle(*, split: str, output: str, public: bool, **paths: Path | Non
     if bundle.is_public:
         print("no answers included: it can validate submissions, not score them")
     print(f"fingerprint {bundle.header.fingerprint}")
+    for remark in notes:
+        note(remark)
 
 
 def _bundle_path(output: str, bundle: Bundle) -> Path:
@@ -63,6 +70,8 @@ def _bundle_path(output: str, bundle: Bundle) -> Path:
     if output.endswith(os.sep):
         path.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
+        path = bundle_folder(path, bundle.header.task)
+        path.mkdir(exist_ok=True)
         path /= bundle_name(bundle.header.split, public=bundle.is_public)
     if path.exists() and not path.is_file():
         raise ReverieEvalError(f"{path} is not a regular file, and is not replaced")
@@ -72,12 +81,13 @@ def _bundle_path(output: str, bundle: Bundle) -> Path:
 @click.command()
 @options.dataset_files
 @options.object_positions
+@options.dataset_task
 @options.layout("text", "json", explained=" json has more percentiles and examples.")
 @options.output("the report")
-def lint(*, layout: str, output: str | None, **paths: Path | None) -> int:
+def lint(*, task: str, layout: str, output: str | None, **paths: Path | None) -> int:
     """Check all files of a dataset.
 
-    DATASET is a clone of the REVERIE dataset repository.
+    DATASET is a clone of the REVERIE dataset repository, or of another task's.
 
     Exit status: 0 no errors, 1 errors found, 2 usage or system error.
     """
@@ -86,7 +96,7 @@ def lint(*, layout: str, output: str | None, **paths: Path | None) -> int:
 
     check_outputs([output], paths.values())
     try:
-        files = DatasetFiles.find(split=None, **paths)
+        files = DatasetFiles.find(split=None, task=task, **paths)
     except DatasetError as error:  # no dataset to check is a usage error, not a finding
         raise ReverieEvalError(str(error)) from error
     report = lint_dataset(files, progress=with_progress)
@@ -119,7 +129,7 @@ def describe(
 
     check_outputs([output], paths.values())
     write_figures = _figure_writer() if figures else None
-    files = DatasetFiles.find(split=None, **paths)
+    files = DatasetFiles.find(split=None, task=DEFAULT_TASK, **paths)
     description = describe_dataset(files, progress=with_progress)
     if write_figures and figures:
         write_figures(description, figures)

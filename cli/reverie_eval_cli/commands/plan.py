@@ -20,6 +20,7 @@ _PERCENT = options.Decimal(0, 100, min_open=True)
 @click.command()
 @options.split
 @options.ground_truth
+@options.task
 @click.option(
     "--effect",
     metavar="POINTS",
@@ -56,6 +57,7 @@ def plan(
     *,
     split: str,
     ground_truth: str | None,
+    task: str | None,
     effect: float,
     discordance: float,
     correlation: float,
@@ -77,7 +79,7 @@ def plan(
             f"the effect ({effect:g} points) is larger than the discordance ({discordance:g} %); "
             "methods cannot differ by more than the episodes in which they differ"
         )
-    truth = find_ground_truth(ground_truth, split)
+    truth = find_ground_truth(ground_truth, split, task)
     design = Design.of(clusters_of(truth, cluster), discordance / 100, correlation)
     clusters = count_text(int(design.n_clusters), cluster)
     assumed = f"discordance {discordance:g} %, correlation {correlation:g}"

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import click
 
 from reverie_eval import (
-    CATALOGUE,
     PROTOCOLS,
     Evaluator,
     GroundTruth,
@@ -24,6 +23,7 @@ from reverie_eval import (
     evaluate,
     evaluate_protocols,
 )
+from reverie_eval.metrics import METRICS
 from reverie_eval.reporting._scores import (
     FORMATS,
     RANKING_FORMATS,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from reverie_eval.scoring import Clustering, Track
 
 _ALL = "all"
-_KEYS = {"csv": CATALOGUE.keys(), "json": CATALOGUE.keys()}
+_KEYS = dict.fromkeys(("csv", "json"), frozenset(METRICS))
 """The metrics of formats that have more than the table has."""
 _SECONDS_BETWEEN_LOOKS = 1.0
 """A file that has not changed for so long is taken to be complete."""
@@ -66,12 +66,13 @@ _SECONDS_BETWEEN_LOOKS = 1.0
 )
 @options.split
 @options.ground_truth
+@options.task
 @click.option(
     "--protocol",
-    type=options.Choice([*PROTOCOLS, *ALIASES, _ALL]),
     default=DEFAULT_PROTOCOL,
     show_default=True,
     metavar="NAME",
+    shell_complete=options.complete_protocol,
     help=f"The rules to score by: {', '.join(PROTOCOLS)}; "
     f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; or {_ALL} of them.",
 )
@@ -109,6 +110,7 @@ def score(
     submissions: Sequence[str],
     split: str,
     ground_truth: str | None,
+    task: str | None,
     protocol: str,
     track: "Track",
     episodes_from: Path | None,
@@ -130,7 +132,7 @@ def score(
     check_outputs([output, episodes], [*submissions, ground_truth, episodes_from])
     if diagnosed and (protocol == _ALL or track != "full"):
         raise click.UsageError("--diagnose goes with one protocol, on the full track")
-    truth = find_truth(ground_truth, split, episodes_from)
+    truth = find_truth(ground_truth, split, episodes_from, task)
     submission = None if watch else _only_file(submissions)
     if submission is None:
         has_interval = (ci or cluster) and not any(map(find_runs, submissions))

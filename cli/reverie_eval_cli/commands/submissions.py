@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 @options.submission
 @options.split
 @options.ground_truth
+@options.task
 @options.track
 @options.episodes_from
 @options.layout("text", "json", explained=" json lists all problems, text the first 20.")
@@ -39,6 +40,7 @@ def validate_submission(
     submission: str,
     split: str,
     ground_truth: str | None,
+    task: str | None,
     track: "Track",
     episodes_from: Path | None,
     layout: str,
@@ -50,7 +52,7 @@ def validate_submission(
     enough.
     """
     check_outputs([output], [submission, ground_truth, episodes_from])
-    truth = find_truth(ground_truth, split, episodes_from)
+    truth = find_truth(ground_truth, split, episodes_from, task)
     try:
         checked = validate(submission, split=split, ground_truth=truth, track=track)
     except SubmissionError as error:
@@ -68,7 +70,7 @@ def validate_submission(
 def _as_text(checked: Validation, submission: str) -> str:
     truth = checked.ground_truth
     count = len(truth.episodes.instr_ids)
-    chosen = "chosen " if truth.subset_of else ""
+    chosen = "chosen " if truth.subset_digest else ""
     verdict = (
         f"valid, with a prediction for each of the {count:,} {chosen}episodes of {truth.split}"
     )
@@ -99,9 +101,15 @@ def validation_json(split: str, problems: Sequence[Problem] = (), notes: Sequenc
     "from 1.",
 )
 @options.ground_truth
+@options.task
 @options.output("the submission")
 def convert_submission(
-    *, submission: str, split: str | None, ground_truth: str | None, output: str | None
+    *,
+    submission: str,
+    split: str | None,
+    ground_truth: str | None,
+    task: str | None,
+    output: str | None,
 ) -> None:
     """Convert a submission to the official form.
 
@@ -113,7 +121,7 @@ def convert_submission(
 
     check_outputs([output], [submission, ground_truth])
     with naming(submission):
-        conversion = convert(submission, split=split, ground_truth=ground_truth)
+        conversion = convert(submission, split=split, ground_truth=ground_truth, task=task)
     write_text(submission_text(conversion.records), output)
     for each in conversion.notes:
         print(f"{source_name(submission)}: {each}", file=sys.stderr)
@@ -122,6 +130,7 @@ def convert_submission(
 @click.command("subset")
 @options.split
 @options.ground_truth
+@options.task
 @click.option(
     "--n", "number", metavar="N", type=int, required=True, help="Number of episodes to draw."
 )
@@ -136,6 +145,7 @@ def draw_episodes(
     *,
     split: str,
     ground_truth: str | None,
+    task: str | None,
     number: int,
     stratify: str | None,
     seed: int,
@@ -149,7 +159,7 @@ def draw_episodes(
     from reverie_eval.ground_truth import draw_subset, find_ground_truth
 
     check_outputs([output], [ground_truth])
-    truth = find_ground_truth(ground_truth, split)
+    truth = find_ground_truth(ground_truth, split, task)
     scans = map(truth.graph.scan_of, truth.episodes.start.tolist())
     strata = dict(zip(truth.episodes.instr_ids, scans if stratify else repeat(""), strict=False))
     chosen = draw_subset(strata, number, seed, split)
@@ -161,10 +171,17 @@ def draw_episodes(
 @click.argument("name", type=options.Choice(["shortest", "random", "stop"]))
 @options.split
 @options.ground_truth
+@options.task
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random agent.")
 @options.output("the submission")
 def agent(
-    *, name: str, split: str, ground_truth: str | None, seed: int, output: str | None
+    *,
+    name: str,
+    split: str,
+    ground_truth: str | None,
+    task: str | None,
+    seed: int,
+    output: str | None,
 ) -> None:
     """Write the submission of a reference agent.
 
@@ -174,5 +191,5 @@ def agent(
     from reverie_eval.ground_truth import find_ground_truth
 
     check_outputs([output], [ground_truth])
-    truth = find_ground_truth(ground_truth, split)
+    truth = find_ground_truth(ground_truth, split, task)
     write_text(submission_text(run_agent(name, truth, seed)), output)

@@ -32,6 +32,7 @@ from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.settings import Settings, SettingsError, Split
 from reverie_eval.submissions import parse_predictions
 from reverie_eval.submissions._document import check_value_count
+from reverie_eval.tasks import DEFAULT_TASK
 from reverie_eval.version import __version__
 
 MAX_VALUES = 5_000_000
@@ -339,6 +340,10 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     bundle = Bundle.load(path)
     truth = GroundTruth.from_bundle(bundle, origin=str(path))
     truth.require_answers()
+    if truth.task.name != DEFAULT_TASK:
+        raise GroundTruthError(
+            f"this is the ground truth of {truth.task.title}; a server's splits are REVERIE's"
+        )
     if truth.split != name:
         raise GroundTruthError(f"this is the ground truth of {truth.split}, not of {name}")
     mode = path.stat().st_mode

@@ -1,0 +1,26 @@
+"""The tasks: REVERIE and its family, each a record of what is its own.
+
+A task names how its annotations are read, which submissions it expects, by which rules they are
+scored, and by what they are ranked. Everything else in the package is the same for all of them.
+"""
+
+from reverie_eval.tasks._annotation import Annotation, Path, ViewpointId
+from reverie_eval.tasks._protocol import DEFAULT_PROTOCOL, GoalRule, HopReading, Protocol
+from reverie_eval.tasks._registry import BUILT_IN, DEFAULT_TASK, ENTRY_POINTS, find_task, task_names
+from reverie_eval.tasks._task import Task
+
+__all__ = [
+    "BUILT_IN",
+    "DEFAULT_PROTOCOL",
+    "DEFAULT_TASK",
+    "ENTRY_POINTS",
+    "Annotation",
+    "GoalRule",
+    "HopReading",
+    "Path",
+    "Protocol",
+    "Task",
+    "ViewpointId",
+    "find_task",
+    "task_names",
+]

@@ -1,0 +1,60 @@
+"""The record of an annotation file, as all tasks have it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, TypeAlias
+
+from msgspec import Meta, Struct
+
+ViewpointId: TypeAlias = Annotated[str, Meta(min_length=1)]
+Path: TypeAlias = Annotated[list[ViewpointId], Meta(min_length=1)]
+"""Viewpoints in walking order."""
+
+
+class Annotation(Struct, frozen=True, kw_only=True):
+    """What the episodes of one record share; a task's own class adds the published fields.
+
+    msgspec reads a record into it by names and types; fields that the class does not have are left
+    alone. A public test file gives only the start.
+    """
+
+    scan: Annotated[str, Meta(min_length=1)]
+
+    @property
+    def name(self) -> str:
+        """The record's id, for messages."""
+        raise NotImplementedError
+
+    @property
+    def instr_ids(self) -> Sequence[str]:
+        """The ids of the record's episodes, one for each instruction."""
+        return [f"{self.name}_{index}" for index in range(len(self.texts))]
+
+    @property
+    def texts(self) -> Sequence[str]:
+        """The instruction of each episode."""
+        raise NotImplementedError
+
+    @property
+    def reference(self) -> Sequence[str]:
+        """The annotated path by which the task's default protocol scores, the start first."""
+        raise NotImplementedError
+
+    @property
+    def further_paths(self) -> Mapping[str, Sequence[str]]:
+        """Other annotated paths by name, for protocols that score by one of them."""
+        return {}
+
+    @property
+    def goals(self) -> Sequence[str]:
+        """The goal viewpoints, where the task annotates them beside the path."""
+        return ()
+
+    @property
+    def target(self) -> int | None:
+        """The target object's id within the scan; None in a task without target objects."""
+        return None
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether the record has what the public file of a private split leaves out."""
+        return len(self.reference) > 1

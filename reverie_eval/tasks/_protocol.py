@@ -1,0 +1,61 @@
+"""Protocols: the rules that published evaluators score by, as data.
+
+A protocol's numbers never change once it is released; a correction is a new protocol. Thresholds
+that protocols share are defined with the arithmetic that uses them, in :mod:`reverie_eval.metrics`.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from reverie_eval.metrics import Need
+
+DEFAULT_PROTOCOL = "official-v1"
+"""Every task has a protocol of this name: the rules of the dataset's own authors."""
+
+GoalRule = Literal[
+    "visible",
+    "visible and near the object",
+    "near the path's end",
+    "at most 3 m from the path's end",
+    "at a goal viewpoint",
+]
+Grounding = Literal["anywhere", "only with success", "not scored"]
+HopReading = Literal["first viewpoint", "every viewpoint", "rejected", "no evaluator"]
+"""What a published evaluator makes of a nested hop with several viewpoints."""
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """The rules that a published evaluator scores by."""
+
+    name: str
+    summary: str
+    source: str
+    # The defaults are the rules of the dataset's own script; protocols list only what differs.
+    goal: GoalRule = "visible"
+    """Which viewpoints are goals: those from which the target is visible; those from which it is
+    visible with its centre at most 3 m from the camera; those less than 3 m along the graph from
+    the path's end, or at most 3 m; or those that the task annotates as goals."""
+    spl_numerator: Literal["shortest", "annotated", "nearest goal"] = "shortest"
+    """The length in SPL's numerator: of the shortest route, of the annotated path, or of the
+    shortest route to the nearest annotated goal."""
+    spl_floor: float = 0.0
+    """Smallest denominator of SPL, metres."""
+    rgspl_floor: float = 0.0
+    """Smallest denominator of RGSPL, metres."""
+    grounding: Grounding = "anywhere"
+    """Where a correct answer counts: wherever the agent stops, or only with success."""
+    text_ids_count: bool = True
+    """Whether an object id written as text can be correct."""
+    reference: str = ""
+    """The annotated path to score by, among the task's further paths; empty for its own."""
+    measures: frozenset[Need] = frozenset()
+    """What the annotations let the protocol measure beside walks and answers."""
+    scored_instructions: int | None = None
+    """How many instructions of each path are scored, if not all of them."""
+    rejects_jumps: bool = False
+    """Whether the published evaluator stops at a move between unconnected viewpoints. It is not a
+    rule of the scores, which count such moves."""
+    nested_hops: HopReading = "first viewpoint"
+    """What the published evaluator makes of nested hops. It is not a rule of the scores, which
+    count every viewpoint under all protocols."""

@@ -1,0 +1,108 @@
+"""The record of a task."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from reverie_eval.errors import ProtocolError
+from reverie_eval.metrics import METRICS, Metric, Need
+from reverie_eval.tasks._annotation import Annotation
+from reverie_eval.tasks._protocol import Protocol
+from reverie_eval.text import did_you_mean
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """What a benchmark has of its own."""
+
+    name: str
+    """As options and signatures write it."""
+    title: str
+    """As its paper writes it."""
+    citation: str
+    source: str
+    """Where the annotations are published."""
+    licence: str
+    """Under what terms they are published."""
+    annotation: type[Annotation]
+    """The form of a record of an annotation file."""
+    file_name: str
+    """The published name of a split's annotation file, with ``{split}``."""
+    folder: str
+    """Where these files are in a clone."""
+    published: Mapping[str, str] = field(default_factory=dict)
+    """The split of each published file by its SHA-256, where these are known."""
+    releases: Mapping[tuple[str, int, int], str] = field(default_factory=dict)
+    """Names of releases by a split and its numbers of records and episodes, where there are
+    several."""
+    edited_copies: Mapping[str, str] = field(default_factory=dict)
+    """What is different in copies that circulate, by their SHA-256."""
+    id_pattern: str
+    """What the ids of episodes look like, as a regular expression."""
+    id_form: str
+    """The same in words."""
+    id_example: str
+    id_keys: Sequence[str] = ("instr_id",)
+    """The fields of a result's record that can hold the id, the official one first."""
+    has_numbers: bool = False
+    """Whether the id is a number in the official form; it is compared as text."""
+    has_targets: bool = False
+    """Whether an episode has a target object, which agents name or box."""
+    protocols: Sequence[Protocol]
+    """Every released protocol, the default one first."""
+    aliases: Mapping[str, str] = field(default_factory=dict)
+    """Other names of protocols: codebases that score the same way."""
+    headline: Sequence[str]
+    """The metrics of every score table, by key, in its order."""
+    ranking: Sequence[str]
+    """The metrics that rank submissions, by key: the first of them that is scored does."""
+
+    def release(self, split: str, records: int, episodes: int, sha256: str) -> str | None:
+        """Return the name of the release that a split's file is from; None if it is unknown."""
+        if self.published.get(sha256) == split:
+            return self.title
+        return self.releases.get((split, records, episodes))
+
+    def id_field(self, instr_id: str) -> Mapping[str, str | int]:
+        """Return the id of an episode as the official form of a result has it."""
+        is_number = self.has_numbers and instr_id.isdecimal()
+        return {self.id_keys[0]: int(instr_id) if is_number else instr_id}
+
+    @property
+    def metrics(self) -> Sequence[str]:
+        """The keys of all metrics that a submission for the task can have."""
+        available: set[Need] = {"trajectory"}
+        if self.has_targets:
+            available |= {"answer", "box"}
+        for rules in self.protocols:
+            available |= rules.measures
+        return [key for key, metric in METRICS.items() if metric.needs <= available]
+
+    def protocol(self, name: str) -> Protocol:
+        """Return the protocol with this name or alias.
+
+        Raises
+        ------
+        ProtocolError
+            If there is no such protocol.
+        """
+        by_name = {rules.name: rules for rules in self.protocols}
+        canonical = self.aliases.get(name, name)
+        if canonical not in by_name:
+            known = [*by_name, *self.aliases]
+            raise ProtocolError(f"unknown protocol {name!r}{did_you_mean(name, known)}")
+        return by_name[canonical]
+
+    def table_metrics(self, scored: Collection[str]) -> Sequence[Metric]:
+        """Return the metrics of a score table: the headline ones, and those of boxes if scored.
+
+        Where navigation is scored, the table has a column for each headline metric, whether or not
+        answers are scored.
+        """
+        has_all = "success" in scored
+        headline = [key for key in self.headline if has_all or key in scored]
+        boxes = [key for key in scored if "box" in METRICS[key].needs]
+        return [METRICS[key] for key in (*headline, *boxes)]
+
+    def primary_metric(self, scored: Collection[str]) -> Metric:
+        """Return the metric that submissions are ranked by."""
+        return METRICS[next(key for key in self.ranking if key in scored)]

@@ -1,0 +1,142 @@
+"""REVERIE: find an object from a high-level instruction, and name it."""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Annotated
+
+from msgspec import Meta, field
+
+from reverie_eval.arrays import LARGEST_OBJECT_ID
+from reverie_eval.metrics import CATALOGUE, ranking_metrics
+from reverie_eval.tasks._annotation import Annotation, Path
+from reverie_eval.tasks._protocol import Protocol
+from reverie_eval.tasks._task import Task
+
+
+class ReverieAnnotation(Annotation, frozen=True, kw_only=True):
+    """One record of ``REVERIE_{split}.json``: a path, a target and up to three instructions."""
+
+    published_id: Annotated[str, Meta(min_length=1)] | int = field(name="id")
+    path: Path
+    instructions: Annotated[list[str], Meta(min_length=1)]
+    target_id: Annotated[int, Meta(ge=0, le=LARGEST_OBJECT_ID)] | None = field(
+        name="objId", default=None
+    )
+    """The target object's id within the scan; absent from a public test file."""
+
+    @property
+    def name(self) -> str:
+        """The published id; episode ``k`` of the record is ``{id}_{k}``."""
+        return str(self.published_id)
+
+    @property
+    def texts(self) -> Sequence[str]:
+        """The instructions."""
+        return self.instructions
+
+    @property
+    def reference(self) -> Sequence[str]:
+        """The annotated path."""
+        return self.path
+
+    @property
+    def target(self) -> int | None:
+        """The target object."""
+        return self.target_id
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether the record has a target."""
+        return self.target_id is not None
+
+
+_PROTOCOLS = (
+    Protocol(
+        name="official-v1",
+        summary="the dataset's own script: the target is visible at the stop",
+        source="YuankaiQi/REVERIE 0fe0955, tasks/REVERIE/eval_release.py",
+    ),
+    Protocol(
+        name="paper",
+        summary="the paper's text: grounding counts only if the target is visible at the stop",
+        source="Qi et al., REVERIE, CVPR 2020, section 3",
+        grounding="only with success",
+        nested_hops="no evaluator",
+    ),
+    Protocol(
+        name="challenge-2022",
+        summary="the 2022 challenge: visible, and the camera at most 3 m from the object's centre",
+        source="YanyuanQiao/HOP-REVERIE-Challenge 74738b3, r2r_src/eval.py",
+        goal="visible and near the object",
+        spl_floor=0.01,
+        text_ids_count=False,
+    ),
+    Protocol(
+        name="airbert",
+        summary="Airbert and Rec-VLN-BERT: like the dataset's script, with a floor in SPL",
+        source="airbert-vln/airbert-recurrentvln d65a71e, reverie_src/eval.py",
+        spl_floor=0.01,
+    ),
+    Protocol(
+        name="duet",
+        summary="DUET, HAMT and their families: SPL over the annotated path's length",
+        source="cshizhe/VLN-DUET 93e8b23, map_nav_src/reverie/env.py; cshizhe/VLN-HAMT c8b9ee1",
+        spl_numerator="annotated",
+        spl_floor=0.01,
+        rgspl_floor=0.01,
+        nested_hops="every viewpoint",
+    ),
+    Protocol(
+        name="scalevln",
+        summary="ScaleVLN and HM3DAutoVLN: like DUET, and grounding needs success",
+        source="wz0919/ScaleVLN 3bdff0d, VLN-DUET-RVR; cshizhe/HM3DAutoVLN b5ba669",
+        spl_numerator="annotated",
+        spl_floor=0.01,
+        rgspl_floor=0.01,
+        grounding="only with success",
+        nested_hops="every viewpoint",
+    ),
+    Protocol(
+        name="r2r-style",
+        summary="Room-to-Room's rule: less than 3 m from the end of the annotated path",
+        source="peteanderson80/Matterport3DSimulator 589d091, tasks/R2R/eval.py",
+        goal="near the path's end",
+        grounding="not scored",
+        nested_hops="rejected",
+    ),
+)
+
+_RELEASES: Mapping[tuple[str, int, int], str] = MappingProxyType(
+    {
+        ("val_seen", 515, 1423): "REVERIE v1",
+        ("val_unseen", 1328, 3521): "REVERIE v1",
+        ("test", 2304, 6292): "REVERIE v1",
+        ("train", 4071, 10290): "REVERIE v2",
+        ("val_seen", 501, 1384): "REVERIE v2",
+        ("val_unseen", 1292, 3433): "REVERIE v2",
+        ("test", 2244, 6144): "REVERIE v2",
+    }
+)
+"""The splits of the known releases, with their numbers of records and instructions."""
+
+
+TASK = Task(
+    name="reverie",
+    title="REVERIE",
+    citation="Qi et al., REVERIE: Remote Embodied Visual Referring Expression in Real Indoor "
+    "Environments, CVPR 2020",
+    source="github.com/YuankaiQi/REVERIE",
+    licence="Matterport3D terms of use",
+    annotation=ReverieAnnotation,
+    file_name="REVERIE_{split}.json",
+    folder="tasks/REVERIE/data",
+    releases=_RELEASES,
+    id_pattern=r"\d+_\d+_\d+",
+    id_form="<task id>_<index of the instruction>, counted from 0",
+    id_example="4774_267_1",
+    has_targets=True,
+    protocols=_PROTOCOLS,
+    aliases=MappingProxyType({"hamt": "duet", "hm3d": "scalevln"}),
+    headline=[key for key, metric in CATALOGUE.items() if metric.headline],
+    ranking=[metric.key for metric in ranking_metrics()],
+)

@@ -1,0 +1,293 @@
+"""NDH: the same digits as its own script by each of its three paths, and as HAMT's."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from reverie_eval import GroundTruth, SubmissionError, evaluate
+from reverie_eval.ground_truth import Bundle
+from tests.conftest import REPOSITORY
+from tests.support.amounts import amount, tell
+from tests.support.family import LENGTHS_WITHIN, Published, differences, published_task
+from tests.support.flat import Run
+from tests.support.oracle import Scan, Task, Viewpoint, World, distance, trajectory_length, weighted
+from tests.support.worlds import SPLIT, ground_truth_arrays, random_case
+
+SAMPLE = REPOSITORY / "fixtures" / "submissions" / "ndh.json"
+FILES = [
+    f"{split}.{kind}"
+    for split in ("val_seen", "val_unseen")
+    for kind in ("mixed1", "seq2seq_published")
+]
+OFFICIAL = {
+    "navigation_error": "nav_error",
+    "oracle_error": "oracle_error",
+    "path_length": "trajectory_length",
+    "shortest_length": "shortest_path_length",
+    "success": "success",
+    "oracle_success": "oracle_success",
+    "oracle_path_success": "oracle_path_success",
+    "spl": "spl",
+    "goal_progress": "goal_progress",
+}
+HAMT = {
+    "path_length": "trajectory_lengths",
+    "success": "success",
+    "oracle_success": "oracle_success",
+    "spl": "spl",
+    "goal_progress": "gp",
+    "steps": "trajectory_steps",
+}
+EXACT = ("success", "oracle_success", "oracle_path_success", "steps")
+PATHS = {"official-v1": "trusted", "official-planner": "planner", "official-player": "player"}
+
+
+@pytest.fixture(scope="module")
+def ndh(published: Any, tmp_path_factory: pytest.TempPathFactory) -> Published:
+    """Compile the published NDH."""
+    files = {split: f"{split}.json" for split in ("val_seen", "val_unseen")}
+    return published_task("ndh", files, published, tmp_path_factory)
+
+
+@pytest.mark.dataset
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("protocol", [*PATHS, "hamt"])
+def test_every_episode_has_the_recorded_value(protocol: str, name: str, ndh: Published) -> None:
+    evaluator = f"official_{PATHS[protocol]}_path" if protocol in PATHS else protocol
+    recorded = ndh.recorded(name, evaluator)["episodes"]
+    names = OFFICIAL if protocol in PATHS else HAMT
+    found = differences(ndh.scores(name, protocol), recorded, names)
+    assert {key: found[key] for key in EXACT if found.get(key)} == {}
+    assert max(found.values()) < LENGTHS_WITHIN
+
+
+@pytest.mark.dataset
+@pytest.mark.parametrize(
+    ("protocol", "seen", "unseen"),
+    [
+        ("official-v1", 9.52, 9.58),
+        ("official-planner", 8.29, 8.36),
+        ("official-player", 7.63, 7.99),
+    ],
+)
+def test_the_goal_progress_of_the_annotated_paths(
+    protocol: str, seen: float, unseen: float, ndh: Published
+) -> None:
+    """The paper's table 2, of an agent that walks the path."""
+    for split, metres in (("val_seen", seen), ("val_unseen", unseen)):
+        truth = ndh.truth(split)
+        path = truth.along(
+            "" if PATHS[protocol] == "trusted" else PATHS[protocol]
+        ).require_answers()
+        records = [
+            {"inst_idx": int(id_), "trajectory": [[truth.graph.viewpoint_ids[it]] for it in walk]}
+            for id_, walk in zip(
+                truth.episodes.instr_ids,
+                np.split(path.path, path.path_offsets[1:-1]),
+                strict=True,
+            )
+        ]
+        scores = evaluate(records, split=split, ground_truth=truth, protocol=protocol)
+        assert round(scores["goal_progress"], 2) == metres
+        assert scores["success"] == 1.0
+
+
+@pytest.mark.dataset
+def test_published_files_are_known_by_their_digest(ndh: Published) -> None:
+    assert {ndh.truth(split).header.dataset for split in ("val_seen", "val_unseen")} == {"NDH"}
+
+
+@dataclass(frozen=True)
+class Region:
+    """What NDH annotates of a task beside the trusted path."""
+
+    goals: Sequence[str]
+    planner: Sequence[str]
+    player: Sequence[str]
+
+
+def truth_of(world: World, regions: Sequence[Region]) -> GroundTruth:
+    """Return a world's ground truth as NDH's."""
+    arrays = {
+        name: array
+        for name, array in ground_truth_arrays(world).items()
+        if not name.startswith(("task_target", "candidate", "box"))
+    }
+    row = {viewpoint_id: index for index, viewpoint_id in enumerate(arrays["viewpoint_id"])}
+    kinds = {
+        ("path/planner", "path_offsets/planner"): [each.planner for each in regions],
+        ("path/player", "path_offsets/player"): [each.player for each in regions],
+        ("goal_viewpoint", "goal_offsets"): [each.goals for each in regions],
+    }
+    for (name, offsets), lists in kinds.items():
+        arrays |= {
+            name: np.array([row[it] for each in lists for it in each]),
+            offsets: np.cumsum([0, *map(len, lists)]),
+        }
+    return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}, task="ndh"))
+
+
+@pytest.mark.parametrize(
+    ("metres", "success"),
+    [
+        pytest.param(float(np.nextafter(3.0, 0.0)), 1.0, id="just below 3 m"),
+        pytest.param(3.0, 0.0, id="exactly 3 m"),
+        pytest.param(float(np.nextafter(3.0, 4.0)), 0.0, id="just above 3 m"),
+    ],
+)
+def test_success_is_less_than_3_m_from_the_paths_end(metres: float, success: float) -> None:
+    viewpoints = {
+        "end": Viewpoint((0.0, 0.0, 0.0)),
+        "stop": Viewpoint((metres, 0.0, 0.0)),
+        "start": Viewpoint((10.0, 0.0, 0.0)),
+    }
+    scan = Scan(viewpoints, frozenset({("end", "stop"), ("stop", "start")}))
+    path = ["start", "stop", "end"]
+    truth = truth_of(
+        World({"house": scan}, [Task("1", "house", path, 0)]), [Region(["stop"], path, path)]
+    )
+    records = [{"instr_id": "1_0", "trajectory": [["start", 0, 0], ["stop", 0, 0]]}]
+    official = evaluate(records, split=SPLIT, ground_truth=truth)
+    keys = ("success", "oracle_success", "oracle_path_success")
+    assert [official[key] for key in keys] == [success] * 3
+    hamt = evaluate(records, split=SPLIT, ground_truth=truth, protocol="hamt")
+    assert (hamt["success"], hamt["spl"]) == (1.0, 1.0)
+    staying = [{"instr_id": "1_0", "trajectory": [["start", 0, 0]]}]
+    assert evaluate(staying, split=SPLIT, ground_truth=truth)["goal_progress"] == 0.0
+
+
+@pytest.mark.parametrize(("protocol", "spl"), [("official-v1", 1.0), ("hamt", 0.0)])
+def test_standing_at_the_goal(protocol: str, spl: float) -> None:
+    """HAMT's smallest denominator makes it 0; the dataset's own script says 1."""
+    scan = Scan({"here": Viewpoint((0.0, 0.0, 0.0))}, frozenset())
+    world = World({"house": scan}, [Task("1", "house", ["here"], 0)])
+    truth = truth_of(world, [Region(["here"], ["here"], ["here"])])
+    records = [{"instr_id": "1_0", "trajectory": [["here", 0, 0]]}]
+    scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
+    assert (scores["success"], scores["spl"]) == (1.0, spl)
+
+
+def test_every_protocol_agrees_with_the_rules_written_once_more() -> None:
+    worlds = amount(25)
+    for seed in range(worlds):
+        random = Random(seed)
+        case = random_case(random, (0,))
+        regions = [random_region(random, case.world, task) for task in case.world.tasks]
+        truth = truth_of(case.world, regions)
+        records = [
+            {"instr_id": id_, "trajectory": [[it] for it in each.trajectory]}
+            for id_, each in case.predictions.items()
+        ]
+        for protocol in (*PATHS, "hamt"):
+            scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
+            expected = {
+                id_: expected_values(
+                    case.world.scans[task.scan_id],
+                    task,
+                    region,
+                    case.predictions[id_].trajectory,
+                    protocol,
+                )
+                for task, region in zip(case.world.tasks, regions, strict=True)
+                for id_ in task.instr_ids
+            }
+            for key in expected[scores.instr_ids[0]]:
+                values = [expected[id_][key] for id_ in scores.instr_ids]
+                assert scores.episodes[key].tolist() == values, (seed, protocol, key)
+    tell(random_worlds=worlds)
+
+
+def random_region(random: Random, world: World, task: Task) -> Region:
+    """Draw goals and two paths among what can be reached from the start."""
+    reachable = list(world.scans[task.scan_id].routes[task.path[0]])
+    return Region(
+        random.choices(reachable, k=random.randint(1, 3)),
+        [task.path[0], *random.choices(reachable, k=random.randint(0, 2))],
+        [task.path[0], *random.choices(reachable, k=random.randint(0, 2))],
+    )
+
+
+def expected_values(
+    scan: Scan, task: Task, region: Region, trajectory: Sequence[str], protocol: str
+) -> Mapping[str, float]:
+    """Score an episode by the rules of the script, sentence by sentence."""
+    paths = {"trusted": task.path, "planner": region.planner, "player": region.player}
+    start, stop, walked = trajectory[0], trajectory[-1], trajectory_length(scan, trajectory)
+    at_start = min(distance(scan, start, goal) for goal in region.goals)
+    progress = at_start - min(distance(scan, stop, goal) for goal in region.goals)
+    if protocol == "hamt":
+        success = stop in region.goals
+        return {
+            "goal_progress": progress,
+            "success": float(success),
+            "oracle_success": float(any(it in region.goals for it in trajectory)),
+            "spl": weighted(walked, at_start, 0.01, achieved=success),
+        }
+    end = paths[PATHS[protocol]][-1]
+    errors = [distance(scan, it, end) for it in trajectory]
+    planned = min(distance(scan, it, region.planner[-1]) for it in trajectory)
+    return {
+        "goal_progress": progress,
+        "navigation_error": errors[-1],
+        "success": float(errors[-1] < 3.0),
+        "oracle_success": float(min(errors) < 3.0),
+        "oracle_path_success": float(planned < 3.0),
+        "spl": weighted(walked, distance(scan, start, end), 0.0, achieved=errors[-1] < 3.0),
+    }
+
+
+# The demo world.
+
+
+def test_ids_may_be_numbers_or_text_under_either_name() -> None:
+    records = json.loads(SAMPLE.read_text())
+    scores = evaluate(SAMPLE, split="val_unseen", task="ndh")
+    assert list(scores.notes) == []
+    forms = [
+        [{"instr_id": each["inst_idx"], "trajectory": each["trajectory"]} for each in records],
+        [{"instr_id": str(each["inst_idx"]), "trajectory": each["trajectory"]} for each in records],
+        [{**each, "inst_idx": str(each["inst_idx"])} for each in records],
+    ]
+    for form in forms:
+        assert evaluate(form, split="val_unseen", task="ndh") == scores
+
+
+def test_converting_writes_the_official_form(run: Run) -> None:
+    done = run("convert", str(SAMPLE), "--task", "ndh", "--split", "val_unseen")
+    assert json.loads(done.out) == json.loads(SAMPLE.read_text())
+
+
+def test_a_file_of_another_task_is_recognised() -> None:
+    with pytest.raises(SubmissionError, match="look like R2R or R4R ids, not like NDH ids"):
+        evaluate(SAMPLE.with_name("r2r.json"), split="val_unseen", task="ndh")
+    other = [{"inst_idx": 9, "trajectory": [["v"]]}]
+    with pytest.raises(SubmissionError, match="to score NDH itself, clone"):
+        evaluate(other, split="val_unseen", task="ndh")
+
+
+def test_goal_progress_can_be_negative() -> None:
+    """An agent that starts in the goal region and leaves it."""
+    scan = Scan(
+        {"in": Viewpoint((0.0, 0.0, 0.0)), "out": Viewpoint((4.0, 0.0, 0.0))},
+        frozenset({("in", "out")}),
+    )
+    truth = truth_of(
+        World({"house": scan}, [Task("1", "house", ["in", "out"], 0)]),
+        [Region(["in"], ["in", "out"], ["in", "out"])],
+    )
+    records = [{"instr_id": "1_0", "trajectory": [["in", 0, 0], ["out", 0, 0]]}]
+    assert evaluate(records, split=SPLIT, ground_truth=truth)["goal_progress"] == -4.0
+
+
+def test_a_public_bundle_of_the_test_split_has_starts_only() -> None:
+    folder = REPOSITORY / "reverie_eval" / "ground_truth" / "demo" / "ndh"
+    public = Bundle.load(folder / "test.public.npz")
+    private = Bundle.load(folder / "private" / "test.npz")
+    assert public.is_public
+    assert not any(name.startswith(("path", "goal")) for name in public.arrays)
+    assert private.public().header.fingerprint == public.header.fingerprint

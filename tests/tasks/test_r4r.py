@@ -1,0 +1,116 @@
+"""R4R: the same digits as its authors' metrics and HAMT's evaluator."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reverie_eval import SubmissionError, evaluate
+from tests.conftest import REPOSITORY
+from tests.support.amounts import is_evidence
+from tests.support.family import (
+    LENGTHS_WITHIN,
+    Published,
+    differences,
+    published_task,
+    world_of_task,
+)
+from tests.support.oracle import Scan, Task, Viewpoint, World
+from tests.support.worlds import SPLIT
+
+SAMPLE = REPOSITORY / "fixtures" / "submissions" / "r4r.json"
+SPLITS = ["val_seen", *(["val_unseen"] if is_evidence() else [])]
+"""The 45,234 episodes of val_unseen take a minute."""
+AUTHORS = {"dtw": "dtw", "ndtw": "ndtw", "sdtw": "sdtw"}
+HAMT = {
+    "navigation_error": "nav_error",
+    "oracle_error": "oracle_error",
+    "path_length": "trajectory_lengths",
+    "success": "success",
+    "oracle_success": "oracle_success",
+    "spl": "spl",
+    "steps": "trajectory_steps",
+    "dtw": "DTW",
+    "ndtw": "nDTW",
+    "sdtw": "SDTW",
+    "cls": "CLS",
+}
+
+
+@pytest.fixture(scope="module")
+def r4r(published: Path, tmp_path_factory: pytest.TempPathFactory) -> Published:
+    """Compile R4R as it is built from R2R."""
+    files = {split: f"R4R_{split}.json" for split in SPLITS}
+    return published_task("r4r", files, published, tmp_path_factory)
+
+
+@pytest.mark.dataset
+@pytest.mark.parametrize("split", SPLITS)
+@pytest.mark.parametrize(
+    ("protocol", "evaluator", "names"),
+    [
+        pytest.param("official-v1", "google_r4r", AUTHORS, id="authors"),
+        pytest.param("hamt", "hamt", HAMT, id="hamt"),
+    ],
+)
+def test_every_episode_has_the_recorded_value(
+    protocol: str, evaluator: str, names: Mapping[str, str], split: str, r4r: Published
+) -> None:
+    name = f"{split}.mixed1"
+    recorded = r4r.recorded(name, evaluator)["episodes"]
+    scores = r4r.scores(name, protocol)
+    found = differences(scores, recorded, names)
+    assert not found.get("success")
+    assert not found.get("oracle_success")
+    assert max(found.values()) < LENGTHS_WITHIN
+    # The authors' class fails for a viewpoint that is repeated in place, and for a jump.
+    theirs = [recorded[id_].get("cls", recorded[id_].get("CLS")) for id_ in scores.instr_ids]
+    expected = np.array([math.nan if value is None else value for value in theirs])
+    assert np.nanmax(np.abs(scores.episodes["cls"] - expected)) < LENGTHS_WITHIN
+
+
+@pytest.mark.parametrize(
+    ("protocol", "metres", "success"),
+    [
+        pytest.param("official-v1", 3.0, 1.0, id="the authors: exactly 3 m"),
+        pytest.param("official-v1", float(np.nextafter(3.0, 4.0)), 0.0, id="the authors: above"),
+        pytest.param("hamt", float(np.nextafter(3.0, 0.0)), 1.0, id="HAMT: just below 3 m"),
+        pytest.param("hamt", 3.0, 0.0, id="HAMT: exactly 3 m"),
+    ],
+)
+def test_whether_exactly_3_m_is_a_success(protocol: str, metres: float, success: float) -> None:
+    viewpoints = {
+        "goal": Viewpoint((0.0, 0.0, 0.0)),
+        "stop": Viewpoint((metres, 0.0, 0.0)),
+        "start": Viewpoint((10.0, 0.0, 0.0)),
+    }
+    scan = Scan(viewpoints, frozenset({("goal", "stop"), ("stop", "start")}))
+    world = World({"house": scan}, [Task("1", "house", ["start", "stop", "goal"], 0)])
+    records = [{"instr_id": "1_0", "trajectory": [["start", 0, 0], ["stop", 0, 0]]}]
+    scores = evaluate(
+        records, split=SPLIT, ground_truth=world_of_task(world, "r4r"), protocol=protocol
+    )
+    assert (scores["success"], scores["oracle_success"]) == (success, success)
+    assert (scores["sdtw"] > 0) == bool(success)
+
+
+def test_a_path_that_ends_where_it_starts() -> None:
+    """Standing still succeeds; the R2R script's SPL would divide 0 by 0."""
+    scan = Scan(
+        {"a": Viewpoint((0.0, 0.0, 0.0)), "b": Viewpoint((4.0, 0.0, 0.0))},
+        frozenset({("a", "b")}),
+    )
+    world = World({"house": scan}, [Task("1", "house", ["a", "b", "a"], 0)])
+    records = [{"instr_id": "1_0", "trajectory": [["a", 0, 0]]}]
+    scores = evaluate(records, split=SPLIT, ground_truth=world_of_task(world, "r4r"))
+    assert (scores["success"], scores["spl"]) == (1.0, 1.0)
+    assert scores["cls"] < 0.5
+
+
+def test_files_of_other_tasks_are_recognised() -> None:
+    with pytest.raises(SubmissionError, match="look like REVERIE ids, not like R4R ids"):
+        evaluate(SAMPLE.with_name("good.json"), split="val_unseen", task="r4r")
+    with pytest.raises(SubmissionError, match="look like R4R ids, not like R2R ids"):
+        evaluate(SAMPLE, split="val_unseen", task="r2r")

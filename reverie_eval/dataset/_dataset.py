@@ -1,6 +1,6 @@
 """The content of a dataset's files, valid or not: splits with their tasks, graphs and boxes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -177,5 +177,21 @@ def read_split(reader: Reader, name: str, path: Path, task: Task) -> Split:
         try:
             annotations.append(msgspec.convert(record, task.annotation))
         except msgspec.ValidationError as error:
-            malformed.append(f"[{number}]: {error}")
+            malformed.append(f"[{number}]: {', '.join(_faults(record, task)) or error}")
     return Split(name, path, annotations, malformed)
+
+
+def _faults(record: object, task: Task) -> Iterator[str]:
+    """Yield what is wrong with each field of a record; msgspec itself stops at the first."""
+    if not isinstance(record, dict):
+        return
+    for known in msgspec.structs.fields(task.annotation):
+        name = known.encode_name
+        if name not in record:
+            if known.required:
+                yield f"{name} is missing"
+            continue
+        try:
+            msgspec.convert(record[name], known.type)
+        except msgspec.ValidationError as error:
+            yield f"{name}: {error}"

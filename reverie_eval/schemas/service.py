@@ -458,7 +458,8 @@ class LeaderboardRow(WireModel):
     """The best and the worst rank that it may have: with 95 % confidence, this holds for all rows
     at once. Null in snapshots, without a rank, and if more than 100 results are ranked."""
     group: int | None = Field(None, examples=[1])
-    """From 1; no result of a group can be told apart from its best. Null as above."""
+    """From 1; no result of a group is significantly worse than its best. Null like the rank
+    interval."""
     submission_id: SubmissionId | None
     """Null for a result that is reported, not scored."""
     team: TeamName

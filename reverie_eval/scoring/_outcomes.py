@@ -93,7 +93,8 @@ def _needed_columns(episodes: Mapping[str, Array]) -> Sequence[Array]:
     missing = [key for key in _NEEDED if key not in episodes]
     if missing:
         raise ProtocolError(
-            f"outcomes need success, oracle success and RGS, but {first_few(missing)} is not "
-            "scored here; choose another protocol, or the full track"
+            "outcomes need success, oracle success and RGS; not scored here: "
+            f"{first_few(missing)}. If the task has target objects, choose another protocol, or "
+            "the full track"
         )
     return [episodes[key] > 0 for key in _NEEDED]

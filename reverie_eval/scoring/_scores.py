@@ -329,11 +329,13 @@ class Scores(Mapping[str, float]):
         Raises
         ------
         ProtocolError
-            If no instruction has them.
+            If there are none, or no instruction has them.
         GroundTruthError
             If the ground truth was compiled without instructions.
         """
         wanted = {token for word in words for token in tokenize(word)}
+        if not wanted:
+            raise ProtocolError("with_words needs a word that instructions may have")
         tokens = [set(tokenize(each)) for each in self.ground_truth.episodes.instructions]
         chosen = [
             instr_id

@@ -5,6 +5,7 @@ was expected and what to do. No message may depend on the answers, because parti
 splits see it.
 """
 
+import math
 import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -271,14 +272,14 @@ def _json(value: object) -> str:
 def _array_remedy(found: object) -> str:
     """Say how to turn the arrays or tensors in a value into what JSON would hold."""
     parts = [found, *(found if isinstance(found, list | tuple) else ())]
-    dimensions = [
-        np.ndim(part)
+    sizes = [
+        math.prod(np.shape(part))
         for part in parts
         if hasattr(part, "tolist") and not isinstance(part, np.generic)
     ]
-    if not dimensions:
+    if not sizes:
         return ""
-    return "; use .tolist()" if any(dimensions) else "; use .item()"
+    return "; use .item()" if set(sizes) == {1} else "; use .tolist()"
 
 
 def _record_problem(code: str, location: RecordLocation, message: str, field: str = "") -> Problem:
@@ -436,6 +437,14 @@ def ids_of_another_task(count: int, first: str, task: Task, others: Sequence[Tas
     message = (
         f"{ids_look} like {titles} ids, not like {task.title} ids ({task.id_example}); the first "
         f"is {_json(first)}: score the file with --task {others[0].name}"
+    )
+    return Problem("other-task", WHOLE_FILE, message)
+
+
+def fields_of_another_task(key: str, task: Task, other: Task) -> Problem:
+    message = (
+        f"holds results of {other.title}, not of {task.title}: their ids are in {_json(key)}; "
+        f"score the file with --task {other.name}"
     )
     return Problem("other-task", WHOLE_FILE, message)
 

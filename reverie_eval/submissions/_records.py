@@ -51,7 +51,7 @@ from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._tables import rows_of_table
 from reverie_eval.submissions._trajectories import Poses, read_trajectory
-from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
+from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK, Task, find_task
 
 REVERIE = find_task(DEFAULT_TASK)
 """What is read if no task is named."""
@@ -118,10 +118,15 @@ def read_records(
     optional = {TRAJECTORY_KEY} if answers_only else set()
     if not task.has_targets:
         optional |= {*ANSWER_KEYS, *BOX_KEYS}
-    records = [
-        (location, _with_known_fields(location, _with_id(record, task), log, optional, task))
+    found = [
+        (location, record)
         for location, record in _located_records(document, log)
         if _is_record(location, record, log, task)
+    ]
+    _check_task([record for _, record in found], task)
+    records = [
+        (location, _with_known_fields(location, _with_id(record, task), log, optional, task))
+        for location, record in found
     ]
     _check_problem_count(log)
     # A single missing answer is a fault; if no record has one, the agent does not ground at all.
@@ -222,6 +227,14 @@ def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Tas
     return True
 
 
+def _check_task(records: Sequence[Mapping[str, Any]], task: Task) -> None:
+    """Raise one SubmissionError for a file of another task that calls its ids differently."""
+    for other in map(find_task, BUILT_IN):
+        key = other.id_keys[0]
+        if key not in task.id_keys and records and all(key in record for record in records):
+            raise SubmissionError([problems.fields_of_another_task(key, task, other)])
+
+
 def _with_known_fields(
     location: RecordLocation,
     record: Mapping[str, Any],
@@ -249,7 +262,8 @@ def _with_known_fields(
 def _with_id(record: Mapping[str, Any], task: Task) -> Mapping[str, Any]:
     """Return a record with its id as instr_id, whatever the task calls it; a number as text."""
     key = next((key for key in task.id_keys if key in record), INSTR_ID_KEY)
-    if key not in record or not (key != INSTR_ID_KEY or task.has_numbers):
+    is_read_as_it_is = key == INSTR_ID_KEY and not task.has_numbers
+    if is_read_as_it_is or key not in record:
         return record
     value = record[key]
     text = str(value) if task.has_numbers and is_integer(value) else value

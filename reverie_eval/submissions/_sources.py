@@ -66,7 +66,7 @@ def read_bytes(source: Source) -> bytes:
         If it is larger than any submission needs and no larger ones are allowed, or does not
         unpack to one file.
     ProtocolError
-        If the environment variable with the largest size has no whole number.
+        If the environment variable with the largest size is not a whole number from 1.
     OSError
         If the file cannot be read.
     TypeError
@@ -79,10 +79,11 @@ def read_bytes(source: Source) -> bytes:
 
 def _max_mebibytes() -> int:
     value = os.environ.get(MAX_MEBIBYTES_VARIABLE, str(MAX_MEBIBYTES))
-    if not (value.isascii() and value.isdigit() and 0 < len(value) <= _MOST_DIGITS):
+    is_number = value.isascii() and value.isdigit() and len(value) <= _MOST_DIGITS
+    if not is_number or int(value) == 0:
         raise ProtocolError(
             f"{MAX_MEBIBYTES_VARIABLE} is the largest size of a submission, a whole number of MiB "
-            f"such as {MAX_MEBIBYTES}; got {value!r}"
+            f"from 1, such as {MAX_MEBIBYTES}; got {value!r}"
         )
     return int(value)
 

@@ -58,3 +58,20 @@ class Annotation(Struct, frozen=True, kw_only=True):
     def is_answered(self) -> bool:
         """Whether the record has what the public file of a private split leaves out."""
         return len(self.reference) > 1
+
+
+class PathAnnotation(Annotation, frozen=True, kw_only=True):
+    """A path with its instructions, in the fields that R2R gave them and REVERIE kept."""
+
+    path: Path
+    instructions: Annotated[list[str], Meta(min_length=1)]
+
+    @property
+    def texts(self) -> Sequence[str]:
+        """The instructions."""
+        return self.instructions
+
+    @property
+    def reference(self) -> Sequence[str]:
+        """The annotated path."""
+        return self.path

@@ -1,37 +1,25 @@
 """R2R, Room-to-Room: follow an instruction to the end of a path."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated
 
 from msgspec import Meta
 
-from reverie_eval.tasks._annotation import Annotation, Path
+from reverie_eval.tasks._annotation import PathAnnotation
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.tasks._task import Task
 
 
-class R2RAnnotation(Annotation, frozen=True, kw_only=True):
+class R2RAnnotation(PathAnnotation, frozen=True, kw_only=True):
     """One record of ``R2R_{split}.json``: a path with, as a rule, three instructions."""
 
     path_id: Annotated[int, Meta(ge=0)]
-    path: Path
-    instructions: Annotated[list[str], Meta(min_length=1)]
 
     @property
     def name(self) -> str:
         """The published id; episode ``k`` of the path is ``{path_id}_{k}``."""
         return str(self.path_id)
-
-    @property
-    def texts(self) -> Sequence[str]:
-        """The instructions."""
-        return self.instructions
-
-    @property
-    def reference(self) -> Sequence[str]:
-        """The annotated path."""
-        return self.path
 
 
 _PUBLISHED: Mapping[str, str] = MappingProxyType(

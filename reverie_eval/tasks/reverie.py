@@ -1,6 +1,6 @@
 """REVERIE: find an object from a high-level instruction, and name it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated
 
@@ -8,17 +8,15 @@ from msgspec import Meta, field
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
 from reverie_eval.metrics import CATALOGUE, ranking_metrics
-from reverie_eval.tasks._annotation import Annotation, Path
+from reverie_eval.tasks._annotation import PathAnnotation
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.tasks._task import Task
 
 
-class ReverieAnnotation(Annotation, frozen=True, kw_only=True):
+class ReverieAnnotation(PathAnnotation, frozen=True, kw_only=True):
     """One record of ``REVERIE_{split}.json``: a path, a target and up to three instructions."""
 
     published_id: Annotated[str, Meta(min_length=1)] | int = field(name="id")
-    path: Path
-    instructions: Annotated[list[str], Meta(min_length=1)]
     target_id: Annotated[int, Meta(ge=0, le=LARGEST_OBJECT_ID)] | None = field(
         name="objId", default=None
     )
@@ -28,16 +26,6 @@ class ReverieAnnotation(Annotation, frozen=True, kw_only=True):
     def name(self) -> str:
         """The published id; episode ``k`` of the record is ``{id}_{k}``."""
         return str(self.published_id)
-
-    @property
-    def texts(self) -> Sequence[str]:
-        """The instructions."""
-        return self.instructions
-
-    @property
-    def reference(self) -> Sequence[str]:
-        """The annotated path."""
-        return self.path
 
     @property
     def target(self) -> int | None:

@@ -179,6 +179,8 @@ def test_words_of_the_instruction(frame: pd.DataFrame) -> None:
     assert found["rgs"] == frame["rgs"][chosen].mean()
     with pytest.raises(ProtocolError, match="all the words 'bed zeppelin': zeppelin is in none"):
         scores.with_words("bed zeppelin")
+    with pytest.raises(ProtocolError, match="with_words needs a word"):
+        scores.with_words("", "?")
 
 
 def test_the_keys_of_groupings_are_typed() -> None:

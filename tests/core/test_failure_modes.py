@@ -74,5 +74,5 @@ def test_outcome_counts_of_a_sample_match_its_scores(protocol: str) -> None:
 @pytest.mark.parametrize("how", [{"track": "grounding"}, {"protocol": "r2r-style"}], ids=str)
 def test_outcomes_need_all_three_metrics(how: dict[str, str]) -> None:
     scores = evaluate(SAMPLES / "good.json", split="val_unseen", **how)  # type: ignore[arg-type]
-    with pytest.raises(ProtocolError, match="is not scored here; choose another protocol"):
+    with pytest.raises(ProtocolError, match="choose another protocol, or the full track"):
         _ = scores.failure_modes

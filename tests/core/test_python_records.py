@@ -167,7 +167,8 @@ class Tensor:
     [
         pytest.param(record(predObjId=np.array(3)), "use .item()", id="array"),
         pytest.param(record(predObjId=Tensor()), "use .item()", id="tensor"),
-        pytest.param(record(predObjId=np.array([3])), "use .tolist()", id="array of one"),
+        pytest.param(record(predObjId=np.array([3])), "use .item()", id="array of one"),
+        pytest.param(record(predObjId=np.array([3, 4])), "use .tolist()", id="array of two"),
         pytest.param(ending_in(("a", np.array(1.5), 0.0)), "use .item()", id="array in a pose"),
         pytest.param(ending_in(np.zeros(3)), "use .tolist()", id="array as a pose"),
         pytest.param(record(trajectory=np.zeros(3)), "use .tolist()", id="array of poses"),

@@ -127,7 +127,9 @@ def test_what_are_not_runs_of_one_method(runs: rv.Runs) -> None:
     with pytest.raises(rv.ProtocolError, match="1 run given; the variance between runs takes two"):
         rv.Runs.of({"a": good})
     other = rv.evaluate(SAMPLES / "good.json", split=SPLIT, protocol="duet")
-    with pytest.raises(rv.ProtocolError, match=r"not comparable: split:\S+, split:\S+$"):
+    with pytest.raises(
+        rv.ProtocolError, match=r"not comparable: split:\S+protocol:duet\S+, split:\S+$"
+    ):
         rv.Runs.of({"a": good, "b": other})
     alone = rv.evaluate(SAMPLES / "good.json", split=SPLIT, subset=good.instr_ids[:1])
     with pytest.raises(rv.ProtocolError, match="all episodes share one target"):

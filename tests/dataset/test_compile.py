@@ -448,24 +448,31 @@ def problems_of(world: Path) -> Sequence[Problem]:
             _tasks(lambda tasks: tasks[1].update(objId="lamp")),
             "malformed-task",
             ANNOTATIONS,
-            "[1]: Expected `int | null`, got `str` - at `$.objId`",
+            "[1]: objId: Expected `int | null`, got `str`",
             id="target is a text",
         ),
         pytest.param(
             _tasks(lambda tasks: tasks[1].update(path=[])),
             "malformed-task",
             ANNOTATIONS,
-            "[1]: Expected `array` of length >= 1 - at `$.path`",
+            "[1]: path: Expected `array` of length >= 1",
             id="empty path",
         ),
         pytest.param(
             _tasks(lambda tasks: [task.pop("instructions") for task in tasks[:5]]),
             "malformed-task",
             ANNOTATIONS,
-            "5 of 32 records that do not have the published form: [0]: Object missing required "
-            "field `instructions`, [1]: Object missing required field `instructions`, [2]: Object "
-            "missing required field `instructions` and 2 more. All other",
+            "5 of 32 records that do not have the published form: [0]: instructions is missing, "
+            "[1]: instructions is missing, [2]: instructions is missing and 2 more. All other",
             id="instructions missing",
+        ),
+        pytest.param(
+            _tasks(lambda tasks: tasks[1].update(scan="", path=["a", 3], objId=-1)),
+            "malformed-task",
+            ANNOTATIONS,
+            "[1]: scan: Expected `str` of length >= 1, path: Expected `str`, got `int` - at "
+            "`$[1]`, objId: Expected `int` >= 0",
+            id="several fields of one record",
         ),
         pytest.param(
             _tasks(lambda tasks: [task.pop("objId") for task in tasks[1:3]]),

@@ -215,10 +215,10 @@ def test_too_large(
     assert problem.message.endswith("set REVERIE_EVAL_MAX_MEBIBYTES to its size in MiB")
 
 
-@pytest.mark.parametrize("value", ["", "-1", "1.5", "two", "9" * 7])
+@pytest.mark.parametrize("value", ["", "-1", "0", "1.5", "two", "9" * 7])
 def test_a_largest_size_that_is_not_one(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(MAX_MEBIBYTES_VARIABLE, value)
-    with pytest.raises(ProtocolError, match="a whole number of MiB such as 128; got '"):
+    with pytest.raises(ProtocolError, match="a whole number of MiB from 1, such as 128; got '"):
         read_predictions(CONTENT)
 
 

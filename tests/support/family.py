@@ -21,6 +21,20 @@ from tests.support.worlds import SPLIT, ground_truth_arrays
 
 LENGTHS_WITHIN = 1e-9
 """Metres, and fractions of lengths: the published evaluators add up in another order."""
+HAMT = {
+    "navigation_error": "nav_error",
+    "oracle_error": "oracle_error",
+    "path_length": "trajectory_lengths",
+    "success": "success",
+    "oracle_success": "oracle_success",
+    "spl": "spl",
+    "steps": "trajectory_steps",
+    "dtw": "DTW",
+    "ndtw": "nDTW",
+    "sdtw": "SDTW",
+    "cls": "CLS",
+}
+"""What HAMT's evaluator of R2R and R4R calls our metrics."""
 
 
 @dataclass(frozen=True)

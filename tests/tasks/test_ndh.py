@@ -268,6 +268,12 @@ def test_a_file_of_another_task_is_recognised() -> None:
     other = [{"inst_idx": 9, "trajectory": [["v"]]}]
     with pytest.raises(SubmissionError, match="to score NDH itself, clone"):
         evaluate(other, split="val_unseen", task="ndh")
+    for task in ("reverie", "r2r"):
+        with pytest.raises(SubmissionError) as refused:
+            evaluate(SAMPLE, split="val_unseen", task=task)
+        (problem,) = refused.value.problems
+        assert (problem.code, problem.where) == ("other-task", "file")
+        assert problem.message.endswith("'inst_idx'; score the file with --task ndh")
 
 
 def test_goal_progress_can_be_negative() -> None:

@@ -13,6 +13,7 @@ from reverie_eval import Evaluator, GroundTruth, Scores, SubmissionError, evalua
 from tests.conftest import REPOSITORY
 from tests.support.amounts import amount, tell
 from tests.support.family import (
+    HAMT,
     LENGTHS_WITHIN,
     Published,
     differences,
@@ -36,19 +37,6 @@ OFFICIAL = {
     "success": "success",
     "oracle_success": "oracle_success",
     "spl": "spl",
-}
-HAMT = {
-    "navigation_error": "nav_error",
-    "oracle_error": "oracle_error",
-    "path_length": "trajectory_lengths",
-    "success": "success",
-    "oracle_success": "oracle_success",
-    "spl": "spl",
-    "steps": "trajectory_steps",
-    "dtw": "DTW",
-    "ndtw": "nDTW",
-    "sdtw": "SDTW",
-    "cls": "CLS",
 }
 EXACT = ("success", "oracle_success", "steps")
 

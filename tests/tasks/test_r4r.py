@@ -11,6 +11,7 @@ from reverie_eval import SubmissionError, evaluate
 from tests.conftest import REPOSITORY
 from tests.support.amounts import is_evidence
 from tests.support.family import (
+    HAMT,
     LENGTHS_WITHIN,
     Published,
     differences,
@@ -24,19 +25,6 @@ SAMPLE = REPOSITORY / "fixtures" / "submissions" / "r4r.json"
 SPLITS = ["val_seen", *(["val_unseen"] if is_evidence() else [])]
 """The 45,234 episodes of val_unseen take a minute."""
 AUTHORS = {"dtw": "dtw", "ndtw": "ndtw", "sdtw": "sdtw"}
-HAMT = {
-    "navigation_error": "nav_error",
-    "oracle_error": "oracle_error",
-    "path_length": "trajectory_lengths",
-    "success": "success",
-    "oracle_success": "oracle_success",
-    "spl": "spl",
-    "steps": "trajectory_steps",
-    "dtw": "DTW",
-    "ndtw": "nDTW",
-    "sdtw": "SDTW",
-    "cls": "CLS",
-}
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Which ranks published results may have, and which of them cannot be told apart.
+"""Which ranks published results may have, and which of them form a group.
 
 On an open split, results are compared on the same episodes: what that needs of each result, its
 sums over clusters of episodes, is stored when it is published. On a private split, only the shown

@@ -18,7 +18,7 @@ from tests.conftest import REPOSITORY
 
 DOCS = REPOSITORY / "docs"
 README = REPOSITORY / "README.md"
-COMMAND_LINE = DOCS / "command-line.md"
+COMMAND_LINE = DOCS / "reference" / "command-line.md"
 
 
 def codes_in(*sources: Path) -> set[str]:
@@ -75,7 +75,7 @@ def test_readme_shows_all_protocols_as_they_are_printed(
 def test_the_sample_with_boxes_scores_what_its_page_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    page = (DOCS / "submission-format.md").read_text()
+    page = (DOCS / "reference" / "submission-format.md").read_text()
     (_, _, *words), below = command_above(page, "$ reverie-eval fixtures/submissions/drawn.json")
     assert main(words) == 0
     assert below.startswith(f"{capsys.readouterr().out}```\n")
@@ -85,7 +85,7 @@ def test_the_sample_with_boxes_scores_what_its_page_says(
 def test_the_table_of_protocols_is_what_the_command_above_it_prints(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    page = (DOCS / "protocols.md").read_text()
+    page = (DOCS / "reference" / "protocols.md").read_text()
     (_, *words), below = command_above(page, "reverie-eval fixtures/")
     assert main(words) == 0
     table, _, _ = capsys.readouterr().out.partition("\n\n")
@@ -95,7 +95,7 @@ def test_the_table_of_protocols_is_what_the_command_above_it_prints(
 
 @pytest.mark.parametrize("name", [*PROTOCOLS, *ALIASES])
 def test_every_protocol_is_documented(name: str) -> None:
-    table = (DOCS / "protocols.md").read_text().partition("| protocol |")[2]
+    table = (DOCS / "reference" / "protocols.md").read_text().partition("| protocol |")[2]
     assert f"`{name}`" in table.partition("\n\n")[0]
 
 
@@ -104,7 +104,9 @@ def test_schemas_are_those_that_the_command_prints(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["schema", name]) == 0
-    assert (DOCS / "schemas" / f"{name}.schema.json").read_text() == capsys.readouterr().out
+    assert (
+        DOCS / "reference" / "schemas" / f"{name}.schema.json"
+    ).read_text() == capsys.readouterr().out
 
 
 def options_of(command: click.Command) -> Iterator[str]:
@@ -137,12 +139,12 @@ def test_every_option_is_documented(option: str) -> None:
 @pytest.mark.parametrize("metric", CATALOGUE.values(), ids=list(CATALOGUE))
 def test_every_metric_is_documented_in_the_catalogue_s_words(metric: Metric) -> None:
     cells = (f"`{metric.key}`", metric.label, metric.unit, metric.better, metric.definition)
-    assert f"| {' | '.join(cells)} |" in (DOCS / "metrics.md").read_text()
+    assert f"| {' | '.join(cells)} |" in (DOCS / "reference" / "metrics.md").read_text()
 
 
 def test_every_problem_of_a_submission_is_documented() -> None:
     built = codes_in(REPOSITORY / "reverie_eval" / "submissions" / "_problems.py")
-    assert built == codes_documented("submission-format.md")
+    assert built == codes_documented("reference/submission-format.md")
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.name)

@@ -18,7 +18,8 @@ from reverie_eval.analysis import GROUPINGS
 from tests.conftest import REPOSITORY, SAMPLES, unavailable
 
 PAGES = {
-    name: (REPOSITORY / "docs" / f"{name}.md").read_text() for name in ("notebook", "training")
+    name: (REPOSITORY / "docs" / "how-to" / f"{name}.md").read_text()
+    for name in ("notebook", "training")
 }
 PAGE = PAGES["notebook"]
 FILES = {"submit.json": "good.json", "other.json": "mediocre.json"}

@@ -16,7 +16,7 @@ from tests.conftest import REPOSITORY
 from tests.support.flat import TUB, Run
 from tests.support.spoiled import DATA, listed, write_published_flat
 
-PAGE = REPOSITORY / "docs" / "lint.md"
+PAGE = REPOSITORY / "docs" / "how-to" / "check-a-dataset.md"
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from reverie_eval.server.errors import ERRORS
 from tests.conftest import REPOSITORY, unavailable
 from tests.support.participants import RealServer, private_submission
 
-PAGE = (REPOSITORY / "docs" / "api.md").read_text()
+PAGE = (REPOSITORY / "docs" / "how-to" / "http-api.md").read_text()
 _SET_BY_THE_READER = "export SERVER="
 
 

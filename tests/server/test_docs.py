@@ -18,9 +18,9 @@ from tests.support.processes import COMMAND, Laptop
 from tests.support.sharing import shared_folder
 
 DOCS = REPOSITORY / "docs"
-TUTORIAL = DOCS / "server.md"
-REFERENCE = (DOCS / "server-reference.md").read_text()
-TASKS = sorted((DOCS / "organising").glob("*.md"))
+TUTORIAL = DOCS / "tutorials" / "server.md"
+REFERENCE = (DOCS / "reference" / "server-settings.md").read_text()
+TASKS = sorted((DOCS / "how-to" / "organising").glob("*.md"))
 GUIDE = "".join(page.read_text() for page in [TUTORIAL, *TASKS]) + REFERENCE
 PACKAGE_MANAGERS = ("pip",)
 SHELL = re.compile(r"[|&;<>$`*?~]")
@@ -93,7 +93,7 @@ def test_a_task_can_be_done_after_the_tutorial(
 
 
 def test_the_tutorial_leads_to_every_task() -> None:
-    linked = re.findall(r"\(organising/([\w-]+)\.md\)", TUTORIAL.read_text())
+    linked = re.findall(r"\(\.\./how-to/organising/([\w-]+)\.md\)", TUTORIAL.read_text())
     assert sorted(linked) == [page.stem for page in TASKS]
 
 

@@ -25,7 +25,7 @@ def evidence(
 ) -> None:
     """Show what files of different teams have in common, and how those of a team differ.
 
-    These are numbers, and no verdict; docs/organising/inspection.md explains each. The first run
+    These are numbers, and no verdict; docs/how-to/organising/inspection.md explains each. The first run
     reads all uploads to SPLIT, later ones only new uploads.
     """
     from reverie_eval.server.operations.checks import opened_server

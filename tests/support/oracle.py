@@ -1,6 +1,7 @@
 """What every protocol means, written once more: slowly, literally, and without the package.
 
-Every function is a sentence of docs/reference/metrics.md or docs/reference/protocols.md, in dictionaries and loops.
+Every function is a sentence of ``metrics.md`` or ``protocols.md`` in ``docs/reference``, in
+dictionaries and loops.
 Tests hold the package against it on random worlds; it shares no line of code with what it judges.
 """
 

@@ -139,3 +139,19 @@ def test_the_import_brings_numpy_and_msgspec_alone() -> None:
     """Beside another project's packages, nothing that could be in their way."""
     printed = subprocess.check_output([sys.executable, "-c", IMPORTED], text=True)
     assert printed == "['msgspec', 'numpy', 'reverie_eval']\n"
+
+
+def test_examples_in_docstrings_run_where_the_wheel_is_installed(
+    wheel: ZipFile, beside_the_demo: Path, tmp_path: Path
+) -> None:
+    """Those that read files; the suite runs all of them in the repository."""
+    wheel.extractall(tmp_path)
+    modules = [path for path in tmp_path.rglob("*.py") if '("demo/' in path.read_text()]
+    assert modules
+    command = f"-m pytest --quiet --doctest-modules --import-mode=importlib --rootdir {tmp_path}"
+    subprocess.run(
+        [sys.executable, *command.split(), "-c", "/dev/null", *modules],
+        cwd=beside_the_demo,
+        env={"PYTHONPATH": str(tmp_path), "HOME": str(tmp_path)},
+        check=True,
+    )

@@ -4,6 +4,7 @@ import re
 import runpy
 import shlex
 from collections.abc import Iterator
+from contextlib import chdir
 from pathlib import Path
 
 import click
@@ -13,6 +14,7 @@ from reverie_eval import PROTOCOLS
 from reverie_eval_cli.commands.shell import SCHEMAS
 from reverie_eval_cli.main import main, program
 from tests.conftest import REPOSITORY
+from tests.support.flat import Run
 
 DOCS = REPOSITORY / "docs"
 README = REPOSITORY / "README.md"
@@ -130,7 +132,23 @@ def test_every_problem_of_a_submission_is_documented() -> None:
     assert built == codes_documented("reference/submission-format.md")
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.name)
+PAGES = [*sorted(DOCS.rglob("*.md")), *sorted(REPOSITORY.glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(REPOSITORY)))
 def test_links_between_pages_lead_somewhere(page: Path) -> None:
     targets = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text())
     assert [target for target in targets if not (page.parent / target).exists()] == []
+
+
+@pytest.mark.usefixtures("at_the_root")
+def test_the_python_of_readme_runs() -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    exec(block)
+
+
+def test_the_first_page_shows_what_is_printed(run: Run, beside_the_demo: Path) -> None:
+    page = (DOCS / "index.md").read_text()
+    (_, *words), below = command_above(page, "reverie-eval demo/")
+    with chdir(beside_the_demo):
+        assert below.startswith(f"```\n\n```\n{run(*words).out}```\n")

@@ -37,6 +37,7 @@ nb_execution_mode = "off"  # notebooks are shown with the outputs that they are 
 
 autodoc_class_signature = "separated"
 autodoc_default_options = {"exclude-members": "__init__, __new__"}
+toc_object_entries_show_parents = "hide"
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_typehints = "none"
@@ -54,6 +55,8 @@ html_show_sourcelink = False
 html_show_sphinx = False
 html_use_opensearch = ""
 html_theme_options = {"navigation_with_keys": False}
+smartquotes = False  # which would make a dash of "--"
+highlight_language = "none"  # what commands print is not Python
 pygments_style = "a11y-high-contrast-light"
 pygments_dark_style = "a11y-high-contrast-dark"
 copybutton_prompt_text = r"\$ "

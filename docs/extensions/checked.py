@@ -69,5 +69,5 @@ def _check(app: Sphinx, failure: Exception | None) -> None:
 
 def setup(app: Sphinx) -> Mapping[str, Any]:
     """Check the site when it is built."""
-    app.connect("build-finished", _check)
+    app.connect("build-finished", _check, priority=999)  # after others have written their files
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -249,6 +249,7 @@ _TAGS = {
 @cache
 def _openapi() -> Mapping[str, Any]:
     """Ask a new server for the description of its API."""
+    logging.disable(logging.INFO)  # a server logs every step
     import httpx
 
     from reverie_eval.server.app import create_app
@@ -261,7 +262,6 @@ def _openapi() -> Mapping[str, Any]:
         async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
             return (await client.get(f"{_API}/openapi.json")).json()
 
-    logging.disable(logging.INFO)  # it tells of every step
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary, "server")
         with building(folder) as aside:
@@ -399,7 +399,7 @@ def python(module: str) -> str:
     return f"""```{{eval-rst}}
 .. automodule:: {module}
    :members:
-   :exclude-members: __version__, Behaviour, {others}
+   :exclude-members: __init__, __new__, __version__, Behaviour, {others}
 ```
 """
 
@@ -434,11 +434,11 @@ def _command(group: click.Group, name: str, above: click.Context, heading: str) 
         parts += [_command(command, each, context, f"{heading}#") for each in below]
     else:
         records = (
-            parameter.get_help_record(context)
-            for parameter in command.get_params(context)
-            if "--help" not in parameter.opts
+            each.get_help_record(context)
+            for each in command.get_params(context)
+            if isinstance(each, click.Option) and "--help" not in each.opts
         )
-        rows = [(f"`{names}`", about) for names, about in filter(None, records)]
+        rows = [(f"`{names}`", _plain(about)) for names, about in filter(None, records)]
         if rows:
             parts.append(table(("option", "meaning"), rows))
     return "\n\n".join(parts)
@@ -447,6 +447,13 @@ def _command(group: click.Group, name: str, above: click.Context, heading: str) 
 def _help_text(text: str) -> str:
     r"""Write a command's help; a paragraph whose lines click keeps (``\b``) is a block."""
     return "\n\n".join(
-        f"```text\n{inspect.cleandoc(part[1:])}\n```" if part.startswith("\b") else part
+        f"```text\n{inspect.cleandoc(part[1:])}\n```" if part.startswith("\b") else _plain(part)
         for part in inspect.cleandoc(text).split("\n\n")
     )
+
+
+def _plain(text: str) -> str:
+    """Write text of the command line, which is Markdown between backquotes only."""
+    pieces = text.split("`")
+    pieces[::2] = [re.sub(r"([*_<>\[\]])", r"\\\1", piece) for piece in pieces[::2]]
+    return "`".join(pieces)

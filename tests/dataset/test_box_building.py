@@ -356,7 +356,7 @@ def test_the_command(command: Run, built: dict[Occlusion, Path], tmp_path: Path)
     assert first == f"{tmp_path / 'out'}: {counts}"
     assert second.endswith(
         "4.9 % of their boxes do not contain their object's centre (documentation: "
-        "Boxes from houses)"
+        "Build boxes from Matterport's files)"
     )
     assert contents(tmp_path / "out") == contents(built["paper"])
 

@@ -267,18 +267,18 @@ class Limits(_Section):
 
 
 Event: TypeAlias = Literal["submission", "join-request", "phase-end", "unhealthy"]
-"""What the organiser can be told of."""
+"""What the organiser can be notified of."""
 
 
 class Channel(_Section):
-    """A way to tell the organiser of events."""
+    """A way to notify the organiser of events."""
 
     events: tuple[Event, ...] = ()
     """What to report: ``submission``, ``join-request``, ``phase-end``, ``unhealthy``; everything if
     it is empty."""
 
     def wants(self, event: Event) -> bool:
-        """Whether the organiser is told of an event."""
+        """Whether the organiser is notified of an event."""
         return not self.events or event in self.events
 
     def due(self, now: datetime) -> datetime:

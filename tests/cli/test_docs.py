@@ -152,3 +152,36 @@ def test_the_first_page_shows_what_is_printed(run: Run, beside_the_demo: Path) -
     (_, *words), below = command_above(page, "reverie-eval demo/")
     with chdir(beside_the_demo):
         assert below.startswith(f"```\n\n```\n{run(*words).out}```\n")
+
+
+def commands_of(page: str) -> Iterator[list[str]]:
+    """Return the words of every command of ours in a page's shell blocks, without redirections."""
+    blocks = re.findall(r"^ *```(?:sh|bash|console)\n(.*?)^ *```", page, re.DOTALL | re.MULTILINE)
+    for line in "\n".join(blocks).replace("\\\n", " ").splitlines():
+        for part in re.findall(r"(?<![\w/-])reverie-eval (.*)", line):
+            words = shlex.split(re.split(r" (?:[|>]|&&|<\() ?|\)\"", part)[0], comments=True)
+            yield [re.sub(r"^\$.*", "1", word) for word in words]
+
+
+RUN_ELSEWHERE = {DOCS / "tutorials", DOCS / "how-to" / "organising"}
+"""Folders whose commands are run in a row, by tests/server/test_docs.py and test_tutorials.py."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if page.parent not in RUN_ELSEWHERE],
+    ids=lambda page: str(page.relative_to(REPOSITORY)),
+)
+def test_every_command_is_one_that_we_have(page: Path) -> None:
+    """Most are also run, by the tests of what they are about."""
+    for words in commands_of(page.read_text()):
+        context = program.make_context("reverie-eval", words)
+        command: click.Command = program
+        while isinstance(command, click.Group):
+            name, found, rest = command.resolve_command(
+                context,
+                [*context._protected_args, *context.args],  # noqa: SLF001  # as click itself goes on
+            )
+            assert found is not None
+            context = found.make_context(name, rest, parent=context)
+            command = found

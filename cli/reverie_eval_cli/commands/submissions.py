@@ -113,7 +113,7 @@ def convert_submission(
 ) -> None:
     """Convert a submission to the official form.
 
-    SUBMISSION is a result file, or - for standard input. Mistakes that tell what was meant, such as
+    SUBMISSION is a result file, or - for standard input. Mistakes whose meaning is clear, such as
     misspelt fields or object ids written as decimals, are fixed. Standard error reports what was
     fixed, what was read differently from the official form, and what was dropped.
     """
@@ -154,7 +154,7 @@ def draw_episodes(
     """Draw some episodes of a split at random.
 
     Prints their instr_ids, one a line, for `--episodes-from`. The same options always draw the same
-    episodes. Standard error shows what signatures will call this subset.
+    episodes. Standard error shows the name of this subset in signatures.
     """
     from reverie_eval.ground_truth import draw_subset, find_ground_truth
 

@@ -1,5 +1,6 @@
 """What is public: the names of the package, and the files of the distribution."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -118,6 +119,13 @@ def test_the_wheel_contains_all_files_of_a_package(package: Path, wheel: ZipFile
 )
 def test_the_wheel_contains_data_files(name: str, wheel: ZipFile) -> None:
     assert name in wheel.namelist()
+
+
+def test_links_of_the_description_lead_to_a_host(wheel: ZipFile) -> None:
+    metadata = wheel.read(f"reverie_eval-{reverie_eval.__version__}.dist-info/METADATA").decode()
+    links = re.findall(r"\]\(([^)]+)\)", metadata)
+    assert len(links) > 10
+    assert [link for link in links if not link.startswith("https://")] == []
 
 
 def test_the_wheel_installs_the_command(wheel: ZipFile) -> None:

@@ -1,7 +1,7 @@
 """How well the released v1 boxes agree with projections of oriented boxes, judged by centres.
 
 ``python benchmarks/released_boxes.py DATASET OBJPOS`` prints the figures of
-``docs/boxes-from-houses.md``. DATASET is a clone of the dataset repository, OBJPOS the file
+``docs/how-to/boxes-from-houses.md``. DATASET is a clone of the dataset repository, OBJPOS the file
 ``tasks/REVERIE/data_v2/objpos.json`` of its history (commit 58a17aa) with the objects' centres.
 
 A box in the world contains its centre, so its image contains the centre's image.

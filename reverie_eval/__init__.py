@@ -1,7 +1,7 @@
 """Score submissions to the REVERIE benchmark.
 
 >>> import reverie_eval as rv
->>> scores = rv.evaluate("fixtures/submissions/good.json", split="val_unseen")
+>>> scores = rv.evaluate("demo/good.json", split="val_unseen")
 >>> scores["rgspl"] <= scores["rgs"]
 True
 """

@@ -1,9 +1,7 @@
 """The reference agents: Stop, Shortest and Random.
 
-References
-----------
-.. [1] Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor
-   Environments", CVPR 2020, section 5: the baselines that need no training.
+They are the baselines of Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real
+Indoor Environments", CVPR 2020, section 5, that need no training.
 """
 
 import math

@@ -32,6 +32,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "subset": "submissions:draw_episodes",
                 "convert": "submissions:convert_submission",
                 "agent": "submissions:agent",
+                "demo": "submissions:write_samples",
             },
             "Send to an evaluation server": {
                 "login": "login:login",
@@ -64,7 +65,8 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
           reverie-eval help submit                        explain a command
 
         A first word that is not a command is a file to score. Without ground truth
-        of your own (`reverie-eval compile`), the demo world is used.
+        of your own (`reverie-eval compile`), the demo world is used, for which
+        `reverie-eval demo` writes sample files.
 
         Exit status: 0 done, 1 input rejected, 2 usage or system error.
         """,

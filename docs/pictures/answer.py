@@ -1,6 +1,6 @@
 """Draw the picture of an answer, ``answer.svg`` beside this file, to standard output.
 
-It is an answer by box in the demo world, as docs/report.md explains.
+It is an answer by box in the demo world, as docs/how-to/report.md explains.
 """
 
 from pathlib import Path

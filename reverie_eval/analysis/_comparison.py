@@ -331,7 +331,7 @@ def compare(
 
     Examples
     --------
-    >>> samples = [f"fixtures/submissions/{name}.json" for name in ("mediocre", "good")]
+    >>> samples = [f"demo/{name}.json" for name in ("mediocre", "good")]
     >>> comparison = compare(*samples, split="val_unseen")
     >>> comparison["good"]["rgspl"].mean > 0, comparison.is_significant("good")
     (True, True)

@@ -14,7 +14,7 @@ DRAWS = 2_000
 _SHARE_OF_FREEDOM = 0.5
 """Degrees of freedom per cluster. Differences of two results have heavy tails, as they are 0 in
 most clusters: a variance estimated with a kurtosis of 5 is as certain as that of half as many
-normal values. Measured in docs/evidence.md."""
+normal values. Measured in docs/explanation/evidence.md."""
 _BATCH = 100
 """Draws in memory at once: of 100 results, a million differences."""
 

@@ -3,7 +3,7 @@
 The numbers are from section 3 of Qi et al., "REVERIE: Remote Embodied Visual Referring Expression
 in Real Indoor Environments", CVPR 2020 (arXiv:1904.10151), in the order in which they are shown.
 The paper does not say how it counts. The definitions used here come closest to its numbers on the
-published files; ``docs/dataset-description.md`` has the evidence.
+published files; ``docs/how-to/describe-a-dataset.md`` has the evidence.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -13,6 +13,7 @@ from reverie_eval.ground_truth._subset import draw_subset, read_episode_ids
 from reverie_eval.ground_truth._truth import (
     DEMO_BUNDLES,
     DEMO_DATASET,
+    DEMO_SAMPLES,
     GROUND_TRUTH_VARIABLE,
     Episodes,
     GroundTruth,
@@ -25,6 +26,7 @@ __all__ = [
     "CUSTOM_DATASET",
     "DEMO_BUNDLES",
     "DEMO_DATASET",
+    "DEMO_SAMPLES",
     "GROUND_TRUTH_VARIABLE",
     "Answers",
     "Bundle",

@@ -27,6 +27,8 @@ DEMO_DATASET = "demo"
 """Name of the synthetic dataset that ships with the package."""
 DEMO_BUNDLES = Path(__file__).with_name("demo")
 """The bundles of that dataset."""
+DEMO_SAMPLES = DEMO_BUNDLES / "submissions.zip"
+"""Sample submissions for its val_unseen, which ``reverie-eval demo`` writes."""
 
 NO_CATEGORY = "unnamed"
 """What stands for the category of a target that has none in the annotation."""

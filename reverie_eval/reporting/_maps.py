@@ -260,7 +260,7 @@ class EpisodeMap:
         return list(map(self.level_note, self.routes))
 
     def is_jump(self, route: Route) -> BoolArray:
-        """Shape (n_legs,): whether no edge joins the ends of a route's leg."""
+        """Shape (n_legs,): whether the ends of a route's leg are unconnected."""
         start, end = self.graph_row[route.legs].T
         return ~self.graph.has_edge(start, end)
 

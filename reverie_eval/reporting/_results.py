@@ -39,7 +39,7 @@ def results_table(results: Mapping[str, Method | Sequence[Method]]) -> Table:
     >>> from reverie_eval import evaluate
     >>> samples = {"first": "mediocre", "second": "good"}
     >>> results = {
-    ...     name: evaluate(f"fixtures/submissions/{sample}.json", split="val_unseen")
+    ...     name: evaluate(f"demo/{sample}.json", split="val_unseen")
     ...     for name, sample in samples.items()
     ... }
     >>> print("\n".join(results_table(results).to_markdown().splitlines()[:4]))

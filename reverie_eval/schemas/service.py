@@ -203,13 +203,16 @@ class Phase(WireModel):
     """A period in which a split accepts submissions; a day alone begins or ends it in UTC."""
 
     name: Name = Field(examples=["challenge 2027"])
+    """Names a period in which submissions are accepted; without phases, they always are."""
     opens: Annotated[Instant | None, BeforeValidator(_first_second)] = Field(
         None, examples=["2027-01-01T00:00:00Z"]
     )
+    """The first second of the phase: ``2027-01-01T00:00:00Z``, or ``2027-01-01``, a day in UTC."""
     closes: Annotated[Instant | None, BeforeValidator(_last_second)] = Field(
         None, examples=["2027-06-01T23:59:59Z"]
     )
-    """The last second of the phase, included."""
+    """The last second of the phase: ``2027-06-01T23:59:59Z``, or ``2027-06-01``, which includes all
+    of 1 June. An upload counts from the moment at which its last byte arrived."""
 
     @model_validator(mode="after")
     def _opens_before_it_closes(self) -> Self:

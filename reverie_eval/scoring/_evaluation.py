@@ -83,7 +83,7 @@ def evaluate(
 
     Examples
     --------
-    >>> scores = evaluate("fixtures/submissions/good.json", split="val_unseen")
+    >>> scores = evaluate("demo/good.json", split="val_unseen")
     >>> round(scores["success"], 2)
     0.81
     """

@@ -45,7 +45,7 @@ class Evaluator:
     Examples
     --------
     >>> evaluator = Evaluator(split="val_unseen")
-    >>> evaluator("fixtures/submissions/good.json")["success"] > 0.8
+    >>> evaluator("demo/good.json")["success"] > 0.8
     True
     """
 

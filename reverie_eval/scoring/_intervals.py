@@ -18,7 +18,7 @@ in a task without target objects, the goal region, or else the end of the path."
 
 FEW_CLUSTERS = 5
 """With fewer clusters, intervals contain the true mean less often than they claim; measured in
-docs/uncertainty.md."""
+docs/explanation/uncertainty.md."""
 
 _MIN_CLUSTERS = 2
 _TABLES_AT_ONCE = 50

@@ -161,12 +161,12 @@ def evaluate_many(
 
     Examples
     --------
-    >>> files = [f"fixtures/submissions/{name}.json" for name in ("mediocre", "good", "broken")]
+    >>> files = [f"demo/{name}.json" for name in ("mediocre", "good", "broken")]
     >>> scored = evaluate_many(files, split="val_unseen")
     >>> list(scored)
-    ['fixtures/submissions/good.json', 'fixtures/submissions/mediocre.json']
+    ['demo/good.json', 'demo/mediocre.json']
     >>> list(scored.failures)
-    ['fixtures/submissions/broken.json']
+    ['demo/broken.json']
     """
     evaluator = Evaluator(
         split=split,

@@ -154,11 +154,11 @@ class Quota(_Section):
     """Scored submissions of a team, and of each person in it, in rolling windows."""
 
     day: NonNegativeInt = 2
-    """In 24 hours."""
+    """Scored submissions in 24 hours, for a team and for each person in it; 200 for open splits."""
     month: NonNegativeInt = 10
-    """In 30 days."""
+    """In 30 days; 2,000 for open splits."""
     year: NonNegativeInt = 40
-    """In 365 days."""
+    """In 365 days; 10,000 for open splits."""
 
 
 OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
@@ -169,26 +169,30 @@ class Also(_Section):
     """A further leaderboard of a split: the same submissions, ranked by other rules."""
 
     protocol: Annotated[str, AfterValidator(_known_protocol)] | None = None
-    """By default the split's."""
+    """The rules of a further leaderboard, ranked from the same uploads; by default the split's."""
     track: Track | None = None
-    """By default the split's."""
+    """Its track; by default the split's."""
 
 
 class Split(_Section):
     """A split that accepts submissions."""
 
     bundle: Path
-    """The ground truth, with answers."""
+    """The split's ground truth, with answers."""
     visibility: Literal["private", "open"] = "private"
-    """Private: only rounded means are released. Open: also the values of every episode."""
+    """``private``: only means rounded to two decimals are released, never values of single
+    episodes. ``open``: the answers are public, and the values of every episode are released."""
     protocol: Annotated[str, AfterValidator(_known_protocol)] = DEFAULT_PROTOCOL
+    """The rules to score by."""
     track: Track = "full"
-    """Grounding: answers alone are scored, with the agent placed at the goal."""
+    """``grounding``: answers alone are scored, with the agent placed at the goal, and leaderboards
+    rank by RGS. A change sets earlier results apart, as a change of the protocol does."""
     quota: Quota | None = None
     phases: Phases = (Phase(name="always"),)
     """Until other phases are set at the desk."""
     release_scores: ReleaseScores = "at-once"
-    """Phase-end: nobody sees the scores of a private split before the phase ends."""
+    """``phase-end``: nobody sees the scores of a private split, on its leaderboard or elsewhere,
+    before the end of the phase in which the submission came. Every phase needs ``closes``."""
     one_per_team: bool = False
     """Publishing a submission takes the team's earlier one off the leaderboard."""
     also: dict[Annotated[str, AfterValidator(_plain_name)], Also] = {}  # pydantic copies it
@@ -263,17 +267,18 @@ class Limits(_Section):
 
 
 Event: TypeAlias = Literal["submission", "join-request", "phase-end", "unhealthy"]
-"""What the organiser can be told of."""
+"""What the organiser can be notified of."""
 
 
 class Channel(_Section):
-    """A way to tell the organiser of events."""
+    """A way to notify the organiser of events."""
 
     events: tuple[Event, ...] = ()
-    """Of which events; of all if it is empty."""
+    """What to report: ``submission``, ``join-request``, ``phase-end``, ``unhealthy``; everything if
+    it is empty."""
 
     def wants(self, event: Event) -> bool:
-        """Whether the organiser is told of an event."""
+        """Whether the organiser is notified of an event."""
         return not self.events or event in self.events
 
     def due(self, now: datetime) -> datetime:
@@ -285,19 +290,24 @@ class Mail(Channel):
     """E-mail, by SMTP."""
 
     host: Name
+    """The SMTP server. Without a section ``[mail]``, no mail is sent."""
     port: PositiveInt = 587
+    """Its port."""
     security: Literal["starttls", "tls", "none"] = "starttls"
-    """``tls`` from the first byte, usually on port 465; ``none`` for this machine's own server."""
+    """``tls``: encrypted from the first byte, usually on port 465. ``none``: for a mail server on
+    the same machine."""
     user: str = ""
     """Empty if the mail server does not ask for one."""
     password: Annotated[str, Field(repr=False)] = ""
     """Belongs in ``REVERIE_EVAL_MAIL__PASSWORD``, if it is not in a file."""
     password_file: Path | None = None
-    """A file with the password alone."""
+    """A file with the password alone, readable by its owner alone. It is not in backups."""
     sender: Email
+    """The address that mails come from."""
     recipients: Annotated[tuple[Email, ...], Field(min_length=1)]
+    """The addresses that they go to."""
     digest: Literal["none", "daily"] = "none"
-    """Daily: one mail for each day in UTC."""
+    """``daily``: one mail for each day, after midnight UTC."""
 
     def due(self, now: datetime) -> datetime:
         """Return when to send a message about what happens now: maybe at midnight."""
@@ -310,6 +320,7 @@ class Webhook(Channel):
     """A program that is told by HTTP."""
 
     url: HttpUrl
+    """Where to send events as JSON. Without a section ``[webhook]``, nothing is sent."""
     secret: Annotated[str, Field(repr=False)] = ""
     """Signs each request; belongs in ``REVERIE_EVAL_WEBHOOK__SECRET``. Not signed if empty."""
 
@@ -326,37 +337,46 @@ class Settings(BaseSettings):
     )
 
     title: Name = "REVERIE evaluation server"
+    """The server's name, also on receipts."""
     public_address: Annotated[str, AfterValidator(_known_address)] = ""
     """How people reach the server: ``https://eval.example.org``, or with a path below which it has
-    all its addresses, ``https://lab.example.org/reverie``. Printed in what they copy."""
+    all its addresses, ``https://lab.example.org/reverie``. Printed in citations and instructions;
+    if it is empty, the address that the server listens at."""
     contact: Annotated[Line, AfterValidator(_known_contact)] = ""
-    """How to reach the organiser: an e-mail address, or a link that begins with ``https://``."""
+    """How to reach the organiser: an e-mail address, or a link that begins with ``https://``. Shown
+    at the end of all pages, where people sign in, and with errors."""
     links: dict[Name, Https] = {}  # pydantic copies it
-    """Where to read on: paper, data, code, licence, by the text of each link."""
+    """Links at the end of all pages, by their text: paper, data, code, licence. *Get the data* on
+    the first page leads to the one called ``Data``, or else to the published repository."""
     banner: Line = ""
-    """A message shown to everyone: maintenance, deadlines."""
+    """A line shown to everyone: maintenance, deadlines."""
     paused: bool = False
     """Accept no submissions; everything else still works."""
     database: Annotated[str, AfterValidator(_known_database)] = "sqlite:///server.db"
-    """An SQLite file, or ``postgresql+psycopg://...``."""
+    """An SQLite file, or PostgreSQL, ``postgresql+psycopg://user@host/name``; a password comes
+    before the ``@``."""
     uploads: Annotated[str, AfterValidator(_known_store)] = "uploads"
-    """A folder, or ``s3://bucket/prefix``."""
+    """A folder, or an S3-compatible store, ``s3://bucket/prefix``."""
     keep_uploads_days: PositiveInt | None = None
-    """After so many days, files of submissions that are not published are deleted."""
+    """After so many days, files of submissions that are not published are deleted; scores and
+    receipts stay. If it is not set, all files are kept."""
     signing_key: Path = Path("signing-key.pem")
-    """Signs receipts; created by ``server init``. Keep a copy elsewhere."""
+    """Signs receipts; ``server init`` creates it. Keep a copy elsewhere. Anyone can check receipts
+    with the public key that the server publishes."""
     accept_requests_to_join: bool = True
     """Let anyone ask for an account at ``/join``; an organiser decides."""
     splits: Annotated[dict[str, Split], Field(min_length=1)]
     required_metadata: tuple[Metadata, ...] = ()
-    """What a submission must state about its method, besides the name."""
+    """What a submission must state about its method, besides the name: ``description``, ``paper``,
+    ``code``, ``extra_data``, ``pre_exploration``, ``ground_truth_objects``, ``ensemble``."""
     limits: Limits = Limits()
     mail: Mail | None = None
     webhook: Webhook | None = None
     trusted_proxies: tuple[IPvAnyNetwork, ...] = ()
-    """Proxies whose ``X-Forwarded-For`` is trusted."""
+    """Addresses and networks of the proxies in front of the server, whose ``X-Forwarded-For`` is
+    trusted."""
     metrics_readers: tuple[IPvAnyNetwork, ...] = ()
-    """Networks that may read ``/metrics`` without an organiser's token."""
+    """Addresses and networks that may read ``/metrics`` without an organiser's token."""
     _folder: Path
 
     @classmethod

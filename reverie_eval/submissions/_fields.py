@@ -72,8 +72,8 @@ def find_misspelt(
     """Return the fields of a record that can only be a misspelt known one, with what they mean.
 
     A field that resembles a known one is left alone if the record has that one as well: codebases
-    keep notes of their own beside the official fields. The same goes for known ones that are
-    ``optional`` in this record.
+    keep notes of their own beside the official fields. So is one that resembles a field
+    which is ``optional`` in this record.
     """
     unknown = {field: _meant_by(field) for field in record if field not in FIELDS}
     missing = {meant for meant in unknown.values() if meant and not _has(record, meant)}

@@ -448,3 +448,13 @@ def test_every_shell_gets_a_script(shell: str, run: Run) -> None:
     status, out, err = run("completion", shell)
     assert (status, err) == (0, "")
     assert "reverie-eval" in out
+
+
+def test_demo_writes_the_samples_into_a_new_folder(tmp_path: Path, run: Run) -> None:
+    folder = tmp_path / "samples"
+    assert run("demo", str(folder)).status == 0
+    written = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert written == {path.name: path.read_bytes() for path in SAMPLES.iterdir()}
+    again = run("demo", str(folder))
+    assert (again.status, again.out) == (2, "")
+    assert f"{folder} is not empty; name a new folder" in again.err

@@ -4,21 +4,21 @@ import re
 import runpy
 import shlex
 from collections.abc import Iterator
+from contextlib import chdir
 from pathlib import Path
 
 import click
 import pytest
 
-from reverie_eval import CATALOGUE, PROTOCOLS
-from reverie_eval.metrics import Metric
-from reverie_eval.scoring import ALIASES
+from reverie_eval import PROTOCOLS
 from reverie_eval_cli.commands.shell import SCHEMAS
 from reverie_eval_cli.main import main, program
 from tests.conftest import REPOSITORY
+from tests.support.flat import Run
 
 DOCS = REPOSITORY / "docs"
 README = REPOSITORY / "README.md"
-COMMAND_LINE = DOCS / "command-line.md"
+GENERATED = runpy.run_path(str(DOCS / "extensions" / "generated.py"))["GENERATED"]
 
 
 def codes_in(*sources: Path) -> set[str]:
@@ -75,7 +75,7 @@ def test_readme_shows_all_protocols_as_they_are_printed(
 def test_the_sample_with_boxes_scores_what_its_page_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    page = (DOCS / "submission-format.md").read_text()
+    page = (DOCS / "reference" / "submission-format.md").read_text()
     (_, _, *words), below = command_above(page, "$ reverie-eval fixtures/submissions/drawn.json")
     assert main(words) == 0
     assert below.startswith(f"{capsys.readouterr().out}```\n")
@@ -85,7 +85,7 @@ def test_the_sample_with_boxes_scores_what_its_page_says(
 def test_the_table_of_protocols_is_what_the_command_above_it_prints(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    page = (DOCS / "protocols.md").read_text()
+    page = (DOCS / "explanation" / "why-numbers-differ.md").read_text()
     (_, *words), below = command_above(page, "reverie-eval fixtures/")
     assert main(words) == 0
     table, _, _ = capsys.readouterr().out.partition("\n\n")
@@ -93,18 +93,14 @@ def test_the_table_of_protocols_is_what_the_command_above_it_prints(
     assert below.startswith(f"```\n\n{table}\n\n")
 
 
-@pytest.mark.parametrize("name", [*PROTOCOLS, *ALIASES])
-def test_every_protocol_is_documented(name: str) -> None:
-    table = (DOCS / "protocols.md").read_text().partition("| protocol |")[2]
-    assert f"`{name}`" in table.partition("\n\n")[0]
-
-
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_schemas_are_those_that_the_command_prints(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["schema", name]) == 0
-    assert (DOCS / "schemas" / f"{name}.schema.json").read_text() == capsys.readouterr().out
+    assert (
+        DOCS / "reference" / "schemas" / f"{name}.schema.json"
+    ).read_text() == capsys.readouterr().out
 
 
 def options_of(command: click.Command) -> Iterator[str]:
@@ -123,29 +119,69 @@ def options_of(command: click.Command) -> Iterator[str]:
         yield from (option.opts[-1] for option in options)
 
 
-@pytest.mark.parametrize("name", program.list_commands(click.Context(program)))
-def test_every_command_is_documented(name: str) -> None:
-    assert f"reverie-eval {name} " in COMMAND_LINE.read_text()
-
-
-@pytest.mark.parametrize("option", sorted(set(options_of(program))))
-def test_every_option_is_documented(option: str) -> None:
-    short = {"--output": "(--output|-o)"}
-    assert re.search(rf"(?<![\w-]){short.get(option, option)}(?![\w-])", COMMAND_LINE.read_text())
-
-
-@pytest.mark.parametrize("metric", CATALOGUE.values(), ids=list(CATALOGUE))
-def test_every_metric_is_documented_in_the_catalogue_s_words(metric: Metric) -> None:
-    cells = (f"`{metric.key}`", metric.label, metric.unit, metric.better, metric.definition)
-    assert f"| {' | '.join(cells)} |" in (DOCS / "metrics.md").read_text()
+def test_every_command_and_option_is_in_the_reference() -> None:
+    page = GENERATED["commands"]("")
+    names = program.list_commands(click.Context(program))
+    assert [name for name in names if f"\n## reverie-eval {name}\n" not in f"\n{page}"] == []
+    options = set(options_of(program))
+    assert [each for each in sorted(options) if not re.search(rf"`[^`\n]*{each}\b", page)] == []
 
 
 def test_every_problem_of_a_submission_is_documented() -> None:
     built = codes_in(REPOSITORY / "reverie_eval" / "submissions" / "_problems.py")
-    assert built == codes_documented("submission-format.md")
+    assert built == codes_documented("reference/submission-format.md")
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.name)
+PAGES = [*sorted(DOCS.rglob("*.md")), *sorted(REPOSITORY.glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(REPOSITORY)))
 def test_links_between_pages_lead_somewhere(page: Path) -> None:
     targets = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text())
     assert [target for target in targets if not (page.parent / target).exists()] == []
+
+
+@pytest.mark.usefixtures("at_the_root")
+def test_the_python_of_readme_runs() -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    exec(block)
+
+
+def test_the_first_page_shows_what_is_printed(run: Run, beside_the_demo: Path) -> None:
+    page = (DOCS / "index.md").read_text()
+    (_, *words), below = command_above(page, "reverie-eval demo/")
+    with chdir(beside_the_demo):
+        assert below.startswith(f"```\n\n```\n{run(*words).out}```\n")
+
+
+def commands_of(page: str) -> Iterator[list[str]]:
+    """Return the words of every command of ours in a page's shell blocks, without redirections."""
+    blocks = re.findall(r"^ *```(?:sh|bash|console)\n(.*?)^ *```", page, re.DOTALL | re.MULTILINE)
+    for line in "\n".join(blocks).replace("\\\n", " ").splitlines():
+        for part in re.findall(r"(?<![\w/-])reverie-eval (.*)", line):
+            words = shlex.split(re.split(r" (?:[|>]|&&|<\() ?|\)\"", part)[0], comments=True)
+            yield [re.sub(r"^\$.*", "1", word) for word in words]
+
+
+RUN_ELSEWHERE = {DOCS / "tutorials", DOCS / "how-to" / "organising"}
+"""Folders whose commands are run in a row, by tests/server/test_docs.py and test_tutorials.py."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if page.parent not in RUN_ELSEWHERE],
+    ids=lambda page: str(page.relative_to(REPOSITORY)),
+)
+def test_every_command_is_one_that_we_have(page: Path) -> None:
+    """Most are also run, by the tests of what they are about."""
+    for words in commands_of(page.read_text()):
+        context = program.make_context("reverie-eval", words)
+        command: click.Command = program
+        while isinstance(command, click.Group):
+            name, found, rest = command.resolve_command(
+                context,
+                [*context._protected_args, *context.args],  # noqa: SLF001  # as click itself goes on
+            )
+            assert found is not None
+            context = found.make_context(name, rest, parent=context)
+            command = found

@@ -23,9 +23,9 @@ import reverie_eval as rv
 from tests.conftest import REPOSITORY, SAMPLES, unavailable
 
 EXAMPLES = REPOSITORY / "examples"
-NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
-DAY = EXAMPLES / "day.ipynb"
+DAY = REPOSITORY / "docs" / "tutorials" / "day.ipynb"
 """The notebook whose outputs are kept, for readers who do not run it."""
+NOTEBOOKS = [DAY, *sorted(EXAMPLES.glob("*.ipynb"))]
 EPOCHS = ["mediocre", "drawn", "good"]
 MINUTES = 60
 
@@ -38,6 +38,9 @@ every_notebook = pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda file:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Lay out what a reader has who takes the examples and the samples, and nothing else."""
     shutil.copytree(EXAMPLES, tmp_path / "examples", ignore=shutil.ignore_patterns("[!a-z]*"))
+    tutorials = tmp_path / DAY.parent.relative_to(REPOSITORY)
+    tutorials.mkdir(parents=True)
+    shutil.copy(DAY, tutorials)
     shutil.copytree(SAMPLES, tmp_path / "fixtures" / "submissions")
     monkeypatch.setenv("HOME", str(tmp_path))  # where kernels and loggers keep their settings
     return tmp_path / "examples"
@@ -56,7 +59,7 @@ def test_a_notebook_runs(notebook: Path, folder: Path) -> None:
     if not (find_spec("nbclient") and find_spec("ipykernel")):
         unavailable("nbclient and ipykernel are not installed")
     source = notebook.read_text()
-    shown = execute(folder / notebook.name)
+    shown = execute(folder.parent / notebook.relative_to(REPOSITORY))
     drawn = len(re.findall(r"\.plot\.\w+\(|\.plot\(\)|plot_curve\(", source))
     assert json.dumps(shown).count('"image/png"') == drawn
     if notebook == DAY:  # `scripts/notebook` keeps what it shows now

@@ -8,7 +8,7 @@ import pytest
 
 from tests.conftest import REPOSITORY
 
-PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
+PAGE = (REPOSITORY / "docs" / "explanation" / "architecture.md").read_text()
 NAMES = re.findall(r"`((?:\w+\.)+\w+)`", PAGE.partition("## The walk")[2].partition("## A new")[0])
 
 

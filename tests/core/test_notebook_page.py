@@ -13,12 +13,14 @@ from typing import NamedTuple
 
 import pytest
 
+import reverie_eval as rv
 from reverie_eval import Comparison, Scores, compare, evaluate
 from reverie_eval.analysis import GROUPINGS
 from tests.conftest import REPOSITORY, SAMPLES, unavailable
 
 PAGES = {
-    name: (REPOSITORY / "docs" / f"{name}.md").read_text() for name in ("notebook", "training")
+    name: (REPOSITORY / "docs" / "how-to" / f"{name}.md").read_text()
+    for name in ("notebook", "training")
 }
 PAGE = PAGES["notebook"]
 FILES = {"submit.json": "good.json", "other.json": "mediocre.json"}
@@ -76,6 +78,15 @@ def test_every_block_runs_and_prints_what_the_page_shows(
         printed = [line.rstrip() for line in shown.getvalue().splitlines()]
         assert printed == block.printed.splitlines()
     assert {file.name for file in readers_folder.iterdir()} - FILES.keys() == written
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["explanation/failure-modes", "how-to/report"])
+@pytest.mark.usefixtures("readers_folder")
+def test_what_goes_on_from_scores_runs(page: str) -> None:
+    names: dict[str, object] = {"rv": rv, "scores": evaluate("submit.json", split="val_unseen")}
+    for block in blocks((REPOSITORY / "docs" / f"{page}.md").read_text()):
+        exec(block.code, names)
 
 
 def test_what_runs_beside_an_old_python_is_old_python() -> None:

@@ -1,5 +1,6 @@
 """What is public: the names of the package, and the files of the distribution."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -120,6 +121,13 @@ def test_the_wheel_contains_data_files(name: str, wheel: ZipFile) -> None:
     assert name in wheel.namelist()
 
 
+def test_links_of_the_description_lead_to_a_host(wheel: ZipFile) -> None:
+    metadata = wheel.read(f"reverie_eval-{reverie_eval.__version__}.dist-info/METADATA").decode()
+    links = re.findall(r"\]\(([^)]+)\)", metadata)
+    assert len(links) > 10
+    assert [link for link in links if not link.startswith("https://")] == []
+
+
 def test_the_wheel_installs_the_command(wheel: ZipFile) -> None:
     entry_points = wheel.read(f"reverie_eval-{reverie_eval.__version__}.dist-info/entry_points.txt")
     assert b"reverie-eval = reverie_eval_cli.__main__:run" in entry_points
@@ -139,3 +147,19 @@ def test_the_import_brings_numpy_and_msgspec_alone() -> None:
     """Beside another project's packages, nothing that could be in their way."""
     printed = subprocess.check_output([sys.executable, "-c", IMPORTED], text=True)
     assert printed == "['msgspec', 'numpy', 'reverie_eval']\n"
+
+
+def test_examples_in_docstrings_run_where_the_wheel_is_installed(
+    wheel: ZipFile, beside_the_demo: Path, tmp_path: Path
+) -> None:
+    """Those that read files; the suite runs all of them in the repository."""
+    wheel.extractall(tmp_path)
+    modules = [path for path in tmp_path.rglob("*.py") if '("demo/' in path.read_text()]
+    assert modules
+    command = f"-m pytest --quiet --doctest-modules --import-mode=importlib --rootdir {tmp_path}"
+    subprocess.run(
+        [sys.executable, *command.split(), "-c", "/dev/null", *modules],
+        cwd=beside_the_demo,
+        env={"PYTHONPATH": str(tmp_path), "HOME": str(tmp_path)},
+        check=True,
+    )

@@ -274,6 +274,6 @@ def test_v1_agrees_with_the_paper(
 @pytest.mark.dataset
 def test_the_documented_table_is_the_one_of_v1(published: Path, run: Run) -> None:
     status, out, _ = run("describe", str(published / "reverie-v1"))
-    page = (REPOSITORY / "docs" / "dataset-description.md").read_text()
+    page = (REPOSITORY / "docs" / "how-to" / "describe-a-dataset.md").read_text()
     assert status == 0
     assert f"$ reverie-eval describe REVERIE\n{out}```\n" in page

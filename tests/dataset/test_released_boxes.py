@@ -26,7 +26,7 @@ def test_the_documented_agreement_is_the_measured_one(
     measured = [
         (of, number, share) for _, number, of, share in LINE.findall(capsys.readouterr().out)
     ]
-    page = (REPOSITORY / "docs" / "boxes-from-houses.md").read_text()
+    page = (REPOSITORY / "docs" / "how-to" / "boxes-from-houses.md").read_text()
     assert [row[1:] for row in ROW.findall(page)] == measured
     _, _, missed = measured[2]
     assert f"{missed} of their boxes do not contain their object's centre" in boxes._CAVEAT  # noqa: SLF001

@@ -13,7 +13,7 @@ from tests.conftest import REPOSITORY
 from tests.support.flat import Run
 from tests.support.participants import RealServer, private_submission
 
-PAGE = (REPOSITORY / "docs" / "submitting.md").read_text()
+PAGE = (REPOSITORY / "docs" / "how-to" / "submit.md").read_text()
 SERVER = "https://reverie.example.org"
 PROMPT = "token or invitation: \n"
 SOURCES = [

@@ -24,7 +24,7 @@ from tests.support.processes import COMMAND, Laptop
 from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, PEOPLE, Serving, populate
 from tests.support.waiting import wait_until
 
-PAGE = (REPOSITORY / "docs" / "deploy.md").read_text()
+PAGE = (REPOSITORY / "docs" / "how-to" / "deploy.md").read_text()
 
 
 def blocks(language: str) -> list[str]:

@@ -1,7 +1,7 @@
 """No request looks through all submissions: each finds what it needs by an index.
 
 A server with thousands of submissions is asked for everything that it shows, and the database for
-its plan of every statement. ``docs/evidence.md`` lists the indexes that are used.
+its plan of every statement. ``docs/explanation/evidence.md`` lists the indexes that are used.
 """
 
 import re
@@ -19,7 +19,7 @@ from tests.server.test_statements import PAGES, READS
 from tests.support.serving import MATE, ORGANISER, OWNER, Serving
 from tests.support.visiting import Visitor, signed_in
 
-EVIDENCE = (REPOSITORY / "docs" / "evidence.md").read_text()
+EVIDENCE = (REPOSITORY / "docs" / "explanation" / "evidence.md").read_text()
 SUBMISSIONS, PUBLISHED, TEAMS = 4_000, 40, 40
 INDEXES = {str(index.name) for index in Submission.__table__.indexes}  # type: ignore[attr-defined]
 PRIMARY_KEY = {"sqlite_autoindex_submission_1", "submission_pkey"}

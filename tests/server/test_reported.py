@@ -247,7 +247,7 @@ def test_changes_that_are_refused(
 
 
 def test_the_commands_of_the_guide_print_what_it_says(laptop: Laptop) -> None:
-    guide = (REPOSITORY / "docs" / "organising" / "history.md").read_text()
+    guide = (REPOSITORY / "docs" / "how-to" / "organising" / "history.md").read_text()
     commands, printed = re.findall(r"```\w*\n(.*?)```", guide, re.DOTALL)[:2]
     laptop.run("server", "init", "lab")
     write, *lines = commands.splitlines()

@@ -13,7 +13,7 @@ from tests.support.broken_files import MISTAKES, broken, message_about, table
 from tests.support.forms import OFFICIAL
 from tests.support.worlds import SPLIT
 
-PAGE = Path("docs/broken-files.md")
+PAGE = Path("docs/reference/broken-files.md")
 SCREEN = 25
 """Lines, of which none is so long that it fills many."""
 

@@ -1,6 +1,6 @@
 """Mistakes that people make in their files, each made in a good file.
 
-``python -m tests.support.broken_files`` prints the table of ``docs/broken-files.md``.
+``python -m tests.support.broken_files`` prints the table of ``docs/reference/broken-files.md``.
 """
 
 import bz2

@@ -1,6 +1,7 @@
 """What every protocol means, written once more: slowly, literally, and without the package.
 
-Every function is a sentence of docs/metrics.md or docs/protocols.md, in dictionaries and loops.
+Every function is a sentence of ``metrics.md`` or ``protocols.md`` in ``docs/reference``, in
+dictionaries and loops.
 Tests hold the package against it on random worlds; it shares no line of code with what it judges.
 """
 
@@ -210,7 +211,7 @@ def measure(scan: Scan, task: Task, prediction: Prediction) -> Episode:
 
 
 def score_episode(episode: Episode, protocol: str) -> Values:
-    """Give one episode its values, in the order in which docs/metrics.md lists them."""
+    """Give one episode its values, in the order in which docs/reference/metrics.md lists them."""
     scan, task, prediction = episode.scan, episode.task, episode.prediction
     walked, iou, trajectory = episode.walked, episode.iou, prediction.trajectory
     length = episode.annotated if protocol in SPL_BY_ANNOTATED_LENGTH else episode.shortest

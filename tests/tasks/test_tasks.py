@@ -74,7 +74,7 @@ def test_the_demo_world_has_every_split(name: str, run: Run) -> None:
 
 def test_the_page_shows_what_is_printed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(REPOSITORY)
-    page = (REPOSITORY / "docs" / "tasks.md").read_text()
+    page = (REPOSITORY / "docs" / "reference" / "tasks.md").read_text()
     command = r"```sh\nreverie-eval (fixtures/[^\n]*)\n```"
     shown = re.findall(rf"{command}\n\n```\n(.*?)```", page, re.DOTALL)
     assert len(shown) == len(BUILT_IN) - 1
@@ -134,7 +134,7 @@ def test_a_breakdown_by_targets_needs_targets(by: str) -> None:
 
 @every_task
 def test_the_page_names_every_task(name: str) -> None:
-    assert f"| `{name}` |" in (REPOSITORY / "docs" / "tasks.md").read_text()
+    assert f"| `{name}` |" in (REPOSITORY / "docs" / "reference" / "tasks.md").read_text()
 
 
 def test_a_server_refuses_the_bundle_of_another_task() -> None:

@@ -39,8 +39,8 @@ def compile_bundle(
 ) -> None:
     """Compile a split's files into a ground-truth bundle.
 
-    DATASET is a clone of the REVERIE dataset repository, or of another task's. Files that are not
-    in it are named by the options.
+    DATASET is a clone of the REVERIE dataset repository, or of another task's. Name files that are
+    elsewhere with the options.
     """
     from reverie_eval.dataset import DatasetFiles, compile_split, origin_notes
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.command()
 @server_options
 def login(*, server: ServerOptions) -> None:
-    """Keep your token for a server.
+    """Sign in to a server with a token or an invitation.
 
     The token, or an invitation to exchange for one, is read from the keyboard or from standard
     input.

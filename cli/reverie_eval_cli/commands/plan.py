@@ -68,9 +68,9 @@ def plan(
     """Plan a comparison: what a split can show.
 
     Prints the smallest difference in SR or RGS that is found significant (5 %) with a probability
-    of 80 %, how probably the effect is, and how many episodes and runs it takes. The default
-    discordance is that of unrelated methods; similar ones have less. `reverie-eval compare` counts
-    it: won plus lost.
+    of 80 %, how likely the effect is to be found, and how many episodes and runs it takes. The
+    default discordance is that of unrelated methods; similar ones have less. `reverie-eval compare`
+    counts it: won plus lost.
     """
     from reverie_eval.metrics.power import Design
 

@@ -113,7 +113,7 @@ def convert_submission(
 ) -> None:
     """Convert a submission to the official form.
 
-    SUBMISSION is a result file, or - for standard input. Mistakes that tell what was meant, such as
+    SUBMISSION is a result file, or - for standard input. Mistakes whose meaning is clear, such as
     misspelt fields or object ids written as decimals, are fixed. Standard error reports what was
     fixed, what was read differently from the official form, and what was dropped.
     """
@@ -154,7 +154,7 @@ def draw_episodes(
     """Draw some episodes of a split at random.
 
     Prints their instr_ids, one a line, for `--episodes-from`. The same options always draw the same
-    episodes. Standard error shows what signatures will call this subset.
+    episodes. Standard error shows the name of this subset in signatures.
     """
     from reverie_eval.ground_truth import draw_subset, find_ground_truth
 
@@ -193,3 +193,26 @@ def agent(
     check_outputs([output], [ground_truth])
     truth = find_ground_truth(ground_truth, split, task)
     write_text(submission_text(run_agent(name, truth, seed)), output)
+
+
+@click.command("demo")
+@click.argument("folder", type=options.PATH, default=Path("demo"))
+def write_samples(*, folder: Path) -> None:
+    """Write sample submissions for the demo world.
+
+    FOLDER is a new or an empty folder; without it, `demo`. The samples are for val_unseen: a good
+    one, a mediocre one, one that answers by boxes (drawn), one with every kind of mistake (broken),
+    and one for each further task.
+    """
+    from zipfile import ZipFile
+
+    from reverie_eval.files import staged_folder
+    from reverie_eval.ground_truth import DEMO_SAMPLES
+
+    if folder.exists() and any(folder.iterdir()):
+        raise click.UsageError(f"{folder} is not empty; name a new folder")
+    with staged_folder(folder) as aside, ZipFile(DEMO_SAMPLES) as samples:
+        samples.extractall(aside)
+        names = samples.namelist()
+    print(f"{folder}: {', '.join(names)}")
+    print(f"try: reverie-eval {folder / 'good.json'} --split val_unseen")

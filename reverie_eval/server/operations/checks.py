@@ -291,7 +291,7 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
             message = (
                 f"{name} is private and has only {episodes} episodes: exact counts can be worked "
                 "out from its scores, and a year's submissions tell the outcomes of more than a "
-                "tenth of them; lower its quota (see SECURITY.md)"
+                "tenth of them; lower its quota (documentation: Security)"
             )
             yield Finding("ground truth", "note", message)
 
@@ -311,7 +311,7 @@ def _told_by_further(board: Board, episodes: int) -> str:
         f"{board.name} is private and has {count_text(len(board.also), 'further leaderboard')}: a "
         f"submission tells up to {all_counts} counts of outcomes in place of {own}, so a year's "
         f"{count_text(year, 'submission')} tell up to {year * all_counts:,} outcomes of "
-        f"{episodes:,} episodes in place of {year * own:,} (see SECURITY.md)"
+        f"{episodes:,} episodes in place of {year * own:,} (documentation: Security)"
     )
 
 

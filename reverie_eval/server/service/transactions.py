@@ -32,7 +32,7 @@ class Transaction:
     now: datetime
     audit_log: AuditLog
     channels: Mapping[str, Channel] = field(default_factory=dict)
-    """By which the organiser is told of it."""
+    """How the organiser is notified of it."""
 
     @property
     def actor(self) -> str:

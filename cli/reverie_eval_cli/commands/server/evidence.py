@@ -25,8 +25,8 @@ def evidence(
 ) -> None:
     """Show what files of different teams have in common, and how those of a team differ.
 
-    These are numbers, and no verdict; docs/organising/inspection.md explains each. The first run
-    reads all uploads to SPLIT, later ones only new uploads.
+    These are numbers, not a verdict; the documentation explains each under "Looking into
+    submissions". The first run reads all uploads to SPLIT, later ones only new uploads.
     """
     from reverie_eval.server.operations.checks import opened_server
     from reverie_eval.server.settings import load_settings

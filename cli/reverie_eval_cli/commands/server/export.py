@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @click.option(
     "-o", "--output", required=True, metavar="DIR", type=options.PATH, help="A new or empty folder."
 )
-@options.layout("csv", "parquet", explained=" parquet takes reverie-eval[parquet].")
+@options.layout("csv", "parquet", explained=" parquet needs reverie-eval[parquet].")
 def export_tables(*, folder: Path, output: Path, layout: "Format") -> None:
     """Write what the leaderboards show as tables.
 

@@ -65,7 +65,7 @@ def doctor(*, folder: Path) -> int:
 @click.command()
 @options.server_folder
 def upgrade(*, folder: Path) -> None:
-    """Bring the database to this version.
+    """Upgrade the database to this version.
 
     Back it up first.
     """

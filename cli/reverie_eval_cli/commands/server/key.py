@@ -34,11 +34,11 @@ def list_keys(*, folder: Path) -> None:
 @key.command()
 @options.server_folder
 @click.option("--reason", metavar="TEXT", help="Why; published with the key that ends.")
-@click.option("--lost", is_flag=True, help="The file of the key in use is lost for ever.")
+@click.option("--lost", is_flag=True, help="The file of the key in use is lost.")
 def rotate(*, folder: Path, reason: str | None, lost: bool) -> None:
-    """Replace the signing key by a new one.
+    """Replace the signing key with a new one.
 
-    Restart the server then: until that, it accepts no changes. Earlier receipts stay genuine.
+    Restart the server afterwards: until then, it accepts no changes. Earlier receipts stay genuine.
     """
     from reverie_eval.schemas.organising import KeyRotation
     from reverie_eval.server.operations.keys import replace_lost_key, rotate_key
@@ -58,7 +58,7 @@ def rotate(*, folder: Path, reason: str | None, lost: bool) -> None:
     "--since",
     required=True,
     type=options.Time(),
-    help="From when on others may have had it, with the time zone: 2027-06-01T12:00:00Z.",
+    help="When others may first have had it, with the time zone: 2027-06-01T12:00:00Z.",
 )
 @click.option("--reason", required=True, metavar="TEXT", help="Why; published with the key.")
 def revoke(*, folder: Path, key_id: str, since: datetime, reason: str) -> None:

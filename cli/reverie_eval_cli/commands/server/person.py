@@ -173,7 +173,8 @@ def export(*, folder: Path, name: str, team: str | None) -> None:
 def delete(*, folder: Path, name: str, team: str | None, yes: bool) -> None:
     """Remove a person's name and address, and revoke their tokens.
 
-    Results and the audit log stay, under a neutral name. There is no way back but a backup.
+    Results and the audit log stay, under a neutral name. This cannot be undone, except from a
+    backup.
     """
     from reverie_eval.server.service.people import person_named
     from reverie_eval.server.service.personal_data import delete_person

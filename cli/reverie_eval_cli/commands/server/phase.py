@@ -40,7 +40,7 @@ def phase() -> None:
 @click.option(
     "--closes",
     type=options.DayOrTime(),
-    help="Its last second: 2027-06-01T23:59:59Z, or a day in UTC, of which the whole counts.",
+    help="Its last second: 2027-06-01T23:59:59Z, or a day in UTC, which counts as a whole.",
 )
 @click.option(
     "--release-scores",

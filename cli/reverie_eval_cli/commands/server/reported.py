@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     type=options.Choice(["percent", "fraction"]),
     default="percent",
     show_default=True,
-    help="How FILE has rates, such as SR: as 59.6 or as 0.596.",
+    help="How FILE gives rates, such as SR: as 59.6 or as 0.596.",
 )
 @click.option("--dry-run", is_flag=True, help="Only show what would be added.")
 def import_results(

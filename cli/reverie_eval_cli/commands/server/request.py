@@ -72,7 +72,7 @@ def accept(*, folder: Path, numbers: "Sequence[int]") -> None:
 def reject(*, folder: Path, numbers: "Sequence[int]", reason: str) -> None:
     """Reject requests to join.
 
-    What they say of people is removed.
+    The personal data in them is deleted.
     """
     from reverie_eval.schemas.joining import Rejection
     from reverie_eval.server.service.joining import reject_requests

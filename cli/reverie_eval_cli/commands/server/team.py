@@ -58,8 +58,8 @@ def rename(*, folder: Path, name: str, new_name: str) -> None:
 def merge(*, folder: Path, name: str, into: str) -> None:
     """Give a team's people, submissions and grants to another.
 
-    Quotas count the submissions of both, as if the team INTO had always been one. There is no way
-    back but a backup. Receipts keep the NAME under which they were signed.
+    Quotas count the submissions of both, as if the team INTO had always been one. This cannot be
+    undone, except from a backup. Receipts keep the NAME under which they were signed.
     """
     from reverie_eval.schemas.organising import NewMerge
     from reverie_eval.server.service.merging import merge_teams

@@ -1,0 +1,63 @@
+"""How the documentation site is built: ``scripts/docs``."""
+
+import sys
+from pathlib import Path
+
+from reverie_eval.version import __version__
+
+DOCS = Path(__file__).parent
+sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent)]
+
+project = "reverie-eval"
+author = "the reverie-eval developers"
+project_copyright = author
+version = release = __version__
+
+extensions = [
+    "checked",
+    "generated",
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "numpydoc",
+    "sphinx_copybutton",
+]
+exclude_patterns = ["_build"]
+
+# Pages.
+
+myst_enable_extensions = ["attrs_inline", "deflist"]
+myst_heading_anchors = 4
+myst_links_external_new_tab = False
+suppress_warnings = [
+    "myst.header",  # pages of the repository are included below a heading of their own
+]
+nb_execution_mode = "off"  # notebooks are shown with the outputs that they are stored with
+
+# The Python reference.
+
+autodoc_class_signature = "separated"
+autodoc_default_options = {"exclude-members": "__init__, __new__"}
+toc_object_entries_show_parents = "hide"
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+autodoc_typehints = "none"
+numpydoc_show_class_members = False
+
+# Looks. Nothing is asked of another host.
+
+html_theme = "furo"
+html_title = f"reverie-eval {version}"
+html_favicon = "../reverie_eval/server/pages/static/icon.svg"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sourcelink = False
+html_show_sphinx = False
+html_use_opensearch = ""
+html_theme_options = {"navigation_with_keys": False}
+smartquotes = False  # which would make a dash of "--"
+highlight_language = "none"  # what commands print is not Python
+pygments_style = "a11y-high-contrast-light"
+pygments_dark_style = "a11y-high-contrast-dark"
+copybutton_prompt_text = r"\$ "
+copybutton_prompt_is_regexp = True

@@ -3,16 +3,23 @@
 The proof is an Ed25519 signature [1]_ of the canonical JSON of all other fields:
 keys sorted, no spaces, UTF-8.
 
+For programs of others, the same receipt is also an in-toto statement [2]_ about the submitted file,
+signed with the same key in a DSSE envelope [3]_.
+
 References
 ----------
 .. [1] Josefsson and Liusvaara, "Edwards-Curve Digital Signature Algorithm", RFC 8032, 2017.
+.. [2] in-toto Attestation Framework, Statement v1,
+   https://github.com/in-toto/attestation/blob/main/spec/v1/statement.md.
+.. [3] Dead Simple Signing Envelope 1.0.2, https://github.com/secure-systems-lab/dsse.
 """
 
 import base64
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
+from decimal import Decimal
 from typing import Any
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
@@ -23,6 +30,11 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
 from reverie_eval.text import printable
 
+PAYLOAD_TYPE = "application/vnd.in-toto+json"
+"""What an envelope contains: an in-toto statement."""
+PREDICATE_TYPE = "urn:reverie-eval:receipt:v1"
+"""What such a statement says of its subject: the fields of a receipt."""
+_STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 _KEY_ID_LENGTH = 16
 
 
@@ -107,7 +119,43 @@ def _claim(signed: Receipt | Snapshot) -> tuple[datetime, str, str]:
 
 def canonical(receipt: Receipt | Snapshot) -> bytes:
     """Return the bytes that are signed: the receipt without its proof, in canonical JSON."""
-    fields: dict[str, Any] = receipt.model_dump(mode="json", exclude={"proof"})
+    return _compact(receipt.model_dump(mode="json", exclude={"proof"}))
+
+
+def statement(receipt: Receipt) -> bytes:
+    """Return a receipt as an in-toto statement: the file is its subject, the rest its predicate.
+
+    Scores are decimal strings with all digits, because programs write floating-point numbers
+    differently. What concerns the signature is left to the envelope.
+    """
+    predicate = receipt.model_dump(
+        mode="json", exclude={"schema_version", "sha256", "key_id", "proof"}
+    )
+    scores = {key: f"{Decimal(repr(value)):f}" for key, value in receipt.scores.items()}
+    return _compact(
+        {
+            "_type": _STATEMENT_TYPE,
+            "subject": [{"name": receipt.submission_id, "digest": {"sha256": receipt.sha256}}],
+            "predicateType": PREDICATE_TYPE,
+            "predicate": {**predicate, "scores": scores},
+        }
+    )
+
+
+def pre_authentication(payload: bytes) -> bytes:
+    """Return what is signed of an envelope's payload: its type, its length and itself.
+
+    It begins with ``DSSEv1``, so it cannot be taken for the canonical JSON of a receipt.
+    """
+    return b"DSSEv1 %d %s %d %s" % (
+        len(PAYLOAD_TYPE),
+        PAYLOAD_TYPE.encode(),
+        len(payload),
+        payload,
+    )
+
+
+def _compact(fields: Mapping[str, Any]) -> bytes:
     text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return text.encode()
 

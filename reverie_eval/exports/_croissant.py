@@ -19,8 +19,6 @@ from reverie_eval.dataset import DatasetFiles
 from reverie_eval.errors import DatasetError, Problem
 from reverie_eval.tasks import Task
 
-Document = Mapping[str, Any]
-
 _CONFORMS_TO = "http://mlcommons.org/croissant/1.1"
 _JSON = "application/json"
 _TYPES: Mapping[type, str] = {int: "sc:Integer", float: "sc:Float", str: "sc:Text"}
@@ -38,7 +36,7 @@ _OWN_TERMS = (
 """The terms that its recommended context abbreviates: appendix 1, and those of mlcroissant."""
 
 
-def croissant(files: DatasetFiles) -> Document:
+def croissant(files: DatasetFiles) -> Mapping[str, Any]:
     """Return the description of a dataset's files, as JSON-LD.
 
     Annotation files have their SHA-256, and a record set with the fields that scoring reads. Paths
@@ -79,7 +77,7 @@ def annotation_id(split: str) -> str:
     return f"annotations-{split}"
 
 
-def _context() -> Document:
+def _context() -> Mapping[str, Any]:
     return {
         "@language": "en",
         "@vocab": "https://schema.org/",
@@ -95,7 +93,7 @@ def _context() -> Document:
     }
 
 
-def _distribution(files: DatasetFiles) -> Iterator[Document]:
+def _distribution(files: DatasetFiles) -> Iterator[Mapping[str, Any]]:
     folder = files.task.folder
     for split, path in files.annotations.items():
         yield _file(annotation_id(split), folder, path, f"The episodes of {split}.")
@@ -109,7 +107,7 @@ def _distribution(files: DatasetFiles) -> Iterator[Document]:
     yield _file_set("navigation-graphs", graphs, "The navigation graph of each building.")
 
 
-def _file(name: str, folder: str, path: Path, description: str) -> Document:
+def _file(name: str, folder: str, path: Path, description: str) -> Mapping[str, Any]:
     content = path.read_bytes()
     return {
         "@type": "cr:FileObject",
@@ -123,7 +121,7 @@ def _file(name: str, folder: str, path: Path, description: str) -> Document:
     }
 
 
-def _file_set(name: str, pattern: str, description: str) -> Document:
+def _file_set(name: str, pattern: str, description: str) -> Mapping[str, Any]:
     return {
         "@type": "cr:FileSet",
         "@id": name,
@@ -144,7 +142,7 @@ def _common_fields(path: Path) -> set[str]:
     return set.intersection(*map(set, records)) if records else set()
 
 
-def _record_set(task: Task, split: str, present: set[str]) -> Document:
+def _record_set(task: Task, split: str, present: set[str]) -> Mapping[str, Any]:
     return {
         "@type": "cr:RecordSet",
         "@id": split,
@@ -156,7 +154,7 @@ def _record_set(task: Task, split: str, present: set[str]) -> Document:
     }
 
 
-def _field(split: str, field: FieldInfo) -> Document:
+def _field(split: str, field: FieldInfo) -> Mapping[str, Any]:
     kind, is_list = _kind(field.type)
     return {
         "@type": "cr:Field",

@@ -18,11 +18,10 @@ from reverie_eval.metrics import Metric
 from reverie_eval.scoring import Scores
 from reverie_eval.version import __version__
 
-Document = Mapping[str, Any]
-
 SCHEMA_VERSION = "0.3.0"
 _LIBRARY = "reverie-eval"
 _PRIVATE_SPLIT = "test"
+"""Its scores are published rounded, without intervals and episodes, as a server does."""
 _UNITS = {"fraction": "proportion", "metres": "metres", "count": "count"}
 
 
@@ -41,8 +40,10 @@ class EvaluatedModel:
         return f"{self.developer}/{self.name}"
 
 
-def every_eval_ever(scores: Scores, model: EvaluatedModel, at: datetime) -> Document:
+def every_eval_ever(scores: Scores, model: EvaluatedModel, at: datetime) -> Mapping[str, Any]:
     """Return the aggregate record of scores: each headline metric that has a better direction.
+
+    Scores of the split test are rounded, and have no intervals.
 
     Parameters
     ----------
@@ -77,8 +78,8 @@ def every_eval_ever(scores: Scores, model: EvaluatedModel, at: datetime) -> Docu
 
 
 def instance_results(
-    scores: Scores, records: Sequence[Mapping[str, Any]], aggregate: Document
-) -> Iterator[Document]:
+    scores: Scores, records: Sequence[Mapping[str, Any]], aggregate: Mapping[str, Any]
+) -> Iterator[Mapping[str, Any]]:
     """Yield the records of single episodes: one for each aggregate result where more is better.
 
     Parameters
@@ -96,7 +97,7 @@ def instance_results(
     GroundTruthError
         If the ground truth was compiled without instructions.
     """
-    if scores.split == _PRIVATE_SPLIT:
+    if _is_private(scores):
         raise ReverieEvalError(
             f"values of single episodes of {_PRIVATE_SPLIT} are never released; export an open "
             "split, or the aggregate alone"
@@ -136,12 +137,17 @@ def collection(scores: Scores) -> str:
     return re.sub(r"\W+", "-", scores.ground_truth.header.dataset, flags=re.ASCII).strip("-")
 
 
+def _is_private(scores: Scores) -> bool:
+    return scores.split == _PRIVATE_SPLIT
+
+
 def _exported(scores: Scores) -> Sequence[Metric]:
     """Return the headline metrics, apart from those that have no better direction."""
     return [metric for metric in scores.headline if metric.better != "neither"]
 
 
-def _result(scores: Scores, metric: Metric) -> Document:
+def _result(scores: Scores, metric: Metric) -> Mapping[str, Any]:
+    score = scores[metric.key]
     lowest = -metric.upper_bound if metric.is_signed else 0.0
     return {
         "evaluation_result_id": _result_id(scores, metric),
@@ -158,17 +164,17 @@ def _result(scores: Scores, metric: Metric) -> Document:
             "max_score": _bound(metric.upper_bound),
         },
         "score_details": {
-            "score": scores[metric.key],
+            "score": metric.rounded(score) if _is_private(scores) else score,
             "details": {"signature": scores.signature},
             "uncertainty": _uncertainty(scores, metric),
         },
     }
 
 
-def _uncertainty(scores: Scores, metric: Metric) -> Document:
-    counted: Document = {"num_samples": len(scores.instr_ids)}
+def _uncertainty(scores: Scores, metric: Metric) -> Mapping[str, Any]:
+    counted: Mapping[str, Any] = {"num_samples": len(scores.instr_ids)}
     intervals = scores.intervals
-    if intervals is None:
+    if intervals is None or _is_private(scores):
         return counted
     interval = intervals[metric.key]
     return {
@@ -183,7 +189,7 @@ def _uncertainty(scores: Scores, metric: Metric) -> Document:
     }
 
 
-def _source(scores: Scores) -> Document:
+def _source(scores: Scores) -> Mapping[str, Any]:
     truth = scores.ground_truth
     details = {
         "split": truth.split,

@@ -13,13 +13,11 @@ from typing import Any
 
 from reverie_eval.scoring import Scores
 
-Document = Mapping[str, Any]
-
 _TASK_TYPE = "robotics"
 """The Hub's kind of task that is closest to walking through buildings."""
 
 
-def model_index(scores: Scores, model: str) -> Document:
+def model_index(scores: Scores, model: str) -> Mapping[str, Any]:
     """Return the metadata of a model card: the headline metrics with names, units and signature.
 
     Fractions are percentages, as everywhere on the Hub.
@@ -47,7 +45,7 @@ def model_index(scores: Scores, model: str) -> Document:
 
 def evaluation_results(
     scores: Scores, benchmark: str, task_id: str, at: datetime
-) -> Sequence[Document]:
+) -> Sequence[Mapping[str, Any]]:
     """Return the content of a file in ``.eval_results/``: the metric that ranks submissions.
 
     Parameters

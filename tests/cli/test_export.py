@@ -5,7 +5,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import mlcroissant
 import pytest
 import yaml
 from huggingface_hub import parse_eval_result_entries
@@ -84,17 +83,23 @@ def test_instances_are_the_episodes_of_each_result(collected: Path, scores: rv.S
     assert walked["trajectory"] == sent[rows[0]["sample_id"]]["trajectory"]
 
 
-def test_episodes_of_a_private_split_are_not_exported(
+def test_of_a_private_split_only_rounded_means_are_exported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     demo = Path(rv.__file__).parent / "ground_truth" / "demo"
     private = ["--split", "test", "--ground-truth", str(demo / "private" / "test.npz")]
     submission, collection = tmp_path / "submit.json", tmp_path / "collection"
     assert main(["agent", "random", *private, "-o", str(submission)]) == 0
-    words = ["export", "every-eval-ever", str(submission), *private, "--instances"]
-    assert main([*words, "--model", "a/b", "-o", str(collection)]) == 2
+    words = ["export", "every-eval-ever", str(submission), *private, "--model", "a/b"]
+    assert main([*words, "--instances", "-o", str(collection)]) == 2
     assert "values of single episodes of test are never released" in capsys.readouterr().err
     assert not list(collection.glob("**/*.json*"))
+    assert main([*words, "-o", str(collection)]) == 0
+    (path,) = collection.glob("**/*.json")
+    for result in json.loads(path.read_bytes())["evaluation_results"]:
+        details = result["score_details"]
+        assert details["score"] == round(details["score"], 4)
+        assert details["uncertainty"] == {"num_samples": 91}
 
 
 def test_the_block_of_a_model_card_is_read_by_the_hub(
@@ -137,6 +142,8 @@ def test_a_name_without_an_owner_is_refused(
 def test_croissant_describes_the_files_as_its_own_library_reads_them(
     demo_world: Path, tmp_path: Path
 ) -> None:
+    import mlcroissant  # takes half a second
+
     (tmp_path / "tasks").symlink_to(demo_world / "tasks")
     (tmp_path / "connectivity").symlink_to(demo_world / "connectivity")
     description = tmp_path / "croissant.json"

@@ -28,4 +28,4 @@ def export_codabench(*, folder: Path, split: str, image: str, output: Path) -> N
 
     for sentence in export_codabench(load_settings(folder), split, image, output):
         note(f"not in the competition: {sentence}")
-    print(f"{output}: {split} with its answers; only you can read it")
+    print(f"{output}: {split}, with its answers")

@@ -20,14 +20,14 @@ import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from decimal import Decimal
-from typing import Any
+from typing import Any, TypeAlias
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_public_key
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
+from reverie_eval.schemas.service import Envelope, KeyReport, Receipt, Snapshot
 from reverie_eval.text import printable
 
 PAYLOAD_TYPE = "application/vnd.in-toto+json"
@@ -46,12 +46,16 @@ class NotGenuineError(ReceiptError):
     """A receipt was not signed with this key while it counted, or was changed afterwards."""
 
 
-def verify(receipt: Receipt | Snapshot, public_pem: str) -> None:
+Signed: TypeAlias = Receipt | Snapshot | Envelope
+"""What a server signs."""
+
+
+def verify(signed: Signed, public_pem: str) -> None:
     """Check that a receipt, or a snapshot, was signed with a key and has not been changed.
 
     Parameters
     ----------
-    receipt : Receipt or Snapshot
+    signed : Receipt, Snapshot or Envelope
         As issued by the server; the layout of its JSON file does not matter.
     public_pem : str
         The server's public key in PEM form, as :meth:`reverie_eval.client.Client.key` returns it.
@@ -64,24 +68,29 @@ def verify(receipt: Receipt | Snapshot, public_pem: str) -> None:
         If the key is invalid.
     """
     key = _load_key(public_pem)
-    key_id = key_id_of(public_pem_of(key))
-    if receipt.key_id != key_id:
+    key_id, named = key_id_of(public_pem_of(key)), key_named_by(signed)
+    if named != key_id:
         raise NotGenuineError(
-            f"it names key {printable(receipt.key_id)}, but this is key {key_id}: the receipt is "
+            f"it names key {printable(named)}, but this is key {key_id}: the receipt is "
             "from another server, or was changed"
         )
     try:
-        key.verify(base64.b64decode(receipt.proof, validate=True), canonical(receipt))
+        if isinstance(signed, Envelope):
+            proof = signed.signatures[0].sig
+            content = pre_authentication(base64.b64decode(signed.payload, validate=True))
+        else:
+            proof, content = signed.proof, canonical(signed)
+        key.verify(base64.b64decode(proof, validate=True), content)
     except (InvalidSignature, ValueError):
         raise NotGenuineError("the signature does not match: the receipt was changed") from None
 
 
-def verify_by_history(receipt: Receipt | Snapshot, keys: Sequence[KeyReport]) -> KeyReport:
+def verify_by_history(signed: Signed, keys: Sequence[KeyReport]) -> KeyReport:
     """Check a receipt with all keys that a server has had, and return the one that signed it.
 
     Parameters
     ----------
-    receipt : Receipt or Snapshot
+    signed : Receipt, Snapshot or Envelope
         As issued by the server.
     keys : sequence of KeyReport
         As :meth:`reverie_eval.client.Client.keys` returns them.
@@ -93,14 +102,15 @@ def verify_by_history(receipt: Receipt | Snapshot, keys: Sequence[KeyReport]) ->
     ReceiptError
         If the key is invalid.
     """
-    key = next((each for each in keys if each.key_id == receipt.key_id), None)
+    named = key_named_by(signed)
+    key = next((each for each in keys if each.key_id == named), None)
     if key is None:
         raise NotGenuineError(
-            f"it names key {printable(receipt.key_id)}, which is not in the list of keys: the "
+            f"it names key {printable(named)}, which is not in the list of keys: the "
             "receipt is from another server, was changed, or is newer than the list"
         )
-    verify(receipt, key.public_key)
-    at, claim, remedy = _claim(receipt)
+    verify(signed, key.public_key)
+    at, claim, remedy = _claim(signed)
     if key.valid_until is not None and at > key.valid_until:
         raise NotGenuineError(
             f"key {key.key_id} counts until {key.valid_until.isoformat()} "
@@ -109,10 +119,45 @@ def verify_by_history(receipt: Receipt | Snapshot, keys: Sequence[KeyReport]) ->
     return key
 
 
-def _claim(signed: Receipt | Snapshot) -> tuple[datetime, str, str]:
+def key_named_by(signed: Signed) -> str:
+    """Return the id of the key that something says it was signed with."""
+    return signed.signatures[0].keyid if isinstance(signed, Envelope) else signed.key_id
+
+
+def receipt_in(envelope: Envelope) -> Receipt:
+    """Return the receipt that an envelope words as a statement, with the envelope's signature.
+
+    It is not verified.
+
+    Raises
+    ------
+    NotGenuineError
+        If it is not a receipt in an envelope.
+    """
+    (signature,) = envelope.signatures
+    try:
+        worded = json.loads(base64.b64decode(envelope.payload, validate=True))
+        (subject,) = worded["subject"]
+        return Receipt.model_validate_json(
+            json.dumps(
+                {
+                    **worded["predicate"],
+                    "sha256": subject["digest"]["sha256"],
+                    "key_id": signature.keyid,
+                    "proof": signature.sig,
+                }
+            )
+        )
+    except (ValueError, KeyError, TypeError):
+        raise NotGenuineError("it has no receipt that this version can read") from None
+
+
+def _claim(signed: Signed) -> tuple[datetime, str, str]:
     """Return the time by which a key must have counted, what says so, and what to do if not."""
     if isinstance(signed, Snapshot):
         return signed.as_of, "the snapshot is as of", "download it again"
+    if isinstance(signed, Envelope):
+        signed = receipt_in(signed)
     remedy = "if it is yours, download its receipt again"
     return signed.received_at, "the receipt says that the submission came at", remedy
 

@@ -355,7 +355,8 @@ class Envelope(WireModel):
     payload_type: str = Field(alias="payloadType", examples=["application/vnd.in-toto+json"])
     payload: str = Field(examples=["eyJfdHlwZSI6Imh0dHBzOi8vaW4tdG90by5pby9TdGF0ZW1lbnQvdjEifQ=="])
     """The statement, in base64: the file is its subject, the receipt's fields its predicate."""
-    signatures: list[EnvelopeSignature]
+    signatures: tuple[EnvelopeSignature]
+    """The server's."""
 
 
 class KeyReport(WireModel):

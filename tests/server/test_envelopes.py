@@ -15,9 +15,11 @@ from securesystemslib.dsse import Envelope
 from securesystemslib.exceptions import VerificationError
 from securesystemslib.signer import SSlibKey  # type: ignore[attr-defined]
 
+from reverie_eval.receipts import NotGenuineError, receipt_in
 from reverie_eval.schemas.service import Receipt
 from reverie_eval.server.service.receipts import public_pem_of
 from tests.server.test_receipts import OTHER_KEY, RECEIPT, SAID, SIGNER
+from tests.support.flat import Run
 from tests.support.serving import OWNER, PRIVATE, Serving, submission_for
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -103,6 +105,31 @@ def test_another_key_does_not_fit() -> None:
     other = key_of(public_pem_of(OTHER_KEY), SIGNER.key_id)
     with pytest.raises(VerificationError):
         verified(ENVELOPE, other)
+
+
+def test_our_own_command_reads_it_too(tmp_path: Path, run: Run) -> None:
+    envelope, key = tmp_path / "receipt.intoto.json", tmp_path / "key.pem"
+    envelope.write_bytes(ENVELOPE)
+    key.write_text(SIGNER.public_pem)
+    outcome = run("verify", str(envelope), "--key", str(key))
+    assert outcome.status == 0, outcome.err
+    (tmp_path / "receipt.json").write_text(RECEIPT.model_dump_json())
+    plain = run("verify", str(tmp_path / "receipt.json"), "--key", str(key))
+    said, expected = (each.out.splitlines()[1:] for each in (outcome, plain))
+    assert sorted(said) == sorted(expected)  # the statement has its scores by key
+    envelope.write_bytes(ENVELOPE.replace(b'"sig":"', b'"sig":"AAAA'))
+    assert run("verify", str(envelope), "--key", str(key)).status == 1
+
+
+@pytest.mark.parametrize(
+    "payload", [pytest.param(b"{}", id="no statement"), pytest.param(b"\xff", id="no JSON")]
+)
+def test_an_envelope_of_something_else_is_not_a_receipt(payload: bytes) -> None:
+    changed = SIGNER.envelop(RECEIPT).model_copy(
+        update={"payload": base64.b64encode(payload).decode()}
+    )
+    with pytest.raises(NotGenuineError, match="no receipt"):
+        receipt_in(changed)
 
 
 def test_the_code_in_the_documentation_verifies_what_a_server_issued(

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from jsonschema import Draft7Validator
 
 import reverie_eval as rv
 from reverie_eval_cli.main import main
-from tests.conftest import SAMPLES
+from tests.conftest import REPOSITORY, SAMPLES
 
 GOOD = str(SAMPLES / "good.json")
 SCHEMAS = Path(__file__).parents[1] / "support" / "every_eval_ever"
@@ -169,3 +171,18 @@ def test_a_file_that_is_not_a_dataset_is_refused(
     broken.write_text("{}")
     assert main(["export", "croissant", str(demo_world), "--annotations", str(broken)]) != 0
     assert "is not a JSON list of records" in capsys.readouterr().err
+
+
+def test_the_commands_on_the_page_work(
+    demo_world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (REPOSITORY / "docs" / "exports.md").read_text(encoding="utf-8")
+    commands = re.findall(r"^reverie-eval (export .*)$", page, re.MULTILINE)
+    assert len(commands) == 4
+    monkeypatch.chdir(tmp_path)
+    Path("submit.json").write_bytes(Path(GOOD).read_bytes())
+    Path("REVERIE").mkdir()
+    for part in ("tasks", "connectivity"):
+        Path("REVERIE", part).symlink_to(demo_world / part)
+    for command in commands:
+        assert main(shlex.split(command)) == 0, command

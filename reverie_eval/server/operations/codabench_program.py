@@ -37,7 +37,7 @@ def find_submission(folder: Path) -> Path:
     found = [
         path
         for path in sorted(folder.rglob("*.json"))
-        if not any(part.startswith((".", "__MACOSX")) for part in path.relative_to(folder).parts)
+        if not path.name.startswith(".") and "__MACOSX" not in path.parts
     ]
     if len(found) != 1:
         names = ", ".join(path.name for path in found) or "none"

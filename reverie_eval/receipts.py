@@ -1,24 +1,40 @@
 """Verifying receipts: anyone with a server's public key can check what the server signed.
 
-The proof is an Ed25519 signature (RFC 8032) of the canonical JSON of all other fields: keys sorted,
-no spaces, UTF-8.
+The proof is an Ed25519 signature [1]_ of the canonical JSON of all other fields:
+keys sorted, no spaces, UTF-8.
+
+For programs of others, the same receipt is also an in-toto statement [2]_ about the submitted file,
+signed with the same key in a DSSE envelope [3]_.
+
+References
+----------
+.. [1] Josefsson and Liusvaara, "Edwards-Curve Digital Signature Algorithm", RFC 8032, 2017.
+.. [2] in-toto Attestation Framework, Statement v1,
+   https://github.com/in-toto/attestation/blob/main/spec/v1/statement.md.
+.. [3] Dead Simple Signing Envelope 1.0.2, https://github.com/secure-systems-lab/dsse.
 """
 
 import base64
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
-from typing import Any
+from decimal import Decimal
+from typing import Any, TypeAlias
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_public_key
 
 from reverie_eval.errors import ReverieEvalError
-from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
+from reverie_eval.schemas.service import Envelope, KeyReport, Receipt, Snapshot
 from reverie_eval.text import printable
 
+PAYLOAD_TYPE = "application/vnd.in-toto+json"
+"""What an envelope contains: an in-toto statement."""
+PREDICATE_TYPE = "urn:reverie-eval:receipt:v1"
+"""What such a statement says of its subject: the fields of a receipt."""
+_STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 _KEY_ID_LENGTH = 16
 
 
@@ -30,12 +46,16 @@ class NotGenuineError(ReceiptError):
     """A receipt was not signed with this key while it counted, or was changed afterwards."""
 
 
-def verify(receipt: Receipt | Snapshot, public_pem: str) -> None:
+Signed: TypeAlias = Receipt | Snapshot | Envelope
+"""What a server signs."""
+
+
+def verify(signed: Signed, public_pem: str) -> None:
     """Check that a receipt, or a snapshot, was signed with a key and has not been changed.
 
     Parameters
     ----------
-    receipt : Receipt or Snapshot
+    signed : Receipt, Snapshot or Envelope
         As issued by the server; the layout of its JSON file does not matter.
     public_pem : str
         The server's public key in PEM form, as :meth:`reverie_eval.client.Client.key` returns it.
@@ -48,24 +68,29 @@ def verify(receipt: Receipt | Snapshot, public_pem: str) -> None:
         If the key is invalid.
     """
     key = _load_key(public_pem)
-    key_id = key_id_of(public_pem_of(key))
-    if receipt.key_id != key_id:
+    key_id, named = key_id_of(public_pem_of(key)), key_named_by(signed)
+    if named != key_id:
         raise NotGenuineError(
-            f"it names key {printable(receipt.key_id)}, but this is key {key_id}: the receipt is "
+            f"it names key {printable(named)}, but this is key {key_id}: the receipt is "
             "from another server, or was changed"
         )
     try:
-        key.verify(base64.b64decode(receipt.proof, validate=True), canonical(receipt))
+        if isinstance(signed, Envelope):
+            proof = signed.signatures[0].sig
+            content = pre_authentication(base64.b64decode(signed.payload, validate=True))
+        else:
+            proof, content = signed.proof, canonical(signed)
+        key.verify(base64.b64decode(proof, validate=True), content)
     except (InvalidSignature, ValueError):
         raise NotGenuineError("the signature does not match: the receipt was changed") from None
 
 
-def verify_by_history(receipt: Receipt | Snapshot, keys: Sequence[KeyReport]) -> KeyReport:
+def verify_by_history(signed: Signed, keys: Sequence[KeyReport]) -> KeyReport:
     """Check a receipt with all keys that a server has had, and return the one that signed it.
 
     Parameters
     ----------
-    receipt : Receipt or Snapshot
+    signed : Receipt, Snapshot or Envelope
         As issued by the server.
     keys : sequence of KeyReport
         As :meth:`reverie_eval.client.Client.keys` returns them.
@@ -77,14 +102,15 @@ def verify_by_history(receipt: Receipt | Snapshot, keys: Sequence[KeyReport]) ->
     ReceiptError
         If the key is invalid.
     """
-    key = next((each for each in keys if each.key_id == receipt.key_id), None)
+    named = key_named_by(signed)
+    key = next((each for each in keys if each.key_id == named), None)
     if key is None:
         raise NotGenuineError(
-            f"it names key {printable(receipt.key_id)}, which is not in the list of keys: the "
+            f"it names key {printable(named)}, which is not in the list of keys: the "
             "receipt is from another server, was changed, or is newer than the list"
         )
-    verify(receipt, key.public_key)
-    at, claim, remedy = _claim(receipt)
+    verify(signed, key.public_key)
+    at, claim, remedy = _claim(signed)
     if key.valid_until is not None and at > key.valid_until:
         raise NotGenuineError(
             f"key {key.key_id} counts until {key.valid_until.isoformat()} "
@@ -93,17 +119,88 @@ def verify_by_history(receipt: Receipt | Snapshot, keys: Sequence[KeyReport]) ->
     return key
 
 
-def _claim(signed: Receipt | Snapshot) -> tuple[datetime, str, str]:
+def key_named_by(signed: Signed) -> str:
+    """Return the id of the key that something says it was signed with."""
+    return signed.signatures[0].keyid if isinstance(signed, Envelope) else signed.key_id
+
+
+def receipt_in(envelope: Envelope) -> Receipt:
+    """Return the receipt that an envelope words as a statement, with the envelope's signature.
+
+    It is not verified.
+
+    Raises
+    ------
+    NotGenuineError
+        If it is not a receipt in an envelope.
+    """
+    (signature,) = envelope.signatures
+    try:
+        worded = json.loads(base64.b64decode(envelope.payload, validate=True))
+        (subject,) = worded["subject"]
+        return Receipt.model_validate_json(
+            json.dumps(
+                {
+                    **worded["predicate"],
+                    "sha256": subject["digest"]["sha256"],
+                    "key_id": signature.keyid,
+                    "proof": signature.sig,
+                }
+            )
+        )
+    except (ValueError, KeyError, TypeError):
+        raise NotGenuineError("it has no receipt that this version can read") from None
+
+
+def _claim(signed: Signed) -> tuple[datetime, str, str]:
     """Return the time by which a key must have counted, what says so, and what to do if not."""
     if isinstance(signed, Snapshot):
         return signed.as_of, "the snapshot is as of", "download it again"
+    if isinstance(signed, Envelope):
+        signed = receipt_in(signed)
     remedy = "if it is yours, download its receipt again"
     return signed.received_at, "the receipt says that the submission came at", remedy
 
 
 def canonical(receipt: Receipt | Snapshot) -> bytes:
     """Return the bytes that are signed: the receipt without its proof, in canonical JSON."""
-    fields: dict[str, Any] = receipt.model_dump(mode="json", exclude={"proof"})
+    return _compact(receipt.model_dump(mode="json", exclude={"proof"}))
+
+
+def statement(receipt: Receipt) -> bytes:
+    """Return a receipt as an in-toto statement: the file is its subject, the rest its predicate.
+
+    Scores are decimal strings with all digits, because programs write floating-point numbers
+    differently. What concerns the signature is left to the envelope.
+    """
+    predicate = receipt.model_dump(
+        mode="json", exclude={"schema_version", "sha256", "key_id", "proof"}
+    )
+    scores = {key: f"{Decimal(repr(value)):f}" for key, value in receipt.scores.items()}
+    return _compact(
+        {
+            "_type": _STATEMENT_TYPE,
+            "subject": [{"name": receipt.submission_id, "digest": {"sha256": receipt.sha256}}],
+            "predicateType": PREDICATE_TYPE,
+            "predicate": {**predicate, "scores": scores},
+        }
+    )
+
+
+def pre_authentication(payload: bytes) -> bytes:
+    """Return what is signed of an envelope's payload: its type, its length and itself.
+
+    It begins with ``DSSEv1``, so it cannot be taken for the canonical JSON of a receipt.
+    """
+    return b"DSSEv1 %d %s %d %s" % (
+        len(PAYLOAD_TYPE),
+        PAYLOAD_TYPE.encode(),
+        len(payload),
+        payload,
+    )
+
+
+def _compact(fields: Mapping[str, Any]) -> bytes:
     text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return text.encode()
 

@@ -32,6 +32,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "subset": "submissions:draw_episodes",
                 "convert": "submissions:convert_submission",
                 "agent": "submissions:agent",
+                "export": "export:export",
                 "demo": "submissions:write_samples",
             },
             "Send to an evaluation server": {

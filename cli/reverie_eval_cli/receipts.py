@@ -10,7 +10,8 @@ from reverie_eval import ReverieEvalError
 from reverie_eval.submissions import RECEIPT_ENDING
 
 if TYPE_CHECKING:
-    from reverie_eval.schemas.service import Receipt, Snapshot, SubmissionReport
+    from reverie_eval.receipts import Signed
+    from reverie_eval.schemas.service import Receipt, SubmissionReport
 
 
 def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
@@ -68,8 +69,8 @@ def _keep(receipt: "Receipt", places: Iterable[Path]) -> Path:
     raise FileExistsError(errno.EEXIST, "already exists", str(path))
 
 
-def read_signed(path: Path) -> "Receipt | Snapshot":
-    """Read a receipt, or a snapshot of a leaderboard.
+def read_signed(path: Path) -> "Signed":
+    """Read a receipt, also in an envelope, or a snapshot of a leaderboard.
 
     Raises
     ------
@@ -78,11 +79,11 @@ def read_signed(path: Path) -> "Receipt | Snapshot":
     """
     from pydantic import TypeAdapter, ValidationError
 
-    from reverie_eval.schemas.service import Receipt, Snapshot
+    from reverie_eval.receipts import Signed
 
-    either: TypeAdapter[Receipt | Snapshot] = TypeAdapter(Receipt | Snapshot)
+    any_form: TypeAdapter[Signed] = TypeAdapter(Signed)
     try:
-        return either.validate_json(path.read_bytes())
+        return any_form.validate_json(path.read_bytes())
     except ValidationError:
         message = f"{path} is not a receipt or a snapshot that this version can read"
         raise ReverieEvalError(message) from None

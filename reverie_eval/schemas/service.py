@@ -343,6 +343,25 @@ class Receipt(WireModel):
     """Ed25519 over the canonical JSON of the other fields, in base64."""
 
 
+class EnvelopeSignature(WireModel):
+    """A signature of an envelope's payload."""
+
+    keyid: KeyId
+    """The first letters of the SHA-256 of the server's public key."""
+    sig: str = Field(examples=["p2l5c2JhZGx5IHNpZ25lZA=="])
+    """Ed25519, in base64, over the payload and its type as DSSE combines them."""
+
+
+class Envelope(WireModel):
+    """A receipt in a form that other programs verify: an in-toto statement in a DSSE envelope."""
+
+    payload_type: str = Field(alias="payloadType", examples=["application/vnd.in-toto+json"])
+    payload: str = Field(examples=["eyJfdHlwZSI6Imh0dHBzOi8vaW4tdG90by5pby9TdGF0ZW1lbnQvdjEifQ=="])
+    """The statement, in base64: the file is its subject, the receipt's fields its predicate."""
+    signatures: tuple[EnvelopeSignature]
+    """The server's."""
+
+
 class KeyReport(WireModel):
     """A key that signs a server's receipts, or did."""
 

@@ -83,8 +83,9 @@ def test_what_can_be_downloaded_is_what_was_sent_and_signed(owner: Visitor) -> N
     links = re.findall(
         r'href="(/api/v1/[^"]+)" download=', owner.get(f"/submissions/{submission}").text
     )
-    receipt, file, episodes = (owner.get(link) for link in links)
+    receipt, envelope, file, episodes = (owner.get(link) for link in links)
     verify(Receipt.model_validate_json(receipt.text), owner.server.ask(None, "GET", "/key").text)
+    assert envelope.json()["payloadType"] == "application/vnd.in-toto+json"
     assert file.content == GOOD
     assert len(episodes.text.splitlines()) == 85  # the header, and the split's 84 episodes
 

@@ -117,6 +117,7 @@ READS = (
     "/submissions",
     "/submissions/{submission_id}",
     "/submissions/{submission_id}/receipt",
+    "/submissions/{submission_id}/receipt/envelope",
     "/submissions/{submission_id}/file",
     "/organiser/teams",
     "/organiser/people",

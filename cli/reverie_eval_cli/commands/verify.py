@@ -14,7 +14,8 @@ from reverie_eval_cli.servers import ServerOptions, server_options
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from reverie_eval.schemas.service import KeyReport, Receipt, Snapshot
+    from reverie_eval.receipts import Signed
+    from reverie_eval.schemas.service import KeyReport
 
 
 @click.command()
@@ -34,13 +35,14 @@ def verify(
 ) -> int:
     """Check that a receipt, or a snapshot of a leaderboard, was signed by a server.
 
-    RECEIPT is what `reverie-eval submit` wrote, or a snapshot's JSON.
+    RECEIPT is what `reverie-eval submit` wrote, a receipt as an in-toto statement, or a snapshot's
+    JSON.
 
     Exit status: 0 genuine, 1 not genuine, 2 usage or system error.
     """
-    from reverie_eval.receipts import NotGenuineError
+    from reverie_eval.receipts import NotGenuineError, key_named_by, receipt_in
     from reverie_eval.reporting._submission import receipt_lines, snapshot_lines
-    from reverie_eval.schemas.service import Snapshot
+    from reverie_eval.schemas.service import Envelope, Snapshot
     from reverie_eval.submissions import read_bytes
     from reverie_eval_cli.receipts import read_signed
 
@@ -55,10 +57,12 @@ def verify(
     except NotGenuineError as error:
         print(f"{receipt}: not genuine by the keys of {owner}: {error}", file=sys.stderr)
         return 1
-    genuine = f"{receipt}: genuine, signed with the key of {owner} ({signed.key_id}{in_use})"
+    genuine = f"{receipt}: genuine, signed with the key of {owner} ({key_named_by(signed)}{in_use})"
     if isinstance(signed, Snapshot):
         print(genuine, *snapshot_lines(signed), sep="\n")
         return 0
+    if isinstance(signed, Envelope):
+        signed = receipt_in(signed)
     if submission and hashlib.sha256(read_bytes(submission)).hexdigest() != signed.sha256:
         print(f"{submission}: not the file that the receipt is for", file=sys.stderr)
         return 1
@@ -86,13 +90,13 @@ def _keys(server: ServerOptions, file: Path | None) -> "tuple[Sequence[KeyReport
         raise ReverieEvalError(f"{file} is not a list of keys from /api/v1/keys") from None
 
 
-def _verified(receipt: "Receipt | Snapshot", keys: "Sequence[KeyReport] | str") -> str:
+def _verified(signed: "Signed", keys: "Sequence[KeyReport] | str") -> str:
     """Verify a receipt or a snapshot, and return when its key was in use, if that is known."""
     from reverie_eval.receipts import verify, verify_by_history
 
     if isinstance(keys, str):
-        verify(receipt, keys)
+        verify(signed, keys)
         return ""
-    key = verify_by_history(receipt, keys)
+    key = verify_by_history(signed, keys)
     since = f", in use from {key.valid_from:%Y-%m-%d}"
     return since if key.valid_until is None else f"{since} to {key.valid_until:%Y-%m-%d}"

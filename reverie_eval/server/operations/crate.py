@@ -1,4 +1,4 @@
-"""The description of a site for archives: RO-Crate metadata.
+"""The description of a site, or of exported tables, for archives: RO-Crate metadata.
 
 References
 ----------
@@ -19,7 +19,9 @@ from reverie_eval.version import __version__
 METADATA = "ro-crate-metadata.json"
 _SPECIFICATION = "https://w3id.org/ro/crate/1.1"
 _SOFTWARE = "#reverie-eval"
-"""Made the site; by this an earlier one is known."""
+"""Made the files."""
+_FIRST_PAGE = "index.html"
+"""By this and the software, an earlier site is known."""
 _KINDS = {
     "text/html": "Page",
     "text/csv": "Leaderboard as a table, one row for each result",
@@ -37,23 +39,24 @@ _REVERIE = {
 
 @dataclass(frozen=True, slots=True)
 class File:
-    """A file of a site."""
+    """A file of a site or an export."""
 
     name: str
-    """Relative to the site's folder."""
+    """Relative to the folder."""
     media_type: str
     size: int
     """Bytes."""
-    address: str
-    """On the server: path and query."""
+    address: str = ""
+    """Of a page: path and query on the server."""
     title: str = ""
-    """Of a page."""
 
 
 @dataclass(frozen=True, slots=True)
 class Crate:
-    """What archives are told about a site."""
+    """What archives are told about a folder of files."""
 
+    contents: str
+    """What the files are: ``The public pages``."""
     title: str
     address: str
     """Of the server; maybe empty."""
@@ -63,8 +66,8 @@ class Crate:
     """Names of methods by the addresses of their papers."""
 
     @classmethod
-    def of(cls, state: ServerState, files: Sequence[File]) -> Self:
-        """Describe the files of a server's site."""
+    def of(cls, contents: str, state: ServerState, files: Sequence[File]) -> Self:
+        """Describe files with what a server shows."""
         papers: dict[str, str] = {}
         with state.database.reading() as session:
             for board in state.boards.values():
@@ -73,7 +76,7 @@ class Crate:
                     if row.entry.method["paper"]:
                         papers.setdefault(row.entry.method["paper"], row.entry.method["name"])
         settings = state.settings
-        return cls(settings.title, settings.public_address, state.clock(), files, papers)
+        return cls(contents, settings.title, settings.public_address, state.clock(), files, papers)
 
     def document(self) -> Mapping[str, Any]:
         """Return the metadata as JSON-LD."""
@@ -96,7 +99,7 @@ class Crate:
             "@id": "./",
             "@type": "Dataset",
             "name": f"Leaderboards of {self.title}",
-            "description": "The public pages of an evaluation server of the REVERIE benchmark"
+            "description": f"{self.contents} of an evaluation server of the REVERIE benchmark"
             f"{f', {self.address},' if self.address else ''} as they were on "
             f"{self.date:%Y-%m-%d %H:%M} UTC: leaderboards, submissions and rules.",
             "datePublished": self.date.isoformat(),
@@ -115,11 +118,12 @@ class Crate:
         yield from map(self._entity, self.files)
 
     def _entity(self, file: File) -> Mapping[str, Any]:
+        kind = _KINDS.get(file.media_type, "Part of the pages")
         return {
             "@id": quote(file.name),
             "@type": "File",
             "name": file.title or file.name,
-            "description": f"{_KINDS.get(file.media_type, 'Part of the pages')}: {file.address}",
+            **({"description": f"{kind}: {file.address}"} if file.address else {}),
             "encodingFormat": file.media_type,
             "contentSize": str(file.size),
         }
@@ -129,6 +133,6 @@ def is_crate_of_ours(file: Path) -> bool:
     """Whether a file is the description of a site that this module wrote."""
     try:
         graph = json.loads(file.read_bytes())["@graph"]
-        return any(entity["@id"] == _SOFTWARE for entity in graph)
+        return {_SOFTWARE, _FIRST_PAGE} <= {entity["@id"] for entity in graph}
     except (OSError, ValueError, KeyError, TypeError):
         return False

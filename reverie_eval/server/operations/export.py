@@ -1,4 +1,4 @@
-"""Write what leaderboards show as tables for analysis: CSV or Parquet, with a description.
+"""Write what leaderboards show as tables for analysis: CSV or Parquet, with descriptions.
 
 Everything is taken from the leaderboards' own JSON, so nothing is exported that they do not show.
 """
@@ -13,6 +13,7 @@ from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_folder
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.server.operations.checks import opened_server
+from reverie_eval.server.operations.crate import METADATA, Crate, File
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import spreadsheet_cell
 from reverie_eval.server.service.leaderboard import as_json
@@ -22,6 +23,20 @@ from reverie_eval.server.state import ServerState
 Format = Literal["csv", "parquet"]
 DESCRIPTION = "datapackage.json"
 """A Data Package: https://specs.frictionlessdata.io/data-package/"""
+
+_MEDIA_TYPES = {
+    ".csv": "text/csv",
+    ".json": "application/json",
+    ".parquet": "application/vnd.apache.parquet",
+}
+
+_TITLES = {
+    "leaderboards": "Leaderboards and their rules",
+    "results": "Results, one row for each on a leaderboard",
+    "reviews": "Reviews of results",
+    "corrections": "Corrections of ground truth or rules",
+    "datapackage": "Columns, types and units of the tables",
+}
 
 Row = Mapping[str, Any]
 
@@ -48,14 +63,28 @@ def export(settings: Settings, folder: Path, layout: Format) -> Sequence[Exporte
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ReverieEvalError(f"{folder} is not empty; choose a new or an empty folder")
     write = _write_csv if layout == "csv" else _parquet_writer()
-    with opened_server(settings) as state:
+    with opened_server(settings) as state, staged_folder(folder, last=METADATA) as place:
         tables = list(_tables(state))
-    with staged_folder(folder, last=DESCRIPTION) as place:
         for table in tables:
             write(table, place / f"{table.name}.{layout}")
         description = _description(settings.title, tables, layout)
-        (place / DESCRIPTION).write_text(json.dumps(description, indent=2, ensure_ascii=False))
+        _write_json(description, place / DESCRIPTION)
+        files = [
+            File(
+                path.name,
+                _MEDIA_TYPES[path.suffix],
+                path.stat().st_size,
+                title=_TITLES[path.stem],
+            )
+            for path in sorted(place.iterdir())
+        ]
+        crate = Crate.of("The leaderboards, as tables,", state, files)
+        _write_json(crate.document(), place / METADATA)
     return tables
+
+
+def _write_json(document: Row, path: Path) -> None:
+    path.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _tables(state: ServerState) -> Iterator[ExportedTable]:

@@ -83,7 +83,7 @@ def export_site(source: Path, output: Path, date: datetime | None = None) -> Sit
     with _copied(source, date) as state, replacing_folder(output) as folder:
         visited = asyncio.run(_visit(state, folder))
         files = _link_files(visited, state.settings.path_prefix, folder)
-        document = Crate.of(state, files).document()
+        document = Crate.of("The public pages", state, files).document()
         (folder / METADATA).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
         size = sum(file.size for file in files)
         return SiteReport(len(files), size, state.clock(), state.settings.public_address)

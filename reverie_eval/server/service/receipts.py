@@ -18,9 +18,23 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from reverie_eval import receipts
-from reverie_eval.receipts import ReceiptError, canonical, key_id_of
+from reverie_eval.receipts import (
+    PAYLOAD_TYPE,
+    ReceiptError,
+    canonical,
+    key_id_of,
+    pre_authentication,
+    statement,
+)
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import Leaderboard, QuotaReport, Receipt, Snapshot
+from reverie_eval.schemas.service import (
+    Envelope,
+    EnvelopeSignature,
+    Leaderboard,
+    QuotaReport,
+    Receipt,
+    Snapshot,
+)
 from reverie_eval.server.store.tables import Submission
 
 Signed = TypeVar("Signed", Receipt, Snapshot)
@@ -110,9 +124,23 @@ class Signer:
         """Return a receipt or a snapshot with some fields changed, signed with this key."""
         return self._signed(receipt.model_copy(update={**changed, "key_id": self.key_id}))
 
+    def envelop(self, receipt: Receipt) -> Envelope:
+        """Return a receipt as a signed in-toto statement; the same receipt gives the same one."""
+        payload = statement(receipt)
+        signature = EnvelopeSignature(
+            keyid=self.key_id, sig=self._base64_signature(pre_authentication(payload))
+        )
+        return Envelope(
+            payloadType=PAYLOAD_TYPE,
+            payload=base64.b64encode(payload).decode(),
+            signatures=(signature,),
+        )
+
     def _signed(self, receipt: Signed) -> Signed:
-        proof = base64.b64encode(self._key.sign(canonical(receipt))).decode()
-        return receipt.model_copy(update={"proof": proof})
+        return receipt.model_copy(update={"proof": self._base64_signature(canonical(receipt))})
+
+    def _base64_signature(self, content: bytes) -> str:
+        return base64.b64encode(self._key.sign(content)).decode()
 
 
 def make_key(path: Path) -> None:

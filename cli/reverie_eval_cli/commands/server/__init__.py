@@ -47,6 +47,7 @@ server = LazyGroup(
             "backup": "backup:backup",
             "restore": "backup:restore",
             "export-site": "site:export_site",
+            "export-codabench": "codabench:export_codabench",
         },
     },
     help="Set up, look after and hand over an evaluation server.",

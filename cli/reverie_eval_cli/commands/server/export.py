@@ -22,7 +22,8 @@ def export_tables(*, folder: Path, output: Path, layout: "Format") -> None:
     """Write what the leaderboards show as tables.
 
     These are leaderboards, results, reviews and corrections, with datapackage.json, which describes
-    their columns and units. Nothing is in them that the leaderboards do not show.
+    their columns and units, and ro-crate-metadata.json, by which archives catalogue the folder.
+    Nothing is in them that the leaderboards do not show.
     """
     from reverie_eval.server.operations.export import export
     from reverie_eval.server.settings import load_settings

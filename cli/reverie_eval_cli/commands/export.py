@@ -1,0 +1,232 @@
+"""``reverie-eval export FORMAT``: scores and datasets in the formats of other collections."""
+
+import hashlib
+import json
+import re
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from reverie_eval import Scores, evaluate
+from reverie_eval_cli import options
+from reverie_eval_cli.groups import Group
+from reverie_eval_cli.output import check_outputs, find_truth, naming, open_output, show
+
+if TYPE_CHECKING:
+    from reverie_eval.scoring import Track
+
+
+class _Repository(click.ParamType[tuple[str, str]]):
+    """The name of something below its owner's: ``OWNER/NAME``."""
+
+    name = "OWNER/NAME"
+    _FORM = re.compile(r"([A-Za-z0-9][\w.-]*)/([A-Za-z0-9][\w.-]*)", re.ASCII)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, str]:
+        """Read both names."""
+        found = self._FORM.fullmatch(value)
+        if found is None:
+            self.fail(
+                f"{value!r} is not OWNER/NAME, with letters, digits, '.', '_' and '-': "
+                "example-lab/walker",
+                param,
+                ctx,
+            )
+        return found[1], found[2]
+
+
+def _scored(command: Callable[..., None]) -> Callable[..., None]:
+    """Add what scores a submission; the command gets the scores, and the submission's path."""
+
+    @wraps(command)
+    def with_scores(
+        *,
+        submission: str,
+        split: str,
+        ground_truth: str | None,
+        task: str | None,
+        protocol: str,
+        track: "Track",
+        **others: Any,
+    ) -> None:
+        truth = find_truth(ground_truth, split, None, task)
+        check_outputs([others["output"]], [submission, ground_truth])
+        with naming(submission):
+            scores = evaluate(
+                submission, split=split, ground_truth=truth, protocol=protocol, track=track
+            )
+        command(submission=submission, scores=scores, **others)
+
+    decorated: Callable[..., None] = with_scores
+    for add in (
+        options.track,
+        options.protocol,
+        options.task,
+        options.ground_truth,
+        options.split,
+        options.submission,
+    ):
+        decorated = add(decorated)
+    return decorated
+
+
+@click.group(cls=Group)
+def export() -> None:
+    """Write scores, or the description of a dataset, in the format of another collection."""
+
+
+@export.command("every-eval-ever")
+@_scored
+@click.option(
+    "--model", type=_Repository(), required=True, help="What was evaluated: DEVELOPER/NAME."
+)
+@click.option(
+    "--evaluator",
+    metavar="NAME",
+    help="The organisation that computed the scores.  [default: the developer]",
+)
+@click.option(
+    "--instances", is_flag=True, help="Also write the values of each episode of an open split."
+)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FOLDER",
+    type=options.PATH,
+    help="The root of the collection; files go to data/DATASET/DEVELOPER/NAME/ in it.",
+)
+def export_every_eval_ever(
+    *,
+    submission: str,
+    scores: Scores,
+    model: tuple[str, str],
+    evaluator: str | None,
+    instances: bool,
+    output: Path,
+) -> None:
+    """Write a result for Every Eval Ever.
+
+    SUBMISSION is a result file. Metrics are those of the score table that have a better direction,
+    with 95 % confidence intervals.
+    """
+    from reverie_eval.exports import EvaluatedModel, collection, every_eval_ever
+
+    developer, name = model
+    evaluated = EvaluatedModel(developer, name, evaluator or developer)
+    aggregate = every_eval_ever(scores.with_intervals(), evaluated, datetime.now(UTC))
+    place = Path("data", collection(scores), developer, name)
+    stem = str(uuid.uuid4())
+    (output / place).mkdir(parents=True, exist_ok=True)
+    written = [place / f"{stem}.json"]
+    if instances:
+        written.append(place / f"{stem}_samples.jsonl")
+        details = _write_instances(submission, scores, aggregate, output, written[-1])
+        aggregate = {**aggregate, "detailed_evaluation_results": details}
+    with open_output(str(output / written[0])) as file:
+        file.write(f"{json.dumps(aggregate, indent=2)}\n")
+    for path in written:
+        print(output / path)
+
+
+def _write_instances(
+    submission: str, scores: Scores, aggregate: Mapping[str, Any], root: Path, place: Path
+) -> Mapping[str, Any]:
+    """Write the values of all episodes, and return what the aggregate says of the file."""
+    from reverie_eval.exports import instance_results
+    from reverie_eval.submissions import convert
+
+    truth = scores.ground_truth
+    records = convert(submission, split=truth.split, ground_truth=truth).records
+    digest, rows = hashlib.sha256(), 0
+    with open_output(str(root / place)) as file:
+        for row in instance_results(scores, records, aggregate):
+            line = f"{json.dumps(row)}\n"
+            digest.update(line.encode())
+            file.write(line)
+            rows += 1
+    return {
+        "format": "jsonl",
+        "file_path": place.as_posix(),
+        "hash_algorithm": "sha256",
+        "checksum": digest.hexdigest(),
+        "total_rows": rows,
+    }
+
+
+@export.command("model-card")
+@_scored
+@click.option("--model", metavar="NAME", required=True, help="What was evaluated.")
+@options.output("the metadata")
+def export_model_card(*, submission: str, scores: Scores, model: str, output: str | None) -> None:  # noqa: ARG001
+    """Print the metadata of a model card.
+
+    It goes to the top of the model's README.md on Hugging Face. SUBMISSION is a result file.
+    """
+    from reverie_eval.exports import model_index
+
+    show(lambda: f"---\n{_yaml(model_index(scores, model))}---", output)
+
+
+@export.command("eval-results")
+@_scored
+@click.option(
+    "--benchmark",
+    type=_Repository(),
+    required=True,
+    help="The benchmark's dataset on Hugging Face: OWNER/NAME.",
+)
+@click.option(
+    "--task-id", metavar="ID", required=True, help="The task as the benchmark's eval.yaml names it."
+)
+@options.output("the results")
+def export_eval_results(
+    *,
+    submission: str,  # noqa: ARG001
+    scores: Scores,
+    benchmark: tuple[str, str],
+    task_id: str,
+    output: str | None,
+) -> None:
+    """Print a result for a Hugging Face benchmark.
+
+    It goes to the folder .eval_results/ of the model. SUBMISSION is a result file; the value is
+    that of the metric that ranks submissions.
+    """
+    from reverie_eval.exports import evaluation_results
+
+    at = datetime.now(UTC)
+    results = evaluation_results(scores, "/".join(benchmark), task_id, at)
+    show(lambda: _yaml(results).rstrip(), output)
+
+
+@export.command("croissant")
+@options.dataset_files
+@options.dataset_task
+@options.output("the description")
+def export_croissant(*, task: str, output: str | None, **paths: Path | None) -> None:
+    """Describe a dataset's files in Croissant.
+
+    DATASET is a clone of the REVERIE dataset repository, or of another task's. Put the description
+    into its root.
+    """
+    from reverie_eval.dataset import DatasetFiles
+    from reverie_eval.exports import croissant
+
+    check_outputs([output], paths.values())
+    files = DatasetFiles.find(split=None, task=task, **paths)
+    show(lambda: json.dumps(croissant(files), indent=2, ensure_ascii=False), output)
+
+
+def _yaml(document: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> str:
+    import yaml
+
+    text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+    return text

@@ -1,0 +1,49 @@
+"""The scoring program of a Codabench competition: scores the file that a participant sent.
+
+It is copied into the bundle as it stands, and runs in a container that has reverie-eval.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import reverie_eval as rv
+from reverie_eval.metrics import METRICS
+
+
+def main(given: Path, output: Path) -> None:
+    """Write ``scores.json``, as the leaderboard displays them, or end with what is wrong."""
+    reference = given / "ref"
+    rules = json.loads((reference / "rules.json").read_bytes())
+    try:
+        scores = rv.evaluate(
+            find_submission(given / "res"),
+            split=rules["split"],
+            ground_truth=reference / "bundle.npz",
+            protocol=rules["protocol"],
+            track=rules["track"],
+        )
+    except rv.SubmissionError as error:
+        sys.exit(str(error))
+    shown = {key: float(METRICS[key].display(scores[key])) for key in rules["metrics"]}
+    output.mkdir(parents=True, exist_ok=True)
+    unfinished = output / ".scores"
+    unfinished.write_text(json.dumps(shown))
+    unfinished.replace(output / "scores.json")
+
+
+def find_submission(folder: Path) -> Path:
+    """Return the only JSON file of an unpacked archive, apart from those that macOS adds."""
+    found = [
+        path
+        for path in sorted(folder.rglob("*.json"))
+        if not path.name.startswith(".") and "__MACOSX" not in path.parts
+    ]
+    if len(found) != 1:
+        names = ", ".join(path.name for path in found) or "none"
+        sys.exit(f"the zip archive must contain one .json file, the submission; found: {names}")
+    return found[0]
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))

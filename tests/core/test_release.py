@@ -1,0 +1,54 @@
+"""What a release says of itself is the same everywhere, and its sources are whole."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+from hatchling.builders.sdist import SdistBuilder
+
+from reverie_eval import __version__
+from tests.conftest import REPOSITORY
+
+CITATION = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
+PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+FORMS = sorted((REPOSITORY / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
+KINDS = {"input", "textarea", "markdown"}
+
+
+def test_the_version_is_the_same_everywhere() -> None:
+    changelog = (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## (.*)$", changelog, re.MULTILINE)
+    assert headings[0] == "Unreleased"
+    assert headings[1] == f"{__version__} - {CITATION['date-released']}"
+    assert CITATION["version"] == __version__
+    assert CITATION["license"] == PROJECT["license"]
+
+
+def test_each_dependency_has_a_lowest_version() -> None:
+    optional = [each for group in PROJECT["optional-dependencies"].values() for each in group]
+    for requirement in (*PROJECT["dependencies"], *optional):
+        assert re.fullmatch(r"[a-z0-9-]+(\[\w+\])?>=[0-9.]+", requirement)
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda path: path.stem)
+def test_a_form_for_issues_asks_for_what_it_takes(form: Path) -> None:
+    content = yaml.safe_load(form.read_text(encoding="utf-8"))
+    if form.stem == "config":
+        assert content == {"blank_issues_enabled": True}
+        return
+    assert {"name", "description", "body"} <= content.keys()
+    assert {each["type"] for each in content["body"]} <= KINDS
+    labels = [each["attributes"]["label"] for each in content["body"] if each["type"] != "markdown"]
+    assert len(labels) == len(set(labels))
+    assert any(each.get("validations", {}).get("required") for each in content["body"])
+
+
+def test_the_source_distribution_has_what_its_tests_need() -> None:
+    included = SdistBuilder(str(REPOSITORY)).recurse_included_files()
+    names = {Path(each.distribution_path).as_posix() for each in included}
+    needed = ("scripts/test", "README.md", "SECURITY.md", "CITATION.cff", "docs/api.md", ".ci/run")
+    assert set(needed) <= names
+    tests = {path.relative_to(REPOSITORY).as_posix() for path in REPOSITORY.glob("tests/**/*.py")}
+    assert tests <= names

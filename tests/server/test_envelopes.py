@@ -1,0 +1,152 @@
+"""Receipts as in-toto statements in DSSE envelopes, judged by the libraries of others."""
+
+import base64
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cryptography.hazmat.primitives.serialization import load_pem_public_key
+from google.protobuf.json_format import Parse
+from in_toto_attestation.v1 import statement_pb2
+from in_toto_attestation.v1.statement import Statement
+from securesystemslib.dsse import Envelope
+from securesystemslib.exceptions import VerificationError
+from securesystemslib.signer import SSlibKey  # type: ignore[attr-defined]
+
+from reverie_eval.receipts import NotGenuineError, receipt_in
+from reverie_eval.schemas.service import Receipt
+from reverie_eval.server.service.receipts import public_pem_of
+from tests.server.test_receipts import OTHER_KEY, RECEIPT, SAID, SIGNER
+from tests.support.flat import Run
+from tests.support.serving import OWNER, PRIVATE, Serving, submission_for
+
+DOCS = Path(__file__).parents[2] / "docs"
+ENVELOPE = SIGNER.envelop(RECEIPT).model_dump_json(by_alias=True).encode()
+
+
+def key_of(public_pem: str, key_id: str) -> SSlibKey:
+    return SSlibKey.from_crypto(load_pem_public_key(public_pem.encode()), key_id)
+
+
+KEY = key_of(SIGNER.public_pem, SIGNER.key_id)
+
+
+def verified(content: bytes, key: SSlibKey = KEY) -> bytes:
+    """Return the payload of a genuine envelope."""
+    envelope = Envelope.from_dict(json.loads(content))
+    envelope.verify([key], threshold=1)
+    return bytes(envelope.payload)
+
+
+def test_a_statement_says_what_the_receipt_says_about_the_submitted_file() -> None:
+    statement: dict[str, Any] = json.loads(verified(ENVELOPE))
+    Statement.copy_from_pb(Parse(json.dumps(statement), statement_pb2.Statement())).validate()
+    receipt = RECEIPT.model_dump(mode="json")
+    assert statement["_type"] == "https://in-toto.io/Statement/v1"
+    assert statement["subject"] == [
+        {"name": receipt["submission_id"], "digest": {"sha256": receipt["sha256"]}}
+    ]
+    said = ("server", "submission_id", "team", "received_at", "split", "signature", "quota")
+    assert statement["predicate"] == {name: receipt[name] for name in said} | {
+        "scores": {"path_length": "9.47", "rgspl": "0.1", "success": "1.0"}
+    }
+
+
+@pytest.mark.parametrize(
+    ("score", "expected"),
+    [
+        pytest.param(1e-7, "0.0000001", id="no exponent"),
+        pytest.param(1 / 3, "0.3333333333333333", id="all digits"),
+        pytest.param(0.0, "0.0", id="zero"),
+    ],
+)
+def test_a_score_is_a_decimal_string(score: float, expected: str) -> None:
+    envelope = SIGNER.envelop(SIGNER.sign(**{**SAID, "scores": {"rgspl": score}}))
+    statement = json.loads(base64.b64decode(envelope.payload))
+    assert statement["predicate"]["scores"] == {"rgspl": expected}
+
+
+def flipped(content: bytes) -> Iterator[bytes]:
+    """Yield the content with each of its bytes changed in turn."""
+    for place, byte in enumerate(content):
+        yield content[:place] + bytes([byte ^ 1]) + content[place + 1 :]
+
+
+def test_no_byte_of_an_envelope_can_be_changed_unnoticed() -> None:
+    """A few can change in base64 without a change of what it says; the payload stays the same."""
+    payload = verified(ENVELOPE)
+    for changed in flipped(ENVELOPE):
+        try:
+            found = verified(changed)
+        except (VerificationError, ValueError, KeyError, TypeError):
+            continue
+        assert found == payload
+
+
+@pytest.mark.parametrize("part", ["payload", "sig"])
+def test_every_flipped_byte_of_what_is_signed_is_rejected(part: str) -> None:
+    def with_part(content: bytes) -> bytes:
+        envelope = json.loads(ENVELOPE)
+        place = envelope if part == "payload" else envelope["signatures"][0]
+        place[part] = base64.b64encode(content).decode()
+        return json.dumps(envelope).encode()
+
+    envelope = json.loads(ENVELOPE)
+    content = base64.b64decode((envelope | envelope["signatures"][0])[part])
+    assert verified(with_part(content)) == base64.b64decode(envelope["payload"])
+    for changed in flipped(content):
+        with pytest.raises(VerificationError):
+            verified(with_part(changed))
+
+
+def test_another_key_does_not_fit() -> None:
+    other = key_of(public_pem_of(OTHER_KEY), SIGNER.key_id)
+    with pytest.raises(VerificationError):
+        verified(ENVELOPE, other)
+
+
+def test_our_own_command_reads_it_too(tmp_path: Path, run: Run) -> None:
+    envelope, key = tmp_path / "receipt.intoto.json", tmp_path / "key.pem"
+    envelope.write_bytes(ENVELOPE)
+    key.write_text(SIGNER.public_pem)
+    outcome = run("verify", str(envelope), "--key", str(key))
+    assert outcome.status == 0, outcome.err
+    (tmp_path / "receipt.json").write_text(RECEIPT.model_dump_json())
+    plain = run("verify", str(tmp_path / "receipt.json"), "--key", str(key))
+    said, expected = (each.out.splitlines()[1:] for each in (outcome, plain))
+    assert sorted(said) == sorted(expected)  # the statement has its scores by key
+    envelope.write_bytes(ENVELOPE.replace(b'"sig":"', b'"sig":"AAAA'))
+    assert run("verify", str(envelope), "--key", str(key)).status == 1
+
+
+@pytest.mark.parametrize(
+    "payload", [pytest.param(b"{}", id="no statement"), pytest.param(b"\xff", id="no JSON")]
+)
+def test_an_envelope_of_something_else_is_not_a_receipt(payload: bytes) -> None:
+    changed = SIGNER.envelop(RECEIPT).model_copy(
+        update={"payload": base64.b64encode(payload).decode()}
+    )
+    with pytest.raises(NotGenuineError, match="no receipt"):
+        receipt_in(changed)
+
+
+def test_the_code_in_the_documentation_verifies_what_a_server_issued(
+    server: Serving, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submission = server.upload(OWNER, submission_for(PRIVATE), PRIVATE).json()["submission"]
+    place = f"/submissions/{submission['id']}/receipt"
+    (tmp_path / "receipt.intoto.json").write_bytes(
+        server.ask(OWNER, "GET", f"{place}/envelope").content
+    )
+    (tmp_path / "keys.json").write_bytes(server.ask(None, "GET", "/keys").content)
+    monkeypatch.chdir(tmp_path)
+    blocks = (DOCS / "submitting.md").read_text(encoding="utf-8").split("```python\n")[1:]
+    (code,) = (block.partition("```")[0] for block in blocks if "securesystemslib" in block)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    receipt = Receipt.model_validate(submission["receipt"])
+    assert names["statement"]["subject"][0]["digest"] == {"sha256": receipt.sha256}
+    said = {key: float(text) for key, text in names["statement"]["predicate"]["scores"].items()}
+    assert said == receipt.scores

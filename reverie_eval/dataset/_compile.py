@@ -58,6 +58,8 @@ def compile_split(
     graph, tasks = content.graphs.ground_truth(), annotations.tasks
     arrays = graph.to_arrays() | _episode_arrays(tasks, graph)
     texts = {"instruction": [text.strip() for task in tasks for text in task.texts]}
+    if any(task.language for task in tasks):
+        texts["language"] = [task.language for task in tasks for _ in task.texts]
     has_targets = content.has_answers and files.task.has_targets
     if has_targets:
         arrays["task_target"] = np.array([target_of(task) for task in tasks])

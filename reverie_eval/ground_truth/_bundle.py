@@ -77,7 +77,7 @@ UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Optional public arrays that no score depends on; they are not part of the fingerprint."""
-PUBLIC_TEXTS = frozenset({"instruction"})
+PUBLIC_TEXTS = frozenset({"instruction", "language"})
 """Texts that are public; the categories of targets and candidates are answers."""
 _HEADER = "header"
 # numpy parses the header of each array as Python source, hence the last two of the first line.

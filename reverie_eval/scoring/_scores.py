@@ -245,8 +245,8 @@ class Scores(Mapping[str, float]):
     def texts(self) -> Mapping[str, Sequence[str]]:
         """What is known of each episode besides its values, by column.
 
-        Its ``outcome``, ``box_outcome``, ``scan``, ``category`` and ``instruction``. Those that the
-        protocol does not define, or the ground truth does not have, are left out.
+        Its ``outcome``, ``box_outcome``, ``scan``, ``category``, ``language`` and ``instruction``.
+        Those that the protocol does not define, or the ground truth does not have, are left out.
         """
         truth = self.ground_truth
         columns: Mapping[str, Callable[[], Sequence[str]]] = {
@@ -254,6 +254,7 @@ class Scores(Mapping[str, float]):
             **({} if self.boxes is None else {"box_outcome": lambda: self.box_outcomes}),
             "scan": lambda: truth.scans,
             "category": lambda: truth.categories,
+            **({"language": lambda: truth.episodes.languages} if truth.episodes.languages else {}),
             "instruction": lambda: truth.episodes.instructions,
         }
         found = {}

@@ -239,7 +239,7 @@ def record_form(task: Task) -> str:
 
 def id_form(task: Task) -> str:
     """Return what the id of a task's episode is."""
-    if task.has_numbers:
+    if task.id_example.isdecimal():
         return f"the number of the episode: {task.id_example}"
     return f'the episode\'s id as text: "{task.id_example}"'
 

@@ -98,7 +98,8 @@ def parse_predictions(
     if predictions is not None:
         return predictions.without_trajectories() if answers_only else predictions
     log = ReadingLog()
-    return read_carefully(parse_document(content, log), log, task, answers_only=answers_only)
+    document = parse_document(content, log, has_lines=task.has_json_lines)
+    return read_carefully(document, log, task, answers_only=answers_only)
 
 
 def read_records(
@@ -230,9 +231,9 @@ def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Tas
 def _check_task(records: Sequence[Mapping[str, Any]], task: Task) -> None:
     """Raise one SubmissionError for a file of another task that calls its ids differently."""
     for other in map(find_task, BUILT_IN):
-        key = other.id_keys[0]
-        if key not in task.id_keys and records and all(key in record for record in records):
-            raise SubmissionError([problems.fields_of_another_task(key, task, other)])
+        for key in other.id_keys:
+            if key not in task.id_keys and records and all(key in record for record in records):
+                raise SubmissionError([problems.fields_of_another_task(key, task, other)])
 
 
 def _with_known_fields(

@@ -35,6 +35,11 @@ class Annotation(Struct, frozen=True, kw_only=True):
         raise NotImplementedError
 
     @property
+    def language(self) -> str:
+        """The language of the instructions; empty in a task of one language."""
+        return ""
+
+    @property
     def reference(self) -> Sequence[str]:
         """The annotated path by which the task's default protocol scores, the start first."""
         raise NotImplementedError

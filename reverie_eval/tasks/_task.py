@@ -1,5 +1,6 @@
 """The record of a task."""
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -44,7 +45,11 @@ class Task:
     id_keys: Sequence[str] = ("instr_id",)
     """The fields of a result's record that can hold the id, the official one first."""
     has_numbers: bool = False
-    """Whether the id is a number in the official form; it is compared as text."""
+    """Whether the id may be a number; it is compared as text."""
+    has_short_ids: bool = False
+    """Whether the part of an id after its underscore is one too."""
+    has_json_lines: bool = False
+    """Whether the official form of a result may be a record on each line instead of a list."""
     has_targets: bool = False
     """Whether an episode has a target object, which agents name or box."""
     protocols: Sequence[Protocol]
@@ -61,6 +66,10 @@ class Task:
         if self.published.get(sha256) == split:
             return self.title
         return self.releases.get((split, records, episodes))
+
+    def has_id_like(self, instr_id: str) -> bool:
+        """Whether an id looks like one of an episode."""
+        return re.fullmatch(self.id_pattern, instr_id) is not None
 
     def id_field(self, instr_id: str) -> Mapping[str, str | int]:
         """Return the id of an episode as the official form of a result has it."""

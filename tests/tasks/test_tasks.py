@@ -31,7 +31,8 @@ every_protocol_of_samples = pytest.mark.parametrize(
     ("name", "protocol"),
     [
         pytest.param(name, rules.name, id=f"{name}, {rules.name}")
-        for name in ("r2r", "r4r", "ndh")
+        for name in BUILT_IN
+        if name != "reverie"
         for rules in find_task(name).protocols
     ],
 )

@@ -212,9 +212,10 @@ def runs_of(method: Method) -> Sequence[Scores]:
 
 
 def common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
-    """Return the metrics that all have, in the order of the CATALOGUE."""
+    """Return the metrics that all have for all episodes, in the order of the CATALOGUE."""
     first, *others = scores
-    return [key for key in first if all(key in each for each in others)]
+    whole = [key for key in first if not METRICS[key].is_partial]
+    return [key for key in whole if all(key in each for each in others)]
 
 
 def crossed_means(

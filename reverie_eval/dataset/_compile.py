@@ -137,6 +137,9 @@ def _goal_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[st
         goals = [task.goals for task in tasks]
         arrays["goal_viewpoint"] = np.array([graph.index[id_] for each in goals for id_ in each])
         arrays["goal_offsets"] = offsets_of(np.array([len(each) for each in goals]))
+    outlines = [outline for task in tasks for outline in task.outlines]
+    if outlines:
+        arrays["goal_outline"] = np.array(outlines)
     return arrays
 
 

@@ -67,6 +67,7 @@ GOAL_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "goal_viewpoint": "i4",  # annotated goals of the tasks, end to end
         "goal_offsets": "i8",  # (n_tasks + 1,)
+        "goal_outline": "f8",  # (n_goals, 5, 2) turns: the target as seen there
     }
 )
 """Answers, if the task annotates goals beside paths. Further annotated paths are in arrays like

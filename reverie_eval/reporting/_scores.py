@@ -1,6 +1,7 @@
 """Scores as a table, in each of the formats of ``--format``, and the values of every episode."""
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TextIO
@@ -194,7 +195,10 @@ def episodes_json(scores: Scores) -> str:
     """Return every metric of every episode as JSON, unrounded, with the signature."""
     import json
 
-    columns = {key: column.tolist() for key, column in scores.episodes.items()}
+    columns = {
+        key: [None if math.isnan(value) else value for value in column.tolist()]
+        for key, column in scores.episodes.items()
+    }
     episodes = [
         dict(zip(("instr_id", *columns), row, strict=True))
         for row in zip(scores.instr_ids, *columns.values(), strict=True)

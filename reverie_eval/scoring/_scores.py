@@ -174,7 +174,8 @@ class Scores(Mapping[str, float]):
         )
 
     def __getitem__(self, key: str) -> float:
-        return float(self.episodes[key].mean())
+        values = self.episodes[key]  # which tells a wrong key
+        return METRICS[key].mean(values)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.episodes)
@@ -292,7 +293,7 @@ class Scores(Mapping[str, float]):
             resamples or seed are out of range.
         """
         intervals = Intervals.of(
-            self.episodes,
+            {key: self.episodes[key] for key in self if not METRICS[key].is_partial},
             clusters_of(self.ground_truth, cluster),
             cluster,
             confidence=confidence,

@@ -10,7 +10,7 @@ from itertools import chain, repeat
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of, take_rows
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, row_of, take_rows
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
@@ -44,6 +44,9 @@ class AlignedSubmission:
     """The predicted boxes, in the order of their episodes."""
     is_navigation_only: bool = False
     """Whether no record has an answer."""
+    point: FloatArray | None = None
+    """Shape (n_episodes, 2): heading and elevation of each predicted point, turns; NaN where there
+    is none. None in a task without points."""
 
     @property
     def abstained(self) -> BoolArray:
@@ -62,6 +65,7 @@ class AlignedSubmission:
             has_leading_zeros=self.has_leading_zeros[rows],
             boxes=_boxes_of(self.boxes, rows, len(self.predicted_object)),
             is_navigation_only=self.is_navigation_only,
+            point=None if self.point is None else self.point[rows],
         )
 
     @classmethod
@@ -72,6 +76,7 @@ class AlignedSubmission:
             replace(part.boxes, row=part.boxes.row + count)
             for part, count in zip(parts, counts, strict=True)
         ]
+        points = [part.point for part in parts if part.point is not None]
         return cls(
             viewpoint=np.concatenate([part.viewpoint for part in parts]),
             offsets=offsets_of(np.concatenate([np.diff(part.offsets) for part in parts])),
@@ -80,6 +85,7 @@ class AlignedSubmission:
             has_leading_zeros=np.concatenate([part.has_leading_zeros for part in parts]),
             boxes=BoxAnswers.concatenate(boxes),
             is_navigation_only=all(part.is_navigation_only for part in parts),
+            point=np.concatenate(points) if points else None,
         )
 
 
@@ -256,6 +262,7 @@ def _aligned(
         has_leading_zeros=predictions.has_leading_zeros[order],
         boxes=_boxes_of(predictions.boxes, order, len(predictions.instr_ids)),
         is_navigation_only=predictions.is_navigation_only,
+        point=None if predictions.point is None else predictions.point[order],
     )
 
 

@@ -50,6 +50,9 @@ class Task:
     """Whether the part of an id after its underscore is one too."""
     has_json_lines: bool = False
     """Whether the official form of a result may be a record on each line instead of a list."""
+    has_items: bool = False
+    """Whether a result's record has several trajectories, one for each start of an item, and each
+    of them a point at which the agent sees the target. Their ids are ``<item>#<index>``."""
     has_targets: bool = False
     """Whether an episode has a target object, which agents name or box."""
     protocols: Sequence[Protocol]

@@ -5,12 +5,12 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, field
 
-from reverie_eval.tasks._annotation import Annotation, Path
+from reverie_eval.tasks._annotation import EpisodeAnnotation, Path
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.tasks._task import Task
 
 
-class RxRAnnotation(Annotation, frozen=True, kw_only=True):
+class RxRAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
     """One line of ``rxr_{split}_guide.jsonl.gz``: an instruction; several share a path."""
 
     instruction_id: Annotated[int, Meta(ge=0)]
@@ -25,11 +25,6 @@ class RxRAnnotation(Annotation, frozen=True, kw_only=True):
         """The id of the one episode: that of the path, and that of the instruction."""
         number = str(self.instruction_id)
         return number if self.path_id is None else f"{self.path_id}_{number}"
-
-    @property
-    def instr_ids(self) -> Sequence[str]:
-        """The id of the one episode."""
-        return [self.name]
 
     @property
     def texts(self) -> Sequence[str]:

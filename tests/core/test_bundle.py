@@ -354,7 +354,7 @@ def test_a_public_bundle_validates_but_does_not_score(bundle: Bundle) -> None:
 SPLITS = ["train.npz", "val_seen.npz", "val_unseen.npz", "test.public.npz", "private/test.npz"]
 DEMO = [
     *SPLITS,
-    *(f"{task}/{name}" for task in ("r2r", "ndh") for name in SPLITS),
+    *(f"{task}/{name}" for task in ("r2r", "ndh", "soon") for name in SPLITS),
     *(f"{task}/{name}" for task in ("r4r", "rxr") for name in SPLITS if "test" not in name),
 ]
 

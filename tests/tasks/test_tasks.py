@@ -14,6 +14,7 @@ from reverie_eval import (
     GroundTruthError,
     ProtocolError,
     Scores,
+    SubmissionError,
     compare,
     evaluate,
     evaluate_many,
@@ -116,6 +117,19 @@ def test_several_files_of_a_task(tmp_path: Path) -> None:
     assert comparison["ndh"]["goal_progress"].mean > 0
     scored = evaluate_many([worse, good], split="val_unseen", task="ndh")
     assert scored.ranks == {str(good): 1, str(worse): 2}
+
+
+@pytest.mark.parametrize("given", BUILT_IN)
+def test_a_file_of_another_task_is_named(given: str) -> None:
+    """Each of the tasks recognises the samples of all others."""
+    sample = SAMPLES / ("good.json" if given == "reverie" else f"{given}.json")
+    for name in BUILT_IN:
+        if name != given:
+            with pytest.raises(SubmissionError) as refused:
+                evaluate(sample, split="val_unseen", task=name)
+            (problem,) = refused.value.problems
+            assert problem.code == "other-task"
+            assert problem.message.endswith(f"score the file with --task {given}"), name
 
 
 def test_scores_of_two_tasks_are_not_concatenated() -> None:

@@ -170,7 +170,8 @@ class Runs(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        return [METRICS[key] for key in self if METRICS[key].headline]
+        task = self._first.ground_truth.task
+        return [task.metric(key) for key in task.headline if key in self]
 
     @property
     def notes(self) -> Sequence[str]:

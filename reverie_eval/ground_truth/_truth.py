@@ -320,6 +320,11 @@ def _load(path: Path, split: str, task: Task) -> GroundTruth:
     own = bundle_folder(path, task.name)
     if own.is_dir():
         path = own
+    elif path == DEMO_BUNDLES:
+        raise GroundTruthError(
+            f"the demo world has no {task.title}; `reverie-eval compile DATASET --task {task.name} "
+            f"--split {split} -o bundles/` compiles its files, then pass --ground-truth bundles"
+        )
     if not path.exists():
         raise GroundTruthError(
             f"there is no ground truth at {path}; `reverie-eval compile` creates it"

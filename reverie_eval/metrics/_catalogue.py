@@ -7,7 +7,7 @@ another metric.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Literal
@@ -73,6 +73,8 @@ class Metric:
     """The arguments of ``compute``, in order."""
     is_binary: bool = False
     """Whether every value is 0 or 1."""
+    of_goal: str = ""
+    """The definition with ``{goal}`` for when a stop is a success, where it depends on the task."""
     is_signed: bool = False
     """Whether values can be negative."""
     is_partial: bool = False
@@ -89,9 +91,18 @@ class Metric:
         return 1.0 if self.unit == "fraction" else float("inf")
 
     @property
+    def suffix(self) -> str:
+        """The unit that :meth:`display` uses: ``%``; empty for counts."""
+        return _SUFFIXES[self.unit]
+
+    @property
     def heading(self) -> str:
-        """The label with the unit that :meth:`display` uses: ``SR %``."""
-        return f"{self.label} {_SUFFIXES[self.unit]}".rstrip()
+        """The label with that unit: ``SR %``."""
+        return f"{self.label} {self.suffix}".rstrip()
+
+    def for_goal(self, goal: str) -> "Metric":
+        """Return the metric with its definition by when a stop is a success."""
+        return replace(self, definition=self.of_goal.format(goal=goal)) if self.of_goal else self
 
     def mean(self, values: Array) -> float:
         """Return the mean over episodes; NaN for a partial metric that none of them has."""
@@ -154,6 +165,7 @@ _METRICS = (
         label="SR",
         name="success rate",
         definition="the target object is visible where the agent stops",
+        of_goal="{goal} where the agent stops",
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,
@@ -168,6 +180,7 @@ _METRICS = (
         label="OSR",
         name="oracle success rate",
         definition="the target object is visible from any viewpoint of the trajectory",
+        of_goal="{goal} from any viewpoint of the trajectory",
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,

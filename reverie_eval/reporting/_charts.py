@@ -108,7 +108,7 @@ class Histogram:
     @property
     def label(self) -> str:
         """The metric's name with the unit of the edges."""
-        unit = self.metric.heading.removeprefix(self.metric.label).strip()
+        unit = self.metric.suffix
         return f"{self.metric.name} ({unit})" if unit else self.metric.name
 
 

@@ -42,6 +42,7 @@ def score_table(results: Sequence[Scores]) -> Table:
             f"ground truth: {first.ground_truth.provenance}",
             *(f"note: {note}" for note in _notes(results)),
         ],
+        task=first.ground_truth.task,
     )
 
 
@@ -101,6 +102,7 @@ def ranking_table(scored: ScoredFiles) -> Table:
             f"ground truth: {first.ground_truth.provenance}",
             *_notes_of_files(scored, names),
         ],
+        task=first.ground_truth.task,
     )
 
 

@@ -204,7 +204,8 @@ class Scores(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        return [METRICS[key] for key in self.ground_truth.task.headline if key in self.episodes]
+        task = self.ground_truth.task
+        return [task.metric(key) for key in task.headline if key in self.episodes]
 
     @property
     def notes(self) -> Sequence[str]:
@@ -226,12 +227,23 @@ class Scores(Mapping[str, float]):
         ProtocolError
             If success, oracle success or RGS is not scored.
         """
-        return [list(OUTCOMES)[index] for index in outcome_indices(self.episodes)]
+        return [list(OUTCOMES)[index] for index in outcome_indices(self._with_answers)]
 
     @property
     def failure_modes(self) -> FailureModes:
         """How many episodes had each outcome; errors are those of ``outcomes``."""
-        return failure_modes(self.episodes)
+        return failure_modes(self._with_answers)
+
+    @property
+    def _with_answers(self) -> Mapping[str, Array]:
+        """The episode table of a task whose outcomes are those of answers."""
+        task = self.ground_truth.task
+        if not task.has_targets:
+            raise ProtocolError(
+                f"{task.title} has no target objects, on which outcomes depend; to find failures, "
+                "sort scores.to_pandas() by navigation_error, and show one with scores.episode(id)"
+            )
+        return self.episodes
 
     @property
     def box_outcomes(self) -> Sequence[str]:

@@ -55,6 +55,8 @@ class Task:
     of them a point at which the agent sees the target. Their ids are ``<item>#<index>``."""
     has_targets: bool = False
     """Whether an episode has a target object, which agents name or box."""
+    goal: str
+    """When a stop is a success, in words: "the target object is visible"."""
     protocols: Sequence[Protocol]
     """Every released protocol, the default one first."""
     aliases: Mapping[str, str] = field(default_factory=dict)
@@ -89,6 +91,10 @@ class Task:
             available |= rules.measures
         return [key for key, metric in METRICS.items() if metric.needs <= available]
 
+    def metric(self, key: str) -> Metric:
+        """Return a metric with its definition by the task's goal."""
+        return METRICS[key].for_goal(self.goal)
+
     def protocol(self, name: str) -> Protocol:
         """Return the protocol with this name or alias.
 
@@ -113,8 +119,8 @@ class Task:
         has_all = "success" in scored
         headline = [key for key in self.headline if has_all or key in scored]
         boxes = [key for key in scored if "box" in METRICS[key].needs]
-        return [METRICS[key] for key in (*headline, *boxes)]
+        return [self.metric(key) for key in (*headline, *boxes)]
 
     def primary_metric(self, scored: Collection[str]) -> Metric:
         """Return the metric that submissions are ranked by."""
-        return METRICS[next(key for key in self.ranking if key in scored)]
+        return self.metric(next(key for key in self.ranking if key in scored))

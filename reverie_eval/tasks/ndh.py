@@ -109,6 +109,7 @@ TASK = Task(
     id_example="5354",
     id_keys=("inst_idx", "instr_id"),
     has_numbers=True,
+    goal="the end of the protocol's path is less than 3 m away (hamt: the goal region is reached)",
     protocols=(
         _official("official-v1", "trusted path"),
         _official("official-planner", "planner's path", "planner"),

@@ -45,8 +45,7 @@ class SoonAnnotation(Annotation, frozen=True, kw_only=True):
 
     scan: str = ""  # answered files give it in the boxes
     instr_id: Annotated[int, Meta(ge=0)] | ViewpointId
-    instructions: Annotated[list[str | _Parts], Meta(min_length=1)]
-    """The five parts of an instruction, or several such lists."""
+    instructions: Annotated[list[str | _Parts], Meta(min_length=1)]  # one or several
     path: Annotated[list[Path], Meta(min_length=1)]
     bboxes: list[_Box]
     """One for each viewpoint that sees the target; none in a public test file."""
@@ -132,6 +131,7 @@ TASK = Task(
     id_example="12#3",
     has_numbers=True,
     has_items=True,
+    goal="the target is seen, or the path's end less than 3 m away,",
     protocols=(
         _OFFICIAL,
         replace(

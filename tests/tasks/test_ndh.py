@@ -199,7 +199,7 @@ def test_every_protocol_agrees_with_the_rules_written_once_more() -> None:
             for key in expected[scores.instr_ids[0]]:
                 values = [expected[id_][key] for id_ in scores.instr_ids]
                 assert scores.episodes[key].tolist() == values, (seed, protocol, key)
-    tell(random_worlds=worlds)
+    tell(random_worlds_of_ndh=worlds)
 
 
 def random_region(random: Random, world: World, task: Task) -> Region:

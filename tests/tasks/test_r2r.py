@@ -151,7 +151,7 @@ def test_both_protocols_agree_with_the_oracle() -> None:
             for each, values in zip(episodes, expected, strict=True)
         ]
         assert duet.episodes["spl"].tolist() == by_annotated, seed
-    tell(random_worlds=worlds)
+    tell(random_worlds_of_r2r=worlds)
 
 
 # The demo world.

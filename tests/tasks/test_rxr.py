@@ -173,6 +173,15 @@ def test_slices_overlap_and_average_their_own_instructions() -> None:
     assert half.loc["all", "episodes"] == 10
 
 
+def test_the_score_table_has_the_slices(run: Run) -> None:
+    done = run(str(SAMPLE), "--task", "rxr", "--split", "val_unseen")
+    rows = [line.split() for line in done.out.splitlines() if line][1:9]
+    assert [row[0] for row in rows] == ["official-v1", *SLICES[1:]]
+    found = evaluate(SAMPLE, split="val_unseen", task="rxr").breakdown(by="language")
+    shown = [f"{100 * value:.2f}" for value in found["ndtw"]]
+    assert [row[-2] for row in rows] == shown
+
+
 def test_a_report_has_the_slices(run: Run, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     of_task = ("--task", "rxr", "--split", "val_unseen")

@@ -644,10 +644,10 @@ def viewpoint_of_another_scan(
 
 
 def wrong_start(location: RecordLocation, instr_id: str, expected: str, found: str) -> Problem:
-    message = (
-        f"episode {instr_id} starts at viewpoint {expected}, got {found}; list the start "
-        "viewpoint as the first pose"
-    )
+    remedy = "list the start viewpoint as the first pose"
+    if location.place is not None:
+        remedy = "list the trajectories in the order of the item's paths, each from its start"
+    message = f"episode {instr_id} starts at viewpoint {expected}, got {found}; {remedy}"
     return _pose_problem("wrong-start", location, (0,), message)
 
 

@@ -565,6 +565,17 @@ def test_a_missing_start_and_one_too_many() -> None:
     assert missing.message.startswith(f"episode {records[0]['instr_id']}#2 has no prediction")
 
 
+def test_trajectories_in_another_order_are_told() -> None:
+    records = changed(dict)
+    records[3]["trajectory"].reverse()
+    records[3]["trajectory"].append(records[3]["trajectory"].pop(0))
+    with pytest.raises(SubmissionError) as refused:
+        evaluate(records, split="val_unseen", task="soon")
+    first, _ = refused.value.problems
+    assert first.where == "[3].trajectory[0].path[0]"
+    assert "list the trajectories in the order of the item's paths" in first.message
+
+
 def test_ids_of_duets_own_episodes_are_told() -> None:
     record = {"instr_id": "4-0_0", "trajectory": changed(in_lists)[0]["trajectory"][0]}
     with pytest.raises(SubmissionError, match="is the id of an episode of DUET's own files"):

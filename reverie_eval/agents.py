@@ -15,6 +15,7 @@ import numpy as np
 
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
+from reverie_eval.submissions import NO_POINT, join_items, official_point
 
 
 class Surroundings:
@@ -132,12 +133,14 @@ def run_agent(name: str, ground_truth: GroundTruth, seed: int = 0) -> list[Recor
     surroundings, rng = Surroundings(ground_truth), random.Random(seed)  # noqa: S311
     columns = np.stack([episodes.start, answers.goal, answers.target_object], axis=1)
     behaviours = [AGENTS[name](AgentTask(*task), surroundings, rng) for task in columns.tolist()]
-    has_targets = ground_truth.task.has_targets
-    return [
+    task = ground_truth.task
+    records: list[Record] = [
         {
-            **ground_truth.task.id_field(instr_id),
+            **task.id_field(instr_id),
             "trajectory": surroundings.poses(viewpoints),
-            **({"predObjId": object_id} if has_targets else {}),
+            **({"predObjId": object_id} if task.has_targets else {}),
+            **(official_point(NO_POINT) if task.has_items else {}),
         }
         for instr_id, (viewpoints, object_id) in zip(episodes.instr_ids, behaviours, strict=True)
     ]
+    return join_items(records) if task.has_items else records

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
     By: TypeAlias = "GroupingKey | pd.Series[Any]"
 
-GroupingKey = Literal["scan", "length", "words", "category", "level", "visibility", "jumps"]
+GroupingKey = Literal[
+    "scan", "length", "words", "category", "level", "visibility", "jumps", "language"
+]
 """The keys of ``GROUPINGS``."""
 
 NO_LEVEL = "no level"
@@ -52,6 +54,8 @@ class Grouping:
     """Returns the group of each episode."""
     order: Sequence[str] = ()
     """The groups in order; if empty, they are sorted by size, the largest first."""
+    wider: Callable[[str], Sequence[str]] = lambda group: ()  # noqa: ARG005
+    """Returns the further groups that the episodes of a group are in too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +90,9 @@ _WORDS = _Ranges((12, 16, 20, 25), "words", are_counts=True)
 _VIEWPOINTS = _Ranges((2, 3, 4, 6), "", are_counts=True)
 _LEVELS = (*(f"level {number}" for number in range(10)), NO_LEVEL)
 _JUMPS = ("no jump", "jumps")
+_ALL_LANGUAGES = "all"
+_LANGUAGES = (_ALL_LANGUAGES, "en", "en-IN", "en-US", "hi", "hi-IN", "te", "te-IN")
+"""The slices that papers on RxR report, and the tags of its instructions."""
 
 
 def _by_length(scores: Scores) -> Sequence[str]:
@@ -133,6 +140,20 @@ def _by_jumps(scores: Scores) -> Sequence[str]:
     return [_JUMPS[int(jumps > 0)] for jumps in scores.episodes["jumps"]]
 
 
+def _by_language(scores: Scores) -> Sequence[str]:
+    languages = scores.ground_truth.episodes.languages
+    return languages or [_ALL_LANGUAGES] * len(scores.instr_ids)
+
+
+def _wider_languages(tag: str) -> Sequence[str]:
+    """Return what an ``en-US`` instruction is too: of English, and of all.
+
+    >>> _wider_languages("en-US"), _wider_languages("all")
+    (['all', 'en'], [])
+    """
+    return [] if tag == _ALL_LANGUAGES else [_ALL_LANGUAGES, tag.partition("-")[0]]
+
+
 GROUPINGS: Mapping[str, Grouping] = MappingProxyType(
     {
         grouping.key: grouping
@@ -158,6 +179,13 @@ GROUPINGS: Mapping[str, Grouping] = MappingProxyType(
                 _VIEWPOINTS.labels,
             ),
             Grouping("jumps", "moves between unconnected viewpoints", _by_jumps, _JUMPS),
+            Grouping(
+                "language",
+                "the language of the instruction",
+                _by_language,
+                _LANGUAGES,
+                _wider_languages,
+            ),
         )
     }
 )
@@ -189,6 +217,7 @@ def breakdown(
     by : str, Series, or list of these
         A key of ``GROUPINGS``, or the group of each episode in a Series indexed by instr_id, such
         as a column of ``scores.to_pandas()``. Several give the groups that they form together.
+        Groups of ``language`` overlap: "all", "en", "en-IN" and so on, each over its instructions.
     intervals : bool
         Whether to add the ends of 95 % intervals over the targets of each group, in ``spl_low``,
         ``spl_high`` and so on. They are missing if a group has fewer than 5 targets.
@@ -212,15 +241,20 @@ def breakdown(
     chosen = [by] if isinstance(by, str | pd.Series) else list(by)
     if not chosen:
         raise ProtocolError(f"break scores down by something, such as {first_few(GROUPINGS)}")
-    groups = [_groups(scores, each) for each in chosen]
     keys = [metric.key for metric in scores.headline]
-    index = pd.Index(scores.instr_ids)
+    index = pd.RangeIndex(len(scores.instr_ids))
     values = pd.DataFrame({key: scores.episodes[key] for key in keys}, index=index)
-    grouped = values.groupby(groups, observed=True)
+    # A row for each combination of groups that an episode is in: one, unless groups overlap.
+    member = pd.DataFrame(index=index)
+    groups = [_groups(scores, each) for each in chosen]
+    for column, each in enumerate(groups):
+        member = member.join(each.rename(column))
+    row = member.index.to_numpy()
+    grouped = values.iloc[row].groupby([member[column].array for column in member], observed=True)
     table = grouped.mean()
     if intervals:
         number = grouped.ngroup().to_numpy()
-        rows = [np.flatnonzero(number == group) for group in range(len(table))]
+        rows = [row[number == group] for group in range(len(table))]
         table = table.assign(**_interval_columns(values, rows, scores.ground_truth))
     table.insert(0, "episodes", grouped.size())
     # Categories gave the groups their order; readers get the groups themselves.
@@ -238,7 +272,7 @@ def breakdown(
 
 
 def _groups(scores: Scores, by: "By") -> "pd.Series[Any]":
-    """Return the group of each episode, as categories in the order of the rows."""
+    """Return the groups of each row of episodes, as categories in their order."""
     import pandas as pd
 
     index = pd.Index(scores.instr_ids)
@@ -250,10 +284,11 @@ def _groups(scores: Scores, by: "By") -> "pd.Series[Any]":
                 f"the Series does not have one group for each episode, such as {first_few(wrong)}; "
                 "index it by instr_id, as scores.to_pandas() is"
             )
-        groups = pd.Series(known.reindex(index), name=by.name or "group")
+        groups = pd.Series(known.reindex(index).array, name=by.name or "group")
         return groups.astype("category")
     grouping = find_grouping(by)
-    groups = pd.Series(grouping.groups(scores), index=index, name=by)
+    narrow = pd.Series(grouping.groups(scores), name=by)
+    groups = narrow.map(lambda group: [*grouping.wider(group), group]).explode()
     # The largest group first; equally large ones by name.
     order = (
         grouping.order

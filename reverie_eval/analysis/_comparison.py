@@ -142,7 +142,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
             name: {
                 key: difference(other.episodes[key], first.episodes[key])
                 for key in first
-                if key in other
+                if key in other and not METRICS[key].is_partial
             }
             for name, other in others
         }

@@ -170,7 +170,8 @@ class Runs(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        return [METRICS[key] for key in self if METRICS[key].headline]
+        task = self._first.ground_truth.task
+        return [task.metric(key) for key in task.headline if key in self]
 
     @property
     def notes(self) -> Sequence[str]:
@@ -212,9 +213,10 @@ def runs_of(method: Method) -> Sequence[Scores]:
 
 
 def common_keys(scores: Iterable[Mapping[str, float]]) -> Sequence[str]:
-    """Return the metrics that all have, in the order of the CATALOGUE."""
+    """Return the metrics that all have for all episodes, in the order of the CATALOGUE."""
     first, *others = scores
-    return [key for key in first if all(key in each for each in others)]
+    whole = [key for key in first if not METRICS[key].is_partial]
+    return [key for key in whole if all(key in each for each in others)]
 
 
 def crossed_means(

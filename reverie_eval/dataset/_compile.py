@@ -58,6 +58,8 @@ def compile_split(
     graph, tasks = content.graphs.ground_truth(), annotations.tasks
     arrays = graph.to_arrays() | _episode_arrays(tasks, graph)
     texts = {"instruction": [text.strip() for task in tasks for text in task.texts]}
+    if any(task.language for task in tasks):
+        texts["language"] = [task.language for task in tasks for _ in task.texts]
     has_targets = content.has_answers and files.task.has_targets
     if has_targets:
         arrays["task_target"] = np.array([target_of(task) for task in tasks])
@@ -135,6 +137,9 @@ def _goal_arrays(tasks: Sequence[Annotation], graph: NavigationGraph) -> dict[st
         goals = [task.goals for task in tasks]
         arrays["goal_viewpoint"] = np.array([graph.index[id_] for each in goals for id_ in each])
         arrays["goal_offsets"] = offsets_of(np.array([len(each) for each in goals]))
+    outlines = [outline for task in tasks for outline in task.outlines]
+    if outlines:
+        arrays["goal_outline"] = np.array(outlines)
     return arrays
 
 

@@ -171,11 +171,12 @@ def _read_centres(reader: Reader, files: DatasetFiles) -> Centres | None:
 
 def read_split(reader: Reader, name: str, path: Path, task: Task) -> Split:
     """Read an annotation file record by record."""
-    annotations, malformed = [], []
+    annotations: list[Annotation] = []
+    malformed: list[str] = []
     records = reader.read(ANNOTATIONS, path, "annotations")
     for number, record in enumerate(records or []):
         try:
-            annotations.append(msgspec.convert(record, task.annotation))
+            annotations.extend(msgspec.convert(record, task.annotation).parts)
         except msgspec.ValidationError as error:
             malformed.append(f"[{number}]: {', '.join(_faults(record, task)) or error}")
     return Split(name, path, annotations, malformed)

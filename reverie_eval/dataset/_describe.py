@@ -17,13 +17,14 @@ from reverie_eval.dataset._paper import PaperComparison, compare_with_paper
 from reverie_eval.dataset._reader import Progress, no_progress
 from reverie_eval.dataset._records import viewpoints_of
 from reverie_eval.ground_truth import NavigationGraph
+from reverie_eval.tasks import DEFAULT_TASK, Task
 from reverie_eval.text import category_text, count_text, tokenize
 from reverie_eval.version import __version__
 
 
 @dataclass(frozen=True, eq=False)
 class DatasetDescription:
-    """What a dataset contains, compared with the numbers in the REVERIE paper."""
+    """What a dataset contains, for REVERIE compared with the numbers in its paper."""
 
     __pydantic_config__: ClassVar = ConfigDict(
         use_attribute_docstrings=True, extra="forbid", arbitrary_types_allowed=True
@@ -38,7 +39,7 @@ class DatasetDescription:
     viewpoints: int
     """Included viewpoints of these graphs: panoramas."""
     paper: Sequence[PaperComparison]
-    """The paper's numbers and those of this dataset."""
+    """The paper's numbers and those of this dataset; only for REVERIE."""
     notes: Sequence[str] = ()
     """What readers of the numbers should know, a sentence each."""
     schema_version: Literal[1] = 1
@@ -47,7 +48,10 @@ class DatasetDescription:
 
     @classmethod
     def of(
-        cls, facts: Mapping[str, Sequence[TaskFacts]], viewpoint_counts: Mapping[str, int]
+        cls,
+        facts: Mapping[str, Sequence[TaskFacts]],
+        viewpoint_counts: Mapping[str, int],
+        task: Task,
     ) -> Self:
         """Describe a dataset.
 
@@ -57,6 +61,8 @@ class DatasetDescription:
             The tasks of each split; at least one split.
         viewpoint_counts : mapping
             How many included viewpoints each scan has.
+        task : Task
+            What the dataset is of.
         """
 
         # The paper gives several numbers for the same groups of splits.
@@ -66,13 +72,16 @@ class DatasetDescription:
 
         alone = {split: describe((split,)) for split in facts}
         buildings, viewpoints = len(viewpoint_counts), sum(viewpoint_counts.values())
+        paper: Sequence[PaperComparison] = ()
+        if task.name == DEFAULT_TASK:
+            paper = compare_with_paper(alone, describe, buildings=buildings, viewpoints=viewpoints)
         return cls(
             splits=alone,
             total=describe(tuple(facts)),
             buildings=buildings,
             viewpoints=viewpoints,
-            paper=compare_with_paper(alone, describe, buildings=buildings, viewpoints=viewpoints),
-            notes=_notes(alone),
+            paper=paper,
+            notes=_notes(alone) if task.has_targets else (),
         )
 
 
@@ -104,7 +113,7 @@ def describe_dataset(
     viewpoint_counts = {
         scan_id: len(scan.viewpoint_ids) for scan_id, scan in dataset.graphs.scans.items()
     }
-    return DatasetDescription.of(facts, viewpoint_counts)
+    return DatasetDescription.of(facts, viewpoint_counts, files.task)
 
 
 def _notes(splits: Mapping[str, SplitDescription]) -> Sequence[str]:

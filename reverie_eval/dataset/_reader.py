@@ -1,7 +1,9 @@
 """Read JSON files, valid or not, and keep a record of their digests and problems."""
 
+import gzip
 import hashlib
 import json
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +18,9 @@ Progress: TypeAlias = Callable[[Sequence[Path], str], Iterable[Path]]
 """Wraps the files that are about to be read, and is given a description; it may show progress."""
 
 _SHOWN_ERRORS = 3
+_GZIP_MAGIC = b"\x1f\x8b"
+_LINES = ".jsonl"
+"""In the names of files with a JSON object on each line."""
 
 
 def no_progress(files: Sequence[Path], description: str) -> Iterable[Path]:  # noqa: ARG001
@@ -23,7 +28,7 @@ def no_progress(files: Sequence[Path], description: str) -> Iterable[Path]:  # n
 
 
 class Reader:
-    """Reads files, and records their digests and problems."""
+    """Reads files of JSON or JSON Lines, also gzipped, and records their digests and problems."""
 
     def __init__(self, progress: Progress = no_progress) -> None:
         self.n_files = 0
@@ -38,11 +43,13 @@ class Reader:
         """Return the content of a file; None if it cannot be read or does not have this form."""
         self.n_files += 1
         try:
-            content = path.read_bytes()
+            content = _unpacked(path.read_bytes())
             self._digests.setdefault(kind, []).append(hashlib.sha256(content).digest())
             return adapter.validate_python(self._parse(content, path.name))
         except ValidationError as error:
             reason = explain(error)
+        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+            reason = f"cannot be unpacked: {error}"
         except (ValueError, RecursionError) as error:
             reason = f"not JSON: {error}"
         except OSError as error:
@@ -60,7 +67,10 @@ class Reader:
                 yield path, content
 
     def digests(self) -> Mapping[str, str]:
-        """Return SHA-256 by kind of file: of the only file, or of all digests in reading order."""
+        """Return SHA-256 by kind of file: of the only file, or of all digests in reading order.
+
+        Of a gzipped file it is that of what is in it, which every packing keeps.
+        """
         return {
             kind: (parts[0] if len(parts) == 1 else hashlib.sha256(b"".join(parts)).digest()).hex()
             for kind, parts in self._digests.items()
@@ -76,7 +86,14 @@ class Reader:
             return fields
 
         # The standard library's parser is slower than others, but shows every repeated key.
-        return json.loads(content, object_pairs_hook=build_object)
+        if _LINES not in name:
+            return json.loads(content, object_pairs_hook=build_object)
+        lines = content.splitlines()
+        return [json.loads(line, object_pairs_hook=build_object) for line in lines if line.strip()]
+
+
+def _unpacked(content: bytes) -> bytes:
+    return gzip.decompress(content) if content.startswith(_GZIP_MAGIC) else content
 
 
 def explain(error: ValidationError) -> str:

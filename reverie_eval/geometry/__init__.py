@@ -1,5 +1,6 @@
-"""The geometry of panoramas: views, projection, and boxes seen from another camera."""
+"""The geometry of panoramas: views, projection, outlines, and boxes seen from another camera."""
 
+from reverie_eval.geometry._polygons import are_inside
 from reverie_eval.geometry._views import (
     FAR_OFF,
     FIELD_OF_VIEW,
@@ -28,6 +29,7 @@ __all__ = [
     "N_VIEWS",
     "VIEW_AXES",
     "WIDTH",
+    "are_inside",
     "axes",
     "degrees_off",
     "is_on_grid",

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -127,6 +128,9 @@ class Answers:
     """Annotated goals of the tasks, end to end; None if the task has none beside paths."""
     goal_offsets: IntArray | None = None
     """Shape (n_tasks + 1,): where each task's goals begin in ``goal_viewpoint``."""
+    goal_outline: FloatArray | None = None
+    """Shape (n_goals, 5, 2): centre and corners of the target as each goal viewpoint sees it,
+    heading and elevation in turns; None if the task does not annotate that."""
     further_paths: Mapping[str, tuple[IntArray, IntArray]] = field(default_factory=dict)
     """Other annotated paths by name, each as ``path`` and ``path_offsets``."""
     # Unpacked when needed: scoring does not read them.
@@ -158,6 +162,7 @@ class Answers:
             path_offsets=arrays["path_offsets"],
             goal_viewpoint=arrays.get("goal_viewpoint"),
             goal_offsets=arrays.get("goal_offsets"),
+            goal_outline=arrays.get("goal_outline"),
             further_paths={
                 name.removeprefix(_FURTHER): (path, arrays[f"path_offsets/{name[len(_FURTHER) :]}"])
                 for name, path in arrays.items()
@@ -217,6 +222,30 @@ class Answers:
     def is_goal(self, task: IntArray, viewpoint: IntArray) -> BoolArray:
         """Whether each viewpoint is an annotated goal of the task."""
         return find_sorted(self._goal_keys, with_object(task, viewpoint))[1]
+
+    def outlines(
+        self, task: IntArray, viewpoint: IntArray, which: Literal["first", "last"]
+    ) -> FloatArray:
+        """Return the outline of each task's target as a viewpoint sees it.
+
+        Returns
+        -------
+        float array of shape (n, 5, 2)
+            The first or the last of a viewpoint's outlines; NaN where it does not see the target.
+
+        Raises
+        ------
+        GroundTruthError
+            If the bundle has none.
+        """
+        goal, offsets = self.goals()
+        if self.goal_outline is None:
+            raise GroundTruthError("this ground truth has no outlines of its targets")
+        step = 1 if which == "first" else -1
+        keys, row = np.unique(with_object(row_of(offsets), goal)[::step], return_index=True)
+        index, is_seen = find_sorted(keys, with_object(task, viewpoint))
+        outline = self.goal_outline[::step][row[index]]
+        return np.where(is_seen[:, None, None], outline, np.nan)
 
     @cached_property
     def goal_region(self) -> IntArray:

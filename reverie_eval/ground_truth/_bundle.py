@@ -67,6 +67,7 @@ GOAL_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
         "goal_viewpoint": "i4",  # annotated goals of the tasks, end to end
         "goal_offsets": "i8",  # (n_tasks + 1,)
+        "goal_outline": "f8",  # (n_goals, 5, 2) turns: the target as seen there
     }
 )
 """Answers, if the task annotates goals beside paths. Further annotated paths are in arrays like
@@ -77,7 +78,7 @@ UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Optional public arrays that no score depends on; they are not part of the fingerprint."""
-PUBLIC_TEXTS = frozenset({"instruction"})
+PUBLIC_TEXTS = frozenset({"instruction", "language"})
 """Texts that are public; the categories of targets and candidates are answers."""
 _HEADER = "header"
 # numpy parses the header of each array as Python source, hence the last two of the first line.

@@ -45,6 +45,7 @@ class Episodes:
     """The viewpoint where each episode starts."""
     # Unpacked when needed: scoring does not read them.
     packed_instructions: Array | None = None
+    packed_languages: Array | None = None
     taken_from: "tuple[Episodes, IntArray] | None" = None
     """The episodes from which some were taken, and the rows of these."""
 
@@ -68,9 +69,23 @@ class Episodes:
         return unpack_texts(self.packed_instructions, "instructions", len(self.instr_ids))
 
     @cached_property
+    def languages(self) -> Sequence[str]:
+        """The language of each instruction, such as ``en-US``; none in a task of one language."""
+        if self.taken_from:
+            whole, rows = self.taken_from
+            return [whole.languages[row] for row in rows if whole.languages]
+        packed = self.packed_languages
+        return () if packed is None else unpack_texts(packed, "languages", len(self.instr_ids))
+
+    @cached_property
     def index(self) -> Mapping[str, int]:
         """The row of each instr_id."""
         return {instr_id: row for row, instr_id in enumerate(self.instr_ids)}
+
+    @cached_property
+    def by_short_id(self) -> Mapping[str, str]:
+        """The instr_id by its part after the last underscore."""
+        return {instr_id.rpartition("_")[2]: instr_id for instr_id in self.instr_ids}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,6 +132,7 @@ class GroundTruth:
                 task=task,
                 start=arrays["task_start"][task],
                 packed_instructions=bundle.texts.get("instruction"),
+                packed_languages=bundle.texts.get("language"),
             ),
             answers=Answers.from_bundle(bundle),
             other_splits=bundle.other_splits,
@@ -306,6 +322,11 @@ def _load(path: Path, split: str, task: Task) -> GroundTruth:
     own = bundle_folder(path, task.name)
     if own.is_dir():
         path = own
+    elif path == DEMO_BUNDLES:
+        raise GroundTruthError(
+            f"the demo world has no {task.title}; `reverie-eval compile DATASET --task {task.name} "
+            f"--split {split} -o bundles/` compiles its files, then pass --ground-truth bundles"
+        )
     if not path.exists():
         raise GroundTruthError(
             f"there is no ground truth at {path}; `reverie-eval compile` creates it"

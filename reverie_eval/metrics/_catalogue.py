@@ -7,7 +7,7 @@ another metric.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Literal
@@ -35,12 +35,20 @@ from reverie_eval.metrics._navigation import (
     steps,
     success,
 )
+from reverie_eval.metrics._pointing import (
+    detection_success,
+    elevation_error,
+    heading_error,
+    point_error,
+)
 
-Unit = Literal["fraction", "metres", "count"]
+Unit = Literal["fraction", "metres", "count", "turns"]
 Direction = Literal["higher", "lower", "neither"]
-Need = Literal["trajectory", "answer", "box", "goal region", "planner's path"]
+Need = Literal["trajectory", "answer", "box", "goal region", "planner's path", "outline"]
 
-_SUFFIXES: Mapping[Unit, str] = MappingProxyType({"fraction": "%", "metres": "m", "count": ""})
+_SUFFIXES: Mapping[Unit, str] = MappingProxyType(
+    {"fraction": "%", "metres": "m", "count": "", "turns": "turns"}
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,8 +73,13 @@ class Metric:
     """The arguments of ``compute``, in order."""
     is_binary: bool = False
     """Whether every value is 0 or 1."""
+    of_goal: str = ""
+    """The definition with ``{goal}`` for when a stop is a success, where it depends on the task."""
     is_signed: bool = False
     """Whether values can be negative."""
+    is_partial: bool = False
+    """Whether only some episodes have a value, and others NaN; the mean is over those that have
+    one, and there are no intervals."""
     headline: bool = False
     """Whether every score table shows it; JSON, CSV and the notebook give all metrics."""
     ranks: int | None = None
@@ -78,9 +91,25 @@ class Metric:
         return 1.0 if self.unit == "fraction" else float("inf")
 
     @property
+    def suffix(self) -> str:
+        """The unit that :meth:`display` uses: ``%``; empty for counts."""
+        return _SUFFIXES[self.unit]
+
+    @property
     def heading(self) -> str:
-        """The label with the unit that :meth:`display` uses: ``SR %``."""
-        return f"{self.label} {_SUFFIXES[self.unit]}".rstrip()
+        """The label with that unit: ``SR %``."""
+        return f"{self.label} {self.suffix}".rstrip()
+
+    def for_goal(self, goal: str) -> "Metric":
+        """Return the metric with its definition by when a stop is a success."""
+        return replace(self, definition=self.of_goal.format(goal=goal)) if self.of_goal else self
+
+    def mean(self, values: Array) -> float:
+        """Return the mean over episodes; NaN for a partial metric that none of them has."""
+        if not self.is_partial:
+            return float(values.mean())
+        values = values[~np.isnan(values)]
+        return float(values.mean()) if values.size else float("nan")
 
     def rounded(self, value: float) -> float:
         """Round to the digits that :meth:`display` shows.
@@ -112,6 +141,7 @@ class Metric:
 
 _TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
 _ANSWER: frozenset[Need] = frozenset({"answer"})
+_OUTLINE: frozenset[Need] = frozenset({"trajectory", "outline"})
 _BOX: frozenset[Need] = frozenset({"answer", "box"})
 # The goal rule is among them because some protocols count an answer only with success.
 _ANSWER_RULES = frozenset({"grounding", "goal", "text_ids_count"})
@@ -135,6 +165,7 @@ _METRICS = (
         label="SR",
         name="success rate",
         definition="the target object is visible where the agent stops",
+        of_goal="{goal} where the agent stops",
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,
@@ -149,12 +180,13 @@ _METRICS = (
         label="OSR",
         name="oracle success rate",
         definition="the target object is visible from any viewpoint of the trajectory",
+        of_goal="{goal} from any viewpoint of the trajectory",
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,
         protocol_rules=frozenset({"goal"}),
         compute=oracle_success,
-        inputs=("at_goal", "offsets"),
+        inputs=("oracle_at_goal", "offsets"),
         is_binary=True,
         headline=True,
     ),
@@ -258,7 +290,7 @@ _METRICS = (
         better="lower",
         needs=_TRAJECTORY,
         compute=oracle_error,
-        inputs=("goal_distance", "offsets"),
+        inputs=("oracle_distance", "offsets"),
     ),
     Metric(
         key="dtw",
@@ -370,6 +402,65 @@ _OF_OTHER_TASKS = (
         compute=oracle_path_success,
         inputs=("planner_distance", "offsets"),
         is_binary=True,
+    ),
+    Metric(
+        key="detection_success",
+        label="DSR",
+        name="detection success rate",
+        definition="the predicted point is inside the target's outline as the stop sees it",
+        unit="fraction",
+        better="higher",
+        needs=_OUTLINE,
+        protocol_rules=frozenset({"repeated_outlines"}),
+        compute=detection_success,
+        inputs=("point", "outline"),
+        is_binary=True,
+    ),
+    Metric(
+        key="sfpl",
+        label="SFPL",
+        name="success rate of finding weighted by path length",
+        definition="SPL if the target is detected, else 0",
+        unit="fraction",
+        better="higher",
+        needs=_OUTLINE,
+        protocol_rules=frozenset({"repeated_outlines", "goal", "spl_numerator", "spl_floor"}),
+        compute=np.multiply,
+        inputs=("detection_success", "spl"),
+    ),
+    *(
+        Metric(
+            key=f"{what}_error",
+            label=label,
+            name=f"{what} error",
+            definition=f"{distance} of the predicted point from the target's centre, of episodes "
+            "whose stop sees the target",
+            unit="turns",
+            better="lower",
+            needs=_OUTLINE,
+            protocol_rules=frozenset({"repeated_outlines"}),
+            compute=compute,
+            inputs=("point", "outline"),
+            is_partial=True,
+        )
+        for what, label, distance, compute in (
+            ("heading", "HE", "distance in heading", heading_error),
+            ("elevation", "EE", "distance in elevation", elevation_error),
+        )
+    ),
+    Metric(
+        key="point_error",
+        label="PE",
+        name="point error",
+        definition="distance of the predicted point from the target's centre, of detections or of "
+        "episodes whose stop sees the target, depending on the protocol",
+        unit="turns",
+        better="lower",
+        needs=_OUTLINE,
+        protocol_rules=frozenset({"repeated_outlines", "point_errors"}),
+        compute=point_error,
+        inputs=("heading_error", "elevation_error", "detection_success", "point_errors"),
+        is_partial=True,
     ),
 )
 

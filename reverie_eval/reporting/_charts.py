@@ -47,8 +47,14 @@ def count_edges(counts: FloatArray, most: int) -> FloatArray:
 
 
 _PERCENT_EDGES = np.arange(0.0, 101.0, 10.0)
+_TURN_EDGES = np.arange(0.0, 1.01, 0.1)
 _EDGES: Mapping[Unit, Callable[[FloatArray, int], FloatArray]] = MappingProxyType(
-    {"fraction": lambda *_: _PERCENT_EDGES, "metres": bin_edges, "count": count_edges}
+    {
+        "fraction": lambda *_: _PERCENT_EDGES,
+        "metres": bin_edges,
+        "count": count_edges,
+        "turns": lambda *_: _TURN_EDGES,
+    }
 )
 
 
@@ -89,6 +95,8 @@ class Histogram:
         if is_of_boxes:
             boxes = {name: each.boxes for name, each in scores.items() if each.boxes is not None}
             values |= {name: values[name][each.row] for name, each in boxes.items()}
+        if metric.is_partial:
+            values = {name: each[~np.isnan(each)] for name, each in values.items()}
         scale = 100 if metric.unit == "fraction" else 1
         shown = {name: scale * each for name, each in values.items()}
         edges = _EDGES[metric.unit](np.concatenate(list(shown.values())), _MOST_BARS)
@@ -100,8 +108,8 @@ class Histogram:
     @property
     def label(self) -> str:
         """The metric's name with the unit of the edges."""
-        unit = {"fraction": " (%)", "metres": " (m)", "count": ""}[self.metric.unit]
-        return f"{self.metric.name}{unit}"
+        unit = self.metric.suffix
+        return f"{self.metric.name} ({unit})" if unit else self.metric.name
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import SMALLEST_SHOWN_P, Comparison, Difference, p_text
-from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.metrics import Metric
 from reverie_eval.reporting._results import results_table
 from reverie_eval.reporting._table import (
     MISSING,
@@ -19,6 +19,7 @@ from reverie_eval.reporting._table import (
 )
 from reverie_eval.schemas.report import Report, RunsReport, ScoreReport
 from reverie_eval.scoring import Intervals, Scores
+from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def _pair_table(comparison: Comparison) -> Table:
     ]
     differences = [row for name in comparison for row in _rows(comparison, name, metrics)]
     headings = ["", *(metric.heading for metric in metrics)]
-    return Table(headings, [*scores, *differences], frozenset({0}))
+    return Table(headings, [*scores, *differences], frozenset({0}), task=_task(comparison))
 
 
 def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
@@ -96,17 +97,20 @@ def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
         for name, scores in ranked
     ]
     headings = ["", *(m.heading for m in shown), "diff.", "low", "high", "p", "verdict"]
-    return Table(headings, rows, frozenset({0}))
+    return Table(headings, rows, frozenset({0}), task=_task(comparison))
+
+
+def _task(comparison: Comparison) -> Task:
+    return comparison.scores[comparison.first].ground_truth.task
 
 
 def _headline(comparison: Comparison, scored: Collection[str]) -> Sequence[Metric]:
-    task = comparison.scores[comparison.first].ground_truth.task
-    return [METRICS[key] for key in task.headline if key in scored]
+    task = _task(comparison)
+    return [task.metric(key) for key in task.headline if key in scored]
 
 
 def _ranking_metric(comparison: Comparison) -> Metric:
-    first = comparison.scores[comparison.first]
-    return first.ground_truth.task.primary_metric(first)
+    return _task(comparison).primary_metric(comparison.scores[comparison.first])
 
 
 def _difference_cells(comparison: Comparison, name: str, metric: Metric) -> Sequence[str]:

@@ -25,8 +25,7 @@ _GROUPS: Mapping[tuple[str, ...], str] = MappingProxyType(
 
 def description_text(description: DatasetDescription) -> str:
     """Return the tables in aligned columns, for a pipe or a file."""
-    splits, paper = _tables(description)
-    return f"{splits.to_text()}\n\n{paper.to_text()}"
+    return "\n\n".join(table.to_text() for table in _tables(description))
 
 
 def print_description(console: "Console", description: DatasetDescription) -> None:
@@ -35,25 +34,27 @@ def print_description(console: "Console", description: DatasetDescription) -> No
         print_table(console, table)
 
 
-def _tables(description: DatasetDescription) -> tuple[Table, Table]:
-    """Return the splits side by side, and the paper's numbers beside the dataset's."""
+def _tables(description: DatasetDescription) -> Sequence[Table]:
+    """Return the splits side by side, and the paper's numbers beside the dataset's, if any."""
     has_several = len(description.splits) > 1
     parts = {**description.splits, **({"total": description.total} if has_several else {})}
+    rows = [(label, list(map(measure, parts.values())), text) for label, measure, text in _ROWS]
+    if not description.paper:  # a task without target objects has no rows about them
+        rows = [row for row in rows if any(value is not None for value in row[1])]
     splits = Table(
         headings=["", *parts],
-        rows=[
-            [label, *(_cell(measure(part), text) for part in parts.values())]
-            for label, measure, text in _ROWS
-        ],
+        rows=[[label, *(_cell(value, text) for value in values)] for label, values, text in rows],
         text_columns=frozenset({0}),
     )
+    if not description.paper:
+        return [splits]
     paper = Table(
         headings=["", "splits", "dataset", "paper", ""],
         rows=[_compared(comparison) for comparison in description.paper],
         text_columns=frozenset({0, 1, 4}),
         notes=[_SOURCE, *(f"note: {note}" for note in description.notes)],
     )
-    return splits, paper
+    return [splits, paper]
 
 
 def _compared(comparison: PaperComparison) -> Sequence[str]:

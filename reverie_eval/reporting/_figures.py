@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reverie_eval.analysis import Comparison, Episode, GroupingKey, Method
+from reverie_eval.arrays import FloatArray
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import METRICS, primary_metric
+from reverie_eval.metrics import METRICS
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._figure_style import (
     BLUE,
@@ -81,8 +82,9 @@ class Plots:
     def breakdown(self, by: GroupingKey, ax: "Axes | None" = None) -> "Axes":
         """Draw success and the primary metric for groups of episodes, the largest groups first.
 
-        The primary metric is RGSPL; RGS or SPL where that is not scored. Its 95 % interval is
-        computed over the targets of a group; groups of fewer than 5 targets have none.
+        The primary metric is the task's: RGSPL in REVERIE, RGS or SPL where that is not scored.
+        Where it is a length, it is drawn alone. Its 95 % interval is computed over the targets of a
+        group; groups of fewer than 5 targets have none.
 
         Parameters
         ----------
@@ -99,19 +101,24 @@ class Plots:
         """
         table = self.scores.breakdown(by, intervals=True)
         shown = table.head(_SHOWN_GROUPS)
-        primary = primary_metric(self.scores).key
+        metric = self.scores.ground_truth.task.primary_metric(self.scores)
+        primary, scale = metric.key, 100 if metric.unit == "fraction" else 1
         colours = (("success", ORANGE), (primary, BLUE))
-        bars = [(key, colour) for key, colour in colours if key in shown]
+        bars = [
+            (key, colour)
+            for key, colour in colours
+            if key in shown and METRICS[key].unit == metric.unit
+        ]
         height = 0.8 / len(bars)
         rows = np.arange(len(shown))
         with styled_axes(ax) as axes:
             for number, (key, colour) in enumerate(bars):
                 y = rows + height * (number - (len(bars) - 1) / 2)
                 label = METRICS[key].label
-                axes.barh(y, 100 * shown[key], height=0.9 * height, color=colour, label=label)
+                axes.barh(y, scale * shown[key], height=0.9 * height, color=colour, label=label)
                 if key != primary:
                     continue
-                ends = 100 * shown[[f"{key}_low", f"{key}_high"]].to_numpy()
+                ends = scale * shown[[f"{key}_low", f"{key}_high"]].to_numpy()
                 has_ends = ~np.isnan(ends).any(axis=1)
                 if has_ends.any():
                     low, high = ends[has_ends].T
@@ -121,7 +128,7 @@ class Plots:
             axes.set_yticks(rows, [f"{group}  (n = {count:,})" for group, count in counts])
             axes.invert_yaxis()
             axes.tick_params(axis="y", length=0)
-            axes.set_xlabel("%")
+            axes.set_xlabel(metric.suffix)
             _explain_beside(axes)
             is_cut = len(table) > len(shown)
             rest = f": the {len(shown)} largest of {len(table)}" if is_cut else ""
@@ -156,15 +163,15 @@ def plot_curve(
     scores : mapping of Scores or Runs
         By the number of the epoch, iteration or checkpoint, in any order.
     metrics : sequence of str, optional
-        Metrics that are fractions; success and the primary metric if not given.
+        Metrics of one unit; if not given, the primary metric, with success if both are fractions.
     ax : Axes, optional
         Where to draw; a new figure if not given.
 
     Raises
     ------
     ProtocolError
-        If there are no scores, they are not comparable, a step is not a number, or a metric is not
-        a fraction.
+        If there are no scores, they are not comparable, a step is not a number, or metrics have
+        different units.
     KeyError
         If a metric is not scored.
     ReverieEvalError
@@ -172,26 +179,35 @@ def plot_curve(
     """
     steps = _sorted_steps(scores)
     first = scores[steps[0]]
-    keys = [key for key in ("success", primary_metric(first).key) if key in first]
-    means = {key: [100 * scores[step][key] for step in steps] for key in metrics or keys}
-    lengths = [key for key in means if METRICS[key].unit != "fraction"]
-    if lengths:
-        raise ProtocolError(f"{first_few(lengths)} is not a fraction; draw each in its own figure")
+    primary = first.ground_truth.task.primary_metric(first)
+    keys = [key for key in ("success", primary.key) if key in first]
+    chosen = metrics or [key for key in keys if METRICS[key].unit == primary.unit]
+    means = {key: _shown(key, np.array([scores[step][key] for step in steps])) for key in chosen}
+    unit, *others = dict.fromkeys(METRICS[key].suffix for key in means)
+    if others:
+        raise ProtocolError(f"{first_few(means)} have different units; draw each in its own figure")
     with styled_axes(ax) as axes:
         for (key, values), colour in zip(means.items(), cycle(_COLOURS), strict=False):
             axes.plot(steps, values, marker="o", color=colour, label=METRICS[key].label)
             intervals = [scores[step].intervals for step in steps]
-            ends = [100 * np.array([each[key].low, each[key].high]) for each in intervals if each]
+            ends = [
+                _shown(key, np.array([each[key].low, each[key].high])) for each in intervals if each
+            ]
             if len(ends) == len(steps):
                 label = f"{intervals[0].label} interval" if intervals[0] else ""
                 axes.fill_between(steps, *np.transpose(ends), color=colour, alpha=0.2, label=label)
         if all(float(step).is_integer() for step in steps):
             use_round_ticks(axes)
         axes.set_xlabel("step")
-        axes.set_ylabel("%")
+        axes.set_ylabel(unit)
         _explain_beside(axes)
         set_heading(axes, f"{len(steps)} checkpoints on {first.split}")
     return axes
+
+
+def _shown(key: str, values: FloatArray) -> FloatArray:
+    """Return values in the unit that is drawn: fractions in percent."""
+    return 100 * values if METRICS[key].unit == "fraction" else values
 
 
 def _sorted_steps(scores: Mapping[float, Method]) -> Sequence[float]:

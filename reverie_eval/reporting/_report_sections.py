@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import starmap
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from reverie_eval.analysis import GROUPINGS, Grouping
 from reverie_eval.errors import GroundTruthError, ProtocolError
-from reverie_eval.metrics import METRICS, Metric, primary_metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._charts import Histogram, Walks
 from reverie_eval.reporting._charts_svg import histogram_svg, walks_svg
 from reverie_eval.reporting._table import MISSING
@@ -43,11 +42,17 @@ class ScoreCell:
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A value in percent, with the ends of its interval; NaN where there is none."""
+    """A value as it is shown, with the ends of its interval; NaN where there is none."""
 
-    percent: float
+    value: float
     low: float = math.nan
     high: float = math.nan
+    full: float = 100.0
+    """The value of a bar of full length."""
+
+    def percent(self, value: float) -> float:
+        """Return where a value is on the bar, in percent of its full length."""
+        return min(max(100 * value / self.full, 0.0), 100.0)
 
     @property
     def interval(self) -> str:
@@ -135,7 +140,8 @@ def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
 def shared_primary(scores: Submissions) -> Metric:
     """Return the metric that submissions are ranked by, of those that all of them have."""
     first, *others = scores.values()
-    return primary_metric([key for key in first if all(key in other for other in others)])
+    shared = [key for key in first if all(key in other for other in others)]
+    return first.ground_truth.task.primary_metric(shared)
 
 
 def has_walks(scores: Submissions) -> bool:
@@ -158,7 +164,8 @@ def main_finding(scores: Scores) -> str:
     if "rgs" not in scores:
         reached = int(scores.episodes["success"].sum())
         share = f"{reached:,} of {total:,} episodes ({_percent(reached, total)} %)"
-        return f"{share} stopped at the goal; answers are not scored."
+        answers = "; answers are not scored" if scores.ground_truth.task.has_targets else ""
+        return f"{share} stopped at the goal{answers}."
     counts = scores.failure_modes.counts
     correct, wrong = counts["correct"], total - counts["correct"]
     share = f"{correct:,} of {total:,} episodes ({_percent(correct, total)} %)"
@@ -247,12 +254,19 @@ def breakdown_by(scores: Submissions, grouping: Grouping) -> Breakdown:
         each.breakdown(grouping.key, intervals=each.intervals is not None)
         for each in scores.values()
     ]
-    primary = shared_primary(scores).key
-    columns = [primary, f"{primary}_low", f"{primary}_high"]
-    bars: list[Mapping[str, Bar]] = []
-    for frame in frames:
-        values = (100 * frame.reindex(columns=columns)).to_numpy().tolist()
-        bars.append(dict(zip(map(str, frame.index), starmap(Bar, values), strict=True)))
+    primary = shared_primary(scores)
+    is_share = primary.unit == "fraction"
+    columns = [primary.key, f"{primary.key}_low", f"{primary.key}_high"]
+    scale = 100 if is_share else 1
+    tables = [(scale * frame.reindex(columns=columns)).to_numpy() for frame in frames]
+    full = 100.0 if is_share else max(float(np.nanmax(np.concatenate(tables))), 1.0)
+    bars: list[Mapping[str, Bar]] = [
+        {
+            str(group): Bar(value, low, high, full)
+            for group, (value, low, high) in zip(frame.index, table.tolist(), strict=True)
+        }
+        for frame, table in zip(frames, tables, strict=True)
+    ]
     first = frames[0]
     rows = [
         GroupRow(
@@ -271,7 +285,7 @@ def scans_worst_first(scores: Submissions) -> Breakdown:
 
     def order(row: GroupRow) -> tuple[bool, float, str]:
         bar = row.bars[0]
-        return row.episodes < FEW_EPISODES, bar.percent if bar else 0.0, row.name
+        return row.episodes < FEW_EPISODES, bar.value if bar else 0.0, row.name
 
     scans = breakdown_by(scores, GROUPINGS["scan"])
     return Breakdown(scans.grouping, sorted(scans.rows, key=order))
@@ -326,7 +340,7 @@ def _box_charts(scores: Submissions) -> Iterator[Chart]:
 
 def _medians(histogram: Histogram, scores: Submissions) -> str:
     metric = histogram.metric
-    unit = metric.heading.removeprefix(metric.label)
+    unit = f" {metric.suffix}".rstrip()
     return ", ".join(
         f"median{_of(name, scores)} {metric.display(float(np.median(values)))}{unit}"
         for name, values in histogram.values.items()

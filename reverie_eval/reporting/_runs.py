@@ -40,6 +40,7 @@ def runs_table(runs: Runs) -> Table:
             f"ground truth: {runs.ground_truth.provenance}",
             *(f"note on {note}" for note in runs.notes),
         ],
+        task=runs.ground_truth.task,
     )
 
 

@@ -1,9 +1,12 @@
 """Scores as a table, in each of the formats of ``--format``, and the values of every episode."""
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
 
 from reverie_eval.metrics import Metric
 from reverie_eval.reporting._table import MARK, MISSING, Table, print_table
@@ -22,13 +25,15 @@ def score_table(results: Sequence[Scores]) -> Table:
     """Return a submission's scores, a row per protocol, and two more for interval bounds.
 
     With more than one row, a first column names them, and values that differ from the first
-    protocol's are marked.
+    protocol's are marked. In a task of several languages, a single protocol's scores have a row
+    for each of them below.
     """
     first = results[0]
     metrics = first.ground_truth.task.table_metrics(first.keys())
     has_several = len(results) > 1
-    has_names = has_several or first.intervals is not None
-    named = [row for scores in results for row in _rows(scores, first, metrics)]
+    by_language = [] if has_several else list(_language_rows(first, metrics))
+    has_names = has_several or first.intervals is not None or bool(by_language)
+    named = [row for scores in results for row in _rows(scores, first, metrics)] + by_language
     is_marked = any(cell.endswith(MARK) for _, *cells in named for cell in cells)
     return Table(
         headings=["protocol" if has_several else ""] * has_names + [m.heading for m in metrics],
@@ -41,6 +46,7 @@ def score_table(results: Sequence[Scores]) -> Table:
             f"ground truth: {first.ground_truth.provenance}",
             *(f"note: {note}" for note in _notes(results)),
         ],
+        task=first.ground_truth.task,
     )
 
 
@@ -100,6 +106,7 @@ def ranking_table(scored: ScoredFiles) -> Table:
             f"ground truth: {first.ground_truth.provenance}",
             *_notes_of_files(scored, names),
         ],
+        task=first.ground_truth.task,
     )
 
 
@@ -170,8 +177,7 @@ def write_episodes(scores: Scores, file: TextIO) -> None:
     """
     import csv
 
-    columns = {key: column.tolist() for key, column in scores.episodes.items()}
-    columns |= scores.texts
+    columns = {**_columns(scores), **scores.texts}
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["instr_id", *columns])
     writer.writerows(zip(scores.instr_ids, *columns.values(), strict=True))
@@ -194,12 +200,20 @@ def episodes_json(scores: Scores) -> str:
     """Return every metric of every episode as JSON, unrounded, with the signature."""
     import json
 
-    columns = {key: column.tolist() for key, column in scores.episodes.items()}
+    columns = _columns(scores)
     episodes = [
         dict(zip(("instr_id", *columns), row, strict=True))
         for row in zip(scores.instr_ids, *columns.values(), strict=True)
     ]
     return json.dumps({"signature": scores.signature, "episodes": episodes}, indent=1)
+
+
+def _columns(scores: Scores) -> dict[str, Sequence[Any]]:
+    """Return the values of every episode by metric; None where an episode has none."""
+    return {
+        key: [None if math.isnan(value) else value for value in column.tolist()]
+        for key, column in scores.episodes.items()
+    }
 
 
 def _rows(scores: Scores, first: Scores, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
@@ -214,6 +228,24 @@ def _rows(scores: Scores, first: Scores, metrics: Sequence[Metric]) -> Iterator[
             for metric, bound in zip(metrics, bounds, strict=True)
         ]
         yield [f"{scores.intervals.label} {end}", *cells]
+
+
+def _language_rows(scores: Scores, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
+    """Yield an empty row and the means over the instructions of each language, if it has some."""
+    if not scores.ground_truth.episodes.languages:
+        return
+    from reverie_eval.analysis import GROUPINGS  # other tasks do not need it
+
+    grouping = GROUPINGS["language"]
+    slices = [{group, *grouping.wider(group)} for group in grouping.groups(scores)]
+    _, *languages = grouping.order  # all of them are the rows above
+    yield [""] * (1 + len(metrics))
+    for language in languages:
+        is_in = np.array([language in each for each in slices])
+        if is_in.any():
+            values = (metric.mean(scores.episodes[metric.key][is_in]) for metric in metrics)
+            shown = (it.display(value) for it, value in zip(metrics, values, strict=True))
+            yield [language, *shown]
 
 
 def _mean(metric: Metric, scores: Scores, first: Scores) -> str:

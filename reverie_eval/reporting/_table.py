@@ -6,12 +6,14 @@ values as papers need it.
 
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from reverie_eval.metrics import METRICS, PRIMARY_METRIC
+from reverie_eval.metrics import METRICS
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,8 +25,7 @@ MISSING = "-"
 MARK = "*"
 """Ends a value that a note below the table explains."""
 
-_MEANINGS = {m.heading: f"{m.name}: {m.definition}" for m in METRICS.values()}
-_PRIMARY = METRICS[PRIMARY_METRIC].heading
+_REVERIE = find_task(DEFAULT_TASK)
 _ANY_WIDTH = 1000
 _NARROWEST_TEXT = 12
 """Letters: a terminal does not wrap a column to fewer."""
@@ -53,6 +54,8 @@ class Table:
     """As below a table in a paper. With one, LaTeX gets a floating ``table``."""
     notes: Sequence[str] = ()
     """Lines below the table, the signature first; in LaTeX comments above it."""
+    task: Task = _REVERIE
+    """What the metrics in the headings are of."""
 
     def __repr__(self) -> str:
         return self.to_markdown()
@@ -127,7 +130,8 @@ class Table:
 
         A metric's heading explains the metric as its tooltip.
         """
-        headings = [_html_heading(heading) for heading in self.flat_headings]
+        meanings = _meanings(self.task)
+        headings = [_html_heading(each, meanings.get(each)) for each in self.flat_headings]
         bodies = [
             "".join(self._html_row(row) for row in rows)
             for is_filled, rows in groupby(self.rows, any)
@@ -301,8 +305,14 @@ def _html_text(text: str) -> str:
     return escape(text)
 
 
-def _html_heading(heading: str) -> str:
-    meaning = _MEANINGS.get(heading)
+@cache
+def _meanings(task: Task) -> Mapping[str, str]:
+    """Return what the headings of metrics mean in a task."""
+    metrics = map(task.metric, METRICS)
+    return {metric.heading: f"{metric.name}: {metric.definition}" for metric in metrics}
+
+
+def _html_heading(heading: str, meaning: str | None) -> str:
     title = f' title="{_html_text(meaning)}"' if meaning else ""
     return f"<th{title}>{_html_text(heading)}</th>"
 
@@ -356,7 +366,7 @@ def _rich_table(table: Table) -> "RichTable":
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    has_headings = any(table.headings)
+    has_headings, primary = any(table.headings), METRICS[table.task.ranking[0]].heading
     laid_out = RichTable(box=SIMPLE_HEAD if has_headings else None, show_header=has_headings)
     for number, heading in enumerate(table.flat_headings):
         laid_out.add_column(
@@ -364,9 +374,9 @@ def _rich_table(table: Table) -> "RichTable":
             justify="left" if number in table.text_columns else "right",
             no_wrap=number != max(table.text_columns, default=None),
             overflow="fold",
-            style="bold" if heading == _PRIMARY else "",
+            style="bold" if heading == primary else "",
         )
     for row in table.rows:
         cells = [Text(cell, style="yellow" if cell.endswith(MARK) else "") for cell in row]
-        laid_out.add_row(*cells, style="bold" if row[0] == _PRIMARY else "")
+        laid_out.add_row(*cells, style="bold" if row[0] == primary else "")
     return laid_out

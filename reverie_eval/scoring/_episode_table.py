@@ -63,7 +63,7 @@ class EpisodeTable(Mapping[str, Array]):
         track: Track,
         columns: Mapping[str, Array] = MappingProxyType({}),
     ) -> None:
-        self._lookups = lookups
+        self._lookups = lookups.measured_by(protocol.goal)
         self._protocol = protocol
         self._keys = scored_metrics(
             protocol,
@@ -94,6 +94,16 @@ class EpisodeTable(Mapping[str, Array]):
     def at_goal(self) -> BoolArray:
         """Shape (n_poses,): whether each pose is at a goal viewpoint of its episode."""
         return self._lookups.at_goal(self._protocol.goal)
+
+    @property
+    def oracle_at_goal(self) -> BoolArray:
+        """Shape (n_poses,): the same for an oracle, which stops where the trajectory is best."""
+        return self._lookups.oracle_at_goal(self._protocol.goal)
+
+    @cached_property
+    def outline(self) -> FloatArray:
+        """Shape (n_episodes, 5, 2): the target as the stop sees it; NaN where it does not."""
+        return self._lookups.outline(self._protocol.repeated_outlines)
 
     @cached_property
     def is_answer_correct(self) -> BoolArray:

@@ -116,8 +116,11 @@ class Evaluator:
         self._contents |= check_batch(
             predictions, self.ground_truth, self._contents, answers_only=answers_only
         )
-        for instr_id, record in zip(predictions.instr_ids, _listed(records), strict=True):
-            self._records.setdefault(str(instr_id), record)
+        listed = list(_listed(records))
+        for row, instr_id in enumerate(predictions.instr_ids):
+            location = predictions.location(row)
+            if not location.place:  # of an item's several trajectories, the first stands for all
+                self._records.setdefault(str(instr_id), listed[location.row])
 
     def compute(self) -> Scores:
         """Score the predictions collected so far; errors are those of a call.

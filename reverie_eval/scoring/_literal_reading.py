@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 
 from reverie_eval.errors import ProtocolError
-from reverie_eval.scoring._protocol import FIRST_OF_HOP, hop_reading
+from reverie_eval.scoring._protocol import first_of_hop, hop_reading
 from reverie_eval.scoring._scores import Scores
 from reverie_eval.submissions import Predictions
 from reverie_eval.tasks import DEFAULT_TASK, HopReading, Protocol
@@ -49,9 +49,10 @@ def check_first_of_hop(name: str, task: str = DEFAULT_TASK) -> None:
     """
     reading = hop_reading(name, task)
     if reading != "first viewpoint":
+        others = ", ".join(first_of_hop(task)) or "none of its protocols"
         raise ProtocolError(
             f"{name} has nothing to diagnose: {_NOT_DIAGNOSED[reading]}; evaluators that read only "
-            f"the first viewpoint of a hop are those of {', '.join(FIRST_OF_HOP)}"
+            f"the first viewpoint of a hop are those of {others}"
         )
 
 

@@ -1,6 +1,8 @@
 """What the ground truth says about a submission's poses and episodes, before any protocol."""
 
+from dataclasses import replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -71,6 +73,35 @@ class Lookups:
         """Shape (n_poses,): metres to the end of the annotated path."""
         goal = self._answers.goal[self._episode]
         return self._graph.distance_between(self.submission.viewpoint, goal)
+
+    @cached_property
+    def oracle_distance(self) -> FloatArray:
+        """Shape (n_poses,): the metres among which an oracle takes the smallest of an episode."""
+        return self.goal_distance
+
+    def oracle_at_goal(self, rule: GoalRule) -> BoolArray:
+        """Shape (n_poses,): whether a stop at each pose would be a success of an oracle."""
+        return self.at_goal(rule)
+
+    def measured_by(self, rule: GoalRule) -> "Lookups":
+        """Return the lookups with goals as a rule moves them."""
+        moves = rule == "near the path's end, which a stop at a goal viewpoint becomes"
+        return self._with_moved_goals if moves else self
+
+    @cached_property
+    def _with_moved_goals(self) -> "_MovedGoals":
+        return _MovedGoals(self)
+
+    @cached_property
+    def point(self) -> FloatArray:
+        """Shape (n_episodes, 2): the predicted point, turns; NaN where there is none."""
+        point = self.submission.point
+        return np.full((self.n_episodes, 2), np.nan) if point is None else point
+
+    def outline(self, which: Literal["first", "last"]) -> FloatArray:
+        """Shape (n_episodes, 5, 2): the target as the stop sees it, turns; NaN if it does not."""
+        stop = self.submission.viewpoint[last_of(self.offsets)]
+        return self._answers.outlines(self.ground_truth.episodes.task, stop, which)
 
     @cached_property
     def boxes(self) -> BoxScores:
@@ -151,6 +182,50 @@ class Lookups:
         return row_of(self.offsets)
 
 
+class _MovedGoals(Lookups):
+    """What is measured where a stop at a goal viewpoint takes the place of the path's end.
+
+    An oracle stops where the trajectory is nearest to the path's end, and is then measured by the
+    moved goal, so that it can do worse than the agent.
+
+    References
+    ----------
+    .. [1] ``evaluation_script/main.py`` lines 84-141 of ZhuFengdaaa/SOON-EvalAI-Starters at
+       66f5e37.
+    """
+
+    def __init__(self, given: Lookups) -> None:
+        truth, submission = given.ground_truth, given.submission
+        answers, stop = truth.require_answers(), submission.viewpoint[last_of(given.offsets)]
+        is_seen = answers.is_goal(truth.episodes.task, stop)
+        moved = replace(answers, goal=np.where(is_seen, stop, answers.goal))
+        super().__init__(submission, replace(truth, answers=moved))
+        self._given = given
+
+    @cached_property
+    def oracle_distance(self) -> FloatArray:
+        """Shape (n_poses,): metres to the goal from where the oracle of the episode stops."""
+        before = self._given.goal_distance
+        nearest = np.minimum.reduceat(before, self.offsets[:-1])[self._episode]
+        candidate = np.flatnonzero(before == nearest)
+        _, first = np.unique(self._episode[candidate], return_index=True)
+        return self.goal_distance[candidate[first]][self._episode]
+
+    def oracle_at_goal(self, rule: GoalRule) -> BoolArray:  # noqa: ARG002
+        """Shape (n_poses,): whether the oracle of the episode stops less than 3 m from the goal."""
+        return np.less(self.oracle_distance, SUCCESS_DISTANCE)
+
+    @cached_property
+    def start_to_goals(self) -> FloatArray:
+        """Shape (n_episodes,): metres from the start to the goal."""
+        return self.shortest_length
+
+    @cached_property
+    def stop_to_goals(self) -> FloatArray:
+        """Shape (n_episodes,): metres from the stop to the goal."""
+        return self.goal_distance[last_of(self.offsets)]
+
+
 def is_goal(
     rule: GoalRule, ground_truth: GroundTruth, episode: IntArray, viewpoint: IntArray
 ) -> BoolArray:
@@ -181,6 +256,10 @@ def is_goal(
             return np.asarray(near(distance, SUCCESS_DISTANCE))
         case "at a goal viewpoint":
             return answers.is_goal(ground_truth.episodes.task[episode], viewpoint)
+        case "near the path's end, which a stop at a goal viewpoint becomes":
+            distance = ground_truth.graph.distance_between(viewpoint, answers.goal[episode])
+            is_seen = answers.is_goal(ground_truth.episodes.task[episode], viewpoint)
+            return np.less(distance, SUCCESS_DISTANCE) | is_seen
 
 
 def find_jumps(submission: AlignedSubmission, graph: NavigationGraph) -> BoolArray:

@@ -94,7 +94,6 @@ def _needed_columns(episodes: Mapping[str, Array]) -> Sequence[Array]:
     if missing:
         raise ProtocolError(
             "outcomes need success, oracle success and RGS; not scored here: "
-            f"{first_few(missing)}. If the task has target objects, choose another protocol, or "
-            "the full track"
+            f"{first_few(missing)}; choose another protocol, or the full track"
         )
     return [episodes[key] > 0 for key in _NEEDED]

@@ -50,7 +50,7 @@ def hop_reading(name: str, task: str = DEFAULT_TASK) -> HopReading:
     return _HOPS_BY_ALIAS.get(name, find_protocol(name, task).nested_hops)
 
 
-FIRST_OF_HOP: Sequence[str] = [
-    name for name in (*PROTOCOLS, *ALIASES) if hop_reading(name) == "first viewpoint"
-]
-"""Protocols and aliases whose evaluators read only the first viewpoint of each hop."""
+def first_of_hop(task: str) -> Sequence[str]:
+    """Return a task's protocols and aliases whose evaluators read the first viewpoint of hops."""
+    names = [*(rules.name for rules in find_task(task).protocols), *find_task(task).aliases]
+    return [name for name in names if hop_reading(name, task) == "first viewpoint"]

@@ -22,6 +22,8 @@ from reverie_eval.submissions import AlignedSubmission, BoxAnswers
 FORMAT_VERSION = 1
 _HEADER = "header"
 _BOXES = "boxes/"
+_POINT = "point"
+"""Only of a task with points."""
 _COLUMNS = (
     *("viewpoint", "offsets", "predicted_object", "answer_is_text", "has_leading_zeros"),
     *(f"{_BOXES}{field.name}" for field in fields(BoxAnswers)),
@@ -67,6 +69,8 @@ def write_saved(
 ) -> None:
     """Write what scores are computed from; the file appears complete or not at all."""
     columns = {name: _column(submission, name) for name in _COLUMNS}
+    if submission.point is not None:
+        columns[_POINT] = submission.point
     columns[_HEADER] = np.frombuffer(msgspec.json.encode(header), np.uint8)
     with staged_file(Path(path)) as file:
         np.savez_compressed(file, **columns)  # type: ignore[arg-type]  # mypy: allow_pickle, too
@@ -84,7 +88,8 @@ def read_saved(path: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmissio
     """
     try:
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            columns = {name: frozen(np.asarray(archive[name])) for name in _COLUMNS}
+            names = [*_COLUMNS, *({_POINT} & {*archive.files})]
+            columns = {name: frozen(np.asarray(archive[name])) for name in names}
             header = msgspec.json.decode(archive[_HEADER].tobytes(), type=SavedHeader)
     except _DAMAGE as error:
         raise ReverieEvalError(

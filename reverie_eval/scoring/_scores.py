@@ -174,7 +174,8 @@ class Scores(Mapping[str, float]):
         )
 
     def __getitem__(self, key: str) -> float:
-        return float(self.episodes[key].mean())
+        values = self.episodes[key]  # which tells a wrong key
+        return METRICS[key].mean(values)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.episodes)
@@ -203,7 +204,8 @@ class Scores(Mapping[str, float]):
     @property
     def headline(self) -> Sequence[Metric]:
         """The scored metrics that every score table shows, in its order."""
-        return [METRICS[key] for key in self.ground_truth.task.headline if key in self.episodes]
+        task = self.ground_truth.task
+        return [task.metric(key) for key in task.headline if key in self.episodes]
 
     @property
     def notes(self) -> Sequence[str]:
@@ -225,12 +227,23 @@ class Scores(Mapping[str, float]):
         ProtocolError
             If success, oracle success or RGS is not scored.
         """
-        return [list(OUTCOMES)[index] for index in outcome_indices(self.episodes)]
+        return [list(OUTCOMES)[index] for index in outcome_indices(self._with_answers)]
 
     @property
     def failure_modes(self) -> FailureModes:
         """How many episodes had each outcome; errors are those of ``outcomes``."""
-        return failure_modes(self.episodes)
+        return failure_modes(self._with_answers)
+
+    @property
+    def _with_answers(self) -> Mapping[str, Array]:
+        """The episode table of a task whose outcomes are those of answers."""
+        task = self.ground_truth.task
+        if not task.has_targets:
+            raise ProtocolError(
+                f"{task.title} has no target objects, on which outcomes depend; to find failures, "
+                "sort scores.to_pandas() by navigation_error, and show one with scores.episode(id)"
+            )
+        return self.episodes
 
     @property
     def box_outcomes(self) -> Sequence[str]:
@@ -245,8 +258,8 @@ class Scores(Mapping[str, float]):
     def texts(self) -> Mapping[str, Sequence[str]]:
         """What is known of each episode besides its values, by column.
 
-        Its ``outcome``, ``box_outcome``, ``scan``, ``category`` and ``instruction``. Those that the
-        protocol does not define, or the ground truth does not have, are left out.
+        Its ``outcome``, ``box_outcome``, ``scan``, ``category``, ``language`` and ``instruction``.
+        Those that the protocol does not define, or the ground truth does not have, are left out.
         """
         truth = self.ground_truth
         columns: Mapping[str, Callable[[], Sequence[str]]] = {
@@ -254,6 +267,7 @@ class Scores(Mapping[str, float]):
             **({} if self.boxes is None else {"box_outcome": lambda: self.box_outcomes}),
             "scan": lambda: truth.scans,
             "category": lambda: truth.categories,
+            **({"language": lambda: truth.episodes.languages} if truth.episodes.languages else {}),
             "instruction": lambda: truth.episodes.instructions,
         }
         found = {}
@@ -291,7 +305,7 @@ class Scores(Mapping[str, float]):
             resamples or seed are out of range.
         """
         intervals = Intervals.of(
-            self.episodes,
+            {key: self.episodes[key] for key in self if not METRICS[key].is_partial},
             clusters_of(self.ground_truth, cluster),
             cluster,
             confidence=confidence,

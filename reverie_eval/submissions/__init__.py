@@ -16,6 +16,7 @@ from reverie_eval.submissions._alignment import (
 from reverie_eval.submissions._conversion import Conversion, convert
 from reverie_eval.submissions._document import are_records
 from reverie_eval.submissions._hints import answer_hints, submission_hints
+from reverie_eval.submissions._items import NO_POINT, join_items, official_point
 from reverie_eval.submissions._official import submission_schema
 from reverie_eval.submissions._predictions import (
     NO_BOXES,
@@ -42,6 +43,7 @@ from reverie_eval.submissions._sources import (
 __all__ = [
     "MAX_MEBIBYTES_VARIABLE",
     "NO_BOXES",
+    "NO_POINT",
     "RECEIPT_ENDING",
     "AlignedSubmission",
     "BoxAnswers",
@@ -61,6 +63,8 @@ __all__ = [
     "convert",
     "find_files",
     "find_runs",
+    "join_items",
+    "official_point",
     "parse_predictions",
     "read_bytes",
     "read_predictions",

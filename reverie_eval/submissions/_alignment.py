@@ -3,7 +3,6 @@
 After this stage there is no text left, and nothing can fail.
 """
 
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +10,7 @@ from itertools import chain, repeat
 
 import numpy as np
 
-from reverie_eval.arrays import BoolArray, IntArray, offsets_of, row_of, take_rows
+from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, row_of, take_rows
 from reverie_eval.errors import SHOWN_PROBLEMS, Problem, SubmissionError
 from reverie_eval.ground_truth import GroundTruth, NavigationGraph
 from reverie_eval.metrics import ABSTAINED
@@ -45,6 +44,9 @@ class AlignedSubmission:
     """The predicted boxes, in the order of their episodes."""
     is_navigation_only: bool = False
     """Whether no record has an answer."""
+    point: FloatArray | None = None
+    """Shape (n_episodes, 2): heading and elevation of each predicted point, turns; NaN where there
+    is none. None in a task without points."""
 
     @property
     def abstained(self) -> BoolArray:
@@ -63,6 +65,7 @@ class AlignedSubmission:
             has_leading_zeros=self.has_leading_zeros[rows],
             boxes=_boxes_of(self.boxes, rows, len(self.predicted_object)),
             is_navigation_only=self.is_navigation_only,
+            point=None if self.point is None else self.point[rows],
         )
 
     @classmethod
@@ -73,6 +76,7 @@ class AlignedSubmission:
             replace(part.boxes, row=part.boxes.row + count)
             for part, count in zip(parts, counts, strict=True)
         ]
+        points = [part.point for part in parts if part.point is not None]
         return cls(
             viewpoint=np.concatenate([part.viewpoint for part in parts]),
             offsets=offsets_of(np.concatenate([np.diff(part.offsets) for part in parts])),
@@ -81,6 +85,7 @@ class AlignedSubmission:
             has_leading_zeros=np.concatenate([part.has_leading_zeros for part in parts]),
             boxes=BoxAnswers.concatenate(boxes),
             is_navigation_only=all(part.is_navigation_only for part in parts),
+            point=np.concatenate(points) if points else None,
         )
 
 
@@ -194,6 +199,8 @@ def _look_up(
 
     If unknown ids have something in common, that is one problem, and what was meant is looked up.
     """
+    if ground_truth.task.has_short_ids:
+        predictions = _with_full_ids(predictions, ground_truth.episodes.by_short_id)
     episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
     viewpoint = _viewpoints(predictions.viewpoint_ids, ground_truth.graph)
     if (episode != _UNKNOWN).all() and (viewpoint != _UNKNOWN).all():
@@ -204,6 +211,11 @@ def _look_up(
         _indices(fixed.instr_ids, ground_truth.episodes.index),
         _viewpoints(fixed.viewpoint_ids, ground_truth.graph),
     )
+
+
+def _with_full_ids(predictions: Predictions, by_short_id: Mapping[str, str]) -> Predictions:
+    full = [each and by_short_id.get(each, each) for each in predictions.instr_ids]
+    return replace(predictions, instr_ids=full)
 
 
 def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions:
@@ -250,6 +262,7 @@ def _aligned(
         has_leading_zeros=predictions.has_leading_zeros[order],
         boxes=_boxes_of(predictions.boxes, order, len(predictions.instr_ids)),
         is_navigation_only=predictions.is_navigation_only,
+        point=None if predictions.point is None else predictions.point[order],
     )
 
 
@@ -347,11 +360,18 @@ def _foreign_problem(
 
 
 def _tasks_with_such_ids(instr_ids: Sequence[str | None], task: Task) -> Sequence[Task]:
-    """Return the tasks whose ids look like all of these; none if this task's do."""
+    """Return the tasks whose ids look most like all of these; none if this task's do."""
     ids = [instr_id for instr_id in instr_ids if instr_id is not None]
     known = [task, *(find_task(name) for name in BUILT_IN if name != task.name)]
-    alike = [each for each in known if all(re.fullmatch(each.id_pattern, it) for it in ids)]
-    return [] if task in alike else alike
+    alike = [each for each in known if all(map(each.has_id_like, ids))]
+    # Of two tasks, the ids of one may all look like the other's: RxR's as R2R's, but not R2R's as
+    # RxR's. The narrower form says more.
+    narrow = [each for each in alike if not any(_is_wider(each, other) for other in alike)]
+    return [] if task in narrow else narrow
+
+
+def _is_wider(task: Task, other: Task) -> bool:
+    return task.has_id_like(other.id_example) and not other.has_id_like(task.id_example)
 
 
 def _unknown_by_split(

@@ -18,6 +18,7 @@ from reverie_eval.submissions._document import (
 )
 from reverie_eval.submissions._fields import ANSWER_KEYS
 from reverie_eval.submissions._hints import UNNAMED_ANSWERS
+from reverie_eval.submissions._items import join_items, official_point
 from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import (
@@ -104,8 +105,8 @@ def convert(
     """
     truth = None if split is None else find_ground_truth(ground_truth, split, task)
     log = ReadingLog()
-    given = submission if are_records(submission) else _parse(read_bytes(submission), log)
     of_task = find_task(task or DEFAULT_TASK) if truth is None else truth.task
+    given = submission if are_records(submission) else _parse(read_bytes(submission), log, of_task)
     records = read_records(given, log, of_task)
     if truth is not None:
         records = _with_known_ids(records, truth, log)
@@ -113,14 +114,15 @@ def convert(
     if log.has_unfixable:
         raise SubmissionError(log.all_problems())
     poses = [pose for record in records for pose in record.poses]
+    converted = join_items(written) if of_task.has_items else written
     return Conversion(
-        records=written,
+        records=converted,
         read_as=log.read_as(),
         fixed=log.fixed(),
         dropped=dict(log.ignored_fields),
         poses_without_angles=sum(pose.heading is None for pose in poses),
         has_targets=of_task.has_targets,
-        remaining=() if truth is None else _problems_of(written, truth),
+        remaining=() if truth is None else _problems_of(converted, truth),
     )
 
 
@@ -137,11 +139,11 @@ def _remaining_note(problems: Sequence[Problem]) -> str:
     return f"still rejected, {count}, which `reverie-eval validate` lists; the first: {problems[0]}"
 
 
-def _parse(content: bytes, log: ReadingLog) -> Any:
+def _parse(content: bytes, log: ReadingLog, task: Task) -> Any:
     # Python text is not read when scoring: evaluating it takes a hundred times its size.
     if is_python_literal(content):
         return parse_python_literal(content, log)
-    return parse_document(content, log)
+    return parse_document(content, log, has_lines=task.has_json_lines)
 
 
 def _with_known_ids(
@@ -198,6 +200,7 @@ def _official(record: ReadRecord, task: Task) -> dict[str, Any]:
             for pose in record.poses
         ],
         **_official_answer(record.answer),
+        **(official_point(record.point) if task.has_items else {}),
     }
 
 

@@ -63,10 +63,11 @@ def are_records(submission: Submission) -> "TypeIs[Records]":
     return isinstance(submission, Sequence | Mapping)
 
 
-def parse_document(content: bytes, log: ReadingLog) -> Any:
+def parse_document(content: bytes, log: ReadingLog, *, has_lines: bool = False) -> Any:
     """Parse JSON text, including NaN and infinities, so that their locations can be reported.
 
-    Text that is not quite JSON, but tells what was meant, is parsed and noted as a fault.
+    Text that is not quite JSON, but tells what was meant, is parsed and noted as a fault. With
+    ``has_lines``, one object after another is no fault.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def parse_document(content: bytes, log: ReadingLog) -> Any:
     _check_kind(content)
     check_value_count(content, MAX_VALUES)
     try:
-        return _decoded_twice(_parse_json(content, log), log)
+        return _decoded_twice(_parse_json(content, log, has_lines=has_lines), log)
     except UnicodeDecodeError as error:
         problem = problems.not_json(f"byte {error.start}", f"not {error.encoding} text")
     except RecursionError:
@@ -121,13 +122,13 @@ def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
         raise SubmissionError([problems.not_a_literal()]) from error
 
 
-def _parse_json(content: bytes | str, log: ReadingLog) -> Any:
+def _parse_json(content: bytes | str, log: ReadingLog, *, has_lines: bool = False) -> Any:
     import json  # rarely needed: most files take the fast lane
 
     try:
         return json.loads(content, object_pairs_hook=_build_object)
     except json.JSONDecodeError as error:
-        return _parse_almost_json(error, log)
+        return _parse_almost_json(error, log, has_lines=has_lines)
 
 
 def _decoded_twice(document: Any, log: ReadingLog) -> Any:
@@ -138,7 +139,7 @@ def _decoded_twice(document: Any, log: ReadingLog) -> Any:
     return _parse_json(document, log)
 
 
-def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
+def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog, *, has_lines: bool) -> Any:
     """Parse text that ``json`` refuses, if it tells what was meant.
 
     Raises
@@ -150,7 +151,7 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
     if error.msg == "Extra data":
         values, later_error = _parse_several(text)
         if later_error is None:
-            return _join(values, error, log)
+            return _join(values, error, log, has_lines=has_lines)
         # What follows the last value that could be read.
         rest = text[later_error.pos :]
         if len(values) == 1 and not text[error.pos :].startswith(_BRACKETS):
@@ -163,10 +164,13 @@ def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog) -> Any:
     raise SubmissionError([problems.not_json(where, error.msg.removesuffix(" at"))])
 
 
-def _join(values: Sequence[Any], error: "JSONDecodeError", log: ReadingLog) -> Sequence[Any]:
+def _join(
+    values: Sequence[Any], error: "JSONDecodeError", log: ReadingLog, *, has_lines: bool
+) -> Sequence[Any]:
     """Return the records of JSON Lines, or of several lists one after another."""
     if all(isinstance(value, dict) for value in values):
-        log.add_whole_file_fault(problems.JSON_LINES, None)
+        if not has_lines:
+            log.add_whole_file_fault(problems.JSON_LINES, None)
         return values
     if all(isinstance(value, list) for value in values):
         log.add_whole_file_fault(problems.SEVERAL_LISTS, None)

@@ -18,10 +18,14 @@ VIEW_KEY = "predView"
 IMAGE_SIZE_KEY = "predImageSize"
 BOX_KEYS: tuple[str, ...] = (BOX_KEY, VIEW_KEY, IMAGE_SIZE_KEY)
 
+POINT_KEYS: tuple[str, ...] = ("obj_heading", "obj_elevation")
+
 FIELDS = frozenset({INSTR_ID_KEY, TRAJECTORY_KEY, *ANSWER_KEYS, *BOX_KEYS})
 """The fields that are read; all others are ignored."""
 NAVIGATION_FIELDS = frozenset({INSTR_ID_KEY, TRAJECTORY_KEY})
 """Those that are read in a task without target objects."""
+ITEM_FIELDS = NAVIGATION_FIELDS.union(POINT_KEYS)
+"""Those that are read in a task of items with several trajectories."""
 
 _ABSTENTIONS = ("None", "-1", "")
 """What codebases write besides -1 and null where the agent predicts no object."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from reverie_eval.arrays import last_of
+from reverie_eval.arrays import FloatArray, last_of
 from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._alignment import AlignedSubmission
@@ -41,6 +41,7 @@ def submission_hints(
             yield UNNAMED_ANSWERS
     if submission.abstained.all() and not submission.is_navigation_only:
         yield "no answer predicts an object: RGS will be 0"
+    yield from _point_hints(submission.point)
     if submission.boxes.row.size:
         yield from box_hints(submission.boxes)
     if (submission.predicted_object == 0).mean() > MOST:
@@ -54,6 +55,21 @@ def submission_hints(
         yield "every trajectory has a single pose: no agent moves"
     if predictions.has_degrees:
         yield "most headings or elevations exceed a full turn: angles are radians, not degrees"
+
+
+def _point_hints(point: FloatArray | None) -> Iterator[str]:
+    if point is None:
+        return
+    has_point = ~np.isnan(point).any(axis=1)
+    if not has_point.any():
+        yield "no trajectory has a point: SFPL will be 0"
+        return
+    is_scaled = ((point >= 0) & (point <= 1)).all(axis=1)
+    if (has_point & ~is_scaled).sum() > MOST * has_point.sum():
+        yield (
+            "most points are not within 0 and 1: obj_heading is heading / (2 pi), obj_elevation "
+            "(elevation + pi) / (2 pi), of angles in radians"
+        )
 
 
 def _list_fields(fields: Mapping[str, int]) -> str:

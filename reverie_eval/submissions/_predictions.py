@@ -154,6 +154,9 @@ class Predictions:
     """How often each difference from the official form occurs, by its key."""
     is_navigation_only: bool = False
     """Whether no record has an answer."""
+    point: FloatArray | None = None
+    """Shape (n_records, 2): heading and elevation of each predicted point, turns; NaN where there
+    is none. None in a task without points."""
     problems: Sequence[Problem] = ()
     """What could not be read."""
 
@@ -184,6 +187,7 @@ class Predictions:
             int(self.predicted_object[record]),
             self.boxes.xywh[box].tolist(),
             self.boxes.camera[box].tolist(),
+            None if self.point is None else self.point[record].tobytes(),
         )
 
     def first_of_hops(self) -> "Predictions":

@@ -30,6 +30,8 @@ OBJECT_FORM = "an object id (an integer from 0), or -1 where the agent predicts 
 BOX_FORM = "[x, y, width, height] in pixels from the upper left corner"
 IMAGE_SIZE_FORM = "[width, height] of the image that predBox is in, at least 1 each"
 
+POINT_FORM = "a number of turns, or null where the agent predicts no point"
+
 PosePath = tuple[int, ...]
 """Where a viewpoint is in its trajectory: the index of the element, and the index within it."""
 
@@ -226,9 +228,22 @@ class RecordLocation(NamedTuple):
 
     row: int
     key: str | None = None
+    place: int | None = None
+    """Which trajectory of an item it is; None if the record is not one of an item's."""
 
     def __str__(self) -> str:
-        return f"[{self.row}]" if self.key is None else f'["{self.key}"]'
+        return self.at("")
+
+    def at(self, field: str) -> str:
+        """Return where a field is; an item's trajectories have theirs: ``[3].trajectory[2].path``.
+
+        >>> RecordLocation(3).at(".trajectory[5]"), RecordLocation(3, place=2).at(".trajectory[5]")
+        ('[3].trajectory[5]', '[3].trajectory[2].path[5]')
+        """
+        record = f"[{self.row}]" if self.key is None else f'["{self.key}"]'
+        if self.place is None or field == ".instr_id":
+            return f"{record}{field}"
+        return f"{record}.trajectory[{self.place}]{field.replace('.trajectory', '.path', 1)}"
 
 
 def record_form(task: Task) -> str:
@@ -239,7 +254,7 @@ def record_form(task: Task) -> str:
 
 def id_form(task: Task) -> str:
     """Return what the id of a task's episode is."""
-    if task.has_numbers:
+    if task.id_example.isdecimal():
         return f"the number of the episode: {task.id_example}"
     return f'the episode\'s id as text: "{task.id_example}"'
 
@@ -283,7 +298,7 @@ def _array_remedy(found: object) -> str:
 
 
 def _record_problem(code: str, location: RecordLocation, message: str, field: str = "") -> Problem:
-    return Problem(code, f"{location}{field}", message, (location.row,))
+    return Problem(code, location.at(field), message, (location.row,))
 
 
 def pose_field(path: PosePath) -> str:
@@ -292,8 +307,7 @@ def pose_field(path: PosePath) -> str:
 
 
 def _pose_problem(code: str, location: RecordLocation, path: PosePath, message: str) -> Problem:
-    where = f"{location}{pose_field(path)}"
-    return Problem(code, where, message, (location.row, *path))
+    return Problem(code, location.at(pose_field(path)), message, (location.row, *path))
 
 
 # The file as a whole.
@@ -460,6 +474,14 @@ def ids_outside_demo(count: int, first: str, split: str, task: Task) -> Problem:
     return Problem("not-the-demo-world", WHOLE_FILE, message)
 
 
+def trajectories_of_another_task(task: Task, other: Task) -> Problem:
+    message = (
+        f"holds results of {other.title}, not of {task.title}: their trajectories are objects with "
+        f"a path; score the file with --task {other.name}"
+    )
+    return Problem("other-task", WHOLE_FILE, message)
+
+
 def repeated_key(key: str) -> Problem:
     return Problem("repeated-field", WHOLE_FILE, f"has {_json(key)} twice; keep the right one")
 
@@ -487,6 +509,14 @@ def wrong_type(
 
 def repeated_field(location: RecordLocation, field: str) -> Problem:
     return _record_problem("repeated-field", location, f"has {field} twice; keep the right one")
+
+
+def duets_episodes(location: RecordLocation, instr_id: str) -> Problem:
+    message = (
+        f"{_json(instr_id)} is the id of an episode of DUET's own files, which does not tell the "
+        "item; write the item's instr_id, and its trajectories in the order of its paths"
+    )
+    return _record_problem("unknown-episode", location, message, ".instr_id")
 
 
 def key_mismatch(location: RecordLocation, instr_id: str) -> Problem:
@@ -575,6 +605,11 @@ def upside_down(location: RecordLocation, path: PosePath, elevation: float, key:
     return _pose_problem("wrong-camera", location, path, message)
 
 
+def half_a_point(location: RecordLocation, keys: Sequence[str]) -> Problem:
+    message = f"has one of {' and '.join(keys)} and null for the other; give both or neither"
+    return _record_problem("wrong-type", location, message)
+
+
 # A pose.
 
 
@@ -609,10 +644,10 @@ def viewpoint_of_another_scan(
 
 
 def wrong_start(location: RecordLocation, instr_id: str, expected: str, found: str) -> Problem:
-    message = (
-        f"episode {instr_id} starts at viewpoint {expected}, got {found}; list the start "
-        "viewpoint as the first pose"
-    )
+    remedy = "list the start viewpoint as the first pose"
+    if location.place is not None:
+        remedy = "list the trajectories in the order of the item's paths, each from its start"
+    message = f"episode {instr_id} starts at viewpoint {expected}, got {found}; {remedy}"
     return _pose_problem("wrong-start", location, (0,), message)
 
 

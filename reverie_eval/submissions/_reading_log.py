@@ -33,6 +33,9 @@ DIFFERENCES: Mapping[str, str] = MappingProxyType(
         "to the nearest view",
         "far cameras": f"{{:,}} of these warped by more than {FAR_OFF:g} degrees, where exact "
         "boxes fail more often",
+        "single trajectories": "{:,} records with a single trajectory instead of a list",
+        "listed angles": "{:,} angles in lists of one",
+        "no point": "{:,} trajectories without a point",
     }
 )
 """How a file may differ from the official form without changing its meaning, in the order in which
@@ -67,7 +70,7 @@ class ReadingLog:
         occurrences = self._faults.get(fault)
         if occurrences is None:
             row = location.row
-            self._faults[fault] = _Occurrences(f"{location}{path}", row, example, last_row=row)
+            self._faults[fault] = _Occurrences(location.at(path), row, example, last_row=row)
         elif occurrences.last_row != location.row:
             occurrences.count += 1
             occurrences.last_row = location.row

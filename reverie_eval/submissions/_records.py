@@ -32,11 +32,13 @@ from reverie_eval.submissions._fields import (
     BOX_KEYS,
     FIELDS,
     INSTR_ID_KEY,
+    ITEM_FIELDS,
     MAX_COMPARED,
     NAVIGATION_FIELDS,
     TRAJECTORY_KEY,
     find_misspelt,
 )
+from reverie_eval.submissions._items import NO_POINT, Point, is_item, read_point, split_items
 from reverie_eval.submissions._official import convert_official, decode_official
 from reverie_eval.submissions._predictions import (
     ID_PREFIX,
@@ -66,6 +68,7 @@ class ReadRecord(NamedTuple):
     poses: Poses
     answer: Answer | None
     """None if no record of the file has an answer."""
+    point: Point = NO_POINT
 
 
 def read_predictions(
@@ -85,7 +88,7 @@ def read_predictions(
     if not are_records(submission):
         return parse_predictions(read_bytes(submission), task, answers_only=answers_only)
     predictions = None
-    if not answers_only:
+    if not (answers_only or task.has_items):
         predictions = convert_official(submission, has_answers=task.has_targets)
     return predictions or read_carefully(submission, ReadingLog(), task, answers_only=answers_only)
 
@@ -94,11 +97,14 @@ def parse_predictions(
     content: bytes, task: Task = REVERIE, *, answers_only: bool = False
 ) -> Predictions:
     """Read the unpacked JSON text of a submission, as :func:`read_predictions` does."""
-    predictions = decode_official(content, has_answers=task.has_targets)
+    predictions = None
+    if not task.has_items:
+        predictions = decode_official(content, has_answers=task.has_targets)
     if predictions is not None:
         return predictions.without_trajectories() if answers_only else predictions
     log = ReadingLog()
-    return read_carefully(parse_document(content, log), log, task, answers_only=answers_only)
+    document = parse_document(content, log, has_lines=task.has_json_lines)
+    return read_carefully(document, log, task, answers_only=answers_only)
 
 
 def read_records(
@@ -124,9 +130,11 @@ def read_records(
         if _is_record(location, record, log, task)
     ]
     _check_task([record for _, record in found], task)
+    with_ids = [(location, _with_id(record, task)) for location, record in found]
+    has_items = task.has_items and any(is_item(record) for _, record in with_ids)
     records = [
-        (location, _with_known_fields(location, _with_id(record, task), log, optional, task))
-        for location, record in found
+        (location, _with_known_fields(location, record, log, optional, task))
+        for location, record in (split_items(with_ids, log) if has_items else with_ids)
     ]
     _check_problem_count(log)
     # A single missing answer is a fault; if no record has one, the agent does not ground at all.
@@ -140,7 +148,8 @@ def read_records(
         instr_id = _read_instr_id(location, record, log, task)
         poses = None if answers_only else read_trajectory(location, record, log)
         answer = None if navigation_only else read_answer(location, record, poses, log)
-        read.append(ReadRecord(location, instr_id, poses or Poses.of([]), answer))
+        point = read_point(location, record, log) if has_items else NO_POINT
+        read.append(ReadRecord(location, instr_id, poses or Poses.of([]), answer, point))
         _check_problem_count(log)
     return read
 
@@ -228,11 +237,14 @@ def _is_record(location: RecordLocation, record: Any, log: ReadingLog, task: Tas
 
 
 def _check_task(records: Sequence[Mapping[str, Any]], task: Task) -> None:
-    """Raise one SubmissionError for a file of another task that calls its ids differently."""
+    """Raise one SubmissionError for a file of another task that has other ids or trajectories."""
+    are_items = bool(records) and all(map(is_item, records))
     for other in map(find_task, BUILT_IN):
-        key = other.id_keys[0]
-        if key not in task.id_keys and records and all(key in record for record in records):
-            raise SubmissionError([problems.fields_of_another_task(key, task, other)])
+        if are_items and other.has_items and not task.has_items:
+            raise SubmissionError([problems.trajectories_of_another_task(task, other)])
+        for key in other.id_keys:
+            if key not in task.id_keys and records and all(key in record for record in records):
+                raise SubmissionError([problems.fields_of_another_task(key, task, other)])
 
 
 def _with_known_fields(
@@ -244,6 +256,8 @@ def _with_known_fields(
 ) -> Mapping[str, Any]:
     """Return a record with its misspelt fields under the names that they must mean."""
     read = FIELDS if task.has_targets else NAVIGATION_FIELDS
+    if task.has_items:
+        read = ITEM_FIELDS
     if record.keys() <= read:
         return record
     if location.key is not None:
@@ -282,7 +296,7 @@ def _read_instr_id(
             problems.wrong_type(location, value, problems.id_form(task), "instr_id")
         )
         return None
-    if location.key is not None and _bare(location.key) != _bare(value):
+    if location.key is not None and location.place is None and _bare(location.key) != _bare(value):
         log.problems.append(problems.key_mismatch(location, value))
     log.differences["prefixed"] += value.startswith(ID_PREFIX)
     return value.removeprefix(ID_PREFIX)
@@ -319,6 +333,9 @@ def read_carefully(
             chain.from_iterable(each.continues_hop for each in poses), np.bool_
         ),
         boxes=boxes,
+        point=np.array([record.point for record in records]).reshape(-1, 2)
+        if task.has_items
+        else None,
         read_as=log.read_as(),
         ignored_fields=dict(log.ignored_fields),
         differences=log.differences,

@@ -77,7 +77,8 @@ class Poses(Sequence[Pose]):
 def read_trajectory(location: RecordLocation, record: Mapping[str, Any], log: ReadingLog) -> Poses:
     """Read a record's trajectory; an unreadable pose is reported and has no viewpoint."""
     if "trajectory" not in record:
-        log.problems.append(problems.missing_field(location, "trajectory"))
+        missing = "trajectory" if location.place is None else "path"
+        log.problems.append(problems.missing_field(location, missing))
         return Poses.of([])
     trajectory = record["trajectory"]
     if not is_list(trajectory):

@@ -4,7 +4,14 @@ A task names how its annotations are read, which submissions it expects, by whic
 scored, and by what they are ranked. Everything else in the package is the same for all of them.
 """
 
-from reverie_eval.tasks._annotation import Annotation, Path, PathAnnotation, ViewpointId
+from reverie_eval.tasks._annotation import (
+    Annotation,
+    EpisodeAnnotation,
+    Outline,
+    Path,
+    PathAnnotation,
+    ViewpointId,
+)
 from reverie_eval.tasks._protocol import DEFAULT_PROTOCOL, GoalRule, HopReading, Protocol
 from reverie_eval.tasks._registry import BUILT_IN, DEFAULT_TASK, ENTRY_POINTS, find_task, task_names
 from reverie_eval.tasks._task import Task
@@ -15,8 +22,10 @@ __all__ = [
     "DEFAULT_TASK",
     "ENTRY_POINTS",
     "Annotation",
+    "EpisodeAnnotation",
     "GoalRule",
     "HopReading",
+    "Outline",
     "Path",
     "PathAnnotation",
     "Protocol",

@@ -6,6 +6,9 @@ from typing import Annotated, TypeAlias
 from msgspec import Meta, Struct
 
 ViewpointId: TypeAlias = Annotated[str, Meta(min_length=1)]
+Outline: TypeAlias = Sequence[tuple[float, float]]
+"""The centre of a target and its four corners as a viewpoint sees them: heading and elevation, in
+turns."""
 Path: TypeAlias = Annotated[list[ViewpointId], Meta(min_length=1)]
 """Viewpoints in walking order."""
 
@@ -18,6 +21,11 @@ class Annotation(Struct, frozen=True, kw_only=True):
     """
 
     scan: Annotated[str, Meta(min_length=1)]
+
+    @property
+    def parts(self) -> "Sequence[Annotation]":
+        """The annotations in the record: itself, unless it has several starts."""
+        return [self]
 
     @property
     def name(self) -> str:
@@ -35,6 +43,11 @@ class Annotation(Struct, frozen=True, kw_only=True):
         raise NotImplementedError
 
     @property
+    def language(self) -> str:
+        """The language of the instructions; empty in a task of one language."""
+        return ""
+
+    @property
     def reference(self) -> Sequence[str]:
         """The annotated path by which the task's default protocol scores, the start first."""
         raise NotImplementedError
@@ -50,6 +63,11 @@ class Annotation(Struct, frozen=True, kw_only=True):
         return ()
 
     @property
+    def outlines(self) -> Sequence[Outline]:
+        """The target as each of the goal viewpoints sees it, where the task annotates that."""
+        return ()
+
+    @property
     def target(self) -> int | None:
         """The target object's id within the scan; None in a task without target objects."""
         return None
@@ -58,6 +76,15 @@ class Annotation(Struct, frozen=True, kw_only=True):
     def is_answered(self) -> bool:
         """Whether the record has what the public file of a private split leaves out."""
         return len(self.reference) > 1
+
+
+class EpisodeAnnotation(Annotation, frozen=True, kw_only=True):
+    """A record of one episode, which has the record's own id."""
+
+    @property
+    def instr_ids(self) -> Sequence[str]:
+        """The id of the one episode."""
+        return [self.name]
 
 
 class PathAnnotation(Annotation, frozen=True, kw_only=True):

@@ -18,6 +18,7 @@ GoalRule = Literal[
     "near the path's end",
     "at most 3 m from the path's end",
     "at a goal viewpoint",
+    "near the path's end, which a stop at a goal viewpoint becomes",
 ]
 Grounding = Literal["anywhere", "only with success", "not scored"]
 HopReading = Literal["first viewpoint", "every viewpoint", "rejected", "no evaluator"]
@@ -35,7 +36,8 @@ class Protocol:
     goal: GoalRule = "visible"
     """Which viewpoints are goals: those from which the target is visible; those from which it is
     visible with its centre at most 3 m from the camera; those less than 3 m along the graph from
-    the path's end, or at most 3 m; or those that the task annotates as goals."""
+    the path's end, or at most 3 m; those that the task annotates as goals; or those less than 3 m
+    from the path's end, in whose place the stop is the goal if it is an annotated one."""
     spl_numerator: Literal["shortest", "annotated", "nearest goal"] = "shortest"
     """The length in SPL's numerator: of the shortest route, of the annotated path, or of the
     shortest route to the nearest annotated goal."""
@@ -49,6 +51,10 @@ class Protocol:
     """Whether an object id written as text can be correct."""
     reference: str = ""
     """The annotated path to score by, among the task's further paths; empty for its own."""
+    repeated_outlines: Literal["first", "last"] = "first"
+    """Which outline of the target counts, where a goal viewpoint has several."""
+    point_errors: Literal["detections", "where the target is seen"] = "detections"
+    """Which stops have a point error."""
     measures: frozenset[Need] = frozenset()
     """What the annotations let the protocol measure beside walks and answers."""
     scored_instructions: int | None = None

@@ -17,7 +17,7 @@ ENTRY_POINTS = "reverie_eval.tasks"
 """The group of entry points by which other packages add a task: ``name = "module:TASK"``."""
 
 BUILT_IN: Mapping[str, str] = MappingProxyType(
-    {name: f"reverie_eval.tasks.{name}" for name in ("reverie", "r2r", "r4r", "ndh")}
+    {name: f"reverie_eval.tasks.{name}" for name in ("reverie", "r2r", "r4r", "rxr", "ndh", "soon")}
 )
 """The modules of this package's tasks, each with its ``TASK``."""
 

@@ -1,5 +1,6 @@
 """The record of a task."""
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -44,9 +45,18 @@ class Task:
     id_keys: Sequence[str] = ("instr_id",)
     """The fields of a result's record that can hold the id, the official one first."""
     has_numbers: bool = False
-    """Whether the id is a number in the official form; it is compared as text."""
+    """Whether the id may be a number; it is compared as text."""
+    has_short_ids: bool = False
+    """Whether the part of an id after its underscore is one too."""
+    has_json_lines: bool = False
+    """Whether the official form of a result may be a record on each line instead of a list."""
+    has_items: bool = False
+    """Whether a result's record has several trajectories, one for each start of an item, and each
+    of them a point at which the agent sees the target. Their ids are ``<item>#<index>``."""
     has_targets: bool = False
     """Whether an episode has a target object, which agents name or box."""
+    goal: str
+    """When a stop is a success, in words: "the target object is visible"."""
     protocols: Sequence[Protocol]
     """Every released protocol, the default one first."""
     aliases: Mapping[str, str] = field(default_factory=dict)
@@ -62,6 +72,10 @@ class Task:
             return self.title
         return self.releases.get((split, records, episodes))
 
+    def has_id_like(self, instr_id: str) -> bool:
+        """Whether an id looks like one of an episode."""
+        return re.fullmatch(self.id_pattern, instr_id) is not None
+
     def id_field(self, instr_id: str) -> Mapping[str, str | int]:
         """Return the id of an episode as the official form of a result has it."""
         is_number = self.has_numbers and instr_id.isdecimal()
@@ -76,6 +90,10 @@ class Task:
         for rules in self.protocols:
             available |= rules.measures
         return [key for key, metric in METRICS.items() if metric.needs <= available]
+
+    def metric(self, key: str) -> Metric:
+        """Return a metric with its definition by the task's goal."""
+        return METRICS[key].for_goal(self.goal)
 
     def protocol(self, name: str) -> Protocol:
         """Return the protocol with this name or alias.
@@ -101,8 +119,8 @@ class Task:
         has_all = "success" in scored
         headline = [key for key in self.headline if has_all or key in scored]
         boxes = [key for key in scored if "box" in METRICS[key].needs]
-        return [METRICS[key] for key in (*headline, *boxes)]
+        return [self.metric(key) for key in (*headline, *boxes)]
 
     def primary_metric(self, scored: Collection[str]) -> Metric:
         """Return the metric that submissions are ranked by."""
-        return METRICS[next(key for key in self.ranking if key in scored)]
+        return self.metric(next(key for key in self.ranking if key in scored))

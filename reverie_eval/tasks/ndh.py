@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from reverie_eval.tasks._annotation import Annotation, Path, ViewpointId
+from reverie_eval.tasks._annotation import EpisodeAnnotation, Path, ViewpointId
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.tasks._task import Task
 
@@ -20,7 +20,7 @@ class _Message(Struct, frozen=True):
     message: str
 
 
-class NdhAnnotation(Annotation, frozen=True, kw_only=True):
+class NdhAnnotation(EpisodeAnnotation, frozen=True, kw_only=True):
     """One instance: a dialog up to one of its answers, and what came after it."""
 
     inst_idx: Annotated[int, Meta(ge=0)]
@@ -39,11 +39,6 @@ class NdhAnnotation(Annotation, frozen=True, kw_only=True):
     def name(self) -> str:
         """The published number, which is the id of its one episode too."""
         return str(self.inst_idx)
-
-    @property
-    def instr_ids(self) -> Sequence[str]:
-        """The id of the one episode."""
-        return [self.name]
 
     @property
     def texts(self) -> Sequence[str]:
@@ -114,6 +109,7 @@ TASK = Task(
     id_example="5354",
     id_keys=("inst_idx", "instr_id"),
     has_numbers=True,
+    goal="the end of the protocol's path is less than 3 m away (hamt: the goal region is reached)",
     protocols=(
         _official("official-v1", "trusted path"),
         _official("official-planner", "planner's path", "planner"),

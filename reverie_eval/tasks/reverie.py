@@ -123,6 +123,7 @@ TASK = Task(
     id_form="<task id>_<index of the instruction>, counted from 0",
     id_example="4774_267_1",
     has_targets=True,
+    goal="the target object is visible",
     protocols=_PROTOCOLS,
     aliases=MappingProxyType({"hamt": "duet", "hm3d": "scalevln"}),
     headline=[key for key, metric in CATALOGUE.items() if metric.headline],

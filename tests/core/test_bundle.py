@@ -27,7 +27,6 @@ from reverie_eval.ground_truth._bundle import (
     UNSCORED_ARRAYS,
     pack_texts,
 )
-from reverie_eval.tasks import BUILT_IN
 from tests.conftest import SAMPLES
 from tests.support.flat import Run
 from tests.support.worlds import SPLIT
@@ -252,7 +251,7 @@ def test_a_public_bundle_has_exactly_these_arrays() -> None:
     }
     assert not PRIVATE & PUBLIC_ARRAYS.keys()
     assert set(UNSCORED_ARRAYS) == {"viewpoint_rotation"}
-    assert set(PUBLIC_TEXTS) == {"instruction"}
+    assert set(PUBLIC_TEXTS) == {"instruction", "language"}
 
 
 def test_a_public_bundle_has_instructions_but_no_categories(bundle: Bundle) -> None:
@@ -355,8 +354,8 @@ def test_a_public_bundle_validates_but_does_not_score(bundle: Bundle) -> None:
 SPLITS = ["train.npz", "val_seen.npz", "val_unseen.npz", "test.public.npz", "private/test.npz"]
 DEMO = [
     *SPLITS,
-    *(f"{task}/{name}" for task in BUILT_IN if task not in ("reverie", "r4r") for name in SPLITS),
-    *(f"r4r/{name}" for name in SPLITS if "test" not in name),
+    *(f"{task}/{name}" for task in ("r2r", "ndh", "soon") for name in SPLITS),
+    *(f"{task}/{name}" for task in ("r4r", "rxr") for name in SPLITS if "test" not in name),
 ]
 
 

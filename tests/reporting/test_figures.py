@@ -251,7 +251,7 @@ def test_curves_that_cannot_be_drawn(checkpoints: dict[float, rv.Scores]) -> Non
     for says, given in wrong.items():
         with pytest.raises(rv.ProtocolError, match=says):
             plot_curve(given)
-    with pytest.raises(rv.ProtocolError, match="path_length is not a fraction"):
+    with pytest.raises(rv.ProtocolError, match="spl, path_length have different units; draw each"):
         plot_curve(checkpoints, ["spl", "path_length"])
     with pytest.raises(KeyError, match="did you mean spl"):
         plot_curve(checkpoints, ["spll"])

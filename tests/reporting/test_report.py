@@ -174,7 +174,7 @@ def test_a_group_without_episodes_of_the_other_has_no_score_of_it() -> None:
     (_, without), (mediocre, missing) = (row.bars for row in table.rows)
     assert [row.name for row in table.rows] == ["no jump", "jumps"]
     assert without is not None
-    assert without.percent == pytest.approx(100 * scores["good"]["rgspl"])
+    assert without.value == pytest.approx(100 * scores["good"]["rgspl"])
     assert mediocre is not None
     assert missing is None
 

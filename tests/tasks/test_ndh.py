@@ -199,7 +199,7 @@ def test_every_protocol_agrees_with_the_rules_written_once_more() -> None:
             for key in expected[scores.instr_ids[0]]:
                 values = [expected[id_][key] for id_ in scores.instr_ids]
                 assert scores.episodes[key].tolist() == values, (seed, protocol, key)
-    tell(random_worlds=worlds)
+    tell(random_worlds_of_ndh=worlds)
 
 
 def random_region(random: Random, world: World, task: Task) -> Region:
@@ -263,7 +263,7 @@ def test_converting_writes_the_official_form(run: Run) -> None:
 
 
 def test_a_file_of_another_task_is_recognised() -> None:
-    with pytest.raises(SubmissionError, match="look like R2R or R4R ids, not like NDH ids"):
+    with pytest.raises(SubmissionError, match="look like R2R ids, not like NDH ids"):
         evaluate(SAMPLE.with_name("r2r.json"), split="val_unseen", task="ndh")
     other = [{"inst_idx": 9, "trajectory": [["v"]]}]
     with pytest.raises(SubmissionError, match="to score NDH itself, clone"):

@@ -151,7 +151,7 @@ def test_both_protocols_agree_with_the_oracle() -> None:
             for each, values in zip(episodes, expected, strict=True)
         ]
         assert duet.episodes["spl"].tolist() == by_annotated, seed
-    tell(random_worlds=worlds)
+    tell(random_worlds_of_r2r=worlds)
 
 
 # The demo world.
@@ -205,7 +205,7 @@ def test_a_file_of_another_task_is_recognised() -> None:
         evaluate(SAMPLE, split="val_unseen")
     (problem,) = error.value.problems
     assert problem.code == "other-task"
-    assert "look like R2R or R4R ids, not like REVERIE ids (4774_267_1)" in problem.message
+    assert "look like R2R ids, not like REVERIE ids (4774_267_1)" in problem.message
     assert problem.message.endswith("score the file with --task r2r")
     good = SAMPLE.with_name("good.json")
     with pytest.raises(SubmissionError, match="look like REVERIE ids, not like R2R ids"):

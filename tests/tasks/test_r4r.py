@@ -1,25 +1,28 @@
 """R4R: the same digits as its authors' metrics and HAMT's evaluator."""
 
 import math
+import operator
 from collections.abc import Mapping
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
 
 from reverie_eval import SubmissionError, evaluate
 from tests.conftest import REPOSITORY
-from tests.support.amounts import is_evidence
+from tests.support.amounts import amount, is_evidence, tell
 from tests.support.family import (
     HAMT,
     LENGTHS_WITHIN,
     Published,
     differences,
     published_task,
+    walks_of,
     world_of_task,
 )
-from tests.support.oracle import Scan, Task, Viewpoint, World
-from tests.support.worlds import SPLIT
+from tests.support.oracle import Episode, Scan, Task, Viewpoint, World, measure, weighted
+from tests.support.worlds import SPLIT, random_case
 
 SAMPLE = REPOSITORY / "fixtures" / "submissions" / "r4r.json"
 SPLITS = ["val_seen", *(["val_unseen"] if is_evidence() else [])]
@@ -82,6 +85,44 @@ def test_whether_exactly_3_m_is_a_success(protocol: str, metres: float, success:
     )
     assert (scores["success"], scores["oracle_success"]) == (success, success)
     assert (scores["sdtw"] > 0) == bool(success)
+
+
+@pytest.mark.parametrize("task", ["r4r", "rxr"])
+def test_both_protocols_agree_with_the_oracle(task: str) -> None:
+    """The authors of both tasks score alike, and so does HAMT."""
+    worlds = amount(15)
+    for seed in range(worlds):
+        case = random_case(Random(seed), (0,))
+        truth, records = world_of_task(case.world, task), walks_of(case.predictions)
+        episodes = [
+            measure(case.world.scans[of.scan_id], of, case.predictions[instr_id])
+            for of in case.world.tasks
+            for instr_id in of.instr_ids
+        ]
+        for protocol in ("official-v1", "hamt"):
+            scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
+            expected = [expected_values(episode, protocol) for episode in episodes]
+            for key in expected[0]:
+                values = [each[key] for each in expected]
+                assert scores.episodes[key] == pytest.approx(values, abs=1e-12), (seed, key)
+    tell(**{f"random_worlds_of_{task}": worlds})
+
+
+def expected_values(episode: Episode, protocol: str) -> Mapping[str, float]:
+    """Score an episode by the authors' rules, or HAMT's."""
+    near = operator.le if protocol == "official-v1" else operator.lt
+    success = near(episode.errors[-1], 3.0)
+    by_annotated = weighted(episode.walked, episode.annotated, 0.01, achieved=success)
+    by_shortest = weighted(episode.walked, episode.shortest, 0.0, achieved=success)
+    return {
+        "success": float(success),
+        "oracle_success": float(near(min(episode.errors), 3.0)),
+        "spl": by_shortest if protocol == "official-v1" else by_annotated,
+        "dtw": episode.warped,
+        "ndtw": episode.likeness,
+        "sdtw": episode.likeness if success else 0.0,
+        "cls": episode.coverage,
+    }
 
 
 def test_a_path_that_ends_where_it_starts() -> None:

@@ -4,16 +4,22 @@ import json
 import re
 import shutil
 import sys
+import tomllib
 from collections.abc import Iterator
+from html import escape
 from pathlib import Path
+from typing import Any
 
+import pandas as pd
 import pytest
 
+import reverie_eval
 from reverie_eval import (
     Evaluator,
     GroundTruthError,
     ProtocolError,
     Scores,
+    SubmissionError,
     compare,
     evaluate,
     evaluate_many,
@@ -24,14 +30,15 @@ from reverie_eval.server.service.boards import load_board
 from reverie_eval.server.settings import Split
 from reverie_eval.tasks import BUILT_IN, DEFAULT_PROTOCOL, Task, find_task, task_names
 from tests.conftest import REPOSITORY
-from tests.support.flat import Run
+from tests.support.flat import Outcome, Run
 
 every_task = pytest.mark.parametrize("name", BUILT_IN)
 every_protocol_of_samples = pytest.mark.parametrize(
     ("name", "protocol"),
     [
         pytest.param(name, rules.name, id=f"{name}, {rules.name}")
-        for name in ("r2r", "r4r", "ndh")
+        for name in BUILT_IN
+        if name != "reverie"
         for rules in find_task(name).protocols
     ],
 )
@@ -117,12 +124,61 @@ def test_several_files_of_a_task(tmp_path: Path) -> None:
     assert scored.ranks == {str(good): 1, str(worse): 2}
 
 
+@pytest.mark.parametrize("given", BUILT_IN)
+def test_a_file_of_another_task_is_named(given: str) -> None:
+    """Each of the tasks recognises the samples of all others."""
+    sample = SAMPLES / ("good.json" if given == "reverie" else f"{given}.json")
+    for name in BUILT_IN:
+        if name != given:
+            with pytest.raises(SubmissionError) as refused:
+                evaluate(sample, split="val_unseen", task=name)
+            (problem,) = refused.value.problems
+            assert problem.code == "other-task"
+            assert problem.message.endswith(f"score the file with --task {given}"), name
+
+
 def test_scores_of_two_tasks_are_not_concatenated() -> None:
     scores = [
         evaluate(SAMPLES / f"{name}.json", split="val_unseen", task=name) for name in ("r2r", "r4r")
     ]
     with pytest.raises(ProtocolError, match="not of one split under one protocol: task:r2r"):
         Scores.concatenate(scores)
+
+
+@pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "reverie"])
+def test_metrics_are_explained_by_the_goal_of_the_task(name: str) -> None:
+    task = find_task(name)
+    scores = evaluate(SAMPLES / f"{name}.json", split="val_unseen", task=name)
+    shown = {metric.key: metric.definition for metric in task.table_metrics(scores)}
+    assert shown["success"] == f"{task.goal} where the agent stops"
+    assert not any("target object" in definition for definition in shown.values())
+    assert f'title="success rate: {escape(task.goal)} where' in scores._repr_html_()
+
+
+def test_outcomes_have_a_remedy_where_there_are_no_objects() -> None:
+    scores = evaluate(SAMPLES / "r2r.json", split="val_unseen", task="r2r")
+    for find in (scores.gallery, lambda: scores.failure_modes, lambda: scores.outcomes):
+        with pytest.raises(
+            ProtocolError, match=r"R2R has no target objects.* to find failures, so"
+        ):
+            find()
+    worst = scores.to_pandas()["navigation_error"].idxmax()
+    assert scores.episode(worst).instr_id == worst
+
+
+def test_reports_and_figures_have_the_metric_that_ranks(run: Run, tmp_path: Path) -> None:
+    """Goal progress is in metres, and can be negative."""
+    page, sample = tmp_path / "report.html", str(SAMPLES / "ndh.json")
+    of_task = ("--task", "ndh", "--split", "val_unseen")
+    assert run("report", sample, *of_task, "-o", str(page)).status == 0
+    text = page.read_text()
+    assert '<p class="small">By GP m.' in text
+    widths = re.findall(r'<rect class="mark[^"]*" width="([-\d.]+)%"', text)
+    assert widths
+    assert max(map(float, widths)) == 100.0
+    axes = evaluate(sample, split="val_unseen", task="ndh").plot.breakdown("length")
+    assert axes.get_xlabel() == "m"
+    assert set(axes.get_legend_handles_labels()[1]) == {"GP", "95 % interval"}
 
 
 @pytest.mark.parametrize("by", ["category", "visibility"])
@@ -154,103 +210,87 @@ def test_unknown_fields_are_refused() -> None:
         Task(name="mine", goals=3)  # type: ignore[call-arg]
 
 
-# A task of another package.
+# A task of another package, made as docs/tasks.md says.
 
-SIXTH = """
-from dataclasses import replace
-
-from reverie_eval.tasks import Annotation, Path
-from reverie_eval.tasks.r2r import TASK as R2R
+HOUR = (REPOSITORY / "docs" / "tasks.md").read_text().partition("## Add a task in an hour")[2]
 
 
-class Walk(Annotation, frozen=True, kw_only=True):
-    walk: str
-    route: Path
-    text: str
-
-    @property
-    def name(self):
-        return self.walk
-
-    @property
-    def instr_ids(self):
-        return [self.walk]
-
-    @property
-    def texts(self):
-        return [self.text]
-
-    @property
-    def reference(self):
-        return self.route
-
-
-TASK = replace(
-    R2R,
-    name="sixth",
-    title="Sixth",
-    annotation=Walk,
-    file_name="walks-{split}.json",
-    folder="walks",
-    id_pattern=r"walk-\\d+",
-    id_form="walk-<number>",
-    id_example="walk-12",
-    protocols=[replace(rules, scored_instructions=None) for rules in R2R.protocols],
-    headline=("ndtw", "success"),
-    ranking=("ndtw",),
-)
-"""
+def block(language: str) -> str:
+    """Return the first block of a language in that section."""
+    _, _, rest = HOUR.partition(f"```{language}\n")
+    return rest.partition("```")[0]
 
 
 @pytest.fixture
-def sixth(tmp_path: Path, demo_world: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Install a task of another package, and write the demo world in its layout."""
+def walks(tmp_path: Path, demo_world: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Install the task of the page, and work beside a dataset in its layout."""
     site = tmp_path / "site"
-    metadata = site / "sixth_task-1.0.dist-info"
+    project = tomllib.loads(block("toml"))["project"]
+    metadata = site / "walks_task-1.0.dist-info"
     metadata.mkdir(parents=True)
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: sixth-task\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text("[reverie_eval.tasks]\nsixth = sixth_task:TASK\n")
-    (site / "sixth_task.py").write_text(SIXTH)
+    (metadata / "METADATA").write_text(f"Name: {project['name']}\nVersion: {project['version']}\n")
+    ((group, points),) = project["entry-points"].items()
+    listed = "".join(f"{name} = {value}\n" for name, value in points.items())
+    (metadata / "entry_points.txt").write_text(f"[{group}]\n{listed}")
+    (site / "walks_task.py").write_text(block("python"))
     monkeypatch.syspath_prepend(site)
-    world = tmp_path / "world"
+    monkeypatch.chdir(tmp_path)
+    world = tmp_path / "dataset"
     (world / "walks").mkdir(parents=True)
     shutil.copytree(demo_world / "connectivity", world / "connectivity")
     records = json.loads((demo_world / "tasks/R2R/data/R2R_val_unseen.json").read_text())
-    walks = [
+    written = [
         {
             "scan": record["scan"],
-            "walk": f"walk-{record['path_id']}",
+            "walk": record["path_id"],
             "route": record["path"],
             "text": record["instructions"][0],
         }
         for record in records
     ]
-    (world / "walks" / "walks-val_unseen.json").write_text(json.dumps(walks))
-    yield world
-    sys.modules.pop("sixth_task", None)
+    (world / "walks" / "walks-val_unseen.json").write_text(json.dumps(written))
+    yield tmp_path
+    sys.modules.pop("walks_task", None)
 
 
-def test_another_package_adds_a_task(sixth: Path, tmp_path: Path, run: Run) -> None:
+def follow(run: Run, last: int) -> Iterator[Outcome]:
+    """Run the first commands of the page."""
+    for line in block("sh").splitlines()[:last]:
+        yield run(*line.split()[1:])
+
+
+def test_another_package_adds_a_task_in_an_hour(walks: Path, run: Run) -> None:
     """It is compiled, walked and scored by the same commands."""
-    assert task_names()[-1] == "sixth"
-    bundle, submission = tmp_path / "val_unseen.npz", tmp_path / "submit.json"
-    of_task = ("--task", "sixth", "--split", "val_unseen")
-    assert run("compile", str(sixth), *of_task, "-o", str(bundle)).status == 0
-    truth = ("--ground-truth", str(bundle))
-    assert run("agent", "shortest", *of_task, *truth, "-o", str(submission)).status == 0
-    done = run(str(submission), "--split", "val_unseen", *truth)
-    assert done.out.splitlines()[0].split() == ["nDTW", "%", "SR", "%"]
-    assert "task:sixth|split:val_unseen|protocol:official-v1|" in done.out
-    assert run("lint", str(sixth), "--task", "sixth").status == 0
+    assert task_names()[-1] == "walks"
+    *others, scored = follow(run, 4)
+    assert [each.status for each in (*others, scored)] == [0] * 4
+    assert scored.out.splitlines()[0].split() == ["nDTW", "%", "SR", "%", "SPL", "%"]
+    assert scored.out.splitlines()[1].split()[1:] == ["100.00", "100.00"]
+    assert "task:walks|split:val_unseen|protocol:official-v1|" in scored.out
+    alone = run("shortest.json", "--task", "walks", "--split", "val_unseen")
+    assert (alone.status, "the demo world has no Walks; `reverie-eval" in alone.err) == (2, True)
+    (values,) = re.findall(r"```python\n(scores = .*?)```", HOUR, re.DOTALL)
+    theirs = pd.Series(1.0, index=[f"walk-{walk['walk']}" for walk in records_of(walks)])
+    script = values.replace("result.json", "shortest.json").replace("print", "assert 0 ==")
+    exec(script, {"rv": reverie_eval, "theirs": theirs})
 
 
+def records_of(walks: Path) -> list[dict[str, Any]]:
+    """Return the annotations of the task."""
+    records: list[dict[str, Any]] = json.loads(
+        (walks / "dataset/walks/walks-val_unseen.json").read_text()
+    )
+    return records
+
+
+@pytest.mark.usefixtures("walks")
 def test_a_bundle_of_a_task_that_is_not_installed(
-    sixth: Path, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    bundle = str(tmp_path / "val_unseen.npz")
-    run("compile", str(sixth), "--task", "sixth", "--split", "val_unseen", "-o", bundle)
+    list(follow(run, 2))
     monkeypatch.undo()
     find_task.__globals__["_installed_task"].cache_clear()
+    bundle = str(tmp_path / "bundles" / "walks" / "val_unseen.npz")
     done = run("agent", "stop", "--split", "val_unseen", "--ground-truth", bundle)
     assert done.status == 2
-    assert "is the ground truth of a task that is not installed: unknown task 'sixth'" in done.err
+    assert "is the ground truth of a task that is not installed: unknown task 'walks'" in done.err

@@ -9,7 +9,6 @@ import click
 
 from reverie_eval import DatasetError, ReverieEvalError
 from reverie_eval.ground_truth import Bundle, bundle_folder, bundle_name
-from reverie_eval.tasks import DEFAULT_TASK
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.output import check_outputs, note, show, with_progress
@@ -109,6 +108,7 @@ def lint(*, task: str, layout: str, output: str | None, **paths: Path | None) ->
 
 @click.command()
 @options.dataset_files
+@options.dataset_task
 @options.layout("table", "json")
 @options.output("the description")
 @click.option(
@@ -118,18 +118,18 @@ def lint(*, task: str, layout: str, output: str | None, **paths: Path | None) ->
     help="Also draw figures into FOLDER, as SVG and PNG; needs matplotlib.",
 )
 def describe(
-    *, layout: str, output: str | None, figures: Path | None, **paths: Path | None
+    *, task: str, layout: str, output: str | None, figures: Path | None, **paths: Path | None
 ) -> None:
-    """Describe a dataset, beside the paper's numbers.
+    """Describe a dataset, for REVERIE beside the paper's numbers.
 
-    DATASET is a clone of the REVERIE dataset repository.
+    DATASET is a clone of the REVERIE dataset repository, or of another task's.
     """
     from reverie_eval.dataset import DatasetFiles, describe_dataset
     from reverie_eval.reporting._description import description_text, print_description
 
     check_outputs([output], paths.values())
     write_figures = _figure_writer() if figures else None
-    files = DatasetFiles.find(split=None, task=DEFAULT_TASK, **paths)
+    files = DatasetFiles.find(split=None, task=task, **paths)
     description = describe_dataset(files, progress=with_progress)
     if write_figures and figures:
         write_figures(description, figures)

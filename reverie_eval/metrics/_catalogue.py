@@ -78,6 +78,11 @@ class Metric:
         return 1.0 if self.unit == "fraction" else float("inf")
 
     @property
+    def lower_bound(self) -> float:
+        """The smallest value an episode can have."""
+        return -self.upper_bound if self.is_signed else 0.0
+
+    @property
     def heading(self) -> str:
         """The label with the unit that :meth:`display` uses: ``SR %``."""
         return f"{self.label} {_SUFFIXES[self.unit]}".rstrip()
@@ -134,7 +139,7 @@ _METRICS = (
         key="success",
         label="SR",
         name="success rate",
-        definition="the target object is visible where the agent stops",
+        definition="the agent stops at a goal viewpoint of the protocol",
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,
@@ -148,7 +153,7 @@ _METRICS = (
         key="oracle_success",
         label="OSR",
         name="oracle success rate",
-        definition="the target object is visible from any viewpoint of the trajectory",
+        definition="the trajectory passes a goal viewpoint of the protocol",
         unit="fraction",
         better="higher",
         needs=_TRAJECTORY,

@@ -6,7 +6,14 @@ scored, and by what they are ranked. Everything else in the package is the same 
 
 from reverie_eval.tasks._annotation import Annotation, Path, PathAnnotation, ViewpointId
 from reverie_eval.tasks._protocol import DEFAULT_PROTOCOL, GoalRule, HopReading, Protocol
-from reverie_eval.tasks._registry import BUILT_IN, DEFAULT_TASK, ENTRY_POINTS, find_task, task_names
+from reverie_eval.tasks._registry import (
+    BUILT_IN,
+    DEFAULT_TASK,
+    ENTRY_POINTS,
+    find_task,
+    name_on_server,
+    task_names,
+)
 from reverie_eval.tasks._task import Task
 
 __all__ = [
@@ -23,5 +30,6 @@ __all__ = [
     "Task",
     "ViewpointId",
     "find_task",
+    "name_on_server",
     "task_names",
 ]

@@ -283,9 +283,10 @@ def available_bytes() -> int:
 
 
 def run(command: str, *arguments: str | Path) -> str:
-    """Run a command and return what it prints."""
+    """Run a command and return what it prints; modules are compiled once, as after installation."""
     words = [shutil.which(command) or command, *map(str, arguments)]
-    return subprocess.run(words, check=True, capture_output=True, text=True).stdout
+    variables = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    return subprocess.run(words, check=True, capture_output=True, text=True, env=variables).stdout
 
 
 if __name__ == "__main__":

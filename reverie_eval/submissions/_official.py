@@ -1,15 +1,17 @@
-"""The fast lane: decode the plain official form straight into columns.
+"""The fast lane: decode the plain official form, and what HAMT and DUET write, into columns.
 
 A submission takes this lane only if every record is exactly ``{"instr_id": text, "trajectory":
 [[viewpoint, heading, elevation], ...], "predObjId": integer}``, with nothing missing, repeated or
-added; in a task without target objects, there is no ``predObjId``. Nearly all files are, and
-decoding them is ten times faster than reading value by value. Any other submission is declined here
-and read by :mod:`reverie_eval.submissions._records`, which must give the same columns for the same
-content: this lane never reports a problem of its own.
+added. The integer may be text, as HAMT writes it, and the trajectory hops without angles,
+``[[viewpoint], [viewpoint, viewpoint], ...]``, as DUET writes it. In a task without target objects,
+there is no ``predObjId``. Nearly all files are like that, and decoding them is several times
+faster than reading value by value. Any other submission is declined here and read by
+:mod:`reverie_eval.submissions._records`, which must give the same columns for the same content:
+this lane never reports a problem of its own.
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Sized
 from itertools import chain, repeat
 from operator import itemgetter
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -18,7 +20,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from reverie_eval.arrays import LARGEST_OBJECT_ID, FloatArray, IntArray, offsets_of
+from reverie_eval.arrays import LARGEST_OBJECT_ID, BoolArray, FloatArray, IntArray, offsets_of
 from reverie_eval.geometry import N_VIEWS
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.submissions._predictions import (
@@ -29,7 +31,8 @@ from reverie_eval.submissions._predictions import (
     Records,
     look_like_degrees,
 )
-from reverie_eval.submissions._trajectories import MAX_POSES
+from reverie_eval.submissions._reading_log import ReadingLog
+from reverie_eval.submissions._trajectories import ANGLE_AS_TEXT, MAX_POSES
 
 # The descriptions are those of the published JSON Schema.
 _InstrId = Annotated[
@@ -44,6 +47,7 @@ _Trajectory = Annotated[
         "and elevation in radians.",
     ),
 ]
+_Hops = Annotated[list[list[str]], Meta(min_length=1)]
 _ObjectId = Annotated[
     int,
     Meta(
@@ -51,6 +55,10 @@ _ObjectId = Annotated[
         le=LARGEST_OBJECT_ID,
         description="The predicted object, by its id within the building; -1 for none.",
     ),
+]
+# A pattern without leading zeros, and with as many digits as an id may have.
+_ObjectIdText = Annotated[
+    str, Meta(pattern=rf"^(0|[1-9][0-9]{{0,{len(str(LARGEST_OBJECT_ID)) - 1}}})\Z")
 ]
 _Extent = Annotated[float, Meta(gt=0)]
 _Side = Annotated[float, Meta(ge=1)]
@@ -60,13 +68,21 @@ _Side = Annotated[float, Meta(ge=1)]
 class _Record(msgspec.Struct, gc=False, forbid_unknown_fields=True):
     instr_id: _InstrId
     trajectory: _Trajectory
-    predObjId: _ObjectId  # noqa: N815  # the published name
+    predObjId: _ObjectId | _ObjectIdText  # noqa: N815  # the published name
 
 
 class _NavigationRecord(msgspec.Struct, gc=False, forbid_unknown_fields=True):
     instr_id: _InstrId
     trajectory: _Trajectory
     predObjId: ClassVar[int] = ABSTAINED  # noqa: N815  # what a record without the field predicts
+
+
+class _HopRecord(_Record, gc=False, forbid_unknown_fields=True):
+    trajectory: _Hops  # type: ignore[assignment]
+
+
+class _NavigationHopRecord(_NavigationRecord, gc=False, forbid_unknown_fields=True):
+    trajectory: _Hops  # type: ignore[assignment]
 
 
 # The official form with all its options. It is never decoded into: answers by box take the careful
@@ -101,44 +117,10 @@ _LISTS = frozenset({list, tuple})
 _NUMBERS = frozenset({float, int, np.float64, np.float32})
 _INTEGERS = frozenset({int, np.int64, np.int32})
 
-_decode = msgspec.json.Decoder(list[_Record]).decode
-_decode_navigation = msgspec.json.Decoder(list[_NavigationRecord]).decode
-
 _CHUNK = 1 << 16
 """Bytes that are decoded at once. The objects of so many stay in the processor's cache, and memory
 is used again: the time for each episode and the memory do not grow with the file."""
 _BETWEEN_RECORDS = re.compile(rb"\}[ \t\r\n]*,[ \t\r\n]*\{")
-
-
-def decode_official(content: bytes, *, has_answers: bool = True) -> Predictions | None:
-    """Read a file in the plain official form; return None if it has any other form."""
-    fields = _fields(has_answers=has_answers)
-    decode = _decode if has_answers else _decode_navigation
-    numbering = Numbering()
-    try:
-        parts = [_read(decode(chunk), numbering) for chunk in _chunks(content)]
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return None
-    instr_ids = list(chain.from_iterable(part.instr_ids for part in parts))
-    lengths = np.concatenate([part.lengths for part in parts])
-    # One colon for each field. If there are more, a record may have a field twice, which msgspec
-    # accepts silently. An id with a colon looks the same here; the careful lane tells them apart.
-    if content.count(b":") != len(instr_ids) * len(fields):
-        return None
-    if _any_prefixed(instr_ids) or lengths.max(initial=0) > MAX_POSES:
-        return None
-    return Predictions(
-        instr_ids=instr_ids,
-        viewpoint_ids=IdColumn(
-            list(numbering), np.concatenate([part.viewpoints for part in parts])
-        ),
-        offsets=offsets_of(lengths),
-        predicted_object=np.concatenate([part.predicted_object for part in parts]),
-        has_degrees=look_like_degrees(np.concatenate([part.stop_angles for part in parts])),
-        answer_is_text=np.zeros(len(instr_ids), dtype=np.bool_),
-        has_leading_zeros=np.zeros(len(instr_ids), dtype=np.bool_),
-        is_navigation_only=not has_answers,
-    )
 
 
 class _Part(NamedTuple):
@@ -146,13 +128,88 @@ class _Part(NamedTuple):
 
     instr_ids: Sequence[str]
     lengths: IntArray
-    """Shape (n_records,): poses of each trajectory."""
+    """Shape (n_records,): viewpoints of each trajectory."""
     viewpoints: IntArray
     """Shape (n_poses,): the number of each viewpoint id."""
     predicted_object: IntArray
     """Shape (n_records,)."""
+    answer_is_text: BoolArray
+    """Shape (n_records,)."""
     stop_angles: FloatArray
-    """Shape (n_records, 2): heading and elevation of the last poses."""
+    """Shape (n_records, 2): heading and elevation of the last poses; NaN for hops."""
+    n_hops: IntArray
+    """Shape (n_records,): hops of each trajectory. For poses, shape (0,)."""
+    hop_lengths: IntArray
+    """Shape (n_hops,): viewpoints of each hop. For poses, shape (0,)."""
+
+
+def decode_official(content: bytes, *, has_answers: bool = True) -> Predictions | None:
+    """Read a file in one of the forms of this lane; return None if it has any other form."""
+    for decode, read in _FORMS if has_answers else _NAVIGATION_FORMS:
+        numbering = Numbering()
+        try:
+            parts = [read(decode(chunk), numbering) for chunk in _chunks(content)]
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            continue
+        whole = _Part(*map(_joined, zip(*parts, strict=True)))
+        # One colon for each field. If there are more, a record may have a field twice, which
+        # msgspec accepts silently. An id with a colon looks the same here; the careful lane tells
+        # them apart.
+        n_fields = len(whole.instr_ids) * len(_fields(has_answers=has_answers))
+        is_read = content.count(b":") == n_fields and _is_faultless(whole, numbering)
+        return _predictions(whole, numbering, has_answers=has_answers) if is_read else None
+    return None
+
+
+def _joined(columns: Sequence[Any]) -> Any:
+    if isinstance(columns[0], np.ndarray):
+        return np.concatenate(columns)
+    return list(chain.from_iterable(columns))
+
+
+def _is_faultless(part: _Part, numbering: Numbering) -> bool:
+    """Whether the careful lane would find nothing to say that types do not express."""
+    return not (
+        _any_prefixed(part.instr_ids)
+        or part.lengths.max(initial=0) > MAX_POSES
+        or part.lengths.min(initial=1) == 0
+        or part.predicted_object.max(initial=ABSTAINED) > LARGEST_OBJECT_ID  # written as text
+        or (len(part.n_hops) and any(ANGLE_AS_TEXT.fullmatch(str(each)) for each in numbering))
+    )
+
+
+def _predictions(part: _Part, numbering: Numbering, *, has_answers: bool) -> Predictions:
+    log = ReadingLog()
+    log.differences["text ids"] += int(part.answer_is_text.sum())
+    places = _places(part, log) if len(part.n_hops) else {}
+    return Predictions(
+        instr_ids=part.instr_ids,
+        viewpoint_ids=IdColumn(list(numbering), part.viewpoints),
+        offsets=offsets_of(part.lengths),
+        predicted_object=part.predicted_object,
+        has_degrees=look_like_degrees(part.stop_angles),
+        answer_is_text=part.answer_is_text,
+        has_leading_zeros=np.zeros(len(part.instr_ids), dtype=np.bool_),
+        is_navigation_only=not has_answers,
+        read_as=log.read_as(),
+        differences=log.differences,
+        **places,
+    )
+
+
+def _places(part: _Part, log: ReadingLog) -> Mapping[str, Any]:
+    """Return where each viewpoint is in its hop, and note how hops differ from poses."""
+    first_hops = offsets_of(part.n_hops)[:-1]
+    hops = np.arange(len(part.hop_lengths)) - np.repeat(first_hops, part.n_hops)
+    first_poses = np.repeat(offsets_of(part.hop_lengths)[:-1], part.hop_lengths)
+    steps = np.arange(len(part.viewpoints)) - first_poses
+    are_other = part.hop_lengths != 1
+    log.differences["hops"] += int(np.logical_or.reduceat(are_other, first_hops).sum())
+    log.differences["empty hops"] += int((part.hop_lengths == 0).sum())
+    log.differences["long hops"] += int((part.hop_lengths > 1).sum())
+    log.differences["no angles"] += len(part.viewpoints)
+    paths = zip(np.repeat(hops, part.hop_lengths).tolist(), steps.tolist(), strict=True)
+    return {"pose_paths": list(paths), "continues_hop": steps > 0}
 
 
 def _chunks(content: bytes) -> Iterator[bytes]:
@@ -168,19 +225,62 @@ def _chunks(content: bytes) -> Iterator[bytes]:
     yield opening + content[begin:]
 
 
-def _read(records: Sequence[_Record | _NavigationRecord], numbering: Numbering) -> _Part:
-    # C loops only, and no object outlives its chunk but for the ids of episodes.
+# In the two functions below are C loops only, and no object outlives its chunk but for the ids of
+# episodes.
+
+
+def _read_poses(records: Sequence[Any], numbering: Numbering) -> _Part:
     trajectories = [record.trajectory for record in records]
     stops = [trajectory[-1] for trajectory in trajectories]
     angles = chain.from_iterable(map(itemgetter(1, 2), stops))
-    count = len(records)
     return _Part(
         instr_ids=[record.instr_id for record in records],
-        lengths=np.fromiter(map(len, trajectories), np.int64, count),
+        lengths=_lengths(trajectories),
         viewpoints=numbering.numbers(map(itemgetter(0), chain.from_iterable(trajectories))),
-        predicted_object=np.fromiter((record.predObjId for record in records), np.int64, count),
-        stop_angles=np.fromiter(angles, np.float64, 2 * count).reshape(-1, 2),
+        **_answers(records),
+        stop_angles=np.fromiter(angles, np.float64, 2 * len(records)).reshape(-1, 2),
+        n_hops=_lengths([]),
+        hop_lengths=_lengths([]),
     )
+
+
+def _read_hops(records: Sequence[Any], numbering: Numbering) -> _Part:
+    trajectories = [record.trajectory for record in records]
+    hops = list(chain.from_iterable(trajectories))
+    n_hops, hop_lengths = _lengths(trajectories), _lengths(hops)
+    return _Part(
+        instr_ids=[record.instr_id for record in records],
+        lengths=np.add.reduceat(hop_lengths, offsets_of(n_hops)[:-1]),
+        viewpoints=numbering.numbers(chain.from_iterable(hops)),
+        **_answers(records),
+        stop_angles=np.full((len(records), 2), np.nan),
+        n_hops=n_hops,
+        hop_lengths=hop_lengths,
+    )
+
+
+def _lengths(values: Sequence[Sized]) -> IntArray:
+    return np.fromiter(map(len, values), np.int64, len(values))
+
+
+def _answers(records: Sequence[Any]) -> Mapping[str, Any]:
+    answers = [record.predObjId for record in records]
+    return {
+        "predicted_object": np.fromiter(map(int, answers), np.int64, len(answers)),
+        "answer_is_text": np.fromiter(
+            map(isinstance, answers, repeat(str)), np.bool_, len(answers)
+        ),
+    }
+
+
+_FORMS = (
+    (msgspec.json.Decoder(list[_Record]).decode, _read_poses),
+    (msgspec.json.Decoder(list[_HopRecord]).decode, _read_hops),
+)
+_NAVIGATION_FORMS = (
+    (msgspec.json.Decoder(list[_NavigationRecord]).decode, _read_poses),
+    (msgspec.json.Decoder(list[_NavigationHopRecord]).decode, _read_hops),
+)
 
 
 def convert_official(submission: Records, *, has_answers: bool = True) -> Predictions | None:

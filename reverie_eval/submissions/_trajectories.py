@@ -22,8 +22,8 @@ MAX_POSES = 20_000
 """Per trajectory. Published agents take about 15 steps, each with turns between 36 views."""
 _POSE_LENGTH = 3
 _FEW_POSES = 100
-_NUMBER = re.compile(r"-?\d{1,3}(\.\d{1,20})?(e-?\d{1,2})?")
-"""An angle. Viewpoint ids are 32 hexadecimal digits."""
+ANGLE_AS_TEXT = re.compile(r"-?\d{1,3}(\.\d{1,20})?(e-?\d{1,2})?")
+"""An angle written as text. Viewpoint ids are 32 hexadecimal digits."""
 _VIEWPOINT_KEYS = ("viewpoint", "viewpointId", "viewpoint_id", "viewpointid", "vp", "vp_id")
 _ANGLE_KEYS = ("heading", "elevation")
 
@@ -208,7 +208,7 @@ def _has_angles_as_text(element: Any) -> bool:
     """Whether this is ``["viewpoint", "1.5", "0.0"]``, which looks like a hop."""
     if not (is_list(element) and len(element) == _POSE_LENGTH and _is_hop(element)):
         return False
-    return all(_NUMBER.fullmatch(part) for part in element[1:])
+    return all(ANGLE_AS_TEXT.fullmatch(part) for part in element[1:])
 
 
 def _pose_from_object(element: Mapping[str, Any]) -> Sequence[Any] | None:

@@ -4,8 +4,6 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import httpx
 import pytest
@@ -23,16 +22,18 @@ from sqlalchemy import select
 
 from fixtures.servers import make_folder
 from reverie_eval.server.http.workers import FileCounts, Workers
+from reverie_eval.server.operations import run
+from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Submission
+from tests.support.forking import Forked, Surroundings
 from tests.support.participants import RealServer, private_submission
 from tests.support.serving import (
     GOOD,
     NO_TLS,
     OPEN,
     PRIVATE,
-    SERVE,
     Template,
     replace_answers,
     running,
@@ -51,7 +52,7 @@ class Crew:
     """A server of two worker processes."""
 
     real: RealServer
-    process: "subprocess.Popen[str]"
+    process: Forked
 
     def logged(self) -> Sequence[Mapping[str, object]]:
         """Return the lines of its log, of which the last may be on its way."""
@@ -230,18 +231,19 @@ def is_running(process: int) -> bool:
     return True
 
 
+def _serve_other_rules(folder: Path) -> None:
+    with patch.object(run, "rules_of", return_value={}):
+        run_server(load_settings(folder), "127.0.0.1", 0, workers=2)
+
+
 def test_a_server_whose_workers_cannot_start_ends_and_says_why(folder: Path) -> None:
-    before = "from reverie_eval.server.operations import run; run.rules_of = lambda boards: {}"
-    ended = subprocess.run(
-        [sys.executable, "-c", f"{before}\n{SERVE}", str(folder), "2"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=PATIENCE,
-    )
-    assert ended.stdout == ""
-    assert "a worker process did not start; the log has the reason" in ended.stderr
-    log = [json.loads(line) for line in ended.stderr.splitlines() if line.startswith("{")]
+    errors = folder / "errors"
+    surroundings = Surroundings(folder, dict(os.environ), folder / "output", errors)
+    process = Forked(_serve_other_rules, surroundings, folder)
+    assert process.wait(PATIENCE) == 1
+    said = errors.read_text()
+    assert "a worker process did not start; the log has the reason" in said
+    log = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
     reasons = [line["event"] for line in log if line["level"] == "error"]
     assert len(reasons) == 2
     assert all("a bundle has changed since the server started" in each for each in reasons)

@@ -1,11 +1,9 @@
 """Servers and databases that end by SIGKILL, at a chosen step of an upload or at any moment.
 
-Each server is a process of its own. It is forked from one that has imported everything and done
-nothing yet, because importing takes longer than everything that happens until the kill.
+Each server is a process of its own.
 """
 
 import inspect
-import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator, Mapping
@@ -28,10 +26,8 @@ from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.store import uploads as store
 from reverie_eval.server.store.uploads import FolderUploads
+from tests.support.forking import PROCESSES
 from tests.support.waiting import PATIENCE, wait_until
-
-_PROCESSES = multiprocessing.get_context("forkserver")
-_PROCESSES.set_forkserver_preload([__name__])
 
 
 class Step(NamedTuple):
@@ -68,8 +64,8 @@ def serving(
 
     Gives the process and the URL. What it logs is in the folder's ``log``.
     """
-    here, there = _PROCESSES.Pipe()
-    process = _PROCESSES.Process(target=_serve, args=(folder, step, times, there))
+    here, there = PROCESSES.Pipe()
+    process = PROCESSES.Process(target=_serve, args=(folder, step, times, there))
     process.start()
     there.close()
     try:

@@ -3,7 +3,6 @@
 import json
 import os
 import socket
-import subprocess
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
@@ -30,8 +29,8 @@ from reverie_eval.server.settings import Settings, load_settings
 from reverie_eval.server.store.database import Database
 from tests.support.acting import add_person, add_team, create_token
 from tests.support.flat import Outcome
+from tests.support.forking import run_command
 from tests.support.serving import running
-from tests.support.terminals import COMMAND
 from tests.support.waiting import PATIENCE
 
 PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY")
@@ -101,15 +100,8 @@ def private_submission(seed: int = 0) -> bytes:
 
 
 def installed(*words: str, variables: Mapping[str, str] | None = None) -> Outcome:
-    """Run the installed command as a process of its own, in pipes."""
-    process = subprocess.run(
-        [COMMAND, *words],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | (variables or {}),
-    )
-    return Outcome(process.returncode, process.stdout, process.stderr)
+    """Run the installed command as a process of its own."""
+    return run_command(*words, folder=Path.cwd(), environment=os.environ | (variables or {}))
 
 
 class _Listener:

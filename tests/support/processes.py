@@ -5,14 +5,13 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
+from tempfile import mkdtemp
 from types import MappingProxyType
-from typing import Any
 from unittest.mock import patch
 
 import httpx
@@ -21,6 +20,7 @@ import pytest
 from reverie_eval_cli.main import main
 from tests.conftest import unavailable
 from tests.support.flat import Outcome
+from tests.support.forking import Forked, Surroundings, command, run_command
 from tests.support.serving import NO_TLS
 from tests.support.waiting import PATIENCE, wait_until
 
@@ -39,7 +39,7 @@ class Server:
     said: str
     """What it printed before."""
     log: Path
-    process: "subprocess.Popen[bytes]"
+    process: Forked
 
     def get(self, path: str, token: str = "") -> httpx.Response:
         """Ask it for something."""
@@ -65,22 +65,18 @@ class Laptop:
 
     folder: Path
     is_real: bool = False
-    """Whether each command runs in a process of its own, which takes a hundred times as long."""
+    """Whether each command runs in a process of its own."""
 
     def run(self, *words: str | Path, status: int = 0, variables: Variables = NONE) -> Outcome:
         """Run a command that ends with this status."""
+        environment = self._environment(variables)
         if self.is_real:
-            return self._run([COMMAND, *words], status, variables)
-        with (
-            chdir(self.folder),
-            patch.dict(os.environ, self._environment(variables), clear=True),
-            redirect_stdout(StringIO()) as out,
-            redirect_stderr(StringIO()) as err,
-        ):
-            ended = main([str(word) for word in words])
-        assert ended == status, out.getvalue() + err.getvalue()
-        assert "Traceback" not in err.getvalue()
-        return Outcome(ended, out.getvalue(), err.getvalue())
+            ended = run_command(*words, folder=self.folder, environment=environment)
+        else:
+            ended = self._run_here(words, environment)
+        assert ended.status == status, ended.out + ended.err
+        assert "Traceback" not in ended.err
+        return ended
 
     def shell(self, line: str, variables: Variables = NONE) -> Outcome:
         """Run a line of the shell that succeeds."""
@@ -109,22 +105,24 @@ class Laptop:
         assert "Traceback" not in done.stderr
         return Outcome(done.returncode, done.stdout, done.stderr)
 
+    def _run_here(self, words: Sequence[str | Path], environment: Variables) -> Outcome:
+        with (
+            chdir(self.folder),
+            patch.dict(os.environ, environment, clear=True),
+            redirect_stdout(StringIO()) as out,
+            redirect_stderr(StringIO()) as err,
+        ):
+            status = main([str(word) for word in words])
+        return Outcome(status, out.getvalue(), err.getvalue())
+
     @contextmanager
     def serving(self, *words: str | Path, variables: Variables = NONE) -> Iterator[Server]:
         """Run a server at any free port until the end, also if it is a bad one."""
-        printed = self.folder / f"printed-{time.monotonic_ns()}"
-        log = printed.with_suffix(".log")
-        with (
-            printed.open("wb") as output,
-            log.open("wb") as errors,
-            subprocess.Popen(
-                [COMMAND, "serve", *words, "--port", "0"],
-                cwd=self.folder,
-                env=self._environment(variables),
-                stdout=output,
-                stderr=errors,
-            ) as process,
-        ):
+        streams = Path(mkdtemp(dir=self.folder))
+        printed, log = streams / "printed", streams / "log"
+        printed.touch()
+        surroundings = Surroundings(self.folder, self._environment(variables), printed, log)
+        with Forked(command, surroundings, "serve", *words, "--port", "0") as process:
             try:
                 said = _wait_for(r"listening at (\S+), .*\n.*\n.*\n", printed, process)
                 yield Server(said[1], said.string, log, process)
@@ -148,7 +146,7 @@ def lab(folder: Path) -> str:
     return str(folder)
 
 
-def _wait_for(pattern: str, file: Path, process: "subprocess.Popen[Any]") -> re.Match[str]:
+def _wait_for(pattern: str, file: Path, process: Forked) -> re.Match[str]:
     def is_there() -> bool:
         has_ended = process.poll() is not None
         is_found = re.search(pattern, file.read_text()) is not None

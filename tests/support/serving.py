@@ -10,14 +10,12 @@ import json
 import os
 import shutil
 import ssl
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from itertools import count
 from pathlib import Path
@@ -44,6 +42,7 @@ from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.server.app import create_app
 from reverie_eval.server.http import middleware
 from reverie_eval.server.operations.checks import acting
+from reverie_eval.server.operations.run import run_server
 from reverie_eval.server.service import boards
 from reverie_eval.server.service.people import person_named
 from reverie_eval.server.service.transactions import Transaction
@@ -53,6 +52,8 @@ from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Person
 from tests.conftest import SAMPLES, unavailable
 from tests.support.acting import NOON, add_person, add_team, create_token
+from tests.support.forking import Forked, Surroundings
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from reverie_eval.schemas.service import Role
@@ -248,44 +249,29 @@ def populate(transaction: Transaction, people: Mapping[str, str]) -> Mapping[str
     return tokens
 
 
-SERVE = """
-import sys
-from functools import partial
-from pathlib import Path
-from reverie_eval.server.operations.run import run_server
-from reverie_eval.server.settings import load_settings
-folder, workers = sys.argv[1:]
-announce = partial(print, flush=True)
-run_server(load_settings(Path(folder)), "127.0.0.1", 0, announce, workers=int(workers))
-"""
-
-
 @contextmanager
-def running(
-    folder: Path, workers: int = 1, /, **environment: str
-) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def running(folder: Path, workers: int = 1, /, **environment: str) -> Iterator[tuple[Forked, str]]:
     """Run a server in a process of its own, or several; give the process and the URL.
 
     What it logs is in the folder's ``log``. At the end the process is killed, if it still runs.
     """
     log = folder / "log"
-    with (
-        log.open("ab") as errors,
-        subprocess.Popen(
-            [sys.executable, "-c", SERVE, str(folder), str(workers)],
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            env=os.environ | environment,
-            text=True,
-        ) as process,
-    ):
+    printed = log.with_name(f"printed-{time.monotonic_ns()}")
+    printed.touch()
+    surroundings = Surroundings(Path.cwd(), os.environ | environment, printed, log)
+    with Forked(_serve, surroundings, folder, workers) as process:
         try:
-            assert process.stdout is not None
-            url = process.stdout.readline().strip()
+            wait_until(lambda: printed.read_text().endswith("\n") or process.poll() is not None)
+            url = printed.read_text().strip()
             assert url, log.read_text()
             yield process, url
         finally:
             process.kill()
+
+
+def _serve(folder: Path, workers: int) -> None:
+    announce = partial(print, flush=True)
+    run_server(load_settings(folder), "127.0.0.1", 0, announce, workers=workers)
 
 
 OpenServer = Callable[..., Serving]

@@ -1,0 +1,121 @@
+"""Processes of the package that are forked from one that has imported everything.
+
+Importing takes longer than most of what a process does. Nothing else is shared: each has an
+environment, a folder and files of its own.
+"""
+
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple, Self
+
+from tests.support.flat import Outcome
+
+PROCESSES = multiprocessing.get_context("forkserver")
+PROCESSES.set_forkserver_preload(
+    [
+        "reverie_eval.server.operations.run",
+        "reverie_eval_cli.main",
+        "reverie_eval_cli.commands.score",
+        "reverie_eval_cli.commands.serve",
+        "reverie_eval_cli.commands.submit",
+        "reverie_eval_cli.commands.server",
+        "tests.support.killing",
+        "tests.support.serving",
+    ]
+)
+
+
+class Surroundings(NamedTuple):
+    """What a process finds when it starts."""
+
+    folder: Path
+    environment: Mapping[str, str]
+    output: Path
+    """Where standard output goes, at the end of what is there."""
+    errors: Path
+    """Where standard error goes."""
+
+    def enter(self) -> None:
+        """Work here from now on."""
+        os.chdir(self.folder)
+        os.environ.clear()
+        os.environ.update(self.environment)
+        _open(0, Path(os.devnull), os.O_RDONLY)
+        sys.stdin = open(0, closefd=False)  # noqa: SIM115  multiprocessing's has another number
+        for number, path in enumerate((self.output, self.errors), start=1):
+            _open(number, path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+
+
+class Forked:
+    """A process, with what ``subprocess.Popen`` tells of one."""
+
+    def __init__(self, work: Callable[..., Any], surroundings: Surroundings, *given: Any) -> None:
+        self._process = PROCESSES.Process(target=_run, args=(work, surroundings, given))
+        self._process.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.wait()
+
+    @property
+    def pid(self) -> int:
+        """Return the number of the process."""
+        number = self._process.pid
+        assert number is not None
+        return number
+
+    def poll(self) -> int | None:
+        """Return how it ended, or ``None``: its status, or minus the signal that ended it."""
+        status: int | None = self._process.exitcode
+        return status
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait until it has ended, and return how."""
+        self._process.join(timeout)
+        status = self.poll()
+        assert status is not None, "it has not ended in time"
+        return status
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal, unless it has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+
+
+def command(*words: str | Path) -> None:
+    """Run the command that is installed as ``reverie-eval``."""
+    from reverie_eval_cli.__main__ import run
+
+    sys.argv = ["reverie-eval", *map(str, words)]
+    run()
+
+
+def run_command(*words: str | Path, folder: Path, environment: Mapping[str, str]) -> Outcome:
+    """Run the installed command in a process of its own until it has ended."""
+    with TemporaryDirectory() as name:
+        output, errors = Path(name, "output"), Path(name, "errors")
+        surroundings = Surroundings(folder, environment, output, errors)
+        status = Forked(command, surroundings, *words).wait()
+        return Outcome(status, output.read_text(), errors.read_text())
+
+
+def _run(work: Callable[..., Any], surroundings: Surroundings, given: tuple[Any, ...]) -> None:
+    surroundings.enter()
+    work(*given)
+
+
+def _open(number: int, path: Path, how: int) -> None:
+    file = os.open(path, how)
+    if file != number:
+        os.dup2(file, number)
+        os.close(file)

@@ -14,7 +14,8 @@ from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import METRICS
 from reverie_eval.server.service.boards import Board
 from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK
-from tests.support.processes import Laptop
+from tests.conftest import SAMPLES
+from tests.support.processes import TOKEN, Laptop
 from tests.support.serving import GOOD, OWNER, OpenServer, Serving, settings_of
 from tests.support.visiting import place_of, said, signed_in
 
@@ -150,3 +151,29 @@ def look_at_pages(lab: Serving, board: Board, submission: str) -> None:
         reply = owner.get(path)
         assert reply.status_code == 200, path
         assert board.task.has_targets or OF_OBJECTS.search(said(reply)) is None, path
+
+
+def test_commands_name_the_task(laptop: Laptop) -> None:
+    """They are what participants of a real server type; one that scores several tasks."""
+    made = laptop.run("server", "init", "lab", "--task", "reverie", "--task", "ndh").out
+    (token,) = TOKEN.findall(made)
+    (laptop.folder / "reverie.json").write_bytes(GOOD)
+    sample = SAMPLES / "ndh.json"
+    with laptop.serving("lab") as server:
+        there = ("--split", "val_unseen", "--server", server.url)
+        variables = {"REVERIE_EVAL_TOKEN": token}
+        words = ("submit", sample, "--task", "ndh", *there, "--receipt", "receipt", "--publish")
+        sent = laptop.run(*words, variables=variables).out
+        assert "task:ndh|split:val_unseen|protocol:official-v1|" in sent
+        assert "submissions left on ndh-val_unseen: 199" in sent
+        proof = ("verify", "receipt", "--submission", sample, "--server", server.url)
+        assert "  GP m       6.29" in laptop.run(*proof).out
+        mistaken = laptop.run("submit", sample, *there, status=1, variables=variables)
+        assert "holds results of NDH, not of REVERIE" in mistaken.err
+        assert "no submission used" in mistaken.err
+        laptop.run("submit", "reverie.json", *there, "--publish", variables=variables)
+        ranked, usual = (
+            laptop.run("leaderboard", *there, *more).out.splitlines()[0].split()
+            for more in (("--task", "ndh"), ())
+        )
+    assert (ranked[3:5], "RGSPL" in ranked, "RGSPL" in usual) == (["GP", "m"], False, True)

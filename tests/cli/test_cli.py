@@ -312,14 +312,16 @@ def test_ways_to_say_it(line: str, here: Path, run: Run) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", ["compare", "report"])
-def test_files_may_stand_around_options(command: str, run: Run) -> None:
+@pytest.mark.parametrize(
+    ("command", "between"), [("compare", True), ("compare", False), ("report", True)]
+)
+def test_files_may_stand_around_options(command: str, *, between: bool, run: Run) -> None:
     first, other = (str(SAMPLES / f"{name}.json") for name in ("good", "mediocre"))
     options = words("{split} --cluster target")
     together = run(command, first, other, *options)
     assert together.status == 0
-    assert run(command, first, *options, other) == together
-    assert run(command, *options, first, other) == together
+    apart = [first, *options, other] if between else [*options, first, other]
+    assert run(command, *apart) == together
 
 
 @pytest.mark.usefixtures("here")

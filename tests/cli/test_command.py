@@ -6,12 +6,15 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
 
+from reverie_eval_cli.main import COMPLETION_VARIABLE
 from tests.conftest import SAMPLES, unavailable
 from tests.support.flat import NOTE, SCORE, Outcome, Run, signature, words
+from tests.support.forking import Forked, Surroundings, command, run_command
 from tests.support.terminals import COMMAND, ESCAPES, on_terminal
 from tests.support.worlds import SPLIT
 
@@ -62,16 +65,14 @@ def test_a_closed_pipe_ends_a_command_quietly(
     """As with `| head -1`, at the worst moment: the reader is gone before anything is printed."""
     readable, writable = os.pipe()
     os.close(readable)
-    with os.fdopen(writable, "w") as nobody:
-        process = subprocess.run(
-            [COMMAND, *words(line)],
-            stdout=nobody,
-            stderr=subprocess.PIPE if line != "vaildate" else nobody,
-            env=os.environ | variables,
-            text=True,
-            check=False,
-        )
-    assert (process.returncode, process.stderr or "") == (0, "")
+    usual = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    said = here / "said"
+    said.touch()
+    with Connection(writable) as nobody:
+        errors: Path | Connection = said if line != "vaildate" else nobody
+        surroundings = Surroundings(here, {**usual, **variables}, nobody, errors)
+        status = Forked(command, surroundings, *words(line)).wait()
+    assert (status, said.read_text()) == (0, "")
 
 
 @pytest.mark.parametrize("module", ["reverie_eval", "reverie_eval_cli"])
@@ -133,20 +134,8 @@ def test_only_a_terminal_gets_escape_codes() -> None:
 
 # Completion.
 
-COMPLETE = """
-eval "$SCRIPT"
-compopt() { COMPREPLY+=($(compgen -f -- "${COMP_WORDS[COMP_CWORD]}")); }
-read -ra COMP_WORDS <<< "$1"
-COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
-_reverie_eval_completion reverie-eval "${COMP_WORDS[COMP_CWORD]}"
-printf '%s\\n' "${COMPREPLY[@]}"
-"""
-
-
-@pytest.fixture(scope="module")
-def bash_script() -> str:
-    """Return what bash learns completion from, which it asks for once as well."""
-    return installed("completion", "bash").out
+FILES = "files"
+"""What the shell itself completes."""
 
 
 @pytest.mark.parametrize(
@@ -168,19 +157,40 @@ def bash_script() -> str:
         pytest.param("reverie-eval agent random --se", {"--seed"}, id="option of the agents"),
         pytest.param("reverie-eval schema sub", {"submission"}, id="schema"),
         pytest.param("reverie-eval sub", {"submit", "subset", "submit.json"}, id="command or file"),
-        pytest.param("reverie-eval validate sub", {"submit.json"}, id="file of a command"),
+        pytest.param("reverie-eval validate sub", {FILES}, id="file of a command"),
         pytest.param("reverie-eval completion z", {"zsh"}, id="shell"),
     ],
 )
+def test_completion(line: str, expected: set[str], here: Path) -> None:
+    """As bash asks for it."""
+    last = str(len(line.split()) - 1)
+    asking = {COMPLETION_VARIABLE: "bash_complete", "COMP_WORDS": line, "COMP_CWORD": last}
+    told = run_command(folder=here, environment=os.environ | asking).out
+    completions = [completion.split(",") for completion in told.split()]
+    assert {word if kind == "plain" else FILES for kind, word in completions} == expected
+
+
+BASH = """
+eval "$SCRIPT"
+compopt() { COMPREPLY+=($(compgen -f -- "${COMP_WORDS[COMP_CWORD]}")); }
+read -ra COMP_WORDS <<< "$1"
+COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+_reverie_eval_completion reverie-eval "${COMP_WORDS[COMP_CWORD]}"
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+
+
 @pytest.mark.usefixtures("here")
-def test_completion_in_bash(line: str, expected: set[str], bash_script: str) -> None:
+def test_bash_completes_commands_and_files() -> None:
     bash = shutil.which("bash")
     if not bash:
         unavailable("there is no bash")
     path = f"{COMMAND.parent}{os.pathsep}{os.environ['PATH']}"
     completions = subprocess.check_output(
-        [str(bash), "--norc", "-c", COMPLETE, "bash", line],
+        [bash, "--norc", "-c", BASH, "bash", "reverie-eval sub"],
         text=True,
-        env=os.environ | {"PATH": path, "SCRIPT": bash_script},
+        env=os.environ | {"PATH": path, "SCRIPT": installed("completion", "bash").out},
     )
-    assert {word.strip() for word in completions.splitlines()} - {""} == expected
+    assert {word.strip() for word in completions.splitlines()} == {
+        *("submit", "subset", "submit.json")
+    }

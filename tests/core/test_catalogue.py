@@ -170,7 +170,7 @@ def test_declared_rules_are_fields_of_the_protocol(key: str) -> None:
 def test_values_depend_on_the_declared_rules_only(case: Case) -> None:
     """Two protocols that agree on a metric's rules give it the same values."""
     scores = evaluate_protocols(
-        records_of(case.predictions), split=SPLIT, ground_truth=ground_truth_of(case.world)
+        records_of(case.predictions), split=SPLIT, ground_truth=ground_truth_by_hand(case.world)
     ).values()
     for first, second in combinations(scores, 2):
         for key in first.keys() & second.keys():
@@ -220,7 +220,7 @@ def test_values_are_one_per_episode_and_within_the_declared_bounds(case: Case) -
 
 @given(case=cases_with_boxes, data=st.data())
 def test_order_of_records_does_not_matter(case: Case, data: st.DataObject) -> None:
-    ground_truth = ground_truth_of(case.world)
+    ground_truth = ground_truth_by_hand(case.world)
     records = records_of(case.predictions)
     shuffled = data.draw(st.permutations(records))
     before, after = (

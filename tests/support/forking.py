@@ -4,10 +4,13 @@ Importing takes longer than most of what a process does. Nothing else is shared:
 environment, a folder and files of its own.
 """
 
+import io
 import multiprocessing
 import os
 import sys
+import time
 from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Self
@@ -29,25 +32,53 @@ PROCESSES.set_forkserver_preload(
 )
 
 
+Stream = Path | Connection
+"""A file that is written at its end, or one that is open already."""
+
+
 class Surroundings(NamedTuple):
     """What a process finds when it starts."""
 
     folder: Path
     environment: Mapping[str, str]
-    output: Path
-    """Where standard output goes, at the end of what is there."""
-    errors: Path
-    """Where standard error goes."""
+    output: Stream
+    """Standard output."""
+    errors: Stream
+    """Standard error."""
+    is_on_terminal: bool = False
+    """Whether both are a terminal; what is typed there is standard input."""
 
     def enter(self) -> None:
         """Work here from now on."""
         os.chdir(self.folder)
         os.environ.clear()
         os.environ.update(self.environment)
-        _open(0, Path(os.devnull), os.O_RDONLY)
-        sys.stdin = open(0, closefd=False)  # noqa: SIM115  multiprocessing's has another number
-        for number, path in enumerate((self.output, self.errors), start=1):
-            _open(number, path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        time.tzset()
+        if self.is_on_terminal:
+            os.setsid()  # or a password would be asked for on the developer's terminal
+        _redirect(0, self.output if self.is_on_terminal else Path(os.devnull))
+        _redirect(1, self.output)
+        _redirect(2, self.errors)
+        self._open_again()
+
+    def _open_again(self) -> None:
+        """Make the standard streams as Python does when it starts."""
+        sys.stdin = open(0, closefd=False)  # noqa: SIM115
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, "w", 1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+        if "PYTHONUNBUFFERED" in self.environment:
+            raw = open(1, "wb", buffering=0, closefd=False)  # noqa: SIM115
+            sys.stdout = io.TextIOWrapper(raw, write_through=True)
+
+
+def _redirect(number: int, stream: Stream) -> None:
+    if isinstance(stream, Path):
+        file = os.open(stream, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        os.dup2(file, number)
+        if file != number:
+            os.close(file)
+    else:
+        os.dup2(stream.fileno(), number)
 
 
 class Forked:
@@ -112,10 +143,3 @@ def run_command(*words: str | Path, folder: Path, environment: Mapping[str, str]
 def _run(work: Callable[..., Any], surroundings: Surroundings, given: tuple[Any, ...]) -> None:
     surroundings.enter()
     work(*given)
-
-
-def _open(number: int, path: Path, how: int) -> None:
-    file = os.open(path, how)
-    if file != number:
-        os.dup2(file, number)
-        os.close(file)

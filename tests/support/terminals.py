@@ -4,11 +4,13 @@ import io
 import os
 import pty
 import re
-import subprocess
 import sys
 import termios
 from collections.abc import Mapping
+from multiprocessing.connection import Connection
 from pathlib import Path
+
+from tests.support.forking import Forked, Surroundings, command
 
 COMMAND = Path(sys.executable).with_name("reverie-eval")
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
@@ -38,15 +40,10 @@ def on_terminal(
     environment = os.environ | {"TERM": "xterm-256color", **(variables or {})}
     for name in ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR"):
         environment.pop(name, None)
-    with subprocess.Popen(
-        [COMMAND, *given],
-        stdin=follower,
-        stdout=follower,
-        stderr=follower,
-        env=environment,
-        start_new_session=True,  # or a password would be asked for on the developer's terminal
-    ):
-        os.close(follower)
+    terminal = Connection(follower)
+    surroundings = Surroundings(Path.cwd(), environment, terminal, terminal, is_on_terminal=True)
+    with Forked(command, surroundings, *given):
+        terminal.close()
         with os.fdopen(leader, "r+b", buffering=0) as screen:
             shown = b""
             for question, answer in (answers or {}).items():

@@ -84,24 +84,12 @@ def _demo_splits(task: Task) -> Mapping[str, Path]:
 def _settings_for(tasks: Sequence[Task]) -> str:
     """Return the settings of a server with the splits of some tasks."""
     template = (files("reverie_eval.server") / "template.toml").read_text(encoding="utf-8")
-    described = [
-        {
-            "name": task.name,
-            "title": task.title,
-            "source": task.source,
-            "file_name": task.file_name,
-            "has_targets": task.has_targets,
-            "folder": bundle_folder(_BUNDLES, task.name).as_posix(),
-            "splits": list(_demo_splits(task)) or ["test"],
-            "other": task.protocols[-1].name,
-        }
-        for task in tasks
-    ]
     environment = Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)  # noqa: S701  # not HTML
     return environment.from_string(template).render(
-        tasks=described,
-        titles=", ".join(task.title for task in tasks),
+        tasks=tasks,
         default=DEFAULT_TASK,
+        folder_of=lambda task: bundle_folder(_BUNDLES, task.name).as_posix(),
+        splits_of=lambda task: list(_demo_splits(task)) or ["test"],
     )
 
 

@@ -383,8 +383,8 @@ def load_board(name: str, split: Split, path: Path) -> Board:
             f"this is the ground truth of {truth.task.title}, and the split is of "
             f'{find_task(split.task).title}; set task = "{truth.task.name}", or take another bundle'
         )
-    if name_on_server(split.task, truth.split) != name:
-        known = name_on_server(split.task, truth.split)
+    known = name_on_server(split.task, truth.split)
+    if known != name:
         raise GroundTruthError(f"this is the ground truth of {known}, not of {name}")
     mode = path.stat().st_mode
     if split.visibility == "private" and mode & _OTHERS_MAY_READ:

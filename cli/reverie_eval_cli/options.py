@@ -98,11 +98,12 @@ def _complete_split(
     return [CompletionItem(split) for split in splits if split.startswith(incomplete)]
 
 
-def _complete_task(
+def complete_task(
     context: click.Context,  # noqa: ARG001
     parameter: click.Parameter,  # noqa: ARG001
     incomplete: str,
 ) -> list[CompletionItem]:
+    """Complete to the tasks that are installed."""
     return [CompletionItem(name) for name in task_names() if name.startswith(incomplete)]
 
 
@@ -135,15 +136,23 @@ ground_truth = click.option(
 task = click.option(
     "--task",
     metavar="NAME",
-    shell_complete=_complete_task,
+    shell_complete=complete_task,
     help="The benchmark, such as r2r.  [default: that of the bundle, or reverie]",
+)
+server_task = click.option(
+    "--task",
+    default=DEFAULT_TASK,
+    show_default=True,
+    metavar="NAME",
+    shell_complete=complete_task,
+    help="The benchmark that the split is of, such as r2r.",
 )
 dataset_task = click.option(
     "--task",
     default=DEFAULT_TASK,
     show_default=True,
     metavar="NAME",
-    shell_complete=_complete_task,
+    shell_complete=complete_task,
     help="The benchmark that the files are of, such as r2r.",
 )
 protocol = click.option(

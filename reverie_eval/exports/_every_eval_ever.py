@@ -148,7 +148,6 @@ def _exported(scores: Scores) -> Sequence[Metric]:
 
 def _result(scores: Scores, metric: Metric) -> Mapping[str, Any]:
     score = scores[metric.key]
-    lowest = -metric.upper_bound if metric.is_signed else 0.0
     return {
         "evaluation_result_id": _result_id(scores, metric),
         "evaluation_name": _evaluation_name(scores),
@@ -160,7 +159,7 @@ def _result(scores: Scores, metric: Metric) -> Mapping[str, Any]:
             "metric_unit": _UNITS[metric.unit],
             "lower_is_better": metric.better == "lower",
             "score_type": "continuous",
-            "min_score": _bound(lowest),
+            "min_score": _bound(metric.lower_bound),
             "max_score": _bound(metric.upper_bound),
         },
         "score_details": {

@@ -96,6 +96,11 @@ class Metric:
         return _SUFFIXES[self.unit]
 
     @property
+    def lower_bound(self) -> float:
+        """The smallest value an episode can have."""
+        return -self.upper_bound if self.is_signed else 0.0
+
+    @property
     def heading(self) -> str:
         """The label with that unit: ``SR %``."""
         return f"{self.label} {self.suffix}".rstrip()

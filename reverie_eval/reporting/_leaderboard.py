@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.reporting._submission import headline_of
 from reverie_eval.reporting._table import MISSING, Table, print_lines, print_table
 from reverie_eval.schemas.service import Leaderboard, LeaderboardRow
 from reverie_eval.text import count_text, printable
@@ -21,6 +22,8 @@ METHOD_FLAGS = {
     "human": "human",
 }
 """What a reader must know to compare a method with others."""
+OBJECT_FLAGS = frozenset({"ground_truth_objects", "navigation_only"})
+"""Those of methods that also name objects."""
 _STANDINGS = {
     "reported": "reported, not scored",
     "other-dataset": "reported on {dataset}, not scored",
@@ -81,7 +84,7 @@ def print_leaderboard(console: "Console", board: Leaderboard) -> None:
 
 def _board_notes(board: Leaderboard) -> Sequence[str]:
     """Return what the scores depend on, and the organiser's warnings."""
-    metric = CATALOGUE.get(board.metric)
+    metric = METRICS.get(board.metric)
     label = metric.label if metric else board.metric
     data = board.fingerprint[:_FINGERPRINT_SHOWN]
     track = "track:grounding|" if "|track:grounding|" in board.signature else ""
@@ -102,11 +105,11 @@ def _all_rows(board: Leaderboard) -> Sequence[LeaderboardRow]:
 
 def _metrics(board: Leaderboard) -> Sequence[Metric]:
     present: set[str] = set().union(*(row.scores for row in _all_rows(board)))
-    return [
-        metric
-        for key, metric in CATALOGUE.items()
-        if (metric.headline or key == board.metric) and key in present
-    ]
+    shown = list(headline_of(board.signature, present))
+    sorted_by = METRICS.get(board.metric)
+    if sorted_by and sorted_by.key in present and sorted_by not in shown:
+        shown.append(sorted_by)
+    return shown
 
 
 def _rank(row: LeaderboardRow) -> str:

@@ -1,25 +1,50 @@
 """What a server replies about a submission: its scores, status, quota and receipt."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
+from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import DEMO_DATASET
-from reverie_eval.metrics import CATALOGUE, table_metrics
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._table import MISSING, Table
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import QuotaReport, Receipt, Snapshot, SubmissionReport
+from reverie_eval.scoring import task_of
+from reverie_eval.tasks import Task
 from reverie_eval.text import earliest_time_text, printable, time_text
 
 _LENGTHS = {"day": "24 hours", "month": "30 days", "year": "365 days"}
 
 
+def headline_of(signature: str, scored: Collection[str]) -> Sequence[Metric]:
+    """Return the headline metrics of a result that has a value for some.
+
+    Those of its task; if that is not installed here, all metrics that are known.
+    """
+    task = known_task(signature)
+    if task is None:
+        return [metric for key, metric in METRICS.items() if key in scored]
+    return task.headline_metrics(scored)
+
+
+def known_task(signature: str) -> Task | None:
+    """Return the task that a signature names; None if it is not installed here."""
+    try:
+        return task_of(signature)
+    except ProtocolError:
+        return None
+
+
 def submission_table(report: ScoreReport, server: str) -> Table:
     """Return the scores that a server gave."""
+    task = known_task(report.signature)
     provenance = (
-        "the synthetic demo world, not REVERIE"
-        if report.dataset == DEMO_DATASET
+        f"the synthetic demo world, not {task.title}"
+        if task and report.dataset == DEMO_DATASET
         else f"on {server} ({report.dataset})"
     )
-    metrics = table_metrics(report.scores)
+    metrics = (
+        task.table_metrics(report.scores) if task else headline_of(report.signature, report.scores)
+    )
     notes = [report.signature, f"ground truth: {provenance}", *map("note: {}".format, report.notes)]
     return Table(
         headings=[metric.heading for metric in metrics],
@@ -58,9 +83,8 @@ def submission_lines(
         yield "this file was already scored; no submission was used"
     for result in submission.earlier:
         scores = ", ".join(
-            f"{metric.label} {metric.display(result.report.scores[key])}"
-            for key, metric in CATALOGUE.items()
-            if metric.headline and key in result.report.scores
+            f"{metric.label} {metric.display(result.report.scores[metric.key])}"
+            for metric in headline_of(result.report.signature, result.report.scores)
         )
         again = f"scored again at {time_text(result.replaced_at)}: {result.reason}"
         yield printable(f"{again}; before, it had {scores}")
@@ -87,10 +111,8 @@ def receipt_lines(receipt: Receipt) -> Iterator[str]:
     about = f"received a file from {receipt.team} at {time_text(receipt.received_at)}"
     given = "gave it these scores" if receipt.scores else "held its scores back"
     yield printable(f"proven: the server {about} and {given}")
-    for key, value in receipt.scores.items():
-        metric = CATALOGUE.get(key)
-        if metric is not None and metric.headline:
-            yield f"  {metric.heading:8}{metric.display(value):>7}"
+    for metric in headline_of(receipt.signature, receipt.scores):
+        yield f"  {metric.heading:8}{metric.display(receipt.scores[metric.key]):>7}"
     yield printable(receipt.signature)
     yield printable(f"submission {receipt.submission_id}, file sha256 {receipt.sha256}")
 
@@ -100,7 +122,7 @@ def snapshot_lines(snapshot: Snapshot) -> Iterator[str]:
     board = snapshot.leaderboard
     state = f"as of {time_text(snapshot.as_of)}: {snapshot.title}"
     yield printable(f"proven: the server's leaderboard of {snapshot.split} {state}")
-    metric = CATALOGUE.get(board.metric)
+    metric = METRICS.get(board.metric)
     for row in board.rows:
         rank = MISSING if row.rank is None else str(row.rank)
         value = row.scores.get(board.metric)

@@ -292,6 +292,9 @@ class SplitReport(WireModel):
     """A split that accepts submissions."""
 
     name: SplitName
+    """It begins with the task, as ``r2r-test``, unless that is REVERIE."""
+    task: str = Field("reverie", examples=["reverie"])
+    """The benchmark that it is of."""
     episodes: int = Field(examples=[6292])
     visibility: Literal["private", "open"]
     """Private: only rounded means leave the server."""

@@ -32,9 +32,11 @@ from reverie_eval.scoring._outcomes import OUTCOMES, FailureModes, failure_modes
 from reverie_eval.scoring._protocol import (
     ALIASES,
     PROTOCOLS,
+    basis_of,
     find_protocol,
+    scored_by,
 )
-from reverie_eval.scoring._scores import Scores, signature_of
+from reverie_eval.scoring._scores import Scores, signature_of, task_of
 from reverie_eval.scoring._validation import Validation
 from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
 
@@ -63,6 +65,7 @@ __all__ = [
     "Scores",
     "Track",
     "Validation",
+    "basis_of",
     "clusters_of",
     "diagnose",
     "evaluate",
@@ -74,8 +77,10 @@ __all__ = [
     "outcome_indices",
     "qualifier_of",
     "score_files",
+    "scored_by",
     "scored_metrics",
     "signature_of",
+    "task_of",
     "validate",
     "why_not",
 ]

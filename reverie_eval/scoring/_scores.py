@@ -22,7 +22,7 @@ from reverie_eval.scoring._protocol import find_protocol, scored_by
 from reverie_eval.scoring._saved import IntervalSettings, SavedHeader, read_saved, write_saved
 from reverie_eval.scoring._validation import jump_notes
 from reverie_eval.submissions import AlignedSubmission
-from reverie_eval.tasks import DEFAULT_TASK, Protocol
+from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task
 from reverie_eval.text import count_text, first_few, tokenize
 from reverie_eval.version import __version__
 
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from reverie_eval.schemas.report import BoxReport, IntervalReport, ScoreReport
 
 _FINGERPRINT_SHOWN = 12
+_TASK = "task:"
+"""Begins the part of a signature that names the task."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -477,7 +479,7 @@ def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
     """Return the signature of scores by a protocol and a ground truth, from this version."""
     task = truth.header.task
     parts = [
-        *([] if task == DEFAULT_TASK else [f"task:{task}"]),
+        *([] if task == DEFAULT_TASK else [f"{_TASK}{task}"]),
         f"split:{truth.split}",
         f"protocol:{protocol.name}",
         *([qualifier] if qualifier else []),
@@ -487,6 +489,19 @@ def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
         f"version:{__version__}",
     ]
     return "|".join(parts)
+
+
+def task_of(signature: str) -> Task:
+    """Return the task that a signature names; REVERIE if it names none.
+
+    Raises
+    ------
+    ProtocolError
+        If the task is not installed here.
+    """
+    first = signature.partition("|")[0]
+    is_named = first.startswith(_TASK)
+    return find_task(first.removeprefix(_TASK) if is_named else DEFAULT_TASK)
 
 
 def _box_report(boxes: BoxScores) -> "BoxReport":

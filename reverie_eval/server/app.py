@@ -60,7 +60,7 @@ def create_app(
 
     app = FastAPI(
         title=server.settings.title,
-        description="Scores submissions to the REVERIE benchmark.",
+        description="Scores submissions to REVERIE and benchmarks on the same graphs.",
         version=__version__,
         contact=contact_of(server.settings),
         lifespan=lifespan,

@@ -25,6 +25,8 @@ from pydantic import (
     PositiveInt,
     TypeAdapter,
     ValidationError,
+    ValidationInfo,
+    field_validator,
     model_validator,
 )
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
@@ -38,6 +40,7 @@ from reverie_eval.reporting._skyboxes import PANORAMAS_VARIABLE
 from reverie_eval.schemas.service import Phase, Phases, ReleaseScores
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE, Email, Https, Line, Name
 from reverie_eval.scoring import DEFAULT_PROTOCOL, Track, find_protocol
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 
 SETTINGS_FILE = "reverie-eval.toml"
 _PREFIX = "REVERIE_EVAL_"
@@ -66,9 +69,19 @@ class SettingsError(RejectedError):
     subject = "settings"
 
 
-def _known_protocol(name: str) -> str:
+def _known_task(name: str) -> str:
     try:
-        return find_protocol(name).name
+        return find_task(name).name
+    except ProtocolError as error:
+        raise ValueError(str(error)) from None
+
+
+def _known_protocol(name: str, info: ValidationInfo) -> str:
+    """Check the name of a protocol of the split's task, and replace an alias."""
+    if "task" not in info.data:  # there is no such task, which is reported
+        return name
+    try:
+        return find_protocol(name, info.data["task"]).name
     except ProtocolError as error:
         raise ValueError(str(error)) from None
 
@@ -168,7 +181,7 @@ OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
 class Also(_Section):
     """A further leaderboard of a split: the same submissions, ranked by other rules."""
 
-    protocol: Annotated[str, AfterValidator(_known_protocol)] | None = None
+    protocol: str | None = None
     """The rules of a further leaderboard, ranked from the same uploads; by default the split's."""
     track: Track | None = None
     """Its track; by default the split's."""
@@ -179,6 +192,9 @@ class Split(_Section):
 
     bundle: Path
     """The split's ground truth, with answers."""
+    task: Annotated[str, AfterValidator(_known_task)] = DEFAULT_TASK
+    """The benchmark that the split is of; the names of splits of others than REVERIE begin with
+    it, as ``r2r-val_unseen``."""
     visibility: Literal["private", "open"] = "private"
     """``private``: only means rounded to two decimals are released, never values of single
     episodes. ``open``: the answers are public, and the values of every episode are released."""
@@ -197,6 +213,18 @@ class Split(_Section):
     """Publishing a submission takes the team's earlier one off the leaderboard."""
     also: dict[Annotated[str, AfterValidator(_plain_name)], Also] = {}  # pydantic copies it
     """Further leaderboards, by name."""
+
+    @field_validator("also")
+    @classmethod
+    def _also_by_known_protocols(
+        cls, also: Mapping[str, Also], info: ValidationInfo
+    ) -> Mapping[str, Also]:
+        return {
+            name: rules.model_copy(
+                update={"protocol": rules.protocol and _known_protocol(rules.protocol, info)}
+            )
+            for name, rules in also.items()
+        }
 
     @model_validator(mode="after")
     def _each_board_has_rules_of_its_own(self) -> Self:
@@ -418,6 +446,11 @@ class Settings(BaseSettings):
     def path(self, relative: Path | str) -> Path:
         """Return a path in the settings relative to the server's folder."""
         return self.folder / relative
+
+    @property
+    def tasks(self) -> Mapping[str, Task]:
+        """The task of each split, by the split's name."""
+        return {name: find_task(split.task) for name, split in self.splits.items()}
 
     @property
     def path_prefix(self) -> str:

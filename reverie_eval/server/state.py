@@ -10,7 +10,13 @@ from sqlalchemy.orm import Session
 from reverie_eval.errors import Problem
 from reverie_eval.server.service.attempts import Attempts
 from reverie_eval.server.service.audit import AuditLog
-from reverie_eval.server.service.boards import Board, board_named, leaderboards, load_boards
+from reverie_eval.server.service.boards import (
+    Board,
+    board_named,
+    leaderboards,
+    load_boards,
+    tasks_of,
+)
 from reverie_eval.server.service.emailed_files import EmailedFiles
 from reverie_eval.server.service.entries import EntriesCache
 from reverie_eval.server.service.episodes import EpisodeService
@@ -31,6 +37,7 @@ from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import Settings, SettingsError
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.uploads import Uploads, open_uploads
+from reverie_eval.tasks import Task
 
 
 def utc_now() -> datetime:
@@ -145,6 +152,11 @@ class ServerState:
     def leaderboards(self) -> Sequence[Board]:
         """The leaderboards of all splits."""
         return leaderboards(self.boards)
+
+    @property
+    def tasks(self) -> Sequence[Task]:
+        """The tasks that the splits are of."""
+        return tasks_of(self.boards)
 
     def ranking(self, session: Session, board: Board, metric: str | None = None) -> Ranking:
         """Return a leaderboard as it is now; raises the errors of :func:`leaderboard`.

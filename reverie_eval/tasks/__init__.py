@@ -13,7 +13,14 @@ from reverie_eval.tasks._annotation import (
     ViewpointId,
 )
 from reverie_eval.tasks._protocol import DEFAULT_PROTOCOL, GoalRule, HopReading, Protocol
-from reverie_eval.tasks._registry import BUILT_IN, DEFAULT_TASK, ENTRY_POINTS, find_task, task_names
+from reverie_eval.tasks._registry import (
+    BUILT_IN,
+    DEFAULT_TASK,
+    ENTRY_POINTS,
+    find_task,
+    name_on_server,
+    task_names,
+)
 from reverie_eval.tasks._task import Task
 
 __all__ = [
@@ -32,5 +39,6 @@ __all__ = [
     "Task",
     "ViewpointId",
     "find_task",
+    "name_on_server",
     "task_names",
 ]

@@ -47,6 +47,15 @@ def _installed_task(name: str) -> Task:
     return task
 
 
+def name_on_server(task: str, split: str) -> str:
+    """Return the name that a server has for a split of a task.
+
+    >>> name_on_server("reverie", "val_unseen"), name_on_server("r2r", "val_unseen")
+    ('val_unseen', 'r2r-val_unseen')
+    """
+    return split if task == DEFAULT_TASK else f"{task}-{split}"
+
+
 def task_names() -> Sequence[str]:
     """Return the names of all tasks, those of this package first."""
     return [*BUILT_IN, *sorted(set(entry_points(group=ENTRY_POINTS).names) - BUILT_IN.keys())]

@@ -121,6 +121,10 @@ class Task:
         boxes = [key for key in scored if "box" in METRICS[key].needs]
         return [self.metric(key) for key in (*headline, *boxes)]
 
+    def headline_metrics(self, scored: Collection[str]) -> Sequence[Metric]:
+        """Return the headline metrics that are scored, in the order of a score table."""
+        return [self.metric(key) for key in self.headline if key in scored]
+
     def primary_metric(self, scored: Collection[str]) -> Metric:
         """Return the metric that submissions are ranked by."""
         return self.metric(next(key for key in self.ranking if key in scored))

@@ -71,8 +71,11 @@ GET  /play/{split}                  200        200       200       200       200
 GET  /play/{split}/{number}         200        200       200       200       200
 GET  /guide                         200        200       200       200       200
 GET  /guide/submitting              200        200       200       200       200
+GET  /guide/submitting/{task}       200        200       200       200       200
 GET  /guide/metrics                 200        200       200       200       200
+GET  /guide/metrics/{task}          200        200       200       200       200
 GET  /guide/protocols               200        200       200       200       200
+GET  /guide/protocols/{task}        200        200       200       200       200
 GET  /guide/rules                   200        200       200       200       200
 GET  /guide/api                     200        200       200       200       200
 GET  /guide/privacy                 200        200       200       200       200
@@ -225,6 +228,7 @@ def stock(server: Serving) -> Mapping[str, str]:
         "result_id": str(result.id),
         "number": str(taken.number),
         "split": OPEN,
+        "task": "reverie",
         "further": GROUNDING,
         "submission_id": ids[OPEN],
         "private_id": ids[PRIVATE],

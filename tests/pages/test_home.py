@@ -70,7 +70,9 @@ def test_a_team_that_hides_is_not_named(server: Serving) -> None:
 
 
 def test_an_example_with_its_instruction_and_answer(server: Serving) -> None:
-    page, (board, example) = home(server), server.state.episodes.example
+    page, shown = home(server), server.state.episodes.example
+    assert shown is not None
+    board, example = shown
     assert example.instruction in unescape(page)
     assert f"object {example.target_object}" in page
     assert f"Map of episode {example.instr_id}" in page

@@ -64,6 +64,7 @@ def test_a_split_says_what_is_needed_to_score_alike(server: Serving) -> None:
     said = server.ask(None, "GET", f"/splits/{PRIVATE}").json()
     assert said == {
         "name": PRIVATE,
+        "task": "reverie",
         "episodes": len(truth.episodes.instr_ids),
         "visibility": "private",
         "protocol": "official-v1",

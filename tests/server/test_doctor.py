@@ -294,8 +294,8 @@ def do_everything(server: Serving) -> None:
         scores={"success": 0.5},
         source="https://example.org/paper",
     )
-    result = later(add_reported, reported, [PRIVATE])
-    later(change_reported, result.id, ReportedChange(team="They all"))
+    result = later(add_reported, reported, server.state.settings.tasks)
+    later(change_reported, result.id, ReportedChange(team="They all"), server.state.settings.tasks)
     later(remove_reported, result.id)
     later(server.state.notices.post, NewNotice(banner="Hello"))
     later(server.state.schedules.set, PRIVATE, NewSchedule(paused=True))

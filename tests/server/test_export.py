@@ -29,7 +29,7 @@ def busy(server: Serving) -> Serving:
     with server.acting(ORGANISER) as transaction:
         review(transaction, first, "verified", "we ran its code")
         new = NewReported.model_validate(BODIES["POST /organiser/reported"]["json"])
-        add_reported(transaction, new, [PRIVATE])
+        add_reported(transaction, new, server.state.settings.tasks)
     return server
 
 

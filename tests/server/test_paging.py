@@ -31,7 +31,8 @@ def full(server: Serving) -> Serving:
             review(transaction, ids[number], "baseline")
             new = {"method": MethodDescription(name=f"Method {number}"), "scores": {"spl": 0.5}}
             about: dict[str, Any] = {"split": OPEN, "team": "They", "source": "https://example.org"}
-            add_reported(transaction, NewReported.model_validate(new | about), [OPEN])
+            tasks = server.state.settings.tasks
+            add_reported(transaction, NewReported.model_validate(new | about), tasks)
     for number in range(ROWS):
         expires_at = NOON.replace(year=2027).isoformat()
         given: dict[str, Any] = {

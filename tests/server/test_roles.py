@@ -210,7 +210,7 @@ def stock(server: Serving) -> Mapping[str, str]:
     with server.acting() as transaction:
         spare = create_token(transaction, OWNER)
         said = review(transaction, ids[OPEN], "verified")
-        result = add_reported(transaction, reported, [OPEN])
+        result = add_reported(transaction, reported, server.state.settings.tasks)
         taken = server.state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
         told = add_news(transaction, NewNews(text="The workshop is on 12 June."))
     return {

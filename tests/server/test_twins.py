@@ -143,6 +143,7 @@ def places(twins: Twins, submission_id: str) -> Iterator[str]:
                 result_id=1,
                 person_id=1,
                 number=1,
+                task="reverie",
             )
 
 

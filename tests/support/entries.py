@@ -63,7 +63,7 @@ def report_result(
         dataset=dataset,
     )
     with server.acting(ORGANISER) as transaction:
-        add_reported(transaction, new, [OPEN])
+        add_reported(transaction, new, server.state.settings.tasks)
 
 
 def get(server: Serving, query: str = "", path: str = BOARD, status: int = 200) -> httpx.Response:

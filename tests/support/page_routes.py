@@ -8,6 +8,7 @@ from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 
 from reverie_eval.server.http.exchange import API
+from reverie_eval.tasks import DEFAULT_TASK
 from tests.support.demo_site import (
     BOLD,
     ENDLESS,
@@ -40,6 +41,7 @@ class Example(NamedTuple):
         """Return where it is on a server."""
         parts = {
             "split": OPEN,
+            "task": DEFAULT_TASK,
             "further": GROUNDING,
             "submission_id": site.ids.get((OPEN, "Walker")),
             "other_id": site.ids.get((OPEN, BOLD)),
@@ -86,8 +88,11 @@ EXAMPLES = (
     Example("/play/{split}/{number}", None, "?answer=none"),
     Example("/guide"),
     Example("/guide/submitting"),
+    Example("/guide/submitting/{task}"),
     Example("/guide/metrics"),
+    Example("/guide/metrics/{task}"),
     Example("/guide/protocols"),
+    Example("/guide/protocols/{task}"),
     Example("/guide/rules"),
     Example("/guide/api"),
     Example("/guide/privacy"),

@@ -16,6 +16,7 @@ import pytest
 import reverie_eval
 from reverie_eval import (
     Evaluator,
+    GroundTruth,
     GroundTruthError,
     ProtocolError,
     Scores,
@@ -24,10 +25,11 @@ from reverie_eval import (
     evaluate,
     evaluate_many,
 )
+from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import METRICS
 from reverie_eval.server.service.boards import load_board
-from reverie_eval.server.settings import Split
+from reverie_eval.server.settings import Also, Split
 from reverie_eval.tasks import BUILT_IN, DEFAULT_PROTOCOL, Task, find_task, task_names
 from tests.conftest import REPOSITORY
 from tests.support.flat import Outcome, Run
@@ -193,11 +195,32 @@ def test_the_page_names_every_task(name: str) -> None:
     assert f"| `{name}` |" in (REPOSITORY / "docs" / "reference" / "tasks.md").read_text()
 
 
-def test_a_server_refuses_the_bundle_of_another_task() -> None:
+@pytest.mark.parametrize(
+    ("name", "task", "told"),
+    [
+        ("val_unseen", "reverie", 'the ground truth of R2R, .* is of REVERIE; set task = "r2r"'),
+        ("r4r-val_unseen", "r4r", "the ground truth of R2R, and the split is of R4R"),
+        ("val_unseen", "r2r", "the ground truth of r2r-val_unseen, not of val_unseen"),
+        ("r2r-test", "r2r", "the ground truth of r2r-val_unseen, not of r2r-test"),
+    ],
+)
+def test_a_server_refuses_the_bundle_of_another_split(name: str, task: str, told: str) -> None:
     place = DEMO_BUNDLES / "r2r" / "val_unseen.npz"
-    split = Split(visibility="open", bundle=place)
-    with pytest.raises(GroundTruthError, match="the ground truth of R2R; a server's splits are"):
-        load_board("val_unseen", split, place)
+    split = Split(visibility="open", bundle=place, task=task)
+    with pytest.raises(GroundTruthError, match=told):
+        load_board(name, split, place)
+
+
+def test_one_upload_is_scored_on_the_episodes_of_each_protocol() -> None:
+    """R2R's own script never scores a path's fourth instruction, and DUET's does."""
+    place = DEMO_BUNDLES / "r2r" / "val_seen.npz"
+    also = {"duet": Also(protocol="hamt")}
+    split = Split(visibility="open", bundle=place, task="r2r", also=also)
+    board = load_board("r2r-val_seen", split, place)
+    content = json.dumps(run_agent("shortest", GroundTruth.load(place))).encode()
+    reports = board.reports(content, board.read(content))
+    assert {name: report.episodes for name, report in reports.items()} == {"": 34, "duet": 35}
+    assert all(each.measures_as(reports[each.further]) for each in board.all)
 
 
 def test_an_unknown_task() -> None:

@@ -2,12 +2,14 @@
 
 import click
 
-from reverie_eval import CATALOGUE, ReverieEvalError
+from reverie_eval import ReverieEvalError
+from reverie_eval.metrics import METRICS
+from reverie_eval.tasks import name_on_server
 from reverie_eval_cli import options
 from reverie_eval_cli.output import show
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
-_RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither"]
+_RANKED = [key for key, metric in METRICS.items() if metric.better != "neither"]
 
 
 @click.command()
@@ -15,6 +17,7 @@ _RANKED = [key for key, metric in CATALOGUE.items() if metric.better != "neither
 @click.option(
     "--split", help="The split whose leaderboard to show.  [default: the server's first split]"
 )
+@options.server_task
 @click.option("--board", default="", metavar="NAME", help="A further leaderboard of the split.")
 @click.option(
     "--metric",
@@ -28,6 +31,7 @@ def leaderboard(
     *,
     server: ServerOptions,
     split: str | None,
+    task: str,
     board: str,
     metric: str | None,
     layout: str,
@@ -43,12 +47,14 @@ def leaderboard(
             splits = client.splits()
             if not splits:
                 raise ReverieEvalError(f"{client.url} accepts submissions to no split")
-            split = splits[0].name
+            name = splits[0].name
+        else:
+            name = name_on_server(task, split)
         if layout == "csv":
-            lines = client.leaderboard_csv(split, metric, board=board).splitlines()
+            lines = client.leaderboard_csv(name, metric, board=board).splitlines()
             show(lambda: "\n".join(map(printable, lines)), output)
             return
-        found = client.leaderboard(split, metric, board=board)
+        found = client.leaderboard(name, metric, board=board)
     if layout == "json":
         show(lambda: found.model_dump_json(indent=2, ensure_ascii=True), output)
     else:

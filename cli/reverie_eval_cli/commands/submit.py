@@ -12,6 +12,7 @@ import click
 
 from reverie_eval import ReverieEvalError, SubmissionError, validate
 from reverie_eval.ground_truth import find_ground_truth
+from reverie_eval.tasks import name_on_server
 from reverie_eval.text import did_you_mean, printable
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submissions import validation_json
@@ -102,6 +103,7 @@ def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
 @click.command()
 @options.submission
 @options.split
+@options.server_task
 @server_options
 @method_options
 @click.option("--publish", is_flag=True, help="Put the result on the leaderboard at once.")
@@ -120,6 +122,7 @@ def submit(
     *,
     submission: str,
     split: str,
+    task: str,
     server: ServerOptions,
     method: MethodOptions,
     publish: bool,
@@ -137,17 +140,17 @@ def submit(
     """
     from reverie_eval.submissions import read_bytes
 
-    token = server.token()
+    token, name = server.token(), name_on_server(task, split)
     described = method.method(submission)  # wrong options are reported before anything is sent
     try:
         content = read_bytes(submission)
-        check_receipt_path(receipt, hashlib.sha256(content).hexdigest(), split)
+        check_receipt_path(receipt, hashlib.sha256(content).hexdigest(), name)
         with server.explaining_refused_token(), server.connect(token, _warn) as client:
             print_banner(client)
-            _check(client, _split(client, split), content)
+            _check(client, _split(client, name), split, content)
             try:
                 with transfer_bar(f"sending to {client.url}") as progress:
-                    accepted = client.submit(split, content, described, progress)
+                    accepted = client.submit(name, content, described, progress)
             except KeyboardInterrupt:
                 raise ReverieEvalError(
                     f"interrupted; it may have been scored: {_AGAIN} to see its result"
@@ -183,14 +186,17 @@ def _split(client: "Client", name: str) -> "SplitReport":
     return splits[name]
 
 
-def _check(client: "Client", split: "SplitReport", content: bytes) -> None:
-    """Find all problems here or, without the server's ground truth, let the server find them."""
+def _check(client: "Client", split: "SplitReport", own_name: str, content: bytes) -> None:
+    """Find all problems here or, without the server's ground truth, let the server find them.
+
+    ``own_name`` is the split's name among those of its task.
+    """
     try:
-        truth = find_ground_truth(None, split.name)
+        truth = find_ground_truth(None, own_name, split.task)
     except (ReverieEvalError, OSError):
         truth = None
     if truth and truth.fingerprint in (split.fingerprint, split.public_fingerprint):
-        validate(content, split=split.name, ground_truth=truth, track=split.track)
+        validate(content, split=own_name, ground_truth=truth, track=split.track)
     else:
         _warn(f"no bundle here matches the server's {split.name}; the server checks the file")
         client.validate(split.name, content)

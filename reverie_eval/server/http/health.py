@@ -23,7 +23,7 @@ from sqlalchemy import insert
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from reverie_eval.agents import run_agent
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import METRICS
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import HealthReport, QuotaReport
@@ -137,7 +137,7 @@ class Canary:
         # Of an agent that stays where it starts; in the grounding track nobody walks.
         if scores.get("path_length") or scores.get("success") != scores.get("oracle_success"):
             raise UnhealthyError
-        rounded = {key: CATALOGUE[key].rounded(value) for key, value in scores.items()}
+        rounded = {key: METRICS[key].rounded(value) for key, value in scores.items()}
         if self._board.is_private and rounded != scores:
             raise UnhealthyError
         self._sign(report)

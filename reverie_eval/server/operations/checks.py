@@ -15,7 +15,6 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem, RejectedError, ReverieEvalError
 from reverie_eval.ground_truth import DEMO_DATASET
-from reverie_eval.metrics import CATALOGUE
 from reverie_eval.receipts import ReceiptError, key_id_of
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.server.service.audit import AuditLog
@@ -300,9 +299,9 @@ def _told_by_further(board: Board, episodes: int) -> str:
     """Word what further leaderboards of a private split give away."""
     own, all_counts = (
         sum(
-            CATALOGUE[key].is_binary and CATALOGUE[key].headline
+            metric.is_binary
             for each in boards
-            for key in each.metrics
+            for metric in each.task.headline_metrics(each.metrics)
         )
         for boards in ([board], board.all)
     )

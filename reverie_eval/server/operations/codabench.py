@@ -160,7 +160,7 @@ def _rules(board: Board) -> Mapping[str, Any]:
 def _overview(board: Board) -> str:
     task, episodes = board.truth.task, len(board.truth.episodes.instr_ids)
     rows = "\n".join(
-        f"| {METRICS[key].heading} | {METRICS[key].definition} |" for key in _shown(board)
+        f"| {METRICS[key].heading} | {task.metric(key).definition} |" for key in _shown(board)
     )
     return f"""# {task.title}, {board.name}
 

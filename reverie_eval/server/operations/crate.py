@@ -14,6 +14,7 @@ from typing import Any, Self
 from urllib.parse import quote
 
 from reverie_eval.server.state import ServerState
+from reverie_eval.tasks import DEFAULT_TASK, Task
 from reverie_eval.version import __version__
 
 METADATA = "ro-crate-metadata.json"
@@ -64,6 +65,7 @@ class Crate:
     files: Sequence[File]
     papers: Mapping[str, str]
     """Names of methods by the addresses of their papers."""
+    tasks: Sequence[Task]
 
     @classmethod
     def of(cls, contents: str, state: ServerState, files: Sequence[File]) -> Self:
@@ -76,7 +78,9 @@ class Crate:
                     if row.entry.method["paper"]:
                         papers.setdefault(row.entry.method["paper"], row.entry.method["name"])
         settings = state.settings
-        return cls(contents, settings.title, settings.public_address, state.clock(), files, papers)
+        now = state.clock()
+        origin = settings.title, settings.public_address, now
+        return cls(contents, *origin, files, papers, state.tasks)
 
     def document(self) -> Mapping[str, Any]:
         """Return the metadata as JSON-LD."""
@@ -89,17 +93,19 @@ class Crate:
             "about": {"@id": "./"},
             "conformsTo": {"@id": _SPECIFICATION},
         }
+        benchmarks = [_benchmark(task) for task in self.tasks]
+        known = {each["@id"] for each in benchmarks}
         papers = [
             {"@id": paper, "@type": "ScholarlyArticle", "name": f"Paper of {method}"}
             for paper, method in sorted(self.papers.items())
-            if paper != _REVERIE["@id"]
+            if paper not in known
         ]
-        citations = [_REVERIE, *papers]
+        citations = [*benchmarks, *papers]
         yield {
             "@id": "./",
             "@type": "Dataset",
             "name": f"Leaderboards of {self.title}",
-            "description": f"{self.contents} of an evaluation server of the REVERIE benchmark"
+            "description": f"{self.contents} of an evaluation server of the {self._benchmarks}"
             f"{f', {self.address},' if self.address else ''} as they were on "
             f"{self.date:%Y-%m-%d %H:%M} UTC: leaderboards, submissions and rules.",
             "datePublished": self.date.isoformat(),
@@ -117,6 +123,11 @@ class Crate:
         yield from citations
         yield from map(self._entity, self.files)
 
+    @property
+    def _benchmarks(self) -> str:
+        titles = ", ".join(task.title for task in self.tasks)
+        return f"{titles} benchmark{'s' if len(self.tasks) > 1 else ''}"
+
     def _entity(self, file: File) -> Mapping[str, Any]:
         kind = _KINDS.get(file.media_type, "Part of the pages")
         return {
@@ -127,6 +138,13 @@ class Crate:
             "encodingFormat": file.media_type,
             "contentSize": str(file.size),
         }
+
+
+def _benchmark(task: Task) -> Mapping[str, Any]:
+    """Return what to cite for a task."""
+    if task.name == DEFAULT_TASK:
+        return _REVERIE
+    return {"@id": f"https://{task.source}", "@type": "CreativeWork", "name": task.citation}
 
 
 def is_crate_of_ours(file: Path) -> bool:

@@ -10,15 +10,17 @@
 """
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from datetime import datetime
-from importlib.resources import as_file, files
+from importlib.resources import files
 from pathlib import Path
+
+from jinja2 import Environment
 
 from reverie_eval.errors import Problem
 from reverie_eval.files import staged_folder
-from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_name
+from reverie_eval.ground_truth import DEMO_BUNDLES, bundle_folder, bundle_name
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
 from reverie_eval.server.operations.checks import acting, check_known
 from reverie_eval.server.service.people import add_person, add_team
@@ -26,46 +28,69 @@ from reverie_eval.server.service.receipts import make_key
 from reverie_eval.server.service.tokens import create_token
 from reverie_eval.server.settings import SETTINGS_FILE, Settings, SettingsError, load_settings
 from reverie_eval.server.store.database import Database
+from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
+from reverie_eval.tasks.reverie import TASK as REVERIE
 
 SIGNING_KEY = "signing-key.pem"
 FIRST_TEAM = "Organisers"
 FIRST_PERSON = "Organiser"
 
 _OWNER_ONLY = 0o600
-_DEMO_SPLITS = {
-    "val_seen": DEMO_BUNDLES / bundle_name("val_seen", public=False),
-    "val_unseen": DEMO_BUNDLES / bundle_name("val_unseen", public=False),
-    "test": DEMO_BUNDLES / "private" / bundle_name("test", public=False),
-}
+_BUNDLES = Path("bundles")
 
 
-def make_server(folder: Path, *, now: datetime, actor: str) -> str:
+def make_server(
+    folder: Path, *, now: datetime, actor: str, tasks: Sequence[str] = (DEFAULT_TASK,)
+) -> str:
     """Make a server's folder with one organiser, and return the organiser's token.
 
     Raises
     ------
     SettingsError
         If the folder, or the database that an environment variable names, is not empty.
+    ProtocolError
+        If there is no such task.
     """
+    found = [find_task(name) for name in dict.fromkeys(tasks)]
     with building(folder) as aside:
-        fill(aside)
+        fill(aside, found)
         return _add_first_organiser(aside, now=now, actor=actor)
 
 
-def fill(folder: Path) -> None:
+def fill(folder: Path, tasks: Sequence[Task] = (REVERIE,)) -> None:
     """Fill a folder with a server on the demo world, without teams or people."""
-    bundles = folder / "bundles"
-    bundles.mkdir(mode=0o700)
-    for split, bundle in _DEMO_SPLITS.items():
-        target = bundles / bundle_name(split, public=False)
-        shutil.copyfile(bundle, target)
-        target.chmod(_OWNER_ONLY)
+    for task in tasks:
+        bundles = folder / bundle_folder(_BUNDLES, task.name)
+        bundles.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for split, bundle in _demo_splits(task).items():
+            target = bundles / bundle_name(split, public=False)
+            shutil.copyfile(bundle, target)
+            target.chmod(_OWNER_ONLY)
     make_key(folder / SIGNING_KEY)
-    with as_file(files("reverie_eval.server") / "template.toml") as template:
-        shutil.copyfile(template, folder / SETTINGS_FILE)
+    (folder / SETTINGS_FILE).write_text(_settings_for(tasks), encoding="utf-8")
     (folder / SETTINGS_FILE).chmod(_OWNER_ONLY)  # the database's URL may contain a password
     check_empty(load_settings(folder))
     upgrade_folder(folder)
+
+
+def _demo_splits(task: Task) -> Mapping[str, Path]:
+    """Return a task's bundles of the demo world; tasks of other packages have none."""
+    demo = bundle_folder(DEMO_BUNDLES, task.name)
+    places = {"test": demo / "private", "val_seen": demo, "val_unseen": demo}
+    bundles = {split: place / bundle_name(split, public=False) for split, place in places.items()}
+    return {split: bundle for split, bundle in bundles.items() if bundle.is_file()}
+
+
+def _settings_for(tasks: Sequence[Task]) -> str:
+    """Return the settings of a server with the splits of some tasks."""
+    template = (files("reverie_eval.server") / "template.toml").read_text(encoding="utf-8")
+    environment = Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)  # noqa: S701  # not HTML
+    return environment.from_string(template).render(
+        tasks=tasks,
+        default=DEFAULT_TASK,
+        folder_of=lambda task: bundle_folder(_BUNDLES, task.name).as_posix(),
+        splits_of=lambda task: list(_demo_splits(task)) or ["test"],
+    )
 
 
 def _add_first_organiser(folder: Path, *, now: datetime, actor: str) -> str:

@@ -10,21 +10,24 @@ from urllib.parse import urlencode
 import msgspec
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import PlainTextResponse, Response
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import Receive, Scope, Send
 
-from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC, Metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.reporting._submission import headline_of
+from reverie_eval.server.errors import MalformedError
 from reverie_eval.server.http.callers import Server, Visitor
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.charts import chart_of
 from reverie_eval.server.service.entries import Row
-from reverie_eval.server.service.leaderboard import SORTABLE, Filter, Ranking, as_bibtex, as_latex
+from reverie_eval.server.service.leaderboard import Filter, Ranking, as_bibtex, as_latex
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.service.snapshots import snapshot_of
+from reverie_eval.tasks import DEFAULT_TASK
 
 PER_PAGE = 60
 """With more, the page of all metrics would weigh over 300 kB, charts included."""
@@ -32,7 +35,7 @@ PATHS = ("/boards/{split}", "/boards/{split}/also/{further}")
 """Of a split's own leaderboard, and of the further ones."""
 NEWS_SHOWN = 5
 _AS_PAPERS = ("success", "oracle_success", "spl", "path_length")
-"""Metrics of navigation in the order of the REVERIE paper's tables; the others follow."""
+"""REVERIE's metrics of navigation in the order of its paper's tables; the others follow."""
 
 router = APIRouter()
 of_board = APIRouter()
@@ -42,8 +45,8 @@ FlagFilter = Literal["", "with", "without"]
 
 
 def _known(key: str) -> str:
-    if key not in CATALOGUE:
-        raise ValueError(f"there is no such metric; choose one of: {', '.join(CATALOGUE)}")
+    if key and key not in METRICS:
+        raise ValueError(f"there is no such metric; choose one of: {', '.join(METRICS)}")
     return key
 
 
@@ -56,7 +59,7 @@ class BoardQuery(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    metric: MetricKey = PRIMARY_METRIC
+    metric: MetricKey = ""
     extra_data: FlagFilter = ""
     pre_exploration: FlagFilter = ""
     ground_truth_objects: FlagFilter = ""
@@ -67,19 +70,35 @@ class BoardQuery(BaseModel):
     until: Day = None
     text: Annotated[str, Field(max_length=100)] = ""
     columns: Literal["", "all"] = ""
-    x: MetricKey = "success"
-    y: MetricKey = "rgs"
+    x: MetricKey = ""
+    y: MetricKey = ""
     page: Annotated[int, Field(ge=1, le=100_000)] = 1
-
-    @property
-    def ranked_by(self) -> str:
-        """The metric of the ranks: the one sorted by, or the primary one if that cannot rank."""
-        return self.metric if self.metric in SORTABLE else PRIMARY_METRIC
+    _usual: Mapping[str, str] = PrivateAttr(default_factory=dict)
+    """The metrics that the leaderboard shows if it is asked for no others."""
 
     def on(self, board: Board) -> Self:
-        """Return the query with the board's primary metric if it asks for none."""
-        asked = "metric" in self.model_fields_set
-        return self if asked else self.model_copy(update={"metric": board.primary.key})
+        """Return the query with a leaderboard's own metrics where it asks for none.
+
+        Raises
+        ------
+        MalformedError
+            If it asks for a metric that the leaderboard's task does not have.
+        """
+        known, primary = board.task.metrics, board.primary.key
+        usual = {"metric": primary, "x": "success", "y": "rgs" if "rgs" in known else primary}
+        asked = {name: getattr(self, name) or key for name, key in usual.items()}
+        for key in asked.values():
+            if key not in known:
+                raise MalformedError(
+                    f"{board.task.title} has no metric {key!r}; choose one of: {', '.join(known)}"
+                )
+        resolved = self.model_copy(update=asked)
+        resolved._usual = usual  # noqa: SLF001  # of this class
+        return resolved
+
+    def ranked_by(self, board: Board) -> str:
+        """Return the metric of the ranks: the one sorted by, or the primary one if it has none."""
+        return self.metric if self.metric in board.sortable else board.primary.key
 
     @property
     def shown(self) -> Filter:
@@ -97,13 +116,15 @@ class BoardQuery(BaseModel):
     def link(self, **changes: Any) -> str:
         """Return the query with some parameters changed, without those at their defaults."""
         changed = type(self).model_validate(self.model_dump() | changes)
-        return f"?{urlencode(changed.model_dump(mode='json', exclude_defaults=True))}"
+        given = changed.model_dump(mode="json", exclude_defaults=True)
+        unusual = {name: value for name, value in given.items() if value != self._usual.get(name)}
+        return f"?{urlencode(unusual)}"
 
     @property
     def unfiltered(self) -> str:
         """The query without the filter, for the first page."""
-        options = self.model_dump(include={"metric", "columns", "x", "y"})
-        return type(self).model_validate(options).link()
+        filters = (*METHOD_FLAGS, "since", "until", "text", "page")
+        return self.link(**{name: type(self).model_fields[name].default for name in filters})
 
     def direction(self, metric: Metric) -> Literal["ascending", "descending"]:
         """Return the order of the sorted column: the best or the lowest value first."""
@@ -124,7 +145,7 @@ NamedBoard = Annotated[Board, Depends(named)]
 def ranked(board: NamedBoard, server: Server, query: Shown) -> Ranking:
     """Return the requested leaderboard, ranked."""
     with server.database.reading() as session:
-        return server.ranking(session, board, query.on(board).ranked_by)
+        return server.ranking(session, board, query.on(board).ranked_by(board))
 
 
 Ranked = Annotated[Ranking, Depends(ranked)]
@@ -175,7 +196,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
     """Show the published results, ranked."""
     query = query.on(board)
     with visitor.snapshot() as snapshot:
-        ranking = visitor.server.ranking(snapshot.session, board, query.ranked_by)
+        ranking = visitor.server.ranking(snapshot.session, board, query.ranked_by(board))
         part, apart = _part(ranking, query), query.shown.of(ranking.apart, ranking)
         charted = query.shown.of(ranking.rows, ranking)
         is_copy = visitor.request.app.state.is_copy
@@ -195,7 +216,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             own_team=snapshot.caller and snapshot.caller.team_id,
             axes={
                 metric.key: f"{metric.label}: {metric.name}"
-                for metric in CATALOGUE.values()
+                for metric in METRICS.values()
                 if metric.key in {*ranking.metrics, query.x, query.y}
             },
             primary=ranking.board.primary.key,
@@ -216,6 +237,7 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
 @of_board.get("/chart")
 def show_chart(ranking: Ranked, query: Shown) -> Response:
     """Return the data of the charts."""
+    query = query.on(ranking.board)
     rows = query.shown.of(ranking.rows, ranking)
     drawn = chart_of(ranking, rows, query.x, query.y)
     return Packed(msgspec.json.encode(drawn), media_type="application/json")
@@ -252,9 +274,7 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
             "snapshot.html",
             snapshot,
             shown=shown,
-            columns=[
-                metric for key, metric in CATALOGUE.items() if metric.headline and key in scored
-            ],
+            columns=headline_of(shown.leaderboard.signature, scored),
         )
 
 
@@ -288,7 +308,7 @@ def _part(ranking: Ranking, query: BoardQuery) -> Part:
 
 def _sorted(rows: Sequence[Row], query: BoardQuery) -> Sequence[Row]:
     """Sort by a metric without a better direction; for other metrics, rows are already sorted."""
-    if query.ranked_by == query.metric:
+    if METRICS[query.metric].better != "neither":
         return rows
     return sorted(rows, key=lambda row: row.entry.scores.get(query.metric, inf))
 
@@ -304,10 +324,11 @@ class Group:
 def _groups(board: Board, query: BoardQuery, rows: Sequence[Row]) -> Sequence[Group]:
     """Return the columns as papers order them: navigation, then grounding."""
     scored = {key for row in rows for key in row.entry.scores}
-    headline = {key for key, metric in CATALOGUE.items() if metric.headline}
+    headline = set(board.task.headline)
     keys = scored if query.columns == "all" else headline & scored
     keys |= {query.metric} | headline & set(board.metrics)
-    ordered = [CATALOGUE[key] for key in dict.fromkeys((*_AS_PAPERS, *CATALOGUE)) if key in keys]
+    first = _AS_PAPERS if board.task.name == DEFAULT_TASK else board.task.headline
+    ordered = [board.task.metric(key) for key in dict.fromkeys((*first, *METRICS)) if key in keys]
     groups = (
         Group("Navigation", [each for each in ordered if "answer" not in each.needs]),
         Group("Grounding", [each for each in ordered if "answer" in each.needs]),

@@ -10,7 +10,6 @@ from fastapi.responses import Response
 from markupsafe import Markup
 
 from reverie_eval.analysis import Episode
-from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._answer_svg import answer_svg
 from reverie_eval.reporting._answer_views import AnswerView, answer_views
 from reverie_eval.reporting._map_svg import interactive_map_svg, map_key
@@ -182,14 +181,14 @@ def _episode_content(browsing: Browsing, selection: Selection, instr_id: str) ->
         "map": shown,
         "picture": _markup(interactive_map_svg(shown)),
         "key": _markup(map_key(shown)),
-        "answers": _answers(episode, walked),
+        "answers": _answers(episode, walked) if browsing.board.task.has_targets else (),
         "walks": _walks(browsing.runs, walked, shown),
         "neighbours": _neighbours(browsing, selection, instr_id),
         "goals": _goals(episode, shown),
         "levels": range(1, int(shown.storey.max()) + 2),
         "outcomes": BEST_OUTCOME_FIRST,
-        "headline": [key for key in keys if CATALOGUE[key].headline],
-        "further": [key for key in keys if not CATALOGUE[key].headline],
+        "headline": [key for key in keys if key in browsing.board.task.headline],
+        "further": [key for key in keys if key not in browsing.board.task.headline],
         "filters": {field.name: getattr(selection, field.name) for field in fields(EpisodeFilter)},
     }
 

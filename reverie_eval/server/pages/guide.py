@@ -8,9 +8,9 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from reverie_eval.geometry import HEIGHT, WIDTH
+from reverie_eval.metrics import METRICS
 from reverie_eval.schemas.service import Method
-from reverie_eval.scoring import ALIASES, PROTOCOLS
-from reverie_eval.server.errors import ERRORS
+from reverie_eval.server.errors import ERRORS, NotFoundError
 from reverie_eval.server.http.callers import Call, Visitor
 from reverie_eval.server.http.examples import SUBMISSION
 from reverie_eval.server.pages.rendering import address_of_site, page
@@ -18,9 +18,12 @@ from reverie_eval.server.service.attempts import DAYS_KEPT
 from reverie_eval.server.service.keys import list_keys
 from reverie_eval.server.service.tokens import LIFETIME
 from reverie_eval.submissions import submission_schema
+from reverie_eval.tasks import Task
 
 router = APIRouter(prefix="/guide")
 
+_OF_WALKS = ("instr_id", "trajectory")
+"""The fields of a record in a task without target objects."""
 _PLAIN = {
     "string": "text",
     "number": "number",
@@ -42,37 +45,66 @@ def show_guide(visitor: Visitor) -> Response:
 
 
 @router.get("/submitting")
-def show_submitting(visitor: Visitor) -> Response:
+@router.get("/submitting/{task}")
+def show_submitting(visitor: Visitor, task: str = "") -> Response:
     """Show how to submit; the fields come from the schema that submissions are checked with."""
+    shown, boards = _task(visitor, task), visitor.server.boards.values()
+    schema = submission_schema()["$defs"]["Prediction"]
     return _page(
         visitor,
         "guide/submitting.html",
-        fields=fields_of(submission_schema()["$defs"]["Prediction"]),
-        example=_example(),
+        task=shown,
+        fields=[each for each in fields_of(schema) if shown.has_targets or each.name in _OF_WALKS],
+        example=_example(shown),
         picture=(WIDTH, HEIGHT),
         limits=visitor.server.settings.limits,
         address=address_of_site(visitor.request),
-        split=next(iter(visitor.server.boards)),
+        split=next(board.truth.split for board in boards if board.task is shown),
     )
 
 
 @router.get("/metrics")
-def show_metrics(visitor: Visitor) -> Response:
-    """Show what each metric means."""
-    return _page(visitor, "guide/metrics.html")
+@router.get("/metrics/{task}")
+def show_metrics(visitor: Visitor, task: str = "") -> Response:
+    """Show what each metric of a task means."""
+    shown = _task(visitor, task)
+    further = [shown.metric(key) for key in shown.metrics if key not in shown.headline]
+    return _page(
+        visitor,
+        "guide/metrics.html",
+        task=shown,
+        headline=shown.headline_metrics(METRICS),
+        further=further,
+    )
 
 
 @router.get("/protocols")
-def show_protocols(visitor: Visitor) -> Response:
-    """Show the rules of the published evaluators."""
-    boards = visitor.server.leaderboards
+@router.get("/protocols/{task}")
+def show_protocols(visitor: Visitor, task: str = "") -> Response:
+    """Show the rules of a task's published evaluators."""
+    shown = _task(visitor, task)
+    boards = [board for board in visitor.server.leaderboards if board.task is shown]
     aliases = {
-        name: [alias for alias, canonical in ALIASES.items() if canonical == name]
-        for name in PROTOCOLS
+        rules.name: [alias for alias, name in shown.aliases.items() if name == rules.name]
+        for rules in shown.protocols
     }
-    return _page(
-        visitor, "guide/protocols.html", protocols=PROTOCOLS, boards=boards, aliases=aliases
-    )
+    return _page(visitor, "guide/protocols.html", task=shown, boards=boards, aliases=aliases)
+
+
+def _task(visitor: Call, name: str) -> Task:
+    """Return one of the tasks that the splits are of; without a name, the first one.
+
+    Raises
+    ------
+    NotFoundError
+        If no split is of such a task.
+    """
+    known = {task.name: task for task in visitor.server.tasks}
+    if name and name not in known:
+        raise NotFoundError(
+            f"there are no leaderboards of {name!r} here, only of {', '.join(known)}"
+        )
+    return known[name] if name else next(iter(known.values()))
 
 
 @router.get("/rules")
@@ -126,13 +158,14 @@ def _page(visitor: Call, template: str, **content: Any) -> Response:
         return page(visitor.request, template, snapshot, **content)
 
 
-def _example() -> str:
-    """Return the example submission as JSON with one field per line."""
-    records = [
-        ",\n   ".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in record.items())
-        for record in SUBMISSION
-    ]
-    return "[\n  {" + "},\n  {".join(records) + "}\n]"
+def _example(task: Task) -> str:
+    """Return an example submission as JSON with one field per line."""
+    (record,) = SUBMISSION
+    fields = {**task.id_field(task.id_example), "trajectory": record["trajectory"]}
+    if task.has_targets:
+        fields = record
+    lines = [f"{json.dumps(name)}: {json.dumps(value)}" for name, value in fields.items()]
+    return "[\n  {" + ",\n   ".join(lines) + "}\n]"
 
 
 class Field(NamedTuple):

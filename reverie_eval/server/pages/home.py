@@ -1,4 +1,4 @@
-"""``/``: what REVERIE asks of an agent, who leads, and how to take part."""
+"""``/``: what is asked of an agent, who leads in each task, and how to take part."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,6 +7,8 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 from markupsafe import Markup
 
+from reverie_eval.analysis import Episode
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._answer_svg import answer_svg
 from reverie_eval.reporting._answer_views import AnswerView
 from reverie_eval.reporting._map_svg import map_svg
@@ -18,17 +20,19 @@ from reverie_eval.server.pages.boards import NEWS_SHOWN, Scale
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Row
-from reverie_eval.server.service.leaderboard import PAPER, Ranking
+from reverie_eval.server.service.leaderboard import Ranking, paper_of
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.state import ServerState
+from reverie_eval.tasks import DEFAULT_TASK
 
 router = APIRouter()
 
 MOST_LEADERS = 5
-DATA = "https://github.com/YuankaiQi/REVERIE"
-"""Where the dataset is, unless the settings have a link that is called ``Data``."""
-PAPER_PAGE = "https://arxiv.org/abs/1904.10151"
-"""Its paper, unless they have one that is called ``Paper``."""
+_PAPER_PAGE = "https://arxiv.org/abs/1904.10151"
+"""Of REVERIE, unless the settings have a link that is called ``Paper``."""
+_MOST_COLUMNS = 3
+"""Besides the primary metric."""
+_OF_REVERIE = ("success", "spl", "rgs")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,45 +48,76 @@ class Leaders:
     scale: Scale
     """Of the bars of intervals."""
 
+    @property
+    def columns(self) -> Sequence[Metric]:
+        """Metrics that are shown besides the primary one."""
+        task, primary = self.board.task, self.board.primary
+        keys = _OF_REVERIE if task.name == DEFAULT_TASK else task.headline
+        shown = [task.metric(key) for key in keys if METRICS[key].better != "neither"]
+        return [metric for metric in shown if metric != primary][:_MOST_COLUMNS]
+
 
 @router.get("/")
 def show_home(visitor: Visitor) -> Response:
     """Show the task by an example, the first of every leaderboard, and how to take part."""
     server = visitor.server
     links = {name.casefold(): str(url) for name, url in server.settings.links.items()}
-    example_board, example = server.episodes.example
-    # Drawings are safe HTML: all text in them was escaped when they were drawn.
-    drawn = Markup(map_svg(EpisodeMap.of({"": example}).without_routes()))  # noqa: S704
-    view = AnswerView.at_path_end(example)
-    answer = None if view is None else Markup(answer_svg(view, 1))  # noqa: S704
+    task, *_ = server.tasks
     with visitor.snapshot() as snapshot:
         return page(
             visitor.request,
             "home.html",
             snapshot,
+            task=task,
             leaders=_leaders(server, snapshot),
             now=snapshot.now,
-            example=example,
-            example_board=example_board,
-            example_is_browsable=example_board.name in server.boards
-            and not server.boards[example_board.name].is_private,
-            picture=drawn,
-            answer=answer,
-            data=links.get("data", DATA),
-            paper_page=links.get("paper", PAPER_PAGE),
-            paper=PAPER,
+            example=_example(server),
+            # A link in the settings comes before what is known of the task.
+            data=links.get("data", f"https://{task.source}"),
+            paper_page=links.get("paper", _PAPER_PAGE if task.name == DEFAULT_TASK else ""),
+            papers="\n".join(map(paper_of, server.tasks)),
             news=latest_news(snapshot.session, NEWS_SHOWN),
         )
 
 
-def _leaders(server: ServerState, snapshot: Snapshot) -> Sequence[Leaders]:
+@dataclass(frozen=True, slots=True)
+class Example:
+    """An episode of the first task, as drawings."""
+
+    board: Board
+    episode: Episode
+    is_browsable: bool
+    """Whether the server has a page for it."""
+    picture: Markup
+    answer: Markup | None
+
+
+def _example(server: ServerState) -> Example | None:
+    if server.episodes.example is None:
+        return None
+    board, episode = server.episodes.example
+    view = AnswerView.at_path_end(episode)
+    # Drawings are safe HTML: all text in them was escaped when they were drawn.
+    return Example(
+        board=board,
+        episode=episode,
+        is_browsable=board in server.episodes.boards,
+        picture=Markup(map_svg(EpisodeMap.of({"": episode}).without_routes())),  # noqa: S704
+        answer=None if view is None else Markup(answer_svg(view, 1)),  # noqa: S704
+    )
+
+
+def _leaders(server: ServerState, snapshot: Snapshot) -> Mapping[str, Sequence[Leaders]]:
+    """Return the first rows of every leaderboard, by the title of its task."""
     schedules = server.schedules.in_effect(snapshot.session)
-    found = []
+    found: dict[str, list[Leaders]] = {task.title: [] for task in server.tasks}
     for name, board in server.boards.items():
         ranking = server.ranking(snapshot.session, board)
         rows = ranking.rows[:MOST_LEADERS]
         has_results = any(row.entry.standing == "ranked" for row in ranking.rows)
         references = {} if has_results else server.episodes.references(board)
         scale = Scale.of(rows, board.primary.key)
-        found.append(Leaders(board, ranking, schedules[name], rows, references, scale))
+        found[board.task.title].append(
+            Leaders(board, ranking, schedules[name], rows, references, scale)
+        )
     return found

@@ -14,7 +14,6 @@ from fastapi.responses import Response
 from markupsafe import Markup
 
 from reverie_eval.analysis import VisibleObject
-from reverie_eval.metrics import CATALOGUE
 from reverie_eval.reporting._answer_svg import answer_svg
 from reverie_eval.reporting._answer_views import answer_views, span_of
 from reverie_eval.reporting._map_svg import map_key, map_svg
@@ -78,6 +77,8 @@ def show_sample(split: str, visitor: Visitor, played: Asked) -> Response:
             "play-sample.html",
             snapshot,
             split=split,
+            task=browsing.board.task,
+            own_name=browsing.board.truth.split,
             played=played,
             sampled={instr_id: instructions[browsing.row(instr_id)] for instr_id in ids},
             most=MOST_SAMPLED,
@@ -98,6 +99,7 @@ def play(
         browsing = visitor.server.episodes.browse(snapshot.session, snapshot.caller, split, [])
         walk = HumanWalk.of(browsing, played.seed, number, played.steps)
         content: dict[str, Any] = {"split": split, "number": number, "walk": walk}
+        content["task"] = walk.board.task
         content["played"] = played
         if played.answer:
             content |= _scored(walk, played)
@@ -150,7 +152,8 @@ def _scored(walk: HumanWalk, played: Played) -> dict[str, Any]:
         "answers": [
             (name, Markup(answer_svg(view)), view.caption)  # noqa: S704
             for name, view in answer_views({NAME: scored})
+            if walk.board.task.has_targets
         ],
-        "headline": [key for key in scored.values if CATALOGUE[key].headline],
+        "headline": [metric.key for metric in walk.board.task.headline_metrics(scored.values)],
         "record": msgspec.json.encode(walk.record(played.object_id)).decode(),
     }

@@ -19,9 +19,11 @@ from markupsafe import Markup, escape
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from reverie_eval.metrics import CATALOGUE, primary_metric
-from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.metrics import METRICS
+from reverie_eval.reporting._leaderboard import METHOD_FLAGS, OBJECT_FLAGS
+from reverie_eval.reporting._submission import headline_of, known_task
 from reverie_eval.schemas.organising import MOST_EXTRA
+from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import Method, ProblemDocument
 from reverie_eval.schemas.wire import LONGEST_LINE, LONGEST_LINK, LONGEST_NAME, LONGEST_TEXT
 from reverie_eval.server.errors import ERRORS, MalformedError, NotSignedInError
@@ -29,6 +31,7 @@ from reverie_eval.server.http.callers import Snapshot, state_of, visit_of
 from reverie_eval.server.http.exchange import API, exchange_of
 from reverie_eval.server.service.tokens import TOKEN_NAMES
 from reverie_eval.server.store.tables import Person
+from reverie_eval.tasks import DEFAULT_TASK, Task
 from reverie_eval.text import category_text, count_text
 from reverie_eval.version import __version__
 
@@ -90,6 +93,8 @@ class Site:
     is_paused: bool
     """Whether the organiser accepts no submissions at all now."""
     places: Sequence[Place]
+    tasks: Sequence[Task]
+    """Those that splits are of."""
     path: str
     person: Person | None
     csrf_token: str
@@ -189,6 +194,7 @@ def _site(request: Request, snapshot: Snapshot | None) -> Site:
         banner=notice.banner,
         is_paused=notice.paused,
         places=[*boards, *episodes, *submit, Place("Guide", "/guide"), *desk],
+        tasks=server.tasks,
         path=request.url.path,
         person=person,
         csrf_token=csrf_token,
@@ -222,7 +228,9 @@ def _environment() -> Environment:
             "link": LONGEST_LINK,
             "text": LONGEST_TEXT,
         },
-        "metrics": CATALOGUE,
+        "flags_of": flags_of,
+        "guide": guide_address,
+        "metrics": METRICS,
         "most_extra": MOST_EXTRA,
         "static": static_url,
     }
@@ -230,15 +238,41 @@ def _environment() -> Environment:
         "attributes": attributes,
         "category": category_text,
         "counted": count_text,
+        "headline": lambda report: headline_of(report.signature, report.scores),
         "heading": lambda problem: ERRORS[problem.code].heading,
         "instant": instant,
-        "metric": lambda value, key: CATALOGUE[key].display(value),
+        "metric": lambda value, key: METRICS[key].display(value),
         "number": "{:,}".format,
         "ordinal": ordinal,
-        "primary": lambda scores: primary_metric(scores or CATALOGUE).key,
+        "primary": primary_of,
         "sentence": sentence,
+        "task": lambda report: known_task(report.signature),
     }
     return environment
+
+
+def flags_of(tasks: Sequence[Task], required: Sequence[str] = ()) -> Mapping[str, str]:
+    """Return the flags of methods for some tasks, and those that the settings require."""
+    has_targets = any(task.has_targets for task in tasks)
+    return {
+        flag: words
+        for flag, words in METHOD_FLAGS.items()
+        if has_targets or flag not in OBJECT_FLAGS or flag in required
+    }
+
+
+def guide_address(chapter: str, task: Task | None) -> str:
+    """Return the address of a chapter of the guide that each task has."""
+    own = "" if task is None or task.name == DEFAULT_TASK else f"/{quote(task.name)}"
+    return f"/guide/{chapter}{own}"
+
+
+def primary_of(report: ScoreReport) -> str:
+    """Return the metric that ranks a result; the first one, if its task is not installed."""
+    task = known_task(report.signature)
+    if task is not None and report.scores:
+        return task.primary_metric(report.scores).key
+    return next(iter(report.scores), "")
 
 
 def attributes(values: Mapping[str, object]) -> Markup:

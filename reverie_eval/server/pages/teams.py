@@ -1,5 +1,6 @@
 """``/team``: the page of one's own team, and the quotas of its splits."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -8,8 +9,9 @@ from typing import Any
 from fastapi import APIRouter
 from fastapi.responses import Response
 
-from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
-from reverie_eval.schemas.service import QuotaReport, Schedule
+from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.reporting._submission import known_task
+from reverie_eval.schemas.service import QuotaReport, Schedule, SubmissionReport
 from reverie_eval.server.http.callers import Member, Snapshot
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.boards import Board
@@ -37,6 +39,32 @@ def _progress(
     return {split: chart for split, chart in drawn.items() if len(chart["points"]["y"]) > 1}
 
 
+@dataclass(frozen=True, slots=True)
+class TaskSubmissions:
+    """The team's submissions to the splits of a task, which have the same columns."""
+
+    title: str
+    """Of the task; empty if it is not installed any more."""
+    columns: Sequence[Metric]
+    primary: str
+    submissions: Sequence[SubmissionReport]
+
+
+def _by_task(submissions: Sequence[SubmissionReport]) -> Sequence[TaskSubmissions]:
+    """Group submissions by their tasks, in the order of the latest one to each."""
+    groups = defaultdict(list)
+    for each in submissions:
+        groups[known_task(each.report.signature)].append(each)
+    return [
+        TaskSubmissions("", [*METRICS.values()], "", found)
+        if task is None
+        else TaskSubmissions(
+            task.title, task.headline_metrics(METRICS), task.primary_metric(METRICS).key, found
+        )
+        for task, found in groups.items()
+    ]
+
+
 @router.get("/team")
 def show_team(member: Member) -> Response:
     """Show the team's people, quotas, submissions and tokens."""
@@ -53,8 +81,7 @@ def show_team(member: Member) -> Response:
             person=person,
             left=left,
             signed_in_with=snapshot.browser and snapshot.browser.token_id,
-            columns=[metric for metric in CATALOGUE.values() if metric.headline],
-            primary=PRIMARY_METRIC,
+            by_task=_by_task(team.submissions),
             progress=_progress(team, server, snapshot.now),
             now=snapshot.now,
         )

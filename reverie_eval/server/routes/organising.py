@@ -226,13 +226,13 @@ def list_reported(organiser: Organiser, paging: Paging) -> list[ReportedEntry]:
 @router.post("/reported", status_code=201, responses=problems("not-found", "conflict"))
 def add_reported_result(new: NewReported, organiser: Organiser) -> ReportedEntry:
     """Add a result that a paper or another leaderboard reports."""
-    return organiser.perform(reported.add_reported, new, organiser.server.boards)
+    return organiser.perform(reported.add_reported, new, organiser.server.settings.tasks)
 
 
 @router.post("/reported/import", responses=problems("malformed-request", "not-found"))
 def import_reported_results(new: NewImport, organiser: Organiser) -> ImportReport:
     """Add the results of a file, or with a problem none; the same file again changes nothing."""
-    return organiser.perform(reported.import_reported, new, organiser.server.boards)
+    return organiser.perform(reported.import_reported, new, organiser.server.settings.tasks)
 
 
 @router.patch("/reported/{result_id}", responses=problems("not-found", "conflict"))
@@ -240,7 +240,8 @@ def change_reported_result(
     result_id: Number, change: ReportedChange, organiser: Organiser
 ) -> ReportedEntry:
     """Change a reported result; the audit log keeps what was there before."""
-    return organiser.perform(reported.change_reported, result_id, change)
+    tasks = organiser.server.settings.tasks
+    return organiser.perform(reported.change_reported, result_id, change, tasks)
 
 
 @router.delete("/reported/{result_id}", responses=problems("not-found"))

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Query, Response, status
 from fastapi.responses import PlainTextResponse
 
+from reverie_eval.metrics import METRICS
 from reverie_eval.schemas.service import (
     Accepted,
     Checked,
@@ -35,14 +36,16 @@ from reverie_eval.server.http.uploads import (
 )
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import list_snapshots
-from reverie_eval.server.service.leaderboard import SORTABLE, as_csv, as_json, csv_of
+from reverie_eval.server.service.leaderboard import as_csv, as_json, csv_of
 from reverie_eval.server.service.snapshots import snapshot_of
 
 router = APIRouter(prefix="/splits", tags=["splits"])
 
 SplitName = Annotated[str, Path(examples=["test"])]
 FurtherName = Annotated[str, Path(examples=["grounding"])]
-SortedBy = Annotated[str | None, Query(json_schema_extra={"enum": list(SORTABLE)})]
+_SORTABLE = [key for key, metric in METRICS.items() if metric.better != "neither"]
+"""Of all tasks; a leaderboard has those of its own."""
+SortedBy = Annotated[str | None, Query(json_schema_extra={"enum": _SORTABLE})]
 
 _CSV = (
     "rank,submission_id,team,published_at,...\n1,5f2b0c9a4d7e1f36,Blue,2027-06-02T12:00:00Z,...\n"
@@ -229,6 +232,7 @@ def _report(
     ]
     return SplitReport(
         name=board.name,
+        task=board.task.name,
         episodes=len(board.truth.episodes.instr_ids),
         visibility=board.split.visibility,
         protocol=board.split.protocol,

@@ -17,13 +17,14 @@ import numpy as np
 
 from reverie_eval.errors import GroundTruthError, Problem, ProtocolError, SubmissionError
 from reverie_eval.ground_truth import Bundle, GroundTruth
-from reverie_eval.metrics import CATALOGUE, Metric, primary_metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.scoring import (
     PreparedSubmission,
     Scores,
-    find_protocol,
+    basis_of,
     qualifier_of,
+    scored_by,
     scored_metrics,
     signature_of,
     why_not,
@@ -32,7 +33,7 @@ from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.settings import Settings, SettingsError, Split
 from reverie_eval.submissions import parse_predictions
 from reverie_eval.submissions._document import check_value_count
-from reverie_eval.tasks import DEFAULT_TASK
+from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task, name_on_server
 from reverie_eval.version import __version__
 
 MAX_VALUES = 5_000_000
@@ -40,7 +41,6 @@ MAX_VALUES = 5_000_000
 and a sixth of the limit outside the server."""
 
 _OTHERS_MAY_READ = 0o077
-_BENCHMARK = re.compile(r"^reverie[ -]*")
 
 
 class Scored(NamedTuple):
@@ -56,10 +56,11 @@ class Board:
     """A leaderboard: the settings and the ground truth of its split, and its own rules."""
 
     name: str
-    """Of the split."""
+    """Of the split on this server: ``test``, or ``r2r-test``."""
     split: Split
     """With the protocol and the track of this leaderboard."""
     truth: GroundTruth
+    """Of the episodes and annotated paths that the protocol scores by."""
     public_fingerprint: str
     """Of the bundle without its answers, which participants may have."""
     further: str = ""
@@ -87,8 +88,9 @@ class Board:
 
     @property
     def title(self) -> str:
-        """Its heading: ``Val unseen leaderboard``, or ``Test leaderboard: grounding``."""
-        name = self.name.replace("_", " ")
+        """Its heading: ``Val unseen leaderboard``, or ``R2R test leaderboard: strict``."""
+        benchmark = "" if self.task.name == DEFAULT_TASK else f"{self.task.title} "
+        name = benchmark + self.truth.split.replace("_", " ")
         further = f": {self.further}" if self.further else ""
         return f"{name[:1].upper()}{name[1:]} leaderboard{further}"
 
@@ -98,28 +100,43 @@ class Board:
         return self.split.visibility == "private"
 
     @property
+    def task(self) -> Task:
+        """What the split is of."""
+        return self.truth.task
+
+    @property
+    def rules(self) -> Protocol:
+        """The protocol that scores."""
+        return self.task.protocol(self.split.protocol)
+
+    @property
     def signature(self) -> str:
         """Everything that scores depend on, under the current settings."""
-        rules = find_protocol(self.split.protocol)
-        return signature_of(self.truth, rules, qualifier_of(self.split.track))
+        return signature_of(self.truth, self.rules, qualifier_of(self.split.track))
 
     @property
     def metrics(self) -> Sequence[str]:
         """The keys of the metrics that every submission with answers gets."""
-        return scored_metrics(find_protocol(self.split.protocol), self.split.track)
+        return scored_metrics(self.rules, self.split.track)
 
     @property
     def primary(self) -> Metric:
         """The metric that submissions are ranked by unless another is asked for."""
-        return primary_metric(self.metrics)
+        return self.task.primary_metric(self.metrics)
+
+    @property
+    def sortable(self) -> Sequence[str]:
+        """The keys of the metrics with a better direction, by which results can be ranked."""
+        return [key for key in self.task.metrics if METRICS[key].better != "neither"]
 
     def is_on(self, dataset: str) -> bool:
         """Whether a dataset's version may be that of the split: the same, or empty for unknown.
 
         ``v2`` and ``reverie-v2`` are ``REVERIE v2``.
         """
+        benchmark = re.compile(rf"^{re.escape(self.task.title.lower())}[ -]*")
         own, other = (
-            _BENCHMARK.sub("", name.lower()) for name in (self.truth.header.dataset, dataset)
+            benchmark.sub("", name.lower()) for name in (self.truth.header.dataset, dataset)
         )
         return other in {own, ""}
 
@@ -140,24 +157,39 @@ class Board:
 
     def _prepare(self, content: bytes, truth: GroundTruth) -> PreparedSubmission:
         check_value_count(content, MAX_VALUES)
-        predictions = parse_predictions(content, answers_only=self.split.track == "grounding")
-        return PreparedSubmission.of(predictions, truth, self.split.track)
+        answers_only = self.split.track == "grounding"
+        predictions = parse_predictions(content, self.task, answers_only=answers_only)
+        try:
+            return PreparedSubmission.of(predictions, truth, self.split.track)
+        except SubmissionError as error:
+            raise SubmissionError([self._named_here(each) for each in error.problems]) from None
+
+    def _named_here(self, problem: Problem) -> Problem:
+        """Return a problem with the split that the file seems to be for as the server names it."""
+        if problem.split is None:
+            return problem
+        return replace(problem, split=name_on_server(self.task.name, problem.split))
 
     def score(self, reading: PreparedSubmission) -> Scores:
         """Score a submission by the leaderboard's protocol."""
-        return reading.score(find_protocol(self.split.protocol))
+        return reading.score(self.rules)
 
     def reports(self, content: bytes, reading: PreparedSubmission) -> Mapping[str, ScoreReport]:
         """Return what a submission that was read scores on each leaderboard of the split, by name.
 
-        It is read again only for another track.
+        It is read again only for another track, or for other episodes or annotated paths.
         """
         return {
             board.further: board.scored(
-                content, reading if board.split.track == self.split.track else None
+                content, reading if board.reads_by == self.reads_by else None
             ).report
             for board in self.all
         }
+
+    @property
+    def reads_by(self) -> tuple[object, ...]:
+        """What :meth:`read` depends on besides the split."""
+        return self.split.track, *basis_of(self.rules)
 
     def scored(
         self,
@@ -193,7 +225,7 @@ class Board:
     def _without_scores(self, note: str) -> ScoreReport:
         return ScoreReport(
             signature=self.signature,
-            split=self.name,
+            split=self.truth.split,
             protocol=self.split.protocol,
             dataset=self.truth.header.dataset,
             fingerprint=self.truth.fingerprint,
@@ -245,7 +277,7 @@ def _rounded(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:
         fingerprint=report.fingerprint,
         version=report.version,
         episodes=report.episodes,
-        scores={key: CATALOGUE[key].rounded(value) for key, value in report.scores.items()},
+        scores={key: METRICS[key].rounded(value) for key, value in report.scores.items()},
         notes=list(notes),
     )
 
@@ -301,6 +333,12 @@ def _have_same_answers(board: Board, other: Board) -> bool:
     )
 
 
+def tasks_of(boards: Mapping[str, Board]) -> Sequence[Task]:
+    """Return the tasks that the splits are of, each once; REVERIE first."""
+    named = {board.task.name: board.task for board in boards.values()}
+    return [named[name] for name in sorted(named, key=lambda name: name != DEFAULT_TASK)]
+
+
 def leaderboards(boards: Mapping[str, Board]) -> Sequence[Board]:
     """Return the leaderboards of all splits."""
     return [board for own in boards.values() for board in own.all]
@@ -340,19 +378,21 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     bundle = Bundle.load(path)
     truth = GroundTruth.from_bundle(bundle, origin=str(path))
     truth.require_answers()
-    if truth.task.name != DEFAULT_TASK:
+    if truth.task.name != split.task:
         raise GroundTruthError(
-            f"this is the ground truth of {truth.task.title}; a server's splits are REVERIE's"
+            f"this is the ground truth of {truth.task.title}, and the split is of "
+            f'{find_task(split.task).title}; set task = "{truth.task.name}", or take another bundle'
         )
-    if truth.split != name:
-        raise GroundTruthError(f"this is the ground truth of {truth.split}, not of {name}")
+    known = name_on_server(split.task, truth.split)
+    if known != name:
+        raise GroundTruthError(f"this is the ground truth of {known}, not of {name}")
     mode = path.stat().st_mode
     if split.visibility == "private" and mode & _OTHERS_MAY_READ:
         raise GroundTruthError(f"others can read these answers; run `chmod 600 {path}`")
     public_fingerprint = bundle.public().header.fingerprint
     board = _board(name, split, replace(truth, origin=name), public_fingerprint)
     for each in board.all:
-        reason = why_not(find_protocol(each.split.protocol), truth, each.split.track)
+        reason = why_not(each.rules, each.truth, each.split.track)
         if reason:
             raise GroundTruthError(f"also.{each.further}: {reason}" if each.further else reason)
     return board
@@ -360,9 +400,14 @@ def load_board(name: str, split: Split, path: Path) -> Board:
 
 def _board(name: str, split: Split, truth: GroundTruth, public_fingerprint: str) -> Board:
     """Return a split's own leaderboard, which has the further ones."""
-    own = Board(name, split, truth, public_fingerprint)
+
+    def scored(rules: Split) -> GroundTruth:
+        return scored_by(truth.task.protocol(rules.protocol), truth)
+
+    own = Board(name, split, scored(split), public_fingerprint)
     also = {
-        further: replace(own, split=split.ranked_also(further), further=further, own=own)
+        further: replace(own, split=rules, truth=scored(rules), further=further, own=own)
         for further in split.also
+        if (rules := split.ranked_also(further))
     }
     return replace(own, also=MappingProxyType(also))

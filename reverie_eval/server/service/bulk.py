@@ -18,7 +18,6 @@ from typing import TextIO, cast
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.service import Method
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import spreadsheet_cell
@@ -98,7 +97,7 @@ def archive_of(session: Session, board: Board, uploads: Uploads, view: View) -> 
         TemporaryFile("w+", encoding="utf-8", newline=""),  # noqa: SIM115  # closed later
     )
     writer = csv.writer(metadata, lineterminator="\n")
-    writer.writerow([*_FILE, *_ABOUT, *Method.model_fields, "signature", *CATALOGUE])
+    writer.writerow([*_FILE, *_ABOUT, *Method.model_fields, "signature", *board.task.metrics])
     length, files = 0, 0
     for row in session.scalars(chosen):
         report = view.report(row)
@@ -111,7 +110,7 @@ def archive_of(session: Session, board: Board, uploads: Uploads, view: View) -> 
             *(method[name] for name in Method.model_fields),
             report.report.signature,
         ]
-        scores = [report.report.scores.get(key) for key in CATALOGUE]
+        scores = [report.report.scores.get(key) for key in board.task.metrics]
         writer.writerow([*map(spreadsheet_cell, words), *scores])
         length += _length(row.size) if has_file else 0
         files += 1

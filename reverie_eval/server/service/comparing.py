@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session, joinedload
 
 from reverie_eval.analysis import Comparison, Difference
 from reverie_eval.errors import ProtocolError
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.scoring import OUTCOMES
 from reverie_eval.scoring._outcomes import outcome_indices
 from reverie_eval.server.errors import MalformedError, NotFoundError
@@ -54,8 +54,9 @@ class ComparedPair:
     def metrics(self) -> Sequence[Metric]:
         """Those that both results have: headline metrics first."""
         first, second = (row.entry.scores for row in self.rows)
-        both = [metric for key, metric in CATALOGUE.items() if key in first and key in second]
-        return sorted(both, key=lambda metric: not metric.headline)
+        both = [metric for key, metric in METRICS.items() if key in first and key in second]
+        headline = self.ranking.board.task.headline
+        return sorted(both, key=lambda metric: metric.key not in headline)
 
     def difference(self, metric: Metric) -> float:
         """Return the value of the first result minus that of the second."""

@@ -16,7 +16,6 @@ import msgspec
 from sqlalchemy import Text, cast, exists, func, literal, select
 from sqlalchemy.orm import Session
 
-from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.service import CorrectionReport, SnapshotEntry, Standing, Verdict
 from reverie_eval.server.service.boards import Board, without_version
 from reverie_eval.server.service.reported import reported_of
@@ -274,13 +273,12 @@ def _scored(session: Session, board: Board, timetable: Timetable, now: datetime)
         ]
         for submission, rows in reviews_of(session, board.name).items()
     }
-    rules = without_version(board.signature)
     return [
         _entry(
             row,
             report,
             reviews.get(row.id, ()),
-            rules,
+            board,
             timetable.held_until(row.received_at, now),
         )
         for row in session.execute(chosen)
@@ -300,14 +298,14 @@ def _entry(
     row: Any,
     report: _Report,
     reviews: Sequence[PublishedReview],
-    rules: str,
+    board: Board,
     held_until: datetime | None,
 ) -> Entry:
     drawn = {} if report.intervals is None else report.intervals.intervals
     standing: Standing = "ranked"
     if any(review.verdict == "disqualified" for review in reviews):
         standing = "disqualified"
-    elif without_version(report.signature) != rules:
+    elif without_version(report.signature) != without_version(board.signature):
         standing = "other-rules"
     return Entry(
         submission_id=row.id,
@@ -318,9 +316,7 @@ def _entry(
         anonymous_until=row.anonymous_until,
         scores=report.scores if held_until is None else {},
         scores_held_until=held_until,
-        intervals={
-            key: drawn[key] for key, metric in CATALOGUE.items() if metric.headline and key in drawn
-        },
+        intervals={key: drawn[key] for key in board.task.headline if key in drawn},
         signature=report.signature,
         standing=standing,
         reviews=reviews,

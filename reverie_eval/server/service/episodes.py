@@ -19,13 +19,13 @@ from reverie_eval.agents import AGENTS, run_agent
 from reverie_eval.analysis import Episode, episode, find_grouping
 from reverie_eval.arrays import BoolArray, IntArray, offsets_of
 from reverie_eval.errors import GroundTruthError, ProtocolError
-from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth
+from reverie_eval.ground_truth import DEMO_BUNDLES, GroundTruth, bundle_folder
 from reverie_eval.metrics import ABSTAINED
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.scoring import OUTCOMES, FailureModes, PreparedSubmission, Scores
 from reverie_eval.scoring._outcomes import failure_modes, outcome_indices
 from reverie_eval.server.errors import NotFoundError, NotSignedInError
-from reverie_eval.server.service.boards import Board, load_board
+from reverie_eval.server.service.boards import Board, load_board, tasks_of
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.submissions import (
     SubmissionService,
@@ -39,6 +39,7 @@ from reverie_eval.server.service.submissions import (
 from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Person, Submission
 from reverie_eval.submissions import NO_BOXES, AlignedSubmission
+from reverie_eval.tasks import Task, name_on_server
 
 MOST_LISTED = 200
 """Submissions to choose from; older ones can be opened by their links."""
@@ -99,7 +100,7 @@ class Annotations:
     """Of an agent that stays at the start and predicts nothing."""
     scan: Sequence[str]
     category: Sequence[str]
-    """Empty if the ground truth does not have them."""
+    """Empty if the ground truth does not have them, or the task has no targets."""
     instruction: Sequence[str]
     """Empty if the ground truth does not have them."""
 
@@ -181,6 +182,7 @@ class EpisodeService:
     """Access to episodes."""
 
     def __init__(self, boards: Mapping[str, Board], submissions: SubmissionService) -> None:
+        self._first_task, *_ = tasks_of(boards)
         self.boards: Sequence[Board] = [board for board in boards.values() if not board.is_private]
         """Of the open splits."""
         self._submissions = submissions
@@ -190,13 +192,16 @@ class EpisodeService:
         )
 
     @cached_property
-    def example(self) -> tuple[Board, Episode]:
-        """An episode to show what the task is, and its split: an open one, else the demo world's.
+    def example(self) -> tuple[Board, Episode] | None:
+        """An episode to show what the first task is, and its split: an open one, else a demo.
 
-        Of all episodes, its shortest length is the median.
+        Of all episodes, its shortest length is the median. None if there is no such split.
         """
-        unseen_first = sorted(self.boards, key=lambda board: board.name != "val_unseen")
-        board = unseen_first[0] if unseen_first else _demo_board()
+        own = [board for board in self.boards if board.task is self._first_task]
+        unseen_first = sorted(own, key=lambda board: board.truth.split != "val_unseen")
+        board = unseen_first[0] if unseen_first else _demo_board(self._first_task)
+        if board is None:
+            return None
         scores = Annotations.of(board).scores
         by_length = np.argsort(scores.episodes["shortest_length"], kind="stable")
         return board, episode(scores, scores.instr_ids[by_length[len(by_length) // 2]])
@@ -290,9 +295,13 @@ class EpisodeService:
         return Choice(row.id, row.method["name"], "public", team, row.published_at)
 
 
-def _demo_board() -> Board:
-    bundle = DEMO_BUNDLES / "val_unseen.npz"
-    return load_board("val_unseen", Split(bundle=bundle, visibility="open"), bundle)
+def _demo_board(task: Task) -> Board | None:
+    """Return an open split of the demo world, which tasks of other packages do not have."""
+    bundle = bundle_folder(DEMO_BUNDLES, task.name) / "val_unseen.npz"
+    if not bundle.is_file():
+        return None
+    split = Split(bundle=bundle, visibility="open", task=task.name)
+    return load_board(name_on_server(task.name, "val_unseen"), split, bundle)
 
 
 def _own(report: SubmissionReport) -> Choice:
@@ -346,5 +355,5 @@ def align_walks(
 def _if_known(texts: Callable[[], Sequence[str]]) -> Sequence[str]:
     try:
         return texts()
-    except GroundTruthError:
+    except (GroundTruthError, ProtocolError):
         return ()

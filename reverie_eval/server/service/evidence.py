@@ -26,7 +26,7 @@ from reverie_eval.analysis import (
     spread_of_changes,
 )
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, row_of
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import METRICS
 from reverie_eval.schemas.evidence import (
     EvidenceReport,
     GapReport,
@@ -38,7 +38,7 @@ from reverie_eval.schemas.evidence import (
     TeamEvidence,
     WalkReport,
 )
-from reverie_eval.scoring import clusters_of, find_protocol, is_goal
+from reverie_eval.scoring import clusters_of, is_goal
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.boards import Board, board_named
 from reverie_eval.server.service.fingerprints import Fingerprint, Fingerprints
@@ -52,7 +52,7 @@ AT_ONCE = 100
 PAIRS = 10
 """Pairs of teams that are listed."""
 
-_rounded = CATALOGUE["success"].rounded
+_rounded = METRICS["success"].rounded
 """Rounds a mean as scores of private splits are: an exact one could tell of single episodes."""
 
 
@@ -261,8 +261,7 @@ class _Examined:
         offsets = offsets_of(end - begin)
         episode = row_of(offsets)
         viewpoint = np.arange(len(episode)) - (offsets[:-1] - begin)[episode]
-        rule = find_protocol(self.board.split.protocol).goal
-        return np.bincount(episode, is_goal(rule, truth, episode, viewpoint))
+        return np.bincount(episode, is_goal(self.board.rules.goal, truth, episode, viewpoint))
 
 
 def _difference(values: Sequence[FloatArray | None]) -> FloatArray:

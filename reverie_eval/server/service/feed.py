@@ -10,7 +10,6 @@ from datetime import datetime
 from heapq import nlargest
 from uuid import NAMESPACE_URL, uuid5
 
-from reverie_eval.metrics import CATALOGUE
 from reverie_eval.schemas.service import NewsReport
 from reverie_eval.server.service.entries import Entry, PublishedReview
 from reverie_eval.server.service.leaderboard import ANONYMOUS, Ranking
@@ -81,9 +80,8 @@ def _published(entry: Entry, ranking: Ranking) -> Item:
     if primary.key in entry.scores:
         title += f": {primary.heading} {primary.display(entry.scores[primary.key])}"
     shown = [
-        f"{metric.heading} {metric.display(entry.scores[key])}"
-        for key, metric in CATALOGUE.items()
-        if metric.headline and key in entry.scores
+        f"{metric.heading} {metric.display(entry.scores[metric.key])}"
+        for metric in board.task.headline_metrics(entry.scores)
     ]
     return Item(
         id=_urn("published", entry.submission_id or "", board.further),

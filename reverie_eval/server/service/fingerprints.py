@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session
 from reverie_eval.arrays import Array, FloatArray, IntArray, last_of, row_of
 from reverie_eval.errors import SubmissionError
 from reverie_eval.metrics import jumps
-from reverie_eval.scoring import Lookups, PreparedSubmission, find_protocol
+from reverie_eval.scoring import Lookups, PreparedSubmission
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Fingerprint as Row
@@ -127,7 +127,7 @@ class Fingerprint:
             is_navigation_only=bool((answer == -1).all()),
         )
         reading = PreparedSubmission(aligned, truth, track)
-        return reading.score(find_protocol(board.split.protocol)).episodes.get(metric)
+        return board.score(reading).episodes.get(metric)
 
 
 def _path_codes(aligned: AlignedSubmission) -> IntArray:
@@ -165,7 +165,8 @@ class Fingerprints:
     @property
     def basis(self) -> str:
         """What the numbers in a fingerprint depend on."""
-        return f"{self.board.split.track}:{self.board.public_fingerprint}"
+        episodes = len(self.board.truth.episodes.instr_ids)  # protocols may leave some out
+        return f"{self.board.split.track}:{self.board.public_fingerprint}:{episodes}"
 
     def missing(self, session: Session, digests: Sequence[str]) -> Sequence[str]:
         """Return the uploads without a fingerprint, in their order."""

@@ -174,8 +174,9 @@ class Intake:
                 session, person, board, len(content), arrived, in_the_past=bool(organiser)
             )
         reading = board.read(content)
-        is_navigation_only = reading.submission.is_navigation_only
-        check_navigation_only(found=is_navigation_only, declared=method.navigation_only)
+        if board.task.has_targets:
+            is_navigation_only = reading.submission.is_navigation_only
+            check_navigation_only(found=is_navigation_only, declared=method.navigation_only)
         reports = board.reports(content, reading)
         row = Submission(
             id=secrets.token_hex(8),

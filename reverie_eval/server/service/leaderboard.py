@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 from sqlalchemy.orm import Session
 
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._results import methods_table
 from reverie_eval.reporting._table import latex_comments, latex_text
 from reverie_eval.schemas.service import CorrectionReport, Method, SnapshotEntry
@@ -25,9 +25,7 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.csv_files import spreadsheet_cell
 from reverie_eval.server.service.entries import EntriesCache, Entry, Row
 from reverie_eval.server.service.rank_intervals import RankInterval
-
-SORTABLE = tuple(key for key, metric in CATALOGUE.items() if metric.better != "neither")
-"""Metrics with a better direction."""
+from reverie_eval.tasks import DEFAULT_TASK, Task
 
 _OF_RANK = ("rank_low", "rank_high", "group")
 _ABOUT = ("rank", "submission_id", "team", "published_at", "submissions")
@@ -35,7 +33,7 @@ _OF_METHOD = tuple(name for name in Method.model_fields if name != "description"
 _STANDING = ("standing", "reviews", "source", "reported_date", "dataset", "signature")
 _BRACES = {"{": r"\textbraceleft{}", "}": r"\textbraceright{}"}
 """BibTeX counts braces, even escaped ones."""
-PAPER = r"""@inproceedings{qi2020reverie,
+_PAPER = r"""@inproceedings{qi2020reverie,
   author = {Qi, Yuankai and Wu, Qi and Anderson, Peter and Wang, Xin and Wang, William Yang and
             Shen, Chunhua and van den Hengel, Anton},
   title = {{REVERIE}: Remote Embodied Visual Referring Expression in Real Indoor Environments},
@@ -44,7 +42,7 @@ PAPER = r"""@inproceedings{qi2020reverie,
   url = {https://arxiv.org/abs/1904.10151},
 }
 """
-"""What to cite for the dataset, in BibTeX."""
+"""What to cite for REVERIE, in BibTeX."""
 ANONYMOUS = "Anonymous"
 """In place of a team's name, where some name is needed."""
 
@@ -142,12 +140,12 @@ def leaderboard(
     MalformedError
         If there is no such metric, or it has no better direction.
     """
-    if metric not in SORTABLE:
-        known = ", ".join(SORTABLE)
+    if metric not in board.sortable:
+        known = ", ".join(board.sortable)
         raise MalformedError(f"cannot sort by {metric!r}; choose one of: {known}")
     cached = cache.entries(session, board, now)
     if metric not in cached.ranked:
-        cached.ranked[metric] = _ranked(cached.entries, CATALOGUE[metric])
+        cached.ranked[metric] = _ranked(cached.entries, METRICS[metric])
     counts = cache.submissions_of_teams(session, board.name)
     return Ranking(
         board=board,
@@ -247,8 +245,8 @@ def csv_of(leaderboard: Mapping[str, Any]) -> str:
     """
     rows = [*leaderboard["rows"], *leaderboard["apart"]]
     present: set[str] = set().union(*(row["scores"] for row in rows))
-    shown = [key for key in CATALOGUE if key in present]
-    drawn = [key for key in CATALOGUE if any(key in row["intervals"] for row in rows)]
+    shown = [key for key in METRICS if key in present]
+    drawn = [key for key in METRICS if any(key in row["intervals"] for row in rows)]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     headings = ["method" if name == "name" else name for name in _OF_METHOD]
@@ -310,8 +308,9 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
     the result. ``title`` and ``site`` are those of the server, ``address`` is the leaderboard's.
     """
     board, today = ranking.board, ranking.now.astimezone(UTC)
+    task = board.task
     of_board = _bibtex_entry(
-        f"reverie-{board.label}-{today:%Y-%m-%d}",
+        f"{task.name}-{board.label.removeprefix(f'{task.name}-')}-{today:%Y-%m-%d}",
         author=title,
         title=f"Leaderboard of {board.label}",
         address=address,
@@ -320,7 +319,7 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
     )
     of_rows = [
         _bibtex_entry(
-            f"reverie-{entry.submission_id}",
+            f"{task.name}-{entry.submission_id}",
             author=ranking.team(entry) or ANONYMOUS,
             title=entry.method["name"],
             address=entry.method.get("paper") or f"{site}/submissions/{entry.submission_id}",
@@ -330,7 +329,21 @@ def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, addr
         )
         for entry in (row.entry for row in rows)
     ]
-    return "\n".join([PAPER, of_board, *of_rows])
+    return "\n".join([paper_of(task), of_board, *of_rows])
+
+
+def paper_of(task: Task) -> str:
+    """Return what to cite for a task's dataset, in BibTeX."""
+    if task.name == DEFAULT_TASK:
+        return _PAPER
+    lines = [
+        f"@misc{{{_bibtex_key(task.name)},",
+        f"  title = {{{{{_bibtex_text(task.title)}}}}},",
+        f"  howpublished = {{\\url{{https://{task.source}}}}},",
+        f"  note = {{{_bibtex_text(task.citation)}}},",
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _bibtex_entry(

@@ -134,10 +134,11 @@ class HumanWalk:
     def record(self, object_id: int | None) -> Mapping[str, Any]:
         """Return the walk as a record of a submission."""
         self._check_visible(object_id)
+        task, answer = self.board.task, ABSTAINED if object_id is None else object_id
         return {
-            "instr_id": self.annotated.instr_id,
+            **task.id_field(self.annotated.instr_id),
             "trajectory": self._surroundings.poses(self.viewpoints),
-            "predObjId": ABSTAINED if object_id is None else object_id,
+            **({"predObjId": answer} if task.has_targets else {}),
         }
 
     @cached_property

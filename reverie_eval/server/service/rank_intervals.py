@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from reverie_eval.analysis import covariance_of_means, rank_intervals
 from reverie_eval.arrays import FloatArray, IntArray
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.scoring import Scores, clusters_of
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Row
@@ -28,11 +28,6 @@ _FEWEST_COMPARED = 2
 """Results, and clusters that they are compared on."""
 _DIGITS = 6
 """Of the stored sums, after the point."""
-_COMPARED = tuple(
-    key for key, metric in CATALOGUE.items() if metric.headline and metric.better != "neither"
-)
-"""The metrics by which results are compared."""
-
 Sums: TypeAlias = dict[str, list[float]]
 """Of a result over each cluster of episodes, by metric."""
 
@@ -56,9 +51,11 @@ def cluster_sums(scores: Scores) -> Sums:
     """Return the sums of a result over clusters of episodes, as they are stored."""
     _, cluster = np.unique(clusters_of(scores.ground_truth, "target"), return_inverse=True)
     return {
-        key: np.bincount(cluster, weights=scores.episodes[key]).round(_DIGITS).tolist()
-        for key in _COMPARED
-        if key in scores
+        metric.key: np.bincount(cluster, weights=scores.episodes[metric.key])
+        .round(_DIGITS)
+        .tolist()
+        for metric in scores.headline
+        if metric.better != "neither"
     }
 
 
@@ -88,14 +85,27 @@ class RankIntervals:
             for row in rows
             if row.rank is not None and row.entry.submission_id is not None
         ]
-        if metric not in _COMPARED or not _FEWEST_COMPARED <= len(ranked) <= MOST_COMPARED:
+        is_compared = _is_compared(board, METRICS[metric])
+        if not is_compared or not _FEWEST_COMPARED <= len(ranked) <= MOST_COMPARED:
             return {}
         with self._lock:
             known, found = self._cached.get((board.path, metric), ((), {}))
             if known != ranked:
-                found = _computed(session, board, CATALOGUE[metric], ranked)
+                found = _computed(session, board, METRICS[metric], ranked)
                 self._cached[board.path, metric] = ranked, found
             return found
+
+
+def _is_compared(board: Board, metric: Metric) -> bool:
+    """Whether results are compared by a metric.
+
+    On a private split, only by shares: a mean in metres does not tell how much it varies.
+    """
+    return (
+        metric.key in board.task.headline
+        and metric.better != "neither"
+        and (metric.unit == "fraction" or not board.is_private)
+    )
 
 
 def _computed(

@@ -5,7 +5,7 @@ marked as reported, without a rank; those on another version of the dataset are 
 results stay in the database but are not shown.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from reverie_eval.errors import Problem
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import METRICS
 from reverie_eval.schemas.organising import (
     ImportReport,
     NewImport,
@@ -28,6 +28,7 @@ from reverie_eval.server.service.reported_files import FileRow, read_results
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import ReportedResult
 from reverie_eval.server.wrong_values import wrong_value
+from reverie_eval.tasks import Task, name_on_server
 from reverie_eval.text import did_you_mean
 
 _SHOWN = 60
@@ -46,27 +47,28 @@ class _Identity(NamedTuple):
 
 
 def add_reported(
-    transaction: Transaction, new: NewReported, splits: Collection[str]
+    transaction: Transaction, new: NewReported, tasks: Mapping[str, Task]
 ) -> ReportedEntry:
     """Add a reported result to the leaderboard of a split.
+
+    ``tasks`` are those of the server's splits, by the split's name.
 
     Raises
     ------
     MalformedError
-        If a metric is unknown, or a score is out of its bounds.
+        If the split's task has no such metric, or a score is out of its bounds.
     NotFoundError
         If there is no such split.
     ConflictError
         If a result of that team, method and date is already on the leaderboard.
     """
-    _check_split(new.split, splits)
-    _check_scores(new.scores)
+    _check_scores(new.scores, _task_of(new.split, tasks).metrics)
     _check_is_only(transaction.session, new)
     return ReportedEntry.model_validate(_insert(transaction, new))
 
 
 def change_reported(
-    transaction: Transaction, result_id: int, change: ReportedChange
+    transaction: Transaction, result_id: int, change: ReportedChange, tasks: Mapping[str, Task]
 ) -> ReportedEntry:
     """Change a reported result in place; the audit log keeps what was there before.
 
@@ -83,7 +85,8 @@ def change_reported(
     old = NewReported.model_validate(result)
     before = old.model_dump(mode="json")
     after = _merged(before, change.model_dump(mode="json", exclude_unset=True))
-    _check_scores(after["scores"])
+    task = tasks.get(old.split)  # a split may have been removed from the settings
+    _check_scores(after["scores"], [*METRICS] if task is None else task.metrics)
     new = NewReported.model_validate(after)
     _check_is_only(transaction.session, new, result_id)
     details = {"before": _only_different(before, after), "after": _only_different(after, before)}
@@ -104,7 +107,7 @@ def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
 
 
 def import_reported(
-    transaction: Transaction, new: NewImport, splits: Collection[str]
+    transaction: Transaction, new: NewImport, tasks: Mapping[str, Task]
 ) -> ImportReport:
     """Add the results of a file to the leaderboard of a split; all or, with a problem, none.
 
@@ -119,8 +122,10 @@ def import_reported(
         Listing everything that is wrong with the file, and results that the file or the leaderboard
         also has with other scores.
     """
-    _check_split(new.split, splits)
-    read = read_results(new.text, new.split, new.rates)
+    task = _task_of(new.split, tasks)
+    # A file of another server names the split without the task.
+    own_name = new.split.removeprefix(name_on_server(task.name, ""))
+    read = read_results(new.text, own_name, new.rates, task.metrics)
     problems = list(read.problems)
     known = _known(transaction.session, new.split)
     first: dict[_Identity, tuple[FileRow, NewReported]] = {}
@@ -219,21 +224,24 @@ def _only_different(values: Mapping[str, Any], others: Mapping[str, Any]) -> dic
     }
 
 
-def _check_split(split: str, splits: Collection[str]) -> None:
-    if split not in splits:
-        raise NotFoundError(f"there is no split {split!r}; there are: {', '.join(splits)}")
+def _task_of(split: str, tasks: Mapping[str, Task]) -> Task:
+    if split not in tasks:
+        raise NotFoundError(f"there is no split {split!r}; there are: {', '.join(tasks)}")
+    return tasks[split]
 
 
-def _check_scores(scores: Mapping[str, float]) -> None:
+def _check_scores(scores: Mapping[str, float], known: Sequence[str]) -> None:
     if not scores:
         raise MalformedError("no score would be left; remove the result instead")
     for key, value in scores.items():
-        if key not in CATALOGUE:
-            raise MalformedError(f"there is no metric {key!r}{did_you_mean(key, CATALOGUE)}")
-        bound = CATALOGUE[key].upper_bound
-        if not isfinite(value) or not 0 <= value <= bound:
-            expected = "a fraction from 0 to 1" if bound == 1 else "0 or more"
-            raise MalformedError(f"{key} is {value}; expected {expected}")
+        if key not in known:
+            raise MalformedError(f"there is no metric {key!r}{did_you_mean(key, known)}")
+        metric = METRICS[key]
+        if not isfinite(value) or not metric.lower_bound <= value <= metric.upper_bound:
+            expected = "a fraction from 0 to 1" if metric.unit == "fraction" else "0 or more"
+            raise MalformedError(
+                f"{key} is {value}; expected {'a number' if metric.is_signed else expected}"
+            )
 
 
 def _check_is_only(session: Session, new: NewReported, but: int | None = None) -> None:

@@ -7,14 +7,14 @@ metric or says something about the result, and has one of the names in ``_COLUMN
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from decimal import Decimal
 from math import isfinite
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from reverie_eval.errors import Problem
-from reverie_eval.metrics import CATALOGUE, Metric
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.schemas.organising import Rates
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.errors import TableError
@@ -31,13 +31,16 @@ _COLUMNS: Mapping[str, str] = MappingProxyType(
         **{name: name for name in (*_ABOUT, *_OF_METHOD)},
         "dataset_version": "dataset",
         "link": "paper",
-        **{metric.label.lower(): metric.key for metric in CATALOGUE.values()},
-        **{key: key for key in CATALOGUE},
+        **{metric.label.lower(): metric.key for metric in METRICS.values()},
+        **{key: key for key in METRICS},
         # The columns of the public REVERIE leaderboard of 2020 to 2026.
         "nav_success": "success",
         "nav_oracle_success": "oracle_success",
         "nav_spl": "spl",
         "nav_length": "path_length",
+        # The names of R2R's and NDH's own scripts.
+        "nav_error": "navigation_error",
+        "dist_to_end_reduction": "goal_progress",
         # The words of the REVERIE paper.
         "length": "path_length",
         "reverie_success": "rgs",
@@ -86,7 +89,7 @@ def printed_value(metric: Metric, text: str, rates: Rates = "percent") -> float:
 
     Examples
     --------
-    >>> printed_value(CATALOGUE["success"], "52.51 %")
+    >>> printed_value(METRICS["success"], "52.51 %")
     0.5251
     """
     is_percent = metric.unit == "fraction" and rates == "percent"
@@ -96,7 +99,7 @@ def printed_value(metric: Metric, text: str, rates: Rates = "percent") -> float:
         value = float(number / _PER_CENT if is_percent else number)
     except ArithmeticError:
         raise ValueError(f"{metric.label}: {text!r} is not a number") from None
-    if not isfinite(value) or not 0 <= value <= metric.upper_bound:
+    if not isfinite(value) or not metric.lower_bound <= value <= metric.upper_bound:
         most = _PER_CENT if is_percent else 1
         expected = f"from 0 to {most}" if metric.unit == "fraction" else "0 or more"
         raise ValueError(f"{metric.heading}: {text} is not {expected}")
@@ -106,15 +109,19 @@ def printed_value(metric: Metric, text: str, rates: Rates = "percent") -> float:
 def as_printed(metric: Metric, value: float) -> str:
     """Return a value as tables print it, in percent or metres, with all its digits.
 
-    >>> as_printed(CATALOGUE["success"], 0.525), as_printed(CATALOGUE["path_length"], 12.0)
+    >>> as_printed(METRICS["success"], 0.525), as_printed(METRICS["path_length"], 12.0)
     ('52.5', '12')
     """
     number = Decimal(repr(value)) * (_PER_CENT if metric.unit == "fraction" else 1)
     return f"{number.normalize():f}"
 
 
-def read_results(text: str, split: str, rates: Rates) -> ResultsFile:
+def read_results(
+    text: str, split: str, rates: Rates, metrics: Collection[str] = METRICS
+) -> ResultsFile:
     """Read a file of results; if it has those of several splits, of one of them.
+
+    ``metrics`` are the keys of those that the split's task has; by default of all.
 
     Raises
     ------
@@ -124,7 +131,7 @@ def read_results(text: str, split: str, rates: Rates) -> ResultsFile:
     text = text.removeprefix("\ufeff")
     is_json = text.lstrip().startswith(("{", "["))
     table = _read_json(text, split) if is_json else _Table(*read_csv(text))
-    fields = _fields_of(table.columns)
+    fields = _fields_of(table.columns, metrics)
     if not {"team", "method"} & set(fields):
         raise TableError(
             [Problem("no-column", "columns", "expected one for the team or the method")]
@@ -161,18 +168,18 @@ def read_change(cells: Mapping[str, str]) -> Mapping[str, Any]:
     >>> read_change({"SR": "59.64", "RGS": "", "date": "01/2026", "ensemble": "no"})
     {'date': '01/2026', 'method': {'ensemble': 'no'}, 'scores': {'success': 0.5964, 'rgs': None}}
     """
-    given = dict(zip(_fields_of(list(cells)), cells.values(), strict=True))
+    given = dict(zip(_fields_of(list(cells), METRICS), cells.values(), strict=True))
     scores, wrong = _read_scores(given, "percent")
     if wrong:
         raise TableError([Problem("wrong-value", "values", told) for told in wrong])
     about = {
         name: cell if cell or name in _TEXTS else None
         for name, cell in given.items()
-        if name not in CATALOGUE
+        if name not in METRICS
     }
     renamed = {"name": about.pop("method")} if "method" in about else {}
     method = {name: about.pop(name) for name in _OF_METHOD if name in about} | renamed
-    cleared = {key: None for key, cell in given.items() if key in CATALOGUE and key not in scores}
+    cleared = {key: None for key, cell in given.items() if key in METRICS and key not in scores}
     return {**about, "method": method, "scores": {**scores, **cleared}}
 
 
@@ -184,9 +191,7 @@ def _read_row(
     if not scores and not wrong:
         wrong = ["has no score"]
     about = {
-        name: cell
-        for name, cell in cells.items()
-        if name not in CATALOGUE and cell not in _NO_VALUE
+        name: cell for name, cell in cells.items() if name not in METRICS and cell not in _NO_VALUE
     }
     return FileRow(place, where, about, scores), wrong
 
@@ -196,7 +201,7 @@ def _read_scores(
 ) -> tuple[Mapping[str, float], Sequence[str]]:
     """Return the scores among the cells of a row, and what is wrong with others."""
     scores, wrong = {}, []
-    for metric in CATALOGUE.values():
+    for metric in METRICS.values():
         cell = cells.get(metric.key)
         if cell not in _NO_VALUE:
             try:
@@ -212,15 +217,15 @@ def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
         value
         for row in rows
         for key, value in row.scores.items()
-        if CATALOGUE[key].unit == "fraction"
+        if METRICS[key].unit == "fraction"
     ]
     if 0 < max(values, default=0) <= 1 / _PER_CENT:
         message = "none is above 1 %; if these are fractions, say so (rates: fraction)"
         yield Problem("fractions", "all rates", message)
 
 
-def _fields_of(columns: Sequence[str]) -> Sequence[str]:
-    """Return the metric or field of each column.
+def _fields_of(columns: Sequence[str], metrics: Collection[str]) -> Sequence[str]:
+    """Return the metric, of those there are, or the field of each column.
 
     Raises
     ------
@@ -229,14 +234,16 @@ def _fields_of(columns: Sequence[str]) -> Sequence[str]:
     """
     fields: dict[str, str] = {}
     problems = []
+    names = {
+        name: field for name, field in _COLUMNS.items() if field not in METRICS or field in metrics
+    }
     for column in columns:
         name = _UNIT.sub("", column.strip().lower()).replace(" ", "_").replace("-", "_")
-        known = _COLUMNS.get(name)
+        known = names.get(name)
         if known is None:
-            problem = Problem(
-                "unknown-column", f"column {column!r}", f"unknown{did_you_mean(name, _COLUMNS)}"
-            )
-            problems.append(problem)
+            is_of_others = "not a metric of this split" if name in _COLUMNS else "unknown"
+            message = f"{is_of_others}{did_you_mean(name, names)}"
+            problems.append(Problem("unknown-column", f"column {column!r}", message))
         elif known in fields:
             message = f"says the same as column {fields[known]!r}; remove one"
             problems.append(Problem("repeated-column", f"column {column!r}", message))

@@ -2,17 +2,32 @@
 
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from reverie_eval.tasks import DEFAULT_TASK
 from reverie_eval_cli import options
 from reverie_eval_cli.organising import actor, now, show_findings
 from reverie_eval_cli.output import with_progress
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 
 @click.command()
 @options.server_folder
-def init(*, folder: Path) -> None:
+@click.option(
+    "--task",
+    "tasks",
+    multiple=True,
+    default=[DEFAULT_TASK],
+    show_default=True,
+    metavar="NAME",
+    shell_complete=options.complete_task,
+    help="The benchmark of its leaderboards, such as r2r; can be repeated.",
+)
+def init(*, folder: Path, tasks: "Sequence[str]") -> None:
     """Make a server's folder.
 
     It gets settings, a signing key, a database and, until you add your own, the demo world as its
@@ -22,7 +37,7 @@ def init(*, folder: Path) -> None:
     from reverie_eval.server.operations.folder import make_server
 
     with database_errors():
-        token = make_server(folder, now=now(), actor=actor())
+        token = make_server(folder, now=now(), actor=actor(), tasks=tasks)
     quoted = shlex.quote(str(folder))
     print(f"{folder}: a server, for now with the demo world as its ground truth")
     print(f"organiser's token, not shown again: {token}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval import CATALOGUE
+from reverie_eval.metrics import METRICS
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
@@ -74,9 +74,9 @@ def import_results(
         text=read_text(file),
         dry_run=dry_run,
     )
-    splits = load_settings(folder).splits
+    tasks = load_settings(folder).tasks
     with acting(folder) as transaction:
-        report = import_reported(transaction, new, splits)
+        report = import_reported(transaction, new, tasks)
     if dry_run:
         _print_results(report.added)
     for text in report.repeated:
@@ -92,7 +92,7 @@ def import_results(
 
 def _print_results(results: "Sequence[NewReported]") -> None:
     scored = {key for each in results for key in each.scores}
-    metrics = [metric for key, metric in CATALOGUE.items() if key in scored]
+    metrics = [metric for key, metric in METRICS.items() if key in scored]
     rows = [
         (
             each.method.name,
@@ -128,7 +128,7 @@ def list_results(*, folder: Path) -> None:
             each.date or "-",
             each.dataset or "-",
             ", ".join(
-                f"{CATALOGUE[key].label} {CATALOGUE[key].display(value)}"
+                f"{METRICS[key].label} {METRICS[key].display(value)}"
                 for key, value in each.scores.items()
             ),
         )
@@ -163,10 +163,11 @@ def edit(*, folder: Path, number: int, changes: "Mapping[str, str]") -> None:
     from reverie_eval.schemas.organising import ReportedChange
     from reverie_eval.server.service.reported import change_reported
     from reverie_eval.server.service.reported_files import read_change
+    from reverie_eval.server.settings import load_settings
 
-    change = checked(ReportedChange, **read_change(changes))
+    change, tasks = checked(ReportedChange, **read_change(changes)), load_settings(folder).tasks
     with acting(folder) as transaction:
-        changed = change_reported(transaction, number, change)
+        changed = change_reported(transaction, number, change, tasks)
     print(f"reported result {changed.id} ({changed.method.name}) changed")
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval.metrics import Metric, primary_metric
+from reverie_eval.metrics import Metric
+from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.organising import actor, checked, print_list
@@ -70,7 +71,7 @@ def rescore(
         changes = rescoring.rescore(
             settings, split, new.reason, actor=actor(), jobs=jobs, progress=_progress
         )
-    _print(changes)
+    _print(changes, settings.tasks[split])
     failed = sum(bool(change.problem) for change in changes)
     if failed:
         note(f"{count_text(failed, 'submission')} cannot be scored again, and kept the old result")
@@ -83,18 +84,18 @@ def _progress(
     return with_progress(outcomes, "scoring again", number)
 
 
-def _print(changes: "Sequence[ResultChange]") -> None:
+def _print(changes: "Sequence[ResultChange]", task: Task) -> None:
     """Print a table for each leaderboard of the split."""
     if not changes:
         note("there are no submissions")
     for further, group in groupby(changes, attrgetter("board")):
         if further:
             print(f"\n{further}")
-        _print_board(list(group))
+        _print_board(list(group), task)
 
 
-def _print_board(changes: "Sequence[ResultChange]") -> None:
-    metric = primary_metric(set().union(*(c.before.keys() | c.after.keys() for c in changes)))
+def _print_board(changes: "Sequence[ResultChange]", task: Task) -> None:
+    metric = task.primary_metric(set().union(*(c.before.keys() | c.after.keys() for c in changes)))
     rows = [
         (
             change.submission_id,

@@ -1,13 +1,13 @@
 """``/desk/reported``: results that papers and other leaderboards report."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 from fastapi import APIRouter
 from fastapi.responses import Response
 
-from reverie_eval.metrics import CATALOGUE
+from reverie_eval.metrics import METRICS
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
 from reverie_eval.schemas.organising import NewImport, NewReported, ReportedChange, ReportedEntry
 from reverie_eval.schemas.service import MethodDescription, ProblemDocument
@@ -18,6 +18,7 @@ from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
 from reverie_eval.server.service import reported
 from reverie_eval.server.service.reported_files import as_printed, printed_value
+from reverie_eval.tasks import Task
 
 router = APIRouter()
 
@@ -30,7 +31,7 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     return {
         "results": reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
         "splits": list(desk.server.boards),
-        "catalogue": CATALOGUE.values(),
+        **_scores_asked(desk.server.tasks),
         "method_fields": MethodDescription.model_fields,
     }
 
@@ -50,13 +51,14 @@ def draw_result(
     """Show the form to change a reported result, with its fields unless others are given."""
     with desk.snapshot() as snapshot:
         result = reported.find_reported(snapshot.session, result_id)
+        task = desk.server.settings.tasks.get(result.split)
         return forms.desk_page(
             desk,
             snapshot,
             "reported-result.html",
             problem,
             result=result,
-            catalogue=CATALOGUE.values(),
+            **_scores_asked([task] if task else desk.server.tasks),
             method_fields=MethodDescription.model_fields,
             typed=_typed_of(result) if typed is None else typed,
         )
@@ -73,7 +75,8 @@ def add(desk: Desk, form: Posted) -> Response:
     """Add a reported result to a leaderboard."""
     typed = forms.typed_by(desk, form, draw)
     fields = {"split": typed.get("split", ""), "scores": scores_of(typed), **_about(typed)}
-    desk.perform(reported.add_reported, read_model(NewReported, fields), desk.server.boards)
+    tasks = desk.server.settings.tasks
+    desk.perform(reported.add_reported, read_model(NewReported, fields), tasks)
     return forms.done(PAGE, "added")
 
 
@@ -88,7 +91,7 @@ def import_file(desk: Desk, form: Posted) -> Response:
     """Show what a file would add; add it if that was confirmed."""
     typed = forms.typed_by(desk, form, draw_import)
     new = read_model(NewImport, {**typed, "dry_run": not forms.is_confirmed(form)})
-    report = desk.perform(reported.import_reported, new, desk.server.boards)
+    report = desk.perform(reported.import_reported, new, desk.server.settings.tasks)
     if new.dry_run:
         return forms.ask(desk, typed, "confirm-import.html", report=report, split=new.split)
     return forms.done(PAGE, "imported")
@@ -104,9 +107,9 @@ def show_result(result_id: Number, desk: Desk) -> Response:
 def change(result_id: Number, desk: Desk, form: Posted) -> Response:
     """Change a reported result."""
     typed = forms.typed_by(desk, form, partial(draw_result, result_id))
-    scores = {**dict.fromkeys(CATALOGUE), **scores_of(typed)}
+    scores = {**dict.fromkeys(METRICS), **scores_of(typed)}
     changed = read_model(ReportedChange, {"scores": scores, **_about(typed)})
-    desk.perform(reported.change_reported, result_id, changed)
+    desk.perform(reported.change_reported, result_id, changed, desk.server.settings.tasks)
     return forms.done(PAGE, "changed")
 
 
@@ -120,6 +123,17 @@ def remove(result_id: Number, desk: Desk, form: Posted) -> Response:
         return forms.ask(desk, {}, question=question, remark=remark, yes="Remove it", back=PAGE)
     desk.perform(reported.remove_reported, result_id)
     return forms.done(PAGE, "removed")
+
+
+def _scores_asked(tasks: Sequence[Task]) -> Mapping[str, Any]:
+    """Return the metrics that the form asks for: those of tables first, then the others."""
+    known = {key for task in tasks for key in task.metrics}
+    first = {key for task in tasks for key in task.headline}
+    ordered = [metric for key, metric in METRICS.items() if key in known]
+    return {
+        "headline": [metric for metric in ordered if metric.key in first],
+        "further": [metric for metric in ordered if metric.key not in first],
+    }
 
 
 def scores_of(typed: forms.Typed) -> Mapping[str, float]:
@@ -136,7 +150,7 @@ def scores_of(typed: forms.Typed) -> Mapping[str, float]:
     {'path_length': 12.3, 'success': 0.5251}
     """
     scores = {}
-    for metric in CATALOGUE.values():
+    for metric in METRICS.values():
         if text := typed.get(metric.key):
             try:
                 scores[metric.key] = printed_value(metric, text)
@@ -166,5 +180,5 @@ def _typed_of(result: ReportedEntry) -> forms.Typed:
     fields = {**method, **result.model_dump(include={"team", "source", "date", "dataset"})}
     texts = {name: "" if value is None else str(value) for name, value in fields.items()}
     flags = {name: texts[name].lower() for name in METHOD_FLAGS}
-    scores = {key: as_printed(CATALOGUE[key], value) for key, value in result.scores.items()}
+    scores = {key: as_printed(METRICS[key], value) for key, value in result.scores.items()}
     return texts | flags | scores

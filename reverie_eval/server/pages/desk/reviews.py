@@ -41,7 +41,7 @@ def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any
         "lifted": reviews.review_rows(session, lifted, standing=False),
         "latest": reviews.latest_submissions(session, A_FEW),
         "chosen": chosen,
-        "scores": {} if chosen is None else embargo.report(chosen).scores,
+        "report": None if chosen is None else embargo.report(chosen),
         "verdicts": VERDICTS,
     }
 

@@ -61,7 +61,7 @@ if (place.dataset.play === "walking") {
   const { at, actions } = begun();
   if (at) {
     const seconds = Math.round((Date.now() - at) / 100) / 10;
-    keepWalk(split, { ...JSON.parse(place.dataset.record), seconds, actions });
+    keepWalk(split, place.dataset.episode, { ...JSON.parse(place.dataset.record), seconds, actions });
     sessionStorage.removeItem(BEGUN);
   }
   showKept();

@@ -6,8 +6,8 @@ function keptWalks(split) {
   return JSON.parse(localStorage.getItem(keptName(split)) ?? "{}");
 }
 
-function keepWalk(split, walk) {
-  const walks = { ...keptWalks(split), [walk.instr_id]: walk };
+function keepWalk(split, episode, walk) {
+  const walks = { ...keptWalks(split), [episode]: walk };
   localStorage.setItem(keptName(split), JSON.stringify(walks));
 }
 

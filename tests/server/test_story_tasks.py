@@ -1,0 +1,179 @@
+"""Leaderboards of other benchmarks, from an empty folder to a ranking, for each that has a demo."""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from reverie_eval.agents import run_agent
+from reverie_eval.ground_truth import DEMO_BUNDLES
+from reverie_eval.metrics import METRICS
+from reverie_eval.server.service.boards import Board
+from reverie_eval.tasks import BUILT_IN, DEFAULT_TASK
+from tests.conftest import SAMPLES
+from tests.support.processes import TOKEN, Laptop
+from tests.support.serving import GOOD, OWNER, OpenServer, Serving, settings_of
+from tests.support.visiting import place_of, said, signed_in
+
+OTHERS = [name for name in BUILT_IN if name != DEFAULT_TASK and (DEMO_BUNDLES / name).is_dir()]
+OF_OBJECTS = re.compile(r"\bobjects?\b|\bRGS|\bboxe?s?\b|grounding", re.IGNORECASE)
+
+
+@pytest.fixture(params=OTHERS)
+def task(request: pytest.FixtureRequest) -> str:
+    """Return the name of a task."""
+    return str(request.param)
+
+
+@pytest.fixture
+def lab(task: str, laptop: Laptop, open_server: OpenServer) -> Serving:
+    """Return a task's server as commands make it, with somebody to submit."""
+    laptop.run("server", "init", "lab", "--task", task)
+    assert "fault" not in laptop.run("server", "check", "lab").out
+    laptop.run("server", "team", "add", "lab", "Blue")
+    laptop.run("server", "person", "add", "lab", OWNER, "--team", "Blue")
+    token = laptop.run("server", "token", "add", "lab", OWNER).out.strip()
+    return open_server(settings_of(laptop.folder / "lab"), {OWNER: token})
+
+
+def walks(board: Board) -> list[dict[str, Any]]:
+    """Return the submission of an agent that takes the shortest route to each goal."""
+    return run_agent("shortest", board.truth)
+
+
+def in_another_form(records: list[dict[str, Any]]) -> bytes:
+    """Write trajectories as bare viewpoints, as some public codebases do."""
+    bare = [each | {"trajectory": [pose[0] for pose in each["trajectory"]]} for each in records]
+    return json.dumps(bare).encode()
+
+
+def left(server: Serving, split: str) -> int:
+    remaining: int = server.ask(OWNER, "GET", f"/splits/{split}").json()["quota"]["remaining"]
+    return remaining
+
+
+def test_a_leaderboard_of_another_task(task: str, lab: Serving, laptop: Laptop) -> None:
+    split, *_ = lab.state.boards
+    board = lab.state.board(split)
+    assert split == f"{task}-{board.truth.split}"
+    assert board.is_private == (board.truth.split == "test")
+    before = left(lab, split)
+    refuse_others(lab, board)
+    assert left(lab, split) == before
+    sent = publish_in_two_forms(lab, board)
+    assert left(lab, split) == before - 2
+    look_at_ranking(lab, board, sent["report"]["scores"])
+    look_at_pages(lab, board, sent["id"])
+
+    # Results of others are imported once, by the task's own columns.
+    (laptop.folder / "old.csv").write_text("team,SR,SPL\nThey,40.5,33\n")
+    words = (
+        "server",
+        "import",
+        "lab",
+        "old.csv",
+        "--split",
+        split,
+        "--source",
+        "https://a.example",
+    )
+    assert [laptop.run(*words).out.split(", ")[0] for _ in range(2)] == [
+        f"{split}: 1 row: {added} added" for added in (1, 0)
+    ]
+    rows = lab.ask(None, "GET", f"/splits/{split}/leaderboard").json()["rows"]
+    assert [row["standing"] for row in rows] == ["ranked", "ranked", "reported"]
+    assert "fault" not in laptop.run("server", "doctor", "lab").out
+
+
+def refuse_others(lab: Serving, board: Board) -> None:
+    """Send a file of REVERIE, and one of another split of the task."""
+    refused = lab.upload(OWNER, GOOD, board.name)
+    assert [each["code"] for each in refused.json()["problems"]] == ["other-task"]
+    recognised = f"look like REVERIE ids, not like {board.task.title} ids"
+    assert recognised in refused.text
+    assert recognised in said(signed_in(lab, OWNER).upload(GOOD, split=board.name))
+    other = lab.state.board(f"{board.task.name}-val_unseen")
+    strayed = lab.upload(OWNER, json.dumps(walks(other)).encode(), board.name)
+    assert strayed.status_code == 422
+    # R4R numbers its paths in each split anew.
+    if not board.truth.episodes.index.keys() & other.truth.episodes.index.keys():
+        assert {each.get("split") for each in strayed.json()["problems"]} == {other.name, None}
+
+
+def publish_in_two_forms(lab: Serving, board: Board) -> dict[str, Any]:
+    """Send the same walks in two forms, through two doors: they all reach the goal."""
+    official = json.dumps(walks(board)).encode()
+    sent: dict[str, Any] = lab.upload(OWNER, official, board.name).json()["submission"]
+    assert sent["report"]["scores"]["success"] == 1
+    assert sent["report"]["signature"].startswith(f"task:{board.task.name}|split:")
+    reply = signed_in(lab, OWNER).upload(in_another_form(walks(board)), split=board.name)
+    by_form = lab.ask(OWNER, "GET", f"/submissions/{place_of(reply)}").json()
+    assert by_form["report"]["scores"] == sent["report"]["scores"]
+    for each in (sent, by_form):
+        reply = lab.ask(OWNER, "PATCH", f"/submissions/{each['id']}", json={"published": True})
+        assert reply.status_code == 200, reply.text
+    return sent
+
+
+def look_at_ranking(lab: Serving, board: Board, scores: Mapping[str, float]) -> None:
+    """Results are ranked by what ranks in the task, and only its metrics are shown."""
+    place = f"/splits/{board.name}/leaderboard"
+    found = lab.ask(None, "GET", place).json()
+    assert found["metric"] == board.task.ranking[0]
+    assert [(row["rank"], row["scores"]) for row in found["rows"]] == [(1, scores)] * 2
+    columns = next(csv.reader(io.StringIO(lab.ask(None, "GET", f"{place}.csv").text)))
+    assert {*columns} & METRICS.keys() == {*scores}
+    page = lab.client.get(f"/boards/{board.name}").text
+    names = re.findall(r'<th scope="col" class="number (?:primary)?".*?title="(.*?):', page)
+    assert {*names} == {METRICS[key].name for key in board.task.headline}
+    unknown = lab.ask(None, "GET", f"{place}?metric=iou")
+    assert (unknown.status_code, "cannot sort by 'iou'" in unknown.text) == (400, True)
+
+
+def look_at_pages(lab: Serving, board: Board, submission: str) -> None:
+    """Nothing is said of objects where a task has none."""
+    owner, name = signed_in(lab, OWNER), board.task.name
+    title = f"{board.task.title} {board.truth.split.replace('_', ' ')} leaderboard"
+    assert title in said(owner.get("/"))
+    guide = [f"/guide/{chapter}/{name}" for chapter in ("submitting", "metrics", "protocols")]
+    browsed = next(each.name for each in lab.state.episodes.boards)
+    episode = f"/episodes/{browsed}/{lab.state.boards[browsed].truth.episodes.instr_ids[0]}"
+    pages = (
+        *("/", "/submit", "/team", f"/boards/{board.name}", f"/submissions/{submission}", *guide),
+        *(f"/episodes/{browsed}?submission=shortest", f"{episode}?submission=shortest"),
+        *(f"/play/{browsed}", f"/play/{browsed}/1?answer=none"),
+    )
+    for path in pages:
+        reply = owner.get(path)
+        assert reply.status_code == 200, path
+        assert board.task.has_targets or OF_OBJECTS.search(said(reply)) is None, path
+
+
+def test_commands_name_the_task(laptop: Laptop) -> None:
+    """They are what participants of a real server type; one that scores several tasks."""
+    made = laptop.run("server", "init", "lab", "--task", "reverie", "--task", "ndh").out
+    (token,) = TOKEN.findall(made)
+    (laptop.folder / "reverie.json").write_bytes(GOOD)
+    sample = SAMPLES / "ndh.json"
+    with laptop.serving("lab") as server:
+        there = ("--split", "val_unseen", "--server", server.url)
+        variables = {"REVERIE_EVAL_TOKEN": token}
+        words = ("submit", sample, "--task", "ndh", *there, "--receipt", "receipt", "--publish")
+        sent = laptop.run(*words, variables=variables).out
+        assert "task:ndh|split:val_unseen|protocol:official-v1|" in sent
+        assert "submissions left on ndh-val_unseen: 199" in sent
+        proof = ("verify", "receipt", "--submission", sample, "--server", server.url)
+        assert "  GP m       6.29" in laptop.run(*proof).out
+        mistaken = laptop.run("submit", sample, *there, status=1, variables=variables)
+        assert "holds results of NDH, not of REVERIE" in mistaken.err
+        assert "no submission used" in mistaken.err
+        laptop.run("submit", "reverie.json", *there, "--publish", variables=variables)
+        ranked, usual = (
+            laptop.run("leaderboard", *there, *more).out.splitlines()[0].split()
+            for more in (("--task", "ndh"), ())
+        )
+    assert (ranked[3:5], "RGSPL" in ranked, "RGSPL" in usual) == (["GP", "m"], False, True)

@@ -233,7 +233,7 @@ def test_unknown_fields_are_refused() -> None:
         Task(name="mine", goals=3)  # type: ignore[call-arg]
 
 
-# A task of another package, made as docs/tasks.md says.
+# A task of another package, made as docs/reference/tasks.md says.
 
 HOUR = (REPOSITORY / "docs" / "tasks.md").read_text().partition("## Add a task in an hour")[2]
 

@@ -1,7 +1,11 @@
 """Verifying receipts: anyone with a server's public key can check what the server signed.
 
-The proof is an Ed25519 signature (RFC 8032) of the canonical JSON of all other fields: keys sorted,
-no spaces, UTF-8.
+The proof is an Ed25519 signature [1]_ of the canonical JSON of all other fields:
+keys sorted, no spaces, UTF-8.
+
+References
+----------
+.. [1] Josefsson and Liusvaara, "Edwards-Curve Digital Signature Algorithm", RFC 8032, 2017.
 """
 
 import base64

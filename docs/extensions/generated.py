@@ -50,9 +50,28 @@ class Generated(Directive):
 
 
 def setup(app: Sphinx) -> Mapping[str, Any]:
-    """Add the directive."""
+    """Add the directive, and read the docstrings of modules as part of a page."""
     app.add_directive("generated", Generated)
+    app.setup_extension("sphinx.ext.autodoc")
+    app.connect("autodoc-process-docstring", _unhead, priority=0)
+    app.connect("doctree-resolved", _renumber)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _unhead(_app: Sphinx, what: str, _name: str, _of: Any, _how: Any, lines: list[str]) -> None:
+    """Make the sections of a module's docstring rubrics: headings would be those of the page."""
+    if what == "module":
+        for row in range(len(lines) - 1, 0, -1):
+            if lines[row] and not lines[row].strip("-"):
+                lines[row - 1 : row + 1] = [f".. rubric:: {lines[row - 1]}", ""]
+
+
+def _renumber(_app: Sphinx, tree: docutils.nodes.document, _page: str) -> None:
+    """Write the numbers of footnotes, which numpydoc made unique and did not find again."""
+    for node in list(tree.findall(docutils.nodes.Text)):
+        if re.search(r"\[R[0-9a-f]{12}-\d+\]", node):
+            text = re.sub(r"\[R[0-9a-f]{12}-(\d+)\]", r"[\1]", node)
+            node.parent.replace(node, docutils.nodes.Text(text))
 
 
 # Tables.

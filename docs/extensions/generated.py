@@ -5,6 +5,7 @@ page says what the code does, and no table is written twice.
 """
 
 import asyncio
+import importlib
 import inspect
 import json
 import logging
@@ -410,15 +411,21 @@ def _type(field: Mapping[str, Any]) -> str:
 
 
 @generated
-def python(module: str) -> str:
-    """Write the public names of a module, without those that the package itself has."""
+def python(name: str) -> str:
+    """Write the public names of a module, each once: not what the package or another room has."""
     import reverie_eval
 
-    others = "" if module == "reverie_eval" else ", ".join(reverie_eval.__all__)
+    module = importlib.import_module(name)
+    elsewhere = {"__init__", "__new__", "Behaviour"}  # the last one is a type that autodoc fails at
+    if module is not reverie_eval:
+        elsewhere |= set(reverie_eval.__all__)
+        for each in getattr(module, "__all__", ()):
+            if not getattr(getattr(module, each), "__module__", name).startswith(name):
+                elsewhere.add(each)
     return f"""```{{eval-rst}}
-.. automodule:: {module}
+.. automodule:: {name}
    :members:
-   :exclude-members: __init__, __new__, __version__, Behaviour, {others}
+   :exclude-members: {", ".join(sorted(elsewhere))}
 ```
 """
 

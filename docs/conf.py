@@ -50,6 +50,7 @@ html_title = f"reverie-eval {version}"
 html_favicon = "../reverie_eval/server/pages/static/icon.svg"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = [("site.js", {"defer": "defer"})]
 html_copy_source = False
 html_show_sourcelink = False
 html_show_sphinx = False

@@ -5,6 +5,7 @@ page says what the code does, and no table is written twice.
 """
 
 import asyncio
+import importlib
 import inspect
 import json
 import logging
@@ -50,9 +51,28 @@ class Generated(Directive):
 
 
 def setup(app: Sphinx) -> Mapping[str, Any]:
-    """Add the directive."""
+    """Add the directive, and read the docstrings of modules as part of a page."""
     app.add_directive("generated", Generated)
+    app.setup_extension("sphinx.ext.autodoc")
+    app.connect("autodoc-process-docstring", _unhead, priority=0)
+    app.connect("doctree-resolved", _renumber)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _unhead(_app: Sphinx, what: str, _name: str, _of: Any, _how: Any, lines: list[str]) -> None:
+    """Make the sections of a module's docstring rubrics: headings would be those of the page."""
+    if what == "module":
+        for row in range(len(lines) - 1, 0, -1):
+            if lines[row] and not lines[row].strip("-"):
+                lines[row - 1 : row + 1] = [f".. rubric:: {lines[row - 1]}", ""]
+
+
+def _renumber(_app: Sphinx, tree: docutils.nodes.document, _page: str) -> None:
+    """Write the numbers of footnotes, which numpydoc made unique and did not find again."""
+    for node in list(tree.findall(docutils.nodes.Text)):
+        if re.search(r"\[R[0-9a-f]{12}-\d+\]", node):
+            text = re.sub(r"\[R[0-9a-f]{12}-(\d+)\]", r"[\1]", node)
+            node.parent.replace(node, docutils.nodes.Text(text))
 
 
 # Tables.
@@ -391,15 +411,21 @@ def _type(field: Mapping[str, Any]) -> str:
 
 
 @generated
-def python(module: str) -> str:
-    """Write the public names of a module, without those that the package itself has."""
+def python(name: str) -> str:
+    """Write the public names of a module, each once: not what the package or another room has."""
     import reverie_eval
 
-    others = "" if module == "reverie_eval" else ", ".join(reverie_eval.__all__)
+    module = importlib.import_module(name)
+    elsewhere = {"__init__", "__new__", "Behaviour"}  # the last one is a type that autodoc fails at
+    if module is not reverie_eval:
+        elsewhere |= set(reverie_eval.__all__)
+        for each in getattr(module, "__all__", ()):
+            if not getattr(getattr(module, each), "__module__", name).startswith(name):
+                elsewhere.add(each)
     return f"""```{{eval-rst}}
-.. automodule:: {module}
+.. automodule:: {name}
    :members:
-   :exclude-members: __init__, __new__, __version__, Behaviour, {others}
+   :exclude-members: {", ".join(sorted(elsewhere))}
 ```
 """
 

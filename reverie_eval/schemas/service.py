@@ -361,7 +361,7 @@ class Envelope(WireModel):
     payload_type: str = Field(alias="payloadType", examples=["application/vnd.in-toto+json"])
     payload: str = Field(examples=["eyJfdHlwZSI6Imh0dHBzOi8vaW4tdG90by5pby9TdGF0ZW1lbnQvdjEifQ=="])
     """The statement, in base64: the file is its subject, the receipt's fields its predicate."""
-    signatures: tuple[EnvelopeSignature]
+    signatures: list[EnvelopeSignature] = Field(min_length=1, max_length=1)
     """The server's."""
 
 

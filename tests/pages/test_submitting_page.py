@@ -68,7 +68,8 @@ def test_the_session_is_what_is_shown(
 
 def test_the_notebook_s_lines_run(real_server: RealServer, at_home: Path) -> None:
     Path("submit.json").write_bytes(private_submission())
-    lines = PAGE.partition("```python\n")[2].partition("```")[0]
+    section = PAGE.partition("## In scripts and notebooks")[2]
+    lines = section.partition("```python\n")[2].partition("```")[0]
     names: dict[str, Any] = {"token": real_server.mint(real_server.newcomer())}
     exec(lines.replace(SERVER, real_server.url), names)
     assert names["scores"]["spl"] == names["accepted"].submission.receipt.scores["spl"]

@@ -384,6 +384,7 @@ def test_its_description_follows_the_specification(lab: Lab) -> None:
     assert root.id == "./"
     assert root["name"] == "Leaderboards of REVERIE at <our> lab"
     assert root["datePublished"] == DATE.isoformat()
+    assert root["license"]  # may be a text, and must be there
     assert ADDRESS in root["description"]
     assert {each.id for each in root["citation"]} == {"https://arxiv.org/abs/1904.10151", PAPER}
     files = {unquote(each.id): each for each in root["hasPart"]}

@@ -109,6 +109,7 @@ class Crate:
             f"{f', {self.address},' if self.address else ''} as they were on "
             f"{self.date:%Y-%m-%d %H:%M} UTC: leaderboards, submissions and rules.",
             "datePublished": self.date.isoformat(),
+            "license": "The organiser of the server decides how these files may be used.",
             **({"url": self.address} if self.address else {}),
             "citation": [{"@id": each["@id"]} for each in citations],
             "hasPart": [{"@id": quote(file.name)} for file in self.files],

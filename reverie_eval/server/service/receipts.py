@@ -133,7 +133,7 @@ class Signer:
         return Envelope(
             payloadType=PAYLOAD_TYPE,
             payload=base64.b64encode(payload).decode(),
-            signatures=(signature,),
+            signatures=[signature],
         )
 
     def _signed(self, receipt: Signed) -> Signed:

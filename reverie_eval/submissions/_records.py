@@ -242,9 +242,14 @@ def _check_task(records: Sequence[Mapping[str, Any]], task: Task) -> None:
     for other in map(find_task, BUILT_IN):
         if are_items and other.has_items and not task.has_items:
             raise SubmissionError([problems.trajectories_of_another_task(task, other)])
-        for key in other.id_keys:
-            if key not in task.id_keys and records and all(key in record for record in records):
+        for key in set(other.id_keys) - set(task.id_keys):
+            if records and all(_has_id(record, key, task) for record in records):
                 raise SubmissionError([problems.fields_of_another_task(key, task, other)])
+
+
+def _has_id(record: Mapping[str, Any], key: str, task: Task) -> bool:
+    """Whether a record has a number for its id in a field, and none where the task has it."""
+    return str(record.get(key, "")).isdecimal() and record.keys().isdisjoint(task.id_keys)
 
 
 def _with_known_fields(

@@ -87,6 +87,8 @@ RELEASED: Mapping[str, Mapping[str, Any]] = {
 """A released protocol never changes: a correction is a new protocol with another name."""
 OF_OTHER_TASKS: Mapping[str, Any] = {
     "reference": "",
+    "repeated_outlines": "first",
+    "point_errors": "detections",
     "measures": frozenset(),
     "scored_instructions": None,
     "rejects_jumps": False,

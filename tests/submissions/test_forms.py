@@ -323,16 +323,16 @@ NO_ANSWER = {"instr_id": "7_1_1", "trajectory": [["a", 0, 0]]}
         ),
         pytest.param(
             walking({"path": [["a", 0, 0]]}),
-            "wrong-type",
-            "[0].trajectory[0]",
-            "expected [viewpoint_id, heading, elevation]",
+            "other-task",
+            "file",
+            "holds results of SOON, not of REVERIE",
             id="SOON",
         ),
         pytest.param(
             [{**RECORD, "trajectory": {"path": [["a"]]}}],
-            "wrong-type",
-            "[0].trajectory",
-            "expected a list of poses",
+            "other-task",
+            "file",
+            "holds results of SOON, not of REVERIE",
             id="SOON as DUET writes it",
         ),
         pytest.param(

@@ -32,7 +32,6 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "subset": "submissions:draw_episodes",
                 "convert": "submissions:convert_submission",
                 "agent": "submissions:agent",
-                "demo": "submissions:write_samples",
             },
             "Send to an evaluation server": {
                 "login": "login:login",
@@ -51,6 +50,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "server": "server:server",
             },
             "Further help": {
+                "demo": "submissions:write_samples",
                 "schema": "shell:schema",
                 "completion": "shell:completion",
             },

@@ -33,7 +33,6 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "convert": "submissions:convert_submission",
                 "agent": "submissions:agent",
                 "export": "export:export",
-                "demo": "submissions:write_samples",
             },
             "Send to an evaluation server": {
                 "login": "login:login",
@@ -52,6 +51,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "server": "server:server",
             },
             "Further help": {
+                "demo": "submissions:write_samples",
                 "schema": "shell:schema",
                 "completion": "shell:completion",
             },

@@ -75,7 +75,7 @@ def test_readme_shows_all_protocols_as_they_are_printed(
 def test_the_sample_with_boxes_scores_what_its_page_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    page = (DOCS / "reference" / "submission-format.md").read_text()
+    page = (DOCS / "explanation" / "boxes.md").read_text()
     (_, _, *words), below = command_above(page, "$ reverie-eval fixtures/submissions/drawn.json")
     assert main(words) == 0
     assert below.startswith(f"{capsys.readouterr().out}```\n")

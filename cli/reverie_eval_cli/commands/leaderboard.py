@@ -14,9 +14,7 @@ _RANKED = [key for key, metric in METRICS.items() if metric.better != "neither"]
 
 @click.command()
 @server_options
-@click.option(
-    "--split", help="The split whose leaderboard to show.  [default: the server's first split]"
-)
+@click.option("--split", help="Whose leaderboard.  [default: the server's first split]")
 @options.server_task
 @click.option("--board", default="", metavar="NAME", help="A further leaderboard of the split.")
 @click.option(

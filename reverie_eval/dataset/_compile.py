@@ -94,7 +94,7 @@ def compile_split(
 
 
 def origin_notes(header: BundleHeader) -> Iterator[str]:
-    """Yield what the annotations of a bundle are, if they are not a known release, a sentence."""
+    """Yield what is to be known of a bundle's annotations, a sentence each."""
     task = find_task(header.task)
     difference = task.edited_copies.get(header.sources.get("annotations", ""))
     if difference:
@@ -106,6 +106,11 @@ def origin_notes(header: BundleHeader) -> Iterator[str]:
         yield (
             f"the annotations are not a published file of {task.title}; their SHA-256 is "
             f"{header.sources.get('annotations')}"
+        )
+    if task.unseen:
+        yield (
+            f"the {task.unseen} of {task.title} could not be had when their reader was written; "
+            "docs/tasks.md says what it was tried on"
         )
 
 

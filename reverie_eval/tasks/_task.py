@@ -24,6 +24,8 @@ class Task:
     """Where the annotations are published."""
     licence: str
     """Under what terms they are published."""
+    unseen: str = ""
+    """Which of them could not be had, so that reading them was tried on made-up ones only."""
     annotation: type[Annotation]
     """The form of a record of an annotation file."""
     file_name: str

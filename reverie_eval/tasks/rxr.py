@@ -49,6 +49,7 @@ TASK = Task(
     "Spatiotemporal Grounding, EMNLP 2020",
     source="github.com/google-research-datasets/RxR",
     licence="CC BY 4.0, and the Matterport3D terms of use",
+    unseen="published files",
     annotation=RxRAnnotation,
     file_name="rxr_{split}_guide.jsonl.gz",
     folder="tasks/RxR/data",

@@ -47,8 +47,7 @@ class SoonAnnotation(Annotation, frozen=True, kw_only=True):
     instr_id: Annotated[int, Meta(ge=0)] | ViewpointId
     instructions: Annotated[list[str | _Parts], Meta(min_length=1)]  # one or several
     path: Annotated[list[Path], Meta(min_length=1)]
-    bboxes: list[_Box]
-    """One for each viewpoint that sees the target; none in a public test file."""
+    bboxes: list[_Box]  # one where the target is seen; none in a public test file
 
     def __post_init__(self) -> None:
         """Refuse an item of no scan."""
@@ -123,6 +122,7 @@ TASK = Task(
     "CVPR 2021",
     source="github.com/ZhuFengdaaa/SOON",
     licence="none stated; Matterport3D terms of use for the scans",
+    unseen="answered files",
     annotation=SoonAnnotation,
     file_name="{split}.json",
     folder="tasks/SOON/data",

@@ -233,6 +233,14 @@ def test_a_public_test_file_has_ids_of_instructions_only(*, packed: bool, tmp_pa
     assert validate(walk, split="test_standard_public", ground_truth=truth).ground_truth is truth
 
 
+def test_compiling_says_that_the_published_files_were_not_seen(
+    demo_world: Path, tmp_path: Path, run: Run
+) -> None:
+    place = ("-o", str(tmp_path / "bundle.npz"))
+    done = run("compile", str(demo_world), "--task", "rxr", "--split", "val_unseen", *place)
+    assert "the published files of RxR could not be had when their reader was written" in done.err
+
+
 def test_faults_of_an_annotation_file_are_listed(tmp_path: Path) -> None:
     files = write(tmp_path, record(), record(language="fr-FR", instruction=3))
     with pytest.raises(DatasetError, match=r"\[1\]: instruction: Expected `str`.*language"):

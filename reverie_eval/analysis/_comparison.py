@@ -30,6 +30,7 @@ from reverie_eval.scoring import (
     evaluate,
 )
 from reverie_eval.submissions import Submission, check_names, submission_names
+from reverie_eval.tasks import KnownProtocol, KnownSplit
 from reverie_eval.text import did_you_mean
 
 if TYPE_CHECKING:
@@ -298,9 +299,9 @@ class ComparedSubmissionsError(SubmissionError):
 
 def compare(
     *submissions: Submission | Method,
-    split: str | None = None,
+    split: KnownSplit | str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
-    protocol: str = DEFAULT_PROTOCOL,
+    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
     task: str | None = None,
@@ -360,9 +361,9 @@ def compare(
 def score_all(
     submissions: Mapping[str, Submission | Scores],
     *,
-    split: str | None = None,
+    split: KnownSplit | str | None = None,
     ground_truth: str | os.PathLike[str] | GroundTruth | None = None,
-    protocol: str = DEFAULT_PROTOCOL,
+    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
     task: str | None = None,

@@ -25,16 +25,16 @@ from reverie_eval.submissions import (
     read_predictions,
     submission_hints,
 )
-from reverie_eval.tasks import DEFAULT_PROTOCOL, Protocol
+from reverie_eval.tasks import DEFAULT_PROTOCOL, KnownProtocol, KnownSplit, Protocol
 from reverie_eval.text import did_you_mean
 
 
 def evaluate(
     submission: Submission,
     *,
-    split: str,
+    split: KnownSplit | str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
-    protocol: str = DEFAULT_PROTOCOL,
+    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
     task: str | None = None,
@@ -127,9 +127,9 @@ def evaluate_protocols(
 def diagnose(
     submission: Submission,
     *,
-    split: str,
+    split: KnownSplit | str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
-    protocol: str = DEFAULT_PROTOCOL,
+    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
     task: str | None = None,
 ) -> tuple[Scores, Scores]:
     """Score a submission as intended, and as evaluators that truncate nested hops would.

@@ -18,7 +18,7 @@ from reverie_eval.submissions import (
     check_batch,
     read_predictions,
 )
-from reverie_eval.tasks import DEFAULT_PROTOCOL
+from reverie_eval.tasks import DEFAULT_PROTOCOL, KnownProtocol, KnownSplit
 
 
 class Evaluator:
@@ -52,9 +52,9 @@ class Evaluator:
     def __init__(
         self,
         *,
-        split: str,
+        split: KnownSplit | str,
         ground_truth: str | PathLike[str] | GroundTruth | None = None,
-        protocol: str = DEFAULT_PROTOCOL,
+        protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
         track: Track = "full",
         subset: Iterable[str] | None = None,
         task: str | None = None,

@@ -18,7 +18,7 @@ from reverie_eval.scoring._episode_table import EpisodeTable, Track
 from reverie_eval.scoring._evaluator import Evaluator
 from reverie_eval.scoring._lookups import Lookups
 from reverie_eval.scoring._scores import Scores
-from reverie_eval.tasks import DEFAULT_PROTOCOL
+from reverie_eval.tasks import DEFAULT_PROTOCOL, KnownProtocol, KnownSplit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -125,9 +125,9 @@ def _keys(scores: Mapping[str, Scores]) -> set[str]:
 def evaluate_many(
     paths: Iterable[str | PathLike[str]],
     *,
-    split: str,
+    split: KnownSplit | str,
     ground_truth: str | PathLike[str] | GroundTruth | None = None,
-    protocol: str = DEFAULT_PROTOCOL,
+    protocol: KnownProtocol | str = DEFAULT_PROTOCOL,
     track: Track = "full",
     subset: Iterable[str] | None = None,
     task: str | None = None,

@@ -12,7 +12,14 @@ from reverie_eval.tasks._annotation import (
     PathAnnotation,
     ViewpointId,
 )
-from reverie_eval.tasks._protocol import DEFAULT_PROTOCOL, GoalRule, HopReading, Protocol
+from reverie_eval.tasks._protocol import (
+    DEFAULT_PROTOCOL,
+    GoalRule,
+    HopReading,
+    KnownProtocol,
+    KnownSplit,
+    Protocol,
+)
 from reverie_eval.tasks._registry import (
     BUILT_IN,
     DEFAULT_TASK,
@@ -32,6 +39,8 @@ __all__ = [
     "EpisodeAnnotation",
     "GoalRule",
     "HopReading",
+    "KnownProtocol",
+    "KnownSplit",
     "Outline",
     "Path",
     "PathAnnotation",

@@ -12,6 +12,22 @@ from reverie_eval.metrics import Need
 DEFAULT_PROTOCOL = "official-v1"
 """Every task has a protocol of this name: the rules of the dataset's own authors."""
 
+KnownSplit = Literal["train", "val_seen", "val_unseen", "val_unseen_house", "test"]
+"""Splits of the tasks of this package, for editors to complete; others have other names."""
+KnownProtocol = Literal[
+    "official-v1",
+    "paper",
+    "challenge-2022",
+    "airbert",
+    "duet",
+    "hamt",
+    "scalevln",
+    "hm3d",
+    "r2r-style",
+    "official-planner",
+    "official-player",
+]
+"""Protocols of the tasks of this package, by all their names, for editors to complete."""
 GoalRule = Literal[
     "visible",
     "visible and near the object",

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pandas as pd
 import pytest
@@ -30,7 +30,14 @@ from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.metrics import METRICS
 from reverie_eval.server.service.boards import load_board
 from reverie_eval.server.settings import Also, Split
-from reverie_eval.tasks import BUILT_IN, DEFAULT_PROTOCOL, Task, find_task, task_names
+from reverie_eval.tasks import (
+    BUILT_IN,
+    DEFAULT_PROTOCOL,
+    KnownProtocol,
+    Task,
+    find_task,
+    task_names,
+)
 from tests.conftest import REPOSITORY
 from tests.support.flat import Outcome, Run
 
@@ -46,6 +53,12 @@ every_protocol_of_samples = pytest.mark.parametrize(
 )
 SAMPLES = REPOSITORY / "fixtures" / "submissions"
 MODULES = REPOSITORY / "reverie_eval" / "tasks"
+
+
+def test_editors_complete_the_protocols_of_all_tasks() -> None:
+    tasks = [find_task(name) for name in BUILT_IN]
+    names = {each for task in tasks for each in (*(p.name for p in task.protocols), *task.aliases)}
+    assert set(get_args(KnownProtocol)) == names
 
 
 @every_task

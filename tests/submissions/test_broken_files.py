@@ -30,7 +30,9 @@ def test_no_broken_file_is_accepted(mistake: str, demo: GroundTruth) -> None:
 
 def test_the_page_lists_every_mistake(demo: GroundTruth) -> None:
     assert len(MISTAKES) >= 60
-    assert table(demo) in PAGE.read_text(encoding="utf-8")
+    from_python_3_13 = "column 28716: Illegal trailing comma before end of array"
+    rows = table(demo).replace(from_python_3_13, "column 28717: Expecting value")
+    assert rows in PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

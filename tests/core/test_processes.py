@@ -45,6 +45,7 @@ def test_an_interrupt_does_not_wait_for_the_work(tmp_path: Path) -> None:
         wait_until(lambda: all(file.exists() for file in files))
         os.kill(os.getpid(), signal.SIGINT)
 
+    others = multiprocessing.active_children()
     start = time.monotonic()
     interrupting = threading.Thread(target=interrupt)
     interrupting.start()
@@ -55,7 +56,7 @@ def test_an_interrupt_does_not_wait_for_the_work(tmp_path: Path) -> None:
         list(results)
     interrupting.join()
     assert time.monotonic() - start < LONG
-    assert multiprocessing.active_children() == []
+    assert set(multiprocessing.active_children()) <= set(others)
 
 
 def test_processes_end_with_their_item_if_their_parent_is_killed(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_the_team_sees_all_of_it(owner: Visitor) -> None:
     assert page.status_code == 200
     assert "unpublished val_unseen, Blue, submitted by Ada 2026-03-02 12:00 UTC" in words
     assert f"RGSPL % {100 * report['scores']['rgspl']:.2f}" in words
-    assert "Success rate: the agent stops at a goal viewpoint of the protocol." in words
+    assert "Success rate: the target object is visible where the agent stops." in words
     assert report["signature"] in words
     assert '"proof": "' in words
     assert "199 of 200 per 24 hours; one more from 2026-03-03 12:00 UTC" in words

@@ -116,7 +116,7 @@ def test_html_escapes_explains_metrics_and_separates_rows() -> None:
     name, value = '<tr><th scope="row" style="text-align: left">', "</th><td>"
     assert table.to_html() == (
         "<table><thead><tr><th></th><th title="
-        '"success rate: the agent stops at a goal viewpoint of the protocol">SR %</th></tr></thead>'
+        '"success rate: the target object is visible where the agent stops">SR %</th></tr></thead>'
         f"<tbody>{name}&lt;a&gt;{value}<strong>1</strong></td></tr></tbody>"
         f"<tbody>{name}b{value}2</td></tr></tbody></table>"
     )

@@ -142,7 +142,7 @@ def test_the_code_in_the_documentation_verifies_what_a_server_issued(
     )
     (tmp_path / "keys.json").write_bytes(server.ask(None, "GET", "/keys").content)
     monkeypatch.chdir(tmp_path)
-    blocks = (DOCS / "submitting.md").read_text(encoding="utf-8").split("```python\n")[1:]
+    blocks = (DOCS / "how-to" / "submit.md").read_text(encoding="utf-8").split("```python\n")[1:]
     (code,) = (block.partition("```")[0] for block in blocks if "securesystemslib" in block)
     names: dict[str, Any] = {}
     exec(code, names)

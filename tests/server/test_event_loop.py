@@ -109,7 +109,7 @@ def test_others_are_answered_while_one_reply_is_made(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if slow.status == 500:
-        monkeypatch.setattr(guide, "PROTOCOLS", None)
+        monkeypatch.setattr(guide, "_task", None)
     stopped = standing_still(slow.module, slow.step)
     order: list[object] = []
     with ThreadPoolExecutor(1) as other:

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 
@@ -21,6 +22,9 @@ from tests.support.visiting import place_of, said, signed_in
 
 OTHERS = [name for name in BUILT_IN if name != DEFAULT_TASK and (DEMO_BUNDLES / name).is_dir()]
 OF_OBJECTS = re.compile(r"\bobjects?\b|\bRGS|\bboxe?s?\b|grounding", re.IGNORECASE)
+
+TITLES = re.compile("Dense Spatiotemporal Grounding|Scenario Oriented Object Navigation")
+"""Of papers, with such words."""
 
 
 @pytest.fixture(params=OTHERS)
@@ -47,8 +51,16 @@ def walks(board: Board) -> list[dict[str, Any]]:
 
 def in_another_form(records: list[dict[str, Any]]) -> bytes:
     """Write trajectories as bare viewpoints, as some public codebases do."""
-    bare = [each | {"trajectory": [pose[0] for pose in each["trajectory"]]} for each in records]
+    bare = [each | {"trajectory": without_angles(each["trajectory"])} for each in records]
     return json.dumps(bare).encode()
+
+
+def without_angles(trajectory: list[Any]) -> list[Any]:
+    """Return the viewpoints of a trajectory, or of each one in a list of them."""
+    return [
+        part | {"path": [[pose[0]] for pose in part["path"]]} if isinstance(part, dict) else part[0]
+        for part in trajectory
+    ]
 
 
 def left(server: Serving, split: str) -> int:
@@ -141,7 +153,8 @@ def look_at_pages(lab: Serving, board: Board, submission: str) -> None:
     assert title in said(owner.get("/"))
     guide = [f"/guide/{chapter}/{name}" for chapter in ("submitting", "metrics", "protocols")]
     browsed = next(each.name for each in lab.state.episodes.boards)
-    episode = f"/episodes/{browsed}/{lab.state.boards[browsed].truth.episodes.instr_ids[0]}"
+    first, *_ = lab.state.boards[browsed].truth.episodes.instr_ids
+    episode = f"/episodes/{browsed}/{quote(first)}"
     pages = (
         *("/", "/submit", "/team", f"/boards/{board.name}", f"/submissions/{submission}", *guide),
         *(f"/episodes/{browsed}?submission=shortest", f"{episode}?submission=shortest"),
@@ -150,7 +163,8 @@ def look_at_pages(lab: Serving, board: Board, submission: str) -> None:
     for path in pages:
         reply = owner.get(path)
         assert reply.status_code == 200, path
-        assert board.task.has_targets or OF_OBJECTS.search(said(reply)) is None, path
+        words = TITLES.sub("", said(reply))
+        assert board.task.has_targets or OF_OBJECTS.search(words) is None, path
 
 
 def test_commands_name_the_task(laptop: Laptop) -> None:

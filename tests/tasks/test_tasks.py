@@ -248,7 +248,8 @@ def test_unknown_fields_are_refused() -> None:
 
 # A task of another package, made as docs/reference/tasks.md says.
 
-HOUR = (REPOSITORY / "docs" / "tasks.md").read_text().partition("## Add a task in an hour")[2]
+TASKS = (REPOSITORY / "docs" / "reference" / "tasks.md").read_text()
+HOUR = TASKS.partition("## Add a task in an hour")[2]
 
 
 def block(language: str) -> str:

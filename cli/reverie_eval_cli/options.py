@@ -139,22 +139,21 @@ task = click.option(
     shell_complete=complete_task,
     help="The benchmark, such as r2r.  [default: that of the bundle, or reverie]",
 )
-server_task = click.option(
-    "--task",
-    default=DEFAULT_TASK,
-    show_default=True,
-    metavar="NAME",
-    shell_complete=complete_task,
-    help="The benchmark that the split is of, such as r2r.",
-)
-dataset_task = click.option(
-    "--task",
-    default=DEFAULT_TASK,
-    show_default=True,
-    metavar="NAME",
-    shell_complete=complete_task,
-    help="The benchmark that the files are of, such as r2r.",
-)
+
+
+def _task_of(what: str) -> Callable[[Command], Command]:
+    return click.option(
+        "--task",
+        default=DEFAULT_TASK,
+        show_default=True,
+        metavar="NAME",
+        shell_complete=complete_task,
+        help=f"The benchmark that the {what}, such as r2r.",
+    )
+
+
+server_task = _task_of("split is of")
+dataset_task = _task_of("files are of")
 protocol = click.option(
     "--protocol",
     default=DEFAULT_PROTOCOL,

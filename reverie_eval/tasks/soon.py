@@ -137,7 +137,7 @@ TASK = Task(
         replace(
             _OFFICIAL,
             name="duet",
-            summary="DUET: the same, by the path of the very start",
+            summary="DUET: the same, by the own path of each start",
             source="cshizhe/VLN-DUET 93e8b23, map_nav_src/soon/env.py lines 71-93 and 318-423",
             reference="own",
             repeated_outlines="last",

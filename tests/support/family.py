@@ -36,6 +36,19 @@ HAMT = {
 }
 """What HAMT's evaluator of R2R and R4R calls our metrics."""
 
+AUTHORS = {"dtw": "dtw", "ndtw": "ndtw", "sdtw": "sdtw"}
+"""What the classes of R4R's and RxR's authors call our metrics."""
+
+less_than_3_m = pytest.mark.parametrize(
+    ("metres", "success"),
+    [
+        pytest.param(float(np.nextafter(3.0, 0.0)), 1.0, id="just below 3 m"),
+        pytest.param(3.0, 0.0, id="exactly 3 m"),
+        pytest.param(float(np.nextafter(3.0, 4.0)), 0.0, id="just above 3 m"),
+    ],
+)
+"""Stops on either side of the distance, where it is itself no success."""
+
 
 @dataclass(frozen=True)
 class Published:

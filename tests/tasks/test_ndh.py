@@ -13,7 +13,13 @@ from reverie_eval import GroundTruth, SubmissionError, evaluate
 from reverie_eval.ground_truth import Bundle
 from tests.conftest import REPOSITORY
 from tests.support.amounts import amount, tell
-from tests.support.family import LENGTHS_WITHIN, Published, differences, published_task
+from tests.support.family import (
+    LENGTHS_WITHIN,
+    Published,
+    differences,
+    less_than_3_m,
+    published_task,
+)
 from tests.support.flat import Run
 from tests.support.oracle import Scan, Task, Viewpoint, World, distance, trajectory_length, weighted
 from tests.support.worlds import SPLIT, ground_truth_arrays, random_case
@@ -132,14 +138,7 @@ def truth_of(world: World, regions: Sequence[Region]) -> GroundTruth:
     return GroundTruth.from_bundle(Bundle.build(SPLIT, "custom", {}, arrays, {}, task="ndh"))
 
 
-@pytest.mark.parametrize(
-    ("metres", "success"),
-    [
-        pytest.param(float(np.nextafter(3.0, 0.0)), 1.0, id="just below 3 m"),
-        pytest.param(3.0, 0.0, id="exactly 3 m"),
-        pytest.param(float(np.nextafter(3.0, 4.0)), 0.0, id="just above 3 m"),
-    ],
-)
+@less_than_3_m
 def test_success_is_less_than_3_m_from_the_paths_end(metres: float, success: float) -> None:
     viewpoints = {
         "end": Viewpoint((0.0, 0.0, 0.0)),

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from random import Random
 
-import numpy as np
 import pytest
 
 from reverie_eval import Evaluator, GroundTruth, Scores, SubmissionError, evaluate, validate
@@ -17,6 +16,7 @@ from tests.support.family import (
     LENGTHS_WITHIN,
     Published,
     differences,
+    less_than_3_m,
     published_task,
     walks_of,
     world_of_task,
@@ -113,14 +113,7 @@ def corridor(metres: float) -> World:
 
 
 @pytest.mark.parametrize("protocol", ["official-v1", "duet"])
-@pytest.mark.parametrize(
-    ("metres", "success"),
-    [
-        pytest.param(float(np.nextafter(3.0, 0.0)), 1.0, id="just below 3 m"),
-        pytest.param(3.0, 0.0, id="exactly 3 m"),
-        pytest.param(float(np.nextafter(3.0, 4.0)), 0.0, id="just above 3 m"),
-    ],
-)
+@less_than_3_m
 def test_success_is_less_than_3_m_from_the_paths_end(
     metres: float, success: float, protocol: str
 ) -> None:

@@ -13,6 +13,7 @@ from reverie_eval import SubmissionError, evaluate
 from tests.conftest import REPOSITORY
 from tests.support.amounts import amount, is_evidence, tell
 from tests.support.family import (
+    AUTHORS,
     HAMT,
     LENGTHS_WITHIN,
     Published,
@@ -27,7 +28,6 @@ from tests.support.worlds import SPLIT, random_case
 SAMPLE = REPOSITORY / "fixtures" / "submissions" / "r4r.json"
 SPLITS = ["val_seen", *(["val_unseen"] if is_evidence() else [])]
 """The 45,234 episodes of val_unseen take a minute."""
-AUTHORS = {"dtw": "dtw", "ndtw": "ndtw", "sdtw": "sdtw"}
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,10 @@ def test_every_episode_has_the_recorded_value(
         pytest.param("hamt", 3.0, 0.0, id="HAMT: exactly 3 m"),
     ],
 )
-def test_whether_exactly_3_m_is_a_success(protocol: str, metres: float, success: float) -> None:
+@pytest.mark.parametrize("task", ["r4r", "rxr"])
+def test_whether_exactly_3_m_is_a_success(
+    task: str, protocol: str, metres: float, success: float
+) -> None:
     viewpoints = {
         "goal": Viewpoint((0.0, 0.0, 0.0)),
         "stop": Viewpoint((metres, 0.0, 0.0)),
@@ -80,9 +83,8 @@ def test_whether_exactly_3_m_is_a_success(protocol: str, metres: float, success:
     scan = Scan(viewpoints, frozenset({("goal", "stop"), ("stop", "start")}))
     world = World({"house": scan}, [Task("1", "house", ["start", "stop", "goal"], 0)])
     records = [{"instr_id": "1_0", "trajectory": [["start", 0, 0], ["stop", 0, 0]]}]
-    scores = evaluate(
-        records, split=SPLIT, ground_truth=world_of_task(world, "r4r"), protocol=protocol
-    )
+    truth = world_of_task(world, task)
+    scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
     assert (scores["success"], scores["oracle_success"]) == (success, success)
     assert (scores["sdtw"] > 0) == bool(success)
 

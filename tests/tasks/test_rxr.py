@@ -19,20 +19,17 @@ from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.ground_truth import Bundle, GroundTruth
 from tests.conftest import SAMPLES
 from tests.support.family import (
+    AUTHORS,
     HAMT,
     LENGTHS_WITHIN,
     Published,
     differences,
     published_task,
-    world_of_task,
 )
 from tests.support.flat import Run
-from tests.support.oracle import Scan, Task, Viewpoint, World
-from tests.support.worlds import SPLIT
 
 SAMPLE = SAMPLES / "rxr.json"
 SPLITS = ["SYNTHETIC_val_seen", "SYNTHETIC_val_unseen"]
-AUTHORS = {"dtw": "dtw", "ndtw": "ndtw", "sdtw": "sdtw"}
 SLICES = ["all", "en", "en-IN", "en-US", "hi", "hi-IN", "te", "te-IN"]
 PERCENT = {"success": "sr", "spl": "spl", "ndtw": "nDTW", "sdtw": "SDTW"}
 METRES = {"path_length": "lengths", "navigation_error": "nav_error"}
@@ -83,30 +80,6 @@ def test_every_slice_has_the_recorded_means(split: str, rxr: Published) -> None:
             assert 100 * row[ours] == pytest.approx(means[theirs], abs=LENGTHS_WITHIN)
         for ours, theirs in METRES.items():
             assert row[ours] == pytest.approx(means[theirs], abs=LENGTHS_WITHIN)
-
-
-@pytest.mark.parametrize(
-    ("protocol", "metres", "success"),
-    [
-        pytest.param("official-v1", 3.0, 1.0, id="the authors: exactly 3 m"),
-        pytest.param("official-v1", float(np.nextafter(3.0, 4.0)), 0.0, id="the authors: above"),
-        pytest.param("hamt", float(np.nextafter(3.0, 0.0)), 1.0, id="HAMT: just below 3 m"),
-        pytest.param("hamt", 3.0, 0.0, id="HAMT: exactly 3 m"),
-    ],
-)
-def test_whether_exactly_3_m_is_a_success(protocol: str, metres: float, success: float) -> None:
-    viewpoints = {
-        "goal": Viewpoint((0.0, 0.0, 0.0)),
-        "stop": Viewpoint((metres, 0.0, 0.0)),
-        "start": Viewpoint((10.0, 0.0, 0.0)),
-    }
-    scan = Scan(viewpoints, frozenset({("goal", "stop"), ("stop", "start")}))
-    world = World({"house": scan}, [Task("1", "house", ["start", "stop", "goal"], 0)])
-    records = [{"instr_id": "1_0", "trajectory": [["start", 0, 0], ["stop", 0, 0]]}]
-    truth = world_of_task(world, "rxr")
-    scores = evaluate(records, split=SPLIT, ground_truth=truth, protocol=protocol)
-    assert (scores["success"], scores["oracle_success"]) == (success, success)
-    assert (scores["sdtw"] > 0) == bool(success)
 
 
 # The demo world.

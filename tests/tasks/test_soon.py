@@ -20,7 +20,7 @@ from reverie_eval import DatasetError, GroundTruth, Scores, SubmissionError, eva
 from reverie_eval.dataset import DatasetFiles, compile_split
 from tests.conftest import SAMPLES
 from tests.support.amounts import amount, tell
-from tests.support.family import LENGTHS_WITHIN, Published, published_task
+from tests.support.family import LENGTHS_WITHIN, Published, less_than_3_m, published_task
 from tests.support.flat import Run
 from tests.support.oracle import Scan, Viewpoint, World, distance, trajectory_length, weighted
 from tests.support.worlds import SPLIT, random_case, write_world
@@ -193,14 +193,7 @@ def scored(truth: GroundTruth, *walks: Any, protocol: str = "official-v1") -> Sc
 
 
 @pytest.mark.parametrize("protocol", ["official-v1", "duet"])
-@pytest.mark.parametrize(
-    ("metres", "success"),
-    [
-        pytest.param(float(np.nextafter(3.0, 0.0)), 1.0, id="just below 3 m"),
-        pytest.param(3.0, 0.0, id="exactly 3 m"),
-        pytest.param(float(np.nextafter(3.0, 4.0)), 0.0, id="just above 3 m"),
-    ],
-)
+@less_than_3_m
 def test_success_is_less_than_3_m_from_the_paths_end(
     metres: float, success: float, protocol: str, tmp_path: Path
 ) -> None:

@@ -540,8 +540,8 @@ def duplicate_episode(location: RecordLocation, instr_id: str, first: RecordLoca
 
 def changed_prediction(location: RecordLocation, instr_id: str) -> Problem:
     message = (
-        f"{instr_id} already has a different prediction; keep one per episode, and call reset() before "
-        "the next epoch"
+        f"{instr_id} already has a different prediction; keep one per episode, and call reset() "
+        "before the next epoch"
     )
     return _record_problem("duplicate-episode", location, message, ".instr_id")
 

@@ -27,7 +27,7 @@ OBJECT_FLAGS = frozenset({"ground_truth_objects", "navigation_only"})
 _STANDINGS = {
     "reported": "reported, not scored",
     "other-dataset": "reported on {dataset}, not scored",
-    "other-rules": "scored by other rules",
+    "other-rules": "scored under other rules",
     "disqualified": "disqualified",
 }
 """Why a result is not ranked."""

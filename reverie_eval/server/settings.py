@@ -179,7 +179,7 @@ OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
 
 
 class Also(_Section):
-    """A further leaderboard of a split: the same submissions, ranked by other rules."""
+    """A further leaderboard of a split: the same submissions, ranked under other rules."""
 
     protocol: str | None = None
     """The rules of a further leaderboard of the same uploads; by default the split's."""

@@ -264,7 +264,10 @@ def limit_problems(problems: Iterable[Problem]) -> Sequence[Problem]:
     first = list(islice(problems, MAX_PROBLEMS + 1))
     if len(first) <= MAX_PROBLEMS:
         return first
-    message = f"has more than {MAX_PROBLEMS:,} problems; fix these first; the rest was not checked"
+    message = (
+        f"has more than {MAX_PROBLEMS:,} problems; fix these first, because the rest was not "
+        "checked"
+    )
     # Problems are sorted by position: the largest possible one comes last.
     return [*first[:-1], Problem("too-many-problems", WHOLE_FILE, message, (maxsize,))]
 

@@ -60,7 +60,7 @@ def is_one_line(outcome: Outcome) -> bool:
         ),
         pytest.param(
             problem("429 No", "quota-spent", "no"),
-            "no submission is left; ask the organiser. Nothing was scored or spent",
+            "no submission is left; ask the organiser. Nothing was scored",
             id="quota",
         ),
         pytest.param(

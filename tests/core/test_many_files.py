@@ -186,7 +186,7 @@ def test_reports_of_all_files(jobs: str, run: Run, files: list[str]) -> None:
     [
         (["a.json", "b.json", "--ci"], "go with one file"),
         (["a.json", "b.json", "--protocol", "all"], "go with one file"),
-        (["empty"], "empty: there is no submission; they end in .json, .json.gz, .zip"),
+        (["empty"], "empty: no submission found; submissions end in .json, .json.gz, .zip"),
         (["*.nothing"], "*.nothing: there is no submission"),
         (["--watch", "none"], "none: there is no such file or folder to watch"),
         (["--watch", "empty", "--format", "csv"], "--watch prints lines; it goes without"),

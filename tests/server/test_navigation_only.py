@@ -25,8 +25,8 @@ def left(server: Serving) -> int:
         pytest.param(
             SILENT,
             {},
-            "no record has an answer; if the agent only navigates, declare it: --navigation-only on "
-            "the command line, navigation_only in the API, or the checkbox on the page",
+            "no record has an answer; if the agent only navigates, declare it: --navigation-only "
+            "on the command line, navigation_only in the API, or the checkbox on the page",
             id="undeclared",
         ),
         pytest.param(

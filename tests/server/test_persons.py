@@ -59,10 +59,10 @@ def test_only_organisers_and_the_person_see_an_address(server: Serving) -> None:
 def test_two_teams_may_have_a_person_of_the_same_name(server: Serving) -> None:
     with server.acting() as transaction:
         add_person(transaction, "Red", OWNER)
-        with pytest.raises(ConflictError, match="the team 'Red' has a person 'Ada' already"):
+        with pytest.raises(ConflictError, match="the team 'Red' already has a person 'Ada'"):
             add_person(transaction, "Red", OWNER)
     with server.acting() as transaction:
-        message = "these teams have a person 'Ada' each: 'Blue', 'Red'; say which team"
+        message = "several teams have a person 'Ada': 'Blue', 'Red'; name the team"
         with pytest.raises(ConflictError, match=message):
             create_token(transaction, OWNER)
         assert person_named(transaction.session, OWNER, "Red").team.name == "Red"

@@ -1,6 +1,6 @@
 """SOON: the same digits as its challenge's script and DUET's, and the forms of its results.
 
-The answered files could not be had: recorded values are those of a file of their layout with
+The answered files were not available: recorded values are those of a file of their layout with
 made-up targets. The public test file is as published.
 """
 

@@ -114,7 +114,7 @@ def verify_by_history(signed: Signed, keys: Sequence[KeyReport]) -> KeyReport:
     at, claim, remedy = _claim(signed)
     if key.valid_until is not None and at > key.valid_until:
         raise NotGenuineError(
-            f"key {key.key_id} counts until {key.valid_until.isoformat()} "
+            f"key {key.key_id} was valid until {key.valid_until.isoformat()} "
             f"({printable(key.reason)}), but {claim} {at.isoformat()}; {remedy}"
         )
     return key

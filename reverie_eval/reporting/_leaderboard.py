@@ -38,7 +38,7 @@ _FINGERPRINT_SHOWN = 12
 def leaderboard_table(board: Leaderboard) -> Table:
     """Return a leaderboard with its headline metrics and the one that it is sorted by.
 
-    Reported results stand among the others, without a rank; results that are not comparable come
+    Reported results are among the others, without a rank; results that are not comparable come
     last.
     """
     metrics = _metrics(board)

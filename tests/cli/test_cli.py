@@ -99,7 +99,7 @@ BROKEN_WORD = quote(str(BROKEN))
         pytest.param(
             "hops.json {split} {full} --diagnose --protocol all",
             2,
-            "--diagnose goes with one protocol",
+            "--diagnose needs a single protocol",
             id="diagnosis by all protocols",
         ),
         pytest.param(

@@ -184,12 +184,12 @@ def test_reports_of_all_files(jobs: str, run: Run, files: list[str]) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["a.json", "b.json", "--ci"], "go with one file"),
-        (["a.json", "b.json", "--protocol", "all"], "go with one file"),
+        (["a.json", "b.json", "--ci"], "need a single file"),
+        (["a.json", "b.json", "--protocol", "all"], "need a single file"),
         (["empty"], "empty: no submission found; submissions end in .json, .json.gz, .zip"),
-        (["*.nothing"], "*.nothing: there is no submission"),
+        (["*.nothing"], "*.nothing: no submission found"),
         (["--watch", "none"], "none: there is no such file or folder to watch"),
-        (["--watch", "empty", "--format", "csv"], "--watch prints lines; it goes without"),
+        (["--watch", "empty", "--format", "csv"], "--watch prints lines; omit"),
     ],
 )
 def test_what_cannot_be_ranked(run: Run, here: Path, words: list[str], said: str) -> None:

@@ -147,7 +147,7 @@ def test_the_last_organiser_keeps_a_token(server: Serving) -> None:
 
 def test_the_command_line_warns_of_the_last_organiser(server: Serving, run: Run) -> None:
     folder = str(server.state.settings.folder)
-    warning = "no organiser has a valid token now; `server token add` makes one"
+    warning = "no organiser has a valid token now; `server token add` creates one"
     assert warning not in run("server", "person", "revoke", folder, OWNER).err
     assert warning in run("server", "person", "revoke", folder, ORGANISER).err
     assert warning not in run("server", "person", "revoke", folder, OTHER).err
@@ -160,7 +160,7 @@ def test_a_person_is_exported_and_deleted_on_the_command_line(server: Serving, r
     refused = run("server", "person", "delete", folder, OWNER)
     assert (refused.status, "confirm it with --yes" in refused.err) == (2, True)
     deleted = run("server", "person", "delete", folder, OWNER, "--yes")
-    assert (deleted.status, deleted.out) == (0, "Ada is deleted person 1 now\n")
+    assert (deleted.status, deleted.out) == (0, "Ada is now deleted person 1\n")
     assert run("server", "person", "delete", folder, OWNER, "--yes").status == 2
 
 

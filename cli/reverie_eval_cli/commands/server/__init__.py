@@ -50,5 +50,5 @@ server = LazyGroup(
             "export-codabench": "codabench:export_codabench",
         },
     },
-    help="Set up, look after and hand over an evaluation server.",
+    help="Set up, manage and hand over an evaluation server.",
 )

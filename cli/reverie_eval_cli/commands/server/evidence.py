@@ -1,4 +1,4 @@
-"""``reverie-eval server evidence FOLDER SPLIT``: how submissions came about, in numbers."""
+"""``reverie-eval server evidence FOLDER SPLIT``: evidence about submissions, in numbers."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

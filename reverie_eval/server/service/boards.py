@@ -1,8 +1,7 @@
 """The splits that a server scores, with their ground truth in memory.
 
 A split has a leaderboard, and perhaps further ones, which rank the same submissions under other
-rules.
-Each of them is a :class:`Board`.
+rules. Each of them is a :class:`Board`.
 """
 
 import re

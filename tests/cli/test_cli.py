@@ -46,7 +46,7 @@ BROKEN_WORD = quote(str(BROKEN))
             "none.json {split}", 2, "reverie-eval: none.json: No such file", id="missing file"
         ),
         pytest.param(
-            "folder {split}", 2, "reverie-eval: folder: there is no submission", id="no file"
+            "folder {split}", 2, "reverie-eval: folder: no submission found", id="no file"
         ),
         pytest.param(
             "submit.json --split val",

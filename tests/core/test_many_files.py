@@ -117,7 +117,7 @@ def test_another_bundle_elsewhere(files: list[str], tmp_path: Path) -> None:
             done.set_result(("0" * 64, results))
             return done
 
-    with pytest.raises(rv.GroundTruthError, match="another ground truth"):
+    with pytest.raises(rv.GroundTruthError, match="a different ground truth"):
         rv.evaluate_many(files, split=SPLIT, executor=Elsewhere())
 
 

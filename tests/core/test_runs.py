@@ -124,7 +124,7 @@ def test_runs_are_means_of_scores(runs: rv.Runs) -> None:
 
 def test_what_are_not_runs_of_one_method(runs: rv.Runs) -> None:
     good, *_ = runs.runs.values()
-    with pytest.raises(rv.ProtocolError, match="1 run given; the variance between runs takes two"):
+    with pytest.raises(rv.ProtocolError, match="1 run given; the variance between runs needs two"):
         rv.Runs.of({"a": good})
     other = rv.evaluate(SAMPLES / "good.json", split=SPLIT, protocol="duet")
     with pytest.raises(

@@ -105,7 +105,7 @@ BROKEN_WORD = quote(str(BROKEN))
         pytest.param(
             "hops.json {split} {full} --diagnose --track grounding",
             2,
-            "on the full track",
+            "and the full track",
             id="diagnosis without trajectories",
         ),
         pytest.param(

@@ -131,7 +131,7 @@ def score(
     """
     check_outputs([output, episodes], [*submissions, ground_truth, episodes_from])
     if diagnosed and (protocol == _ALL or track != "full"):
-        raise click.UsageError("--diagnose needs a single protocol, and the full track")
+        raise click.UsageError("--diagnose needs a single protocol and the full track")
     truth = find_truth(ground_truth, split, episodes_from, task)
     submission = None if watch else _only_file(submissions)
     if submission is None:

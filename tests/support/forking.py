@@ -26,6 +26,7 @@ PROCESSES.set_forkserver_preload(
         "reverie_eval_cli.commands.serve",
         "reverie_eval_cli.commands.submit",
         "reverie_eval_cli.commands.server",
+        "tests.support.codabench",
         "tests.support.killing",
         "tests.support.serving",
     ]

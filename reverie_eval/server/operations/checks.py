@@ -298,11 +298,7 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
 def _told_by_further(board: Board, episodes: int) -> str:
     """Word what further leaderboards of a private split give away."""
     own, all_counts = (
-        sum(
-            metric.is_binary
-            for each in boards
-            for metric in each.task.headline_metrics(each.metrics)
-        )
+        sum(metric.is_binary for each in boards for metric in each.headline)
         for boards in ([board], board.all)
     )
     year = board.split.effective_quota.year

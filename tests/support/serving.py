@@ -187,6 +187,13 @@ def submission_for(split: str, agent: str = "random", seed: int = 0) -> bytes:
     return json.dumps(run_agent(agent, private_truth(), seed)).encode()
 
 
+def submission_without_answers() -> bytes:
+    """Return a navigation-only submission for the private split."""
+    records = json.loads(submission_for(PRIVATE))
+    kept = ("instr_id", "trajectory")
+    return json.dumps([{key: record[key] for key in kept} for record in records]).encode()
+
+
 def adjusted(settings: Settings, split: str = PRIVATE, **changes: object) -> Settings:
     """Return settings with other settings of one split."""
     splits = {**settings.splits, split: settings.splits[split].model_copy(update=changes)}

@@ -48,7 +48,7 @@ def test_a_file_adds_teams_and_people_once(server: Serving) -> None:
         pytest.param("team,name\nBlue,Dora", "column 'name': unknown", id="unknown column"),
         pytest.param("team,e-mail\na,b", "'e-mail': unknown; did you mean email?", id="misspelt"),
         pytest.param("person\nDora", "columns: there is no column 'team'", id="no team"),
-        pytest.param("team,team,person\na,b,c", "'team': is there twice", id="repeated column"),
+        pytest.param("team,team,person\na,b,c", "'team': occurs twice", id="repeated column"),
         pytest.param(FILE, "line 2: has 2 values for 4 columns", id="too few values"),
         pytest.param("team,person\nBlue,", "line 2: person: required but missing", id="no name"),
         pytest.param(
@@ -61,14 +61,16 @@ def test_a_file_adds_teams_and_people_once(server: Serving) -> None:
         ),
         pytest.param(
             "team,person\nGreen,Dora\nGreen,Dora",
-            "line 3: has the same person as line 2",
+            "line 3: repeats the person of line 2",
             id="twice",
         ),
         pytest.param(
             "team,person,email\nBlue,Ada,ada@example.org", "has another e-mail address", id="email"
         ),
         pytest.param(
-            "team,person,role\nBlue,Ada,organiser", "is known as participant", id="another role"
+            "team,person,role\nBlue,Ada,organiser",
+            "already registered as participant",
+            id="another role",
         ),
     ],
 )

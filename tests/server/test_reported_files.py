@@ -97,7 +97,7 @@ UNREADABLE = [
     ),
     pytest.param(
         "team,SR,nav_success\na,1,2",
-        ["column 'nav_success': says the same as column 'SR'"],
+        ["column 'nav_success': means the same as column 'SR'"],
         id="a column twice",
     ),
     pytest.param("SR,SPL\n1,2", ["columns: expected one for the team or the method"], id="nobody"),

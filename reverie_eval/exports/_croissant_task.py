@@ -3,8 +3,9 @@
 References
 ----------
 Benjelloun et al., "Croissant Tasks: A Metadata Format for Reproducible Machine Learning
-Evaluations", arXiv:2605.29786, 2026; `expectedMetric` and `MetricSpec` are those of the proposal
-https://github.com/mlcommons/croissant/pull/1046.
+Evaluations", arXiv:2605.29786, 2026. The vocabulary is tasks/croissant-tasks.ttl of
+https://github.com/mlcommons/croissant: `MetricSpec`, `expectedMetric` and `lowerIsBetter` as
+proposed in 0e1dbc3, the rest as in the main branch, 833fe78.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

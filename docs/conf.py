@@ -46,7 +46,6 @@ numpydoc_show_class_members = False
 # Looks. Nothing is asked of another host.
 
 html_theme = "furo"
-html_title = f"reverie-eval {version}"
 html_favicon = "../reverie_eval/server/pages/static/icon.svg"
 html_static_path = ["static"]
 html_css_files = ["site.css"]

@@ -4,7 +4,11 @@ Trajectories are stored flat: ``values`` has one element per pose, and with ``of
 ``n_episodes + 1``, those of episode ``i`` are ``values[offsets[i]:offsets[i + 1]]``.
 """
 
+import tokenize
+import zlib
+from pathlib import Path
 from typing import Any, TypeAlias
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +23,15 @@ LARGEST_OBJECT_ID = 2**31 - 1
 
 ROUNDING = 1e-9
 """Relative; numbers that differ by less are equal, because the order of summation may differ."""
+
+_METHODS = (ZIP_STORED, ZIP_DEFLATED)
+"""How numpy packs arrays. Each other method has exceptions of its own for damaged files."""
+# numpy parses the header of each array as Python source, hence the last two of the first line.
+_DAMAGE = (
+    *(ValueError, TypeError, AttributeError, KeyError, EOFError, tokenize.TokenError, SyntaxError),
+    *(NotImplementedError, RuntimeError, BadZipFile, zlib.error),
+)
+"""Exceptions that zipfile and numpy raise for damaged files."""
 
 
 def offsets_of(lengths: IntArray) -> IntArray:
@@ -116,3 +129,22 @@ def frozen(array: Array) -> Array:
     """
     array.setflags(write=False)
     return array
+
+
+def read_arrays(path: Path) -> dict[str, Array]:
+    """Read the arrays of an ``.npz`` file by their names, without unpickling anything.
+
+    Raises
+    ------
+    ValueError
+        If it is another kind of file, or damaged.
+    OSError
+        If it cannot be read.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            if any(member.compress_type not in _METHODS for member in archive.zip.infolist()):
+                raise ValueError("an array is packed by a method that numpy does not use")
+            return {name: np.asarray(archive[name]) for name in archive.files}
+    except _DAMAGE as error:
+        raise ValueError(f"{path} is not an .npz file, or is damaged") from error

@@ -20,7 +20,11 @@ Progress: TypeAlias = Callable[[Sequence[Path], str], Iterable[Path]]
 _SHOWN_ERRORS = 3
 _GZIP_MAGIC = b"\x1f\x8b"
 _LINES = ".jsonl"
-"""In the names of files with a JSON object on each line."""
+
+
+def has_lines(name: str) -> bool:
+    """Whether a file of this name has a JSON object on each line."""
+    return _LINES in name
 
 
 def no_progress(files: Sequence[Path], description: str) -> Iterable[Path]:  # noqa: ARG001
@@ -86,7 +90,7 @@ class Reader:
             return fields
 
         # The standard library's parser is slower than others, but shows every repeated key.
-        if _LINES not in name:
+        if not has_lines(name):
             return json.loads(content, object_pairs_hook=build_object)
         lines = content.splitlines()
         return [json.loads(line, object_pairs_hook=build_object) for line in lines if line.strip()]

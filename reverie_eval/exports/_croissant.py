@@ -10,17 +10,20 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin
 
 from msgspec.structs import FieldInfo, fields
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from reverie_eval.dataset import DatasetFiles
+from reverie_eval.dataset._reader import Reader, has_lines
 from reverie_eval.errors import DatasetError, Problem
+from reverie_eval.exports._croissant_task import task_problem
 from reverie_eval.tasks import Task
 
 _CONFORMS_TO = "http://mlcommons.org/croissant/1.1"
 _JSON = "application/json"
+_JSON_LINES = "application/jsonlines"
 _TYPES: Mapping[type, str] = {int: "sc:Integer", float: "sc:Float", str: "sc:Text"}
 _RECORDS = TypeAdapter(list[dict[str, Any]])
 _YEAR = re.compile(r"[0-9]{4}$")
@@ -37,15 +40,16 @@ _OWN_TERMS = (
 
 
 def croissant(files: DatasetFiles) -> Mapping[str, Any]:
-    """Return the description of a dataset's files, as JSON-LD.
+    """Return the description of a dataset's files and of their task, as JSON-LD.
 
-    Annotation files have their SHA-256, and a record set with the fields that scoring reads. Paths
-    are relative to the root of a clone of the published repository, wherever the files are now.
+    Annotation files have their SHA-256, and a record set with the fields that scoring reads, apart
+    from nested objects. Paths are relative to the root of a clone of the published repository,
+    wherever the files are now.
 
     Raises
     ------
     DatasetError
-        If an annotation file is not a list of records.
+        If an annotation file is not a list of records, or JSON Lines.
     OSError
         If a file cannot be read.
     """
@@ -65,10 +69,8 @@ def croissant(files: DatasetFiles) -> Mapping[str, Any]:
         **({"datePublished": year[0]} if year else {}),
         "inLanguage": "en",
         "distribution": list(_distribution(files)),
-        "recordSet": [
-            _record_set(task, split, _common_fields(path))
-            for split, path in files.annotations.items()
-        ],
+        "recordSet": [_record_set(task, split, path) for split, path in files.annotations.items()],
+        "subjectOf": task_problem(task, files.annotations),
     }
 
 
@@ -115,7 +117,7 @@ def _file(name: str, folder: str, path: Path, description: str) -> Mapping[str, 
         "name": path.name,
         "description": description,
         "contentUrl": f"{folder}/{path.name}",
-        "encodingFormat": _JSON,
+        "encodingFormat": _JSON_LINES if has_lines(path.name) else _JSON,
         "contentSize": f"{len(content)} B",
         "sha256": hashlib.sha256(content).hexdigest(),
     }
@@ -134,50 +136,56 @@ def _file_set(name: str, pattern: str, description: str) -> Mapping[str, Any]:
 
 def _common_fields(path: Path) -> set[str]:
     """Return the fields that all records of a file have; a public test file has no answers."""
-    try:
-        records = _RECORDS.validate_json(path.read_bytes())
-    except ValidationError:
+    records = Reader().read(_RECORDS, path, "annotations")
+    if records is None:
         remedy = "is not a JSON list of records; `reverie-eval lint` says what is wrong with it"
-        raise DatasetError([Problem("unreadable-file", str(path), remedy)]) from None
+        raise DatasetError([Problem("unreadable-file", str(path), remedy)])
     return set.intersection(*map(set, records)) if records else set()
 
 
-def _record_set(task: Task, split: str, present: set[str]) -> Mapping[str, Any]:
+def _record_set(task: Task, split: str, path: Path) -> Mapping[str, Any]:
+    present = _common_fields(path)
+    given = [each for each in fields(task.annotation) if each.encode_name in present]
     return {
         "@type": "cr:RecordSet",
         "@id": split,
         "name": split,
         "description": f"The records of {task.file_name.format(split=split)}.",
         "field": [
-            _field(split, each) for each in fields(task.annotation) if each.encode_name in present
+            _field(split, each, has_lines=has_lines(path.name))
+            for each in given
+            if _kind(each.type)[0] in _TYPES  # records have no rows of objects to load them into
         ],
     }
 
 
-def _field(split: str, field: FieldInfo) -> Mapping[str, Any]:
-    kind, is_list = _kind(field.type)
+def _field(split: str, field: FieldInfo, *, has_lines: bool) -> Mapping[str, Any]:
+    name = field.encode_name
+    kind, depth = _kind(field.type)
     return {
         "@type": "cr:Field",
-        "@id": f"{split}/{field.encode_name}",
-        "name": field.encode_name,
+        "@id": f"{split}/{name}",
+        "name": name,
         "dataType": _TYPES[kind],
-        **({"isArray": True, "arrayShape": "-1"} if is_list else {}),
+        **({"isArray": True, "arrayShape": ",".join(["-1"] * depth)} if depth else {}),
         "source": {
             "fileObject": {"@id": annotation_id(split)},
-            "extract": {"jsonPath": f"$[*].{field.encode_name}"},
+            "extract": {"column": name} if has_lines else {"jsonPath": f"$[*].{name}"},
         },
     }
 
 
-def _kind(annotated: Any, *, is_list: bool = False) -> tuple[type, bool]:
-    """Return the type of a field's values, text if there are several, and whether it is a list."""
+def _kind(annotated: Any, depth: int = 0) -> tuple[type, int]:
+    """Return the type of a field's values, text if there are several, and of how many lists."""
     parts = [part for part in get_args(annotated) if part is not type(None)]
     origin = get_origin(annotated)
-    if isinstance(annotated, UnionType):
-        return (str, is_list) if len(parts) > 1 else _kind(parts[0], is_list=is_list)
+    if origin in (Union, UnionType):
+        return (str, depth) if len(parts) > 1 else _kind(parts[0], depth)
+    if origin is Literal:
+        return type(parts[0]), depth
     if origin is list:
-        return _kind(parts[0], is_list=True)
-    return _kind(parts[0], is_list=is_list) if parts else (annotated, is_list)
+        return _kind(parts[0], depth + 1)
+    return _kind(parts[0], depth) if parts else (annotated, depth)
 
 
 def _address(task: Task) -> str:

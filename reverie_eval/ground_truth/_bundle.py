@@ -7,7 +7,6 @@ matter of files: a *public* bundle does not contain the answers at all.
 import errno
 import hashlib
 import os
-import tokenize
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -18,7 +17,7 @@ from typing import Self
 import msgspec
 import numpy as np
 
-from reverie_eval.arrays import Array, frozen
+from reverie_eval.arrays import Array, frozen, read_arrays
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.files import staged_file
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
@@ -81,12 +80,6 @@ UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
 PUBLIC_TEXTS = frozenset({"instruction", "language"})
 """Texts that are public; the categories of targets and candidates are answers."""
 _HEADER = "header"
-# numpy parses the header of each array as Python source, hence the last two of the first line.
-_DAMAGE = (
-    *(ValueError, TypeError, AttributeError, KeyError, EOFError, tokenize.TokenError, SyntaxError),
-    *(NotImplementedError, RuntimeError, zipfile.BadZipFile),
-)
-"""Exceptions that zipfile and numpy raise for damaged files."""
 _OTHER_SPLIT = "other_split/"
 _FOR_EVERYONE = 0o666
 """Less what the process's umask takes away."""
@@ -277,9 +270,8 @@ def fingerprint_of(arrays: Mapping[str, Array]) -> str:
 
 def _read_members(path: Path) -> dict[str, Array]:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: np.asarray(archive[name]) for name in archive.files}
-    except _DAMAGE as error:
+        return read_arrays(path)
+    except ValueError as error:
         raise _not_a_bundle(path) from error
 
 

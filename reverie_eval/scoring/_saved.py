@@ -3,9 +3,6 @@
 Scores are computed again from them, which takes milliseconds and gives the same digits.
 """
 
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from os import PathLike
@@ -14,7 +11,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from reverie_eval.arrays import Array, frozen
+from reverie_eval.arrays import Array, frozen, read_arrays
 from reverie_eval.errors import ReverieEvalError
 from reverie_eval.files import staged_file
 from reverie_eval.submissions import AlignedSubmission, BoxAnswers
@@ -28,12 +25,6 @@ _COLUMNS = (
     *("viewpoint", "offsets", "predicted_object", "answer_is_text", "has_leading_zeros"),
     *(f"{_BOXES}{field.name}" for field in fields(BoxAnswers)),
 )
-# numpy parses the header of each array as Python source, hence the second line.
-_DAMAGE = (
-    *(ValueError, TypeError, KeyError, EOFError, NotImplementedError, RuntimeError),
-    *(tokenize.TokenError, SyntaxError, zipfile.BadZipFile, zlib.error, msgspec.DecodeError),
-)
-"""Exceptions that numpy, zipfile and msgspec raise for other files and damaged ones."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +78,11 @@ def read_saved(path: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmissio
         If it cannot be read.
     """
     try:
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            names = [*_COLUMNS, *({_POINT} & {*archive.files})]
-            columns = {name: frozen(np.asarray(archive[name])) for name in names}
-            header = msgspec.json.decode(archive[_HEADER].tobytes(), type=SavedHeader)
-    except _DAMAGE as error:
+        arrays = read_arrays(Path(path))
+        names = [*_COLUMNS, *({_POINT} & arrays.keys())]
+        columns = {name: frozen(arrays[name]) for name in names}
+        header = msgspec.json.decode(arrays[_HEADER].tobytes(), type=SavedHeader)
+    except (ValueError, KeyError, msgspec.DecodeError) as error:
         raise ReverieEvalError(
             f"{path} has no saved scores, or is damaged; `Scores.save` writes such files, and "
             "`rv.evaluate` scores a result file"

@@ -84,6 +84,16 @@ class ServerState:
         """
         boards = load_boards(settings)
         database = Database(settings.database_url)
+        try:
+            return cls._opened(settings, boards, database, clock)
+        except BaseException:
+            database.close()
+            raise
+
+    @classmethod
+    def _opened(
+        cls, settings: Settings, boards: Mapping[str, Board], database: Database, clock: Clock
+    ) -> Self:
         if not database.is_current():
             remedy = f"is not of this version; run `reverie-eval server upgrade {settings.folder}`"
             raise SettingsError([Problem("old-database", "database", remedy)])

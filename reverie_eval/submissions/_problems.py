@@ -272,7 +272,14 @@ def limit_problems(problems: Iterable[Problem]) -> Sequence[Problem]:
     return [*first[:-1], Problem("too-many-problems", WHOLE_FILE, message, (maxsize,))]
 
 
-_short = reprlib.Repr()
+class _Short(reprlib.Repr):
+    def repr_int(self, x: int, level: int) -> str:
+        """Refuse integers with thousands of digits as Python does, also from Python 3.14 on."""
+        repr(x)  # where reprlib shows an address in memory
+        return super().repr_int(x, level)
+
+
+_short = _Short()
 _short.maxstring = _short.maxother = 60
 _short.maxlevel, _short.maxlist, _short.maxdict = 2, 4, 2
 

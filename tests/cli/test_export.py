@@ -140,19 +140,32 @@ def test_a_name_without_an_owner_is_refused(
     assert "is not OWNER/NAME" in capsys.readouterr().err
 
 
-@pytest.mark.filterwarnings("ignore:ConjunctiveGraph:DeprecationWarning")  # rdflib's own
-def test_croissant_describes_the_files_as_its_own_library_reads_them(
-    demo_world: Path, tmp_path: Path
-) -> None:
+rdflib_warns = pytest.mark.filterwarnings("ignore:ConjunctiveGraph:DeprecationWarning")  # its own
+
+
+@pytest.fixture
+def clone(demo_world: Path, tmp_path: Path) -> Path:
+    """Return a folder like a clone of the published repository."""
+    for part in ("tasks", "connectivity"):
+        (tmp_path / part).symlink_to(demo_world / part)
+    return tmp_path
+
+
+def described(clone: Path, task: str = "reverie") -> Path:
+    """Describe a task's dataset in Croissant, and return the file."""
+    description = clone / "croissant.json"
+    words = ["export", "croissant", str(clone), "--task", task, "-o", str(description)]
+    assert main(words) == 0
+    return description
+
+
+@rdflib_warns
+def test_croissant_describes_the_files_as_its_own_library_reads_them(clone: Path) -> None:
     import mlcroissant  # takes half a second
 
-    (tmp_path / "tasks").symlink_to(demo_world / "tasks")
-    (tmp_path / "connectivity").symlink_to(demo_world / "connectivity")
-    description = tmp_path / "croissant.json"
-    assert main(["export", "croissant", str(tmp_path), "-o", str(description)]) == 0
-    dataset = mlcroissant.Dataset(description)
+    dataset = mlcroissant.Dataset(described(clone))
     assert not dataset.metadata.issues.errors
-    published = json.loads((tmp_path / "tasks/REVERIE/data/REVERIE_val_unseen.json").read_bytes())
+    published = json.loads((clone / "tasks/REVERIE/data/REVERIE_val_unseen.json").read_bytes())
     records = list(dataset.records(SPLIT))
     assert [record[f"{SPLIT}/scan"].decode() for record in records] == [
         record["scan"] for record in published
@@ -162,6 +175,100 @@ def test_croissant_describes_the_files_as_its_own_library_reads_them(
     )
     fields = {field.name for field in dataset.metadata.record_sets[-1].fields}
     assert "objId" not in fields  # the public test file has no answers
+
+
+@rdflib_warns
+@pytest.mark.parametrize(
+    ("task", "names"),
+    [
+        ("r2r", ["scan", "path", "instructions", "path_id"]),
+        ("r4r", ["scan", "path", "instructions", "path_id"]),
+        ("rxr", ["scan", "instruction_id", "path_id", "path", "instruction", "language"]),
+        ("soon", ["scan", "instr_id", "instructions", "path"]),
+        ("ndh", ["scan", "inst_idx", "target", "end_panos", "planner_path", "player_path"]),
+    ],
+)
+def test_croissant_describes_the_files_of_every_task(
+    task: str, names: list[str], clone: Path
+) -> None:
+    import mlcroissant
+
+    dataset = mlcroissant.Dataset(described(clone, task))
+    assert not dataset.metadata.issues.errors
+    record = next(iter(dataset.records(SPLIT)))
+    assert list(record) == [f"{SPLIT}/{name}" for name in names]
+    assert record[f"{SPLIT}/scan"] == b"DemoMansion"
+
+
+def test_croissant_says_what_is_submitted_and_scored(clone: Path) -> None:
+    """As the draft of Croissant Tasks asks: each problem leaves out what a submission brings."""
+    problem = json.loads(described(clone).read_bytes())["subjectOf"]
+    assert problem["cr:output"]["@type"] == "cr:OutputSpec"
+    fields = problem["cr:output"]["cr:schema"]["cr:field"]
+    assert [field["name"] for field in fields] == ["instr_id", "trajectory", "predObjId"]
+    evaluation = problem["cr:evaluation"]
+    assert (evaluation["@type"], evaluation["name"]) == ("cr:EvaluationSpec", "official-v1")
+    assert evaluation["description"].endswith("Submissions are ranked by RGSPL.")
+    metrics = [metric["name"] for metric in evaluation["cr:expectedMetric"]]
+    assert metrics == ["SR", "OSR", "SPL", "RGS", "RGSPL"]  # not TL, which has no direction
+    parts = [(part["@id"], part["cr:input"]["@id"]) for part in problem["cr:subTask"]]
+    assert parts == [(f"task/{split}", split) for split in ("val_seen", "val_unseen", "test")]
+
+
+def test_croissant_says_which_metrics_are_better_lower(clone: Path) -> None:
+    problem = json.loads(described(clone, "r2r").read_bytes())["subjectOf"]
+    metrics = problem["cr:evaluation"]["cr:expectedMetric"]
+    lower = {metric["name"]: metric["cr:lowerIsBetter"] for metric in metrics}
+    assert lower == {"NE": True, "OSR": False, "SR": False, "SPL": False}
+    assert [metric.get("maxValue") for metric in metrics] == [None, 1.0, 1.0, 1.0]
+
+
+@rdflib_warns
+def test_croissant_leads_to_everything_that_a_task_names(clone: Path) -> None:
+    from rdflib import RDF, Graph, Namespace
+
+    terms = Namespace("http://mlcommons.org/croissant/")
+    graph = Graph().parse(described(clone), format="json-ld")
+    problems = set(graph.subjects(RDF.type, terms.TaskProblem))
+    assert len(problems) == 4
+    for name, types in {
+        "input": {terms.FileSet, terms.RecordSet},
+        "output": {terms.OutputSpec},
+        "evaluation": {terms.EvaluationSpec},
+    }.items():
+        found = [graph.value(problem, terms[name]) for problem in problems]
+        assert {graph.value(each, RDF.type) for each in found} == types
+
+
+@rdflib_warns
+@pytest.mark.parametrize(
+    ("task", "file"), [("reverie", "good.json"), ("r2r", "r2r.json"), ("ndh", "ndh.json")]
+)
+def test_a_submission_is_as_croissant_says(task: str, file: str, clone: Path) -> None:
+    """The library reads a sample by the fields that the task's output has."""
+    import mlcroissant
+
+    description = json.loads(described(clone, task).read_bytes())
+    schema = description["subjectOf"]["cr:output"]["cr:schema"]
+    content = (SAMPLES / file).read_bytes()
+    (clone / file).write_bytes(content)
+    for field in schema["cr:field"]:
+        extract = {"jsonPath": f"$[*].{field['name']}"}
+        field["source"] = {"fileObject": {"@id": "file"}, "extract": extract}
+    description["recordSet"] = [schema]
+    description["distribution"] = [
+        description["distribution"][0]
+        | {"@id": "file", "contentUrl": file, "sha256": hashlib.sha256(content).hexdigest()}
+    ]
+    (clone / "other.json").write_text(json.dumps(description))
+    records = list(mlcroissant.Dataset(clone / "other.json").records("submission/records"))
+    for record, sent in zip(records, json.loads(content), strict=True):
+        read = {name.rpartition("/")[2]: value for name, value in record.items()}
+        poses = [[str(part).encode() for part in pose] for pose in sent.pop("trajectory")]
+        assert read.pop("trajectory") == poses
+        assert {
+            key: it.decode() if isinstance(it, bytes) else it for key, it in read.items()
+        } == sent
 
 
 def test_a_file_that_is_not_a_dataset_is_refused(

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
+from zipfile import ZIP_BZIP2, ZIP_LZMA, ZipFile
 
 import numpy as np
 import pytest
@@ -159,6 +159,14 @@ def _with_a_wrong_bit() -> bytes:
     return bytes(content)
 
 
+def _packed_by(method: int) -> bytes:
+    """Return a bundle whose first array claims to be packed by another method."""
+    content = bytearray(VAL_UNSEEN.read_bytes())
+    with ZipFile(VAL_UNSEEN) as archive:
+        content[archive.start_dir + 10] = method
+    return bytes(content)
+
+
 NO_BUNDLE = "is not a ground-truth bundle, or is damaged; `reverie-eval compile` creates one"
 
 
@@ -180,6 +188,9 @@ NO_BUNDLE = "is not a ground-truth bundle, or is damaged; `reverie-eval compile`
         pytest.param(lambda: _with_another_array("task_target"), "is damaged", id="other answers"),
         pytest.param(lambda: _with_another_array("edge"), "is damaged", id="other edges"),
         pytest.param(_with_a_wrong_bit, "bundle", id="wrong bit"),
+        pytest.param(lambda: _packed_by(ZIP_BZIP2), NO_BUNDLE, id="bzip2"),
+        pytest.param(lambda: _packed_by(ZIP_LZMA), NO_BUNDLE, id="LZMA"),
+        pytest.param(lambda: _packed_by(93), NO_BUNDLE, id="Zstandard"),
         pytest.param(lambda: VAL_UNSEEN.read_bytes()[:-1000], "bundle", id="truncated"),
     ],
 )

@@ -32,6 +32,14 @@ def test_each_dependency_has_a_lowest_version() -> None:
         assert re.fullmatch(r"[a-z0-9-]+(\[\w+\])?>=[0-9.]+", requirement)
 
 
+def test_a_release_is_tried_with_each_declared_python() -> None:
+    script = (REPOSITORY / "scripts" / "release").read_text(encoding="utf-8")
+    (tried,) = re.findall(r"^for python in (.*); do$", script, re.MULTILINE)
+    declared = re.findall(r"Python :: (3\.\d+)", "\n".join(PROJECT["classifiers"]))
+    assert tried.split() == [f"python{version}" for version in declared]
+    assert PROJECT["requires-python"] == f">={declared[0]}"
+
+
 @pytest.mark.parametrize("form", FORMS, ids=lambda path: path.stem)
 def test_a_form_for_issues_asks_for_what_it_takes(form: Path) -> None:
     content = yaml.safe_load(form.read_text(encoding="utf-8"))

@@ -28,7 +28,7 @@ def first_column(above: str) -> list[str]:
 
 
 def test_every_field_of_a_method_and_of_a_change_is_explained() -> None:
-    assert first_column("| field | what it is |") == list(Method.model_fields)
+    assert first_column("| field | meaning |") == list(Method.model_fields)
     assert set(first_column("| field | what it does |")) == set(SubmissionChange.model_fields)
 
 

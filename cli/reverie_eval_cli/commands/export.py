@@ -212,7 +212,7 @@ def export_eval_results(
 @options.dataset_task
 @options.output("the description")
 def export_croissant(*, task: str, output: str | None, **paths: Path | None) -> None:
-    """Describe a dataset's files in Croissant.
+    """Describe a dataset's files and its task in Croissant.
 
     DATASET is a clone of the REVERIE dataset repository, or of another task's. Put the description
     into its root.

@@ -209,7 +209,7 @@ def _connect_sqlite(dialect: Dialect, _: Any, given: Any, named: Any) -> Any:
     connection: Any = dialect.connect(*given, **named)
     try:
         _prepare_sqlite(connection)
-    except sqlite3.OperationalError as error:
+    except sqlite3.DatabaseError as error:
         connection.close()
         if error.sqlite_errorcode != _NO_SPACE_FOR_INDEX:
             raise

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import bindparam, delete, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import AttemptReport
@@ -47,6 +47,13 @@ FAILURES = (
 HOURS = 24
 _SUCCESSES = frozenset({"scored", "repeat"})
 
+# Made here, because to make it takes longer than to run it. No old row is in memory.
+_DELETE_OLD = (
+    delete(Attempt)
+    .where((Attempt.at < bindparam("before")) | (Attempt.id <= bindparam("last")))
+    .execution_options(synchronize_session=False)
+)
+
 _LOGGER = logging.getLogger("reverie_eval.server")
 
 
@@ -79,9 +86,8 @@ class Attempts:
             with self.database.writing() as session:
                 session.add(attempt)
                 session.flush()
-                is_old = Attempt.at < attempt.at - timedelta(days=DAYS_KEPT)
-                is_beyond = Attempt.id <= attempt.id - MOST_KEPT
-                session.execute(delete(Attempt).where(is_old | is_beyond))
+                before, last = attempt.at - timedelta(days=DAYS_KEPT), attempt.id - MOST_KEPT
+                session.execute(_DELETE_OLD, {"before": before, "last": last})
         except Exception:
             _LOGGER.exception("an upload was handled, but not recorded")
 

@@ -168,13 +168,14 @@ def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
     """Count the submissions of each split that has any."""
     is_published = Submission.published_at.is_not(None) & Submission.withdrawn_at.is_(None)
     # Two statements, as each has an index.
-    every = select(Submission.split, func.count(), func.max(Submission.received_at))
     published = select(Submission.split, func.count()).where(is_published)
     shown = dict(session.execute(published.group_by(Submission.split)).all())
-    return {
-        split: SplitCounts(submissions, shown.get(split, 0), latest)
-        for split, submissions, latest in session.execute(every.group_by(Submission.split))
-    }
+    every = select(Submission.split, func.count().label("number"))
+    counted = every.group_by(Submission.split).subquery()
+    # The latest of a split is at an end of the index; beside the count, each row would be compared.
+    latest = select(func.max(Submission.received_at)).where(Submission.split == counted.c.split)
+    rows = session.execute(select(counted, latest.scalar_subquery()))
+    return {split: SplitCounts(number, shown.get(split, 0), last) for split, number, last in rows}
 
 
 def totals(session: Session) -> Totals:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from socket import gaierror
 from time import sleep
+from types import MappingProxyType
 from typing import Any
 
 import httpx
@@ -36,6 +37,9 @@ LONGEST_RETRY_AFTER = 60
 """Seconds; a server that asks for a longer pause is not tried again."""
 PATIENCE = 180
 """Seconds after which no further attempt is made."""
+
+USER_AGENT: Mapping[str, str] = MappingProxyType({"User-Agent": f"reverie-eval/{__version__}"})
+"""The header that says what sends a request."""
 
 _TIMEOUT = httpx.Timeout(30, connect=10, read=90)
 _CHUNK_SIZE = 64 << 10
@@ -84,18 +88,10 @@ class Sender:
         self.server = server
         self._notice = notice
         self._has_replied = False
-        headers = {"User-Agent": f"reverie-eval/{__version__}"}
+        headers = dict(USER_AGENT)
         if token is not None:
             headers["Authorization"] = f"Bearer {token}"
-        # A proxy cannot reach a server on this machine, whatever the environment says.
-        use_environment = not is_this_machine(httpx.URL(server).host)
-        try:
-            self._http = httpx.Client(headers=headers, timeout=_TIMEOUT, trust_env=use_environment)
-        except (ImportError, OSError, ValueError) as error:
-            raise ServiceError(
-                f"the environment sets a proxy or certificates that cannot be used ({error}); "
-                "check HTTPS_PROXY, HTTP_PROXY, ALL_PROXY, SSL_CERT_FILE and SSL_CERT_DIR"
-            ) from None
+        self._http = http_client(server, headers)
 
     def close(self) -> None:
         """Close the connection."""
@@ -141,7 +137,7 @@ class Sender:
                 headers={**call.headers, "Content-Length": str(len(call.body))},
             )
         except httpx.RequestError as error:
-            unreachable = UnreachableError(f"{self.server}: {_reason(error)}")
+            unreachable = UnreachableError(f"{self.server}: {reason_of(error)}")
             if isinstance(error, _NOT_CONNECTED) and not self._has_replied:
                 raise unreachable from error
             raise _TemporaryError(unreachable) from error
@@ -157,6 +153,25 @@ class Sender:
         if self._notice:
             reason = attempt.outcome.exception()
             self._notice(f"{reason}; retrying in {attempt.upcoming_sleep:g} s")
+
+
+def http_client(server: str, headers: Mapping[str, str]) -> httpx.Client:
+    """Return what sends requests to a server, by the environment's proxies and certificates.
+
+    Raises
+    ------
+    ServiceError
+        If these cannot be used.
+    """
+    # A proxy cannot reach a server on this machine, whatever the environment says.
+    use_environment = not is_this_machine(httpx.URL(server).host)
+    try:
+        return httpx.Client(headers=headers, timeout=_TIMEOUT, trust_env=use_environment)
+    except (ImportError, OSError, ValueError) as error:
+        raise ServiceError(
+            f"the environment sets a proxy or certificates that cannot be used ({error}); "
+            "check HTTPS_PROXY, HTTP_PROXY, ALL_PROXY, SSL_CERT_FILE and SSL_CERT_DIR"
+        ) from None
 
 
 def _pause(attempt: Any) -> float:
@@ -180,7 +195,8 @@ def _retry_after(response: httpx.Response) -> float | None:
     return float(seconds) if seconds.isdecimal() else None
 
 
-def _reason(error: httpx.RequestError) -> str:
+def reason_of(error: httpx.RequestError) -> str:
+    """Return why no reply came, in words for people."""
     match _root_cause(error), error:
         case gaierror(), _:
             return "host name not found"

@@ -260,12 +260,17 @@ class Schedule(WireModel):
         closing = [closes for closes in ends if closes is not None]
         return max(closing) if closing and len(closing) == len(ends) else None
 
+    @property
+    def holds_scores_back(self) -> bool:
+        """Whether nobody sees scores before the end of a phase."""
+        return self.release_scores == "phase-end"
+
     def held_until(self, received_at: datetime) -> datetime | None:
         """Return the end of the phase in which a submission came; None if scores are not held back.
 
         Of several phases, the last one to end counts.
         """
-        if self.release_scores == "at-once":
+        if not self.holds_scores_back:
             return None
         ends = [phase.closes for phase in self.phases if phase.is_open(received_at)]
         return max((end for end in ends if end is not None), default=None)

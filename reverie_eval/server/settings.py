@@ -141,6 +141,15 @@ def _known_address(address: str) -> str:
     return str(url).rstrip("/")
 
 
+def _is_encrypted(url: HttpUrl) -> HttpUrl:
+    """Check that nobody on the network can read the token that is sent to a server."""
+    from reverie_eval.client._address import is_this_machine
+
+    if url.scheme != "https" and not is_this_machine(str(url.host)):
+        raise ValueError("must begin with https://, because a token is sent there")
+    return url
+
+
 _URL: TypeAdapter[HttpUrl] = TypeAdapter(HttpUrl)
 _EMAIL: TypeAdapter[str] = TypeAdapter(Email)
 _PLAIN_NAME = re.compile(r"[a-z][a-z0-9_-]{0,39}")
@@ -353,6 +362,24 @@ class Webhook(Channel):
     """Signs each request; belongs in ``REVERIE_EVAL_WEBHOOK__SECRET``. Not signed if empty."""
 
 
+class EvalAI(_Section):
+    """A challenge on EvalAI, whose submissions ``server evalai-worker`` scores."""
+
+    url: Annotated[HttpUrl, AfterValidator(_is_encrypted)] = HttpUrl("https://eval.ai")
+    """The EvalAI server."""
+    challenge: PositiveInt
+    """The number of the challenge there. Without a section ``[evalai]``, there is none."""
+    queue: Name
+    """The name of its queue, which the *Manage* tab of the challenge shows."""
+    phases: Annotated[dict[PositiveInt, str], Field(min_length=1)]
+    """The split that each phase there is for, by the number of the phase: ``1213 = "test"``."""
+    token: Annotated[str, Field(repr=False)] = ""
+    """Of a host of the challenge; belongs in ``REVERIE_EVAL_EVALAI__TOKEN``, if it is not in a
+    file."""
+    token_file: Path | None = None
+    """A file with the token alone, readable by its owner alone. It is not in backups."""
+
+
 class Settings(BaseSettings):
     """All settings of a server."""
 
@@ -400,6 +427,7 @@ class Settings(BaseSettings):
     limits: Limits = Limits()
     mail: Mail | None = None
     webhook: Webhook | None = None
+    evalai: EvalAI | None = None
     trusted_proxies: tuple[IPvAnyNetwork, ...] = ()
     """Addresses and networks of the proxies in front of the server, whose ``X-Forwarded-For`` is
     trusted."""
@@ -424,7 +452,16 @@ class Settings(BaseSettings):
         if settings._folder.is_relative_to(settings.path(settings.uploads).resolve()):
             remedy = "is the server's folder or contains it; choose a folder for uploads alone"
             raise SettingsError([Problem("wrong-setting", "uploads", remedy)])
+        unknown = list(settings._phases_without_split())
+        if unknown:
+            raise SettingsError(unknown)
         return settings
+
+    def _phases_without_split(self) -> Iterator[Problem]:
+        for phase, split in self.evalai.phases.items() if self.evalai else ():
+            if split not in self.splits:
+                message = f"got {split!r}; must be one of the splits: {', '.join(self.splits)}"
+                yield Problem("wrong-setting", f"evalai.phases.{phase}", message)
 
     @classmethod
     def settings_customise_sources(
@@ -466,9 +503,22 @@ class Settings(BaseSettings):
     @property
     def mail_password(self) -> str:
         """The password of the mail server; raises OSError if its file cannot be read."""
-        if self.mail is None or self.mail.password_file is None:
-            return self.mail.password if self.mail else ""
-        return self.path(self.mail.password_file).read_text(encoding="utf-8").strip()
+        return self._secret(self.mail.password, self.mail.password_file) if self.mail else ""
+
+    @property
+    def evalai_token(self) -> str:
+        """The token for EvalAI; raises OSError if its file cannot be read."""
+        return self._secret(self.evalai.token, self.evalai.token_file) if self.evalai else ""
+
+    def _secret(self, text: str, file: Path | None) -> str:
+        return text if file is None else self.path(file).read_text(encoding="utf-8").strip()
+
+    @property
+    def secret_files(self) -> Sequence[Path]:
+        """The files with secrets that sections name."""
+        files = [self.mail.password_file] if self.mail else []
+        files += [self.evalai.token_file] if self.evalai else []
+        return [self.path(file) for file in files if file is not None]
 
     @property
     def database_url(self) -> URL:
@@ -534,7 +584,7 @@ def _problems(error: ValidationError) -> Iterator[Problem]:
         text = detail["msg"].removeprefix("Value error, ").replace("Input should", "must")
         message = text[0].lower() + text[1:]
         # The database's URL may contain a password, so it is not repeated.
-        is_secret = key.rpartition(".")[2] in {"database", "password", "secret"}
+        is_secret = key.rpartition(".")[2] in {"database", "password", "secret", "token"}
         is_shown = isinstance(detail["input"], str | int | float) and not is_secret
         found = f"got {detail['input']!r}; " if is_shown else ""
         yield Problem("wrong-setting", key, found + message)

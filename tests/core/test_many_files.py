@@ -14,7 +14,6 @@ from subprocess import PIPE
 from typing import Any
 
 import pytest
-from distributed import Client, LocalCluster
 
 import reverie_eval as rv
 from reverie_eval.agents import run_agent
@@ -79,6 +78,11 @@ def executor(request: pytest.FixtureRequest) -> Iterator[Executor]:
         case "pickle":
             yield Pickling()
         case _:
+            from distributed import (
+                Client,
+                LocalCluster,
+            )  # takes long, in every process of the suite
+
             with (
                 LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster,  # type: ignore[no-untyped-call]
                 Client(cluster) as client,  # type: ignore[no-untyped-call]

@@ -6,6 +6,7 @@ What they do is taken from Codabench c7dbc756: ``competitions/unpackers/v2.py`` 
 
 import json
 import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,11 +17,21 @@ from zipfile import ZipFile
 import pytest
 import yaml
 
+import reverie_eval as rv
 from reverie_eval.server.operations import codabench_program
 from reverie_eval.server.settings import SETTINGS_FILE
 from tests.conftest import SAMPLES
+from tests.support.codabench import KILLS, Task, compute
 from tests.support.flat import Run
-from tests.support.serving import OPEN, OWNER, PRIVATE, Serving, submission_for
+from tests.support.serving import (
+    OPEN,
+    OWNER,
+    PRIVATE,
+    Serving,
+    private_truth,
+    submission_for,
+    submission_without_answers,
+)
 
 PHASES = """
 phases = [
@@ -28,6 +39,7 @@ phases = [
     { name = "challenge", opens = 2027-03-01 },
 ]
 """
+SHARES = ("success", "oracle_success", "spl", "rgs", "rgspl")
 Worker = Callable[[dict[str, bytes]], Path]
 
 
@@ -127,6 +139,9 @@ def test_a_worker_comes_to_the_scores_of_the_server(
         pytest.param({"broken.json": (SAMPLES / "broken.json").read_bytes()}, "rejected", id="bad"),
         pytest.param({"a.json": b"[]", "b.json": b"[]"}, "found: a.json, b.json", id="two files"),
         pytest.param({"submit.txt": b"[]"}, "found: none", id="no file"),
+        pytest.param(
+            {"submit.json": submission_without_answers()}, "no RGS and no RGSPL", id="no answers"
+        ),
     ],
 )
 def test_what_cannot_be_scored_fails_with_a_reason(
@@ -135,6 +150,28 @@ def test_what_cannot_be_scored_fails_with_a_reason(
     with pytest.raises(SystemExit, match=message):
         codabench_program.main(submitted(files), tmp_path / "output")
     assert not (tmp_path / "output").exists()
+
+
+@pytest.mark.parametrize("kill", KILLS)
+def test_a_killed_worker_leaves_nothing_half_done(
+    kill: str, competition: Path, tmp_path: Path
+) -> None:
+    archive = tmp_path / "submission.zip"
+    with ZipFile(archive, "w") as file:
+        file.writestr("submit.json", submission_for(PRIVATE))
+    task = Task(competition, archive, tmp_path / "told.jsonl")
+    assert compute(task, kill) == -signal.SIGKILL
+    assert not task.is_acknowledged()
+    assert compute(task) == 0
+    assert task.is_acknowledged()
+    scores = rv.evaluate(submission_for(PRIVATE), split=PRIVATE, ground_truth=private_truth())
+    expected = {key: round(100 * scores[key], 2) for key in SHARES} | {
+        "path_length": round(scores["path_length"], 2)
+    }
+    # What was sent before a kill is sent again, by Codabench's own worker: the same digits.
+    assert task.scores() == [expected] * (2 if kill == "the scores are sent" else 1)
+    written = [json.loads(file.read_bytes()) for file in tmp_path.glob("run-*/output/scores.json")]
+    assert all(each == expected for each in written)
 
 
 def test_an_unknown_split_is_named(folder: Path, run: Run, tmp_path: Path) -> None:

@@ -26,6 +26,8 @@ PROCESSES.set_forkserver_preload(
         "reverie_eval_cli.commands.serve",
         "reverie_eval_cli.commands.submit",
         "reverie_eval_cli.commands.server",
+        "tests.support.codabench",
+        "tests.support.evalai",
         "tests.support.killing",
         "tests.support.serving",
     ]

@@ -83,13 +83,13 @@ def _serve(folder: Path, step: str | None, times: int, announced: Connection) ->
 
     def announce(url: str) -> None:
         if step is not None:
-            _die_at(STEPS[step], times)
+            die_at(STEPS[step], times)
         announced.send(url)
 
     run_server(load_settings(folder), "127.0.0.1", 0, announce)
 
 
-def _die_at(step: Step, times: int) -> None:
+def die_at(step: Step, times: int) -> None:
     """Replace a step by one that kills this process at the nth time."""
     real: Callable[..., Any] = getattr(step.owner, step.name)
     passed = 0

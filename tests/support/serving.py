@@ -31,6 +31,7 @@ from alembic.script import ScriptDirectory
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi import FastAPI
 from limits.storage import memory
+from sqlalchemy import URL, Engine
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.types import ASGIApp
 
@@ -186,6 +187,13 @@ def submission_for(split: str, agent: str = "random", seed: int = 0) -> bytes:
     return json.dumps(run_agent(agent, private_truth(), seed)).encode()
 
 
+def submission_without_answers() -> bytes:
+    """Return a navigation-only submission for the private split."""
+    records = json.loads(submission_for(PRIVATE))
+    kept = ("instr_id", "trajectory")
+    return json.dumps([{key: record[key] for key in kept} for record in records]).encode()
+
+
 def adjusted(settings: Settings, split: str = PRIVATE, **changes: object) -> Settings:
     """Return settings with other settings of one split."""
     splits = {**settings.splits, split: settings.splits[split].model_copy(update=changes)}
@@ -292,6 +300,29 @@ def _files_are_read_once() -> Iterator[None]:
         patch.object(boards, "Bundle", SimpleNamespace(load=load)),
         patch(f"{Database.__module__}.ScriptDirectory", cache(ScriptDirectory)),
     ):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _statements_are_compiled_once() -> Iterator[None]:
+    """Let databases of one kind share what SQLAlchemy compiles, which takes a quarter of a test.
+
+    It is kept by engine and dialect, and a dialect knows its database from the first connection on.
+    """
+    connected: dict[str, Engine] = {}
+    make = Database.__init__
+
+    def share(database: Database, url: URL | str) -> None:
+        make(database, url)
+        engine = database.engine
+        first = connected.get(engine.name, engine)
+        if getattr(first.dialect, "server_version_info", None) is None:
+            connected[engine.name] = engine
+            return
+        for each in (engine, database._snapshots):  # noqa: SLF001
+            each.dialect, each._compiled_cache = first.dialect, first._compiled_cache  # noqa: SLF001
+
+    with patch.object(Database, "__init__", share):
         yield
 
 

@@ -16,7 +16,6 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import yaml
 
 from reverie_eval.files import staged_file
-from reverie_eval.metrics import METRICS
 from reverie_eval.schemas.service import Schedule
 from reverie_eval.server.operations.checks import opened_server
 from reverie_eval.server.service.boards import Board
@@ -79,7 +78,6 @@ def export_codabench(settings: Settings, split: str, image: str, output: Path) -
 def _competition(
     state: ServerState, board: Board, schedule: Schedule, image: str
 ) -> Mapping[str, Any]:
-    is_held_back = schedule.release_scores == "phase-end"
     return {
         "version": 2,
         "title": f"{state.settings.title}: {board.name}",
@@ -115,7 +113,7 @@ def _competition(
                 "max_submissions": board.split.effective_quota.year,
                 "execution_time_limit": _SECONDS_TO_SCORE,
                 "hide_prediction_output": True,
-                "hide_score_output": is_held_back,
+                "hide_score_output": schedule.holds_scores_back,
             }
             for index, phase in enumerate(schedule.phases)
         ],
@@ -126,26 +124,21 @@ def _competition(
                 "submission_rule": "Add_And_Delete"
                 if board.split.one_per_team
                 else "Add_And_Delete_Multiple",
-                "hidden": is_held_back,
-                "primary_index": _shown(board).index(board.primary.key),
+                "hidden": schedule.holds_scores_back,
+                "primary_index": board.headline.index(board.primary),
                 "columns": [
                     {
-                        "title": METRICS[key].heading,
-                        "key": key,
+                        "title": metric.heading,
+                        "key": metric.key,
                         "index": index,
-                        "sorting": "desc" if METRICS[key].better == "higher" else "asc",
+                        "sorting": "desc" if metric.better == "higher" else "asc",
                         "precision": 2,
                     }
-                    for index, key in enumerate(_shown(board))
+                    for index, metric in enumerate(board.headline)
                 ],
             }
         ],
     }
-
-
-def _shown(board: Board) -> Sequence[str]:
-    """Return the keys of the leaderboard's columns: the headline metrics that are scored."""
-    return [key for key in board.truth.task.headline if key in board.metrics]
 
 
 def _rules(board: Board) -> Mapping[str, Any]:
@@ -153,15 +146,13 @@ def _rules(board: Board) -> Mapping[str, Any]:
         "split": board.name,
         "protocol": board.split.protocol,
         "track": board.split.track,
-        "metrics": _shown(board),
+        "metrics": [metric.key for metric in board.headline],
     }
 
 
 def _overview(board: Board) -> str:
     task, episodes = board.truth.task, len(board.truth.episodes.instr_ids)
-    rows = "\n".join(
-        f"| {METRICS[key].heading} | {task.metric(key).definition} |" for key in _shown(board)
-    )
+    rows = "\n".join(f"| {metric.heading} | {metric.definition} |" for metric in board.headline)
     return f"""# {task.title}, {board.name}
 
 {task.citation}
@@ -192,7 +183,7 @@ def _left_out(board: Board, schedule: Schedule) -> Iterator[str]:
     quota = board.split.effective_quota
     yield f"the limit of {quota.month:,} submissions in 30 days"
     yield f"the window of 365 days: {quota.year:,} submissions are the limit of each phase"
-    if schedule.release_scores == "phase-end":
+    if schedule.holds_scores_back:
         yield "scores are hidden; show them yourself when the phase has ended"
     if board.also:
         yield f"the further leaderboards: {', '.join(board.also)}"

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import reverie_eval as rv
-from reverie_eval.metrics import METRICS
+from reverie_eval.server.operations.platforms import displayed_scores
 
 
 def main(given: Path, output: Path) -> None:
@@ -23,9 +23,9 @@ def main(given: Path, output: Path) -> None:
             protocol=rules["protocol"],
             track=rules["track"],
         )
+        shown = displayed_scores(scores.to_report(), rules["metrics"])
     except rv.SubmissionError as error:
         sys.exit(str(error))
-    shown = {key: float(METRICS[key].display(scores[key])) for key in rules["metrics"]}
     output.mkdir(parents=True, exist_ok=True)
     unfinished = output / ".scores"
     unfinished.write_text(json.dumps(shown))

@@ -120,6 +120,11 @@ class Board:
         return scored_metrics(self.rules, self.split.track)
 
     @property
+    def headline(self) -> Sequence[Metric]:
+        """Those of them that a score table shows, in its order."""
+        return self.task.headline_metrics(self.metrics)
+
+    @property
     def primary(self) -> Metric:
         """The metric that submissions are ranked by unless another is asked for."""
         return self.task.primary_metric(self.metrics)

@@ -47,7 +47,11 @@ server = LazyGroup(
             "backup": "backup:backup",
             "restore": "backup:restore",
             "export-site": "site:export_site",
+        },
+        "Other platforms": {
             "export-codabench": "codabench:export_codabench",
+            "export-evalai": "evalai:export_evalai",
+            "evalai-worker": "evalai:evalai_worker",
         },
     },
     help="Set up, look after and hand over an evaluation server.",

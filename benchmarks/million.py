@@ -27,6 +27,7 @@ import httpx
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.bars import Figure, judge
+from benchmarks.processors import processor_milliseconds
 from fixtures.many_submissions import SAMPLE, SPLIT, fill
 from fixtures.servers import make_folder
 from reverie_eval.schemas.organising import NewPerson, NewToken
@@ -155,11 +156,7 @@ class Processes:
         if self._postmaster is not None:
             of_it = f"/proc/{self._postmaster}/task/{self._postmaster}/children"
             processes += map(int, Path(of_it).read_text().split())
-        ticks = 0
-        for process in processes:
-            fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-            ticks += int(fields[11]) + int(fields[12])  # user and system time
-        return 1000 * ticks / os.sysconf("SC_CLK_TCK")
+        return processor_milliseconds(*processes)
 
 
 def milliseconds(

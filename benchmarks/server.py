@@ -5,9 +5,11 @@ disk and every commit durable, and sends it val_unseen.mixed1 as plain JSON; eac
 from all others in one digit of a heading, so that each is scored. Latencies depend on the machine.
 The figure with a bar is throughput as a ratio to a bare FastAPI route under the same uvicorn
 settings that only reads the same bodies and calls ``orjson.loads``. Both run in turn, several
-times, and the median of the ratios counts. The uploads come from many teams in turn, as they would
-before a deadline. Then two worker processes are compared with one in the same way, each upload over
-a connection of its own, as proxies send them; the sender takes its part of the same processors.
+times, and the median of the ratios counts. Beside it stands what an upload costs the processors in
+either process, which depends less on what else the machine does. The uploads come from many teams
+in turn, as they would before a deadline. Then two worker processes are compared with one in the
+same way, each upload over a connection of its own, as proxies send them; the sender takes its part
+of the same processors.
 Needs the published files (see ``fixtures/published.py``).
 """
 
@@ -30,6 +32,7 @@ from urllib.parse import urlsplit
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from benchmarks.processors import processor_milliseconds
 from fixtures.published import published_folder, unpack_dataset
 from reverie_eval.dataset import DatasetFiles, compile_split
 from reverie_eval.schemas.organising import NewPerson, NewTeam, NewToken
@@ -94,6 +97,7 @@ class Target(NamedTuple):
     """Where uploads go, and what comes back for one that was taken."""
 
     url: str
+    process: int
     path: str
     status: int
     tokens: Iterator[str] = itertools.repeat("")
@@ -105,11 +109,27 @@ class Load(NamedTuple):
 
     seconds: float
     latencies: Sequence[float]
+    processor_milliseconds: float
+    """Of the server, for all uploads."""
 
     @property
     def throughput(self) -> float:
         """Uploads per second."""
         return len(self.latencies) / self.seconds
+
+    @property
+    def cost(self) -> float:
+        """Milliseconds of the processors for an upload."""
+        return self.processor_milliseconds / len(self.latencies)
+
+
+class Comparison(NamedTuple):
+    """Medians of several rounds of two targets in turn."""
+
+    ratio: float
+    """Of their throughputs."""
+    throughputs: Sequence[float]
+    costs: Sequence[float]
 
 
 def main() -> int:
@@ -130,11 +150,11 @@ def main() -> int:
             server.mkdir()
             bundle.save(server / f"{SPLIT}.npz")
             tokens = itertools.cycle(make_server(server, visibility))
-            with running(SERVER, server, 1) as url, running(BARE) as bare_url:
-                scored = Target(url, PATH, 201, tokens)
-                ratios.append(compare(visibility, scored, Target(bare_url, "/", 200), bodies))
-            with running(SERVER, server, 1) as url, running(SERVER, server, WORKERS) as crew_url:
-                one, crew = Target(url, PATH, 201, tokens), Target(crew_url, PATH, 201, tokens)
+            with running(SERVER, server, 1) as ours, running(BARE) as theirs:
+                scored, bare = Target(*ours, PATH, 201, tokens), Target(*theirs, "/", 200)
+                ratios.append(compare(visibility, scored, bare, bodies))
+            with running(SERVER, server, 1) as alone, running(SERVER, server, WORKERS) as several:
+                one, crew = (Target(*each, PATH, 201, tokens) for each in (alone, several))
                 gains.append(compare_workers(visibility, one, crew, bodies))
     return int(min(ratios) < BAR or min(gains) < BAR_OF_WORKERS)
 
@@ -154,11 +174,15 @@ def compare(visibility: str, scored: Target, bare: Target, bodies: Iterator[byte
             f"{visibility} split, {concurrency:2} at once: median {median:6.1f} ms, p99 "
             f"{p99:6.1f} ms, of {len(latencies)} uploads"
         )
-    ratio, ours, theirs = in_turns(scored, bare, bodies)
+    ratio, (ours, theirs), costs = in_turns(scored, bare, bodies)
     verdict = "ok" if ratio >= BAR else "MISSED"
     print(
         f"{visibility} split, {COMPARED_AT} at once: {ours:.1f} uploads/s, bare route "
         f"{theirs:.1f}; ratio {ratio:.2f}   at least {BAR}   {verdict}"
+    )
+    print(
+        f"{visibility} split, {COMPARED_AT} at once: an upload takes {costs[0]:.1f} ms of the "
+        f"processors, of the bare route {costs[1]:.1f}; ratio {costs[1] / costs[0]:.2f}"
     )
     return ratio
 
@@ -167,7 +191,7 @@ def compare_workers(visibility: str, one: Target, crew: Target, bodies: Iterator
     """Print the throughput of several workers against that of one; return the ratio."""
     for target in (one, crew):
         upload(target, itertools.islice(bodies, 32), COMPARED_AT)
-    ratio, several, single = in_turns(crew, one, bodies, keeps_connections=False)
+    ratio, (several, single), _ = in_turns(crew, one, bodies, keeps_connections=False)
     verdict = "ok" if ratio >= BAR_OF_WORKERS else "MISSED"
     print(
         f"{visibility} split, {COMPARED_AT} at once: {WORKERS} workers {several:.1f} uploads/s, "
@@ -178,22 +202,28 @@ def compare_workers(visibility: str, one: Target, crew: Target, bodies: Iterator
 
 def in_turns(
     first: Target, second: Target, bodies: Iterator[bytes], *, keeps_connections: bool = True
-) -> tuple[float, float, float]:
-    """Return the medians of the ratio of two throughputs, of the first and of the second."""
-    pairs = [
-        tuple(
+) -> Comparison:
+    """Send the same uploads to two targets in turn, in several rounds."""
+    rounds = [
+        [
             upload(
                 target,
                 itertools.islice(bodies, UPLOADS),
                 COMPARED_AT,
                 keeps_connections=keeps_connections,
-            ).throughput
+            )
             for target in (first, second)
-        )
+        ]
         for _ in range(ROUNDS)
     ]
-    ours, theirs = (statistics.median(column) for column in zip(*pairs, strict=True))
-    return statistics.median(one / other for one, other in pairs), ours, theirs
+    return Comparison(
+        statistics.median(one.throughput / other.throughput for one, other in rounds),
+        [
+            statistics.median(load.throughput for load in loads)
+            for loads in zip(*rounds, strict=True)
+        ],
+        [statistics.median(load.cost for load in loads) for loads in zip(*rounds, strict=True)],
+    )
 
 
 def quantile(ordered: Sequence[float], share: float) -> float:
@@ -227,15 +257,15 @@ def make_server(folder: Path, visibility: str) -> Sequence[str]:
 
 
 @contextmanager
-def running(program: str, *arguments: Path | int) -> Iterator[str]:
-    """Run a server in a process of its own; return the URL that it prints."""
+def running(program: str, *arguments: Path | int) -> Iterator[tuple[str, int]]:
+    """Run a server in a process of its own; return the URL that it prints, and the process."""
     words = [sys.executable, "-c", program, *map(str, arguments)]
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as process:
         assert process.stdout is not None  # noqa: S101  # it was asked for
         try:
-            yield process.stdout.readline().strip()
+            yield process.stdout.readline().strip(), process.pid
         finally:
             process.terminate()
 
@@ -261,9 +291,10 @@ def upload(
 
     prepared = list(bodies)
     with ThreadPoolExecutor(concurrency) as senders:
-        start = time.perf_counter()
+        start, spent = time.perf_counter(), processor_milliseconds(target.process)
         latencies = list(senders.map(send, prepared, target.tokens))
-        return Load(time.perf_counter() - start, latencies)
+        seconds = time.perf_counter() - start
+        return Load(seconds, latencies, processor_milliseconds(target.process) - spent)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,9 @@ def take_rows(rows: IntArray, offsets: IntArray) -> IntArray:
     lengths = np.diff(offsets)[rows]
     # How far each row moves from its place in the output to its place in the input.
     shift = offsets[rows] - offsets_of(lengths)[:-1]
-    return np.arange(lengths.sum()) + np.repeat(shift, lengths)
+    taken = np.repeat(shift, lengths)
+    taken += np.arange(len(taken))
+    return taken
 
 
 def find_sorted(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:

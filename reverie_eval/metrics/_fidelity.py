@@ -5,6 +5,8 @@ path and a column for each pose of the trajectory. Tables are stored flat, row b
 after another.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from reverie_eval.arrays import BoolArray, FloatArray, IntArray, offsets_of, row_of
@@ -50,10 +52,10 @@ def dtw(distance: FloatArray, n_poses: IntArray, n_nodes: IntArray) -> FloatArra
     total = np.full((nodes.max() + 1, len(order)), np.inf)
     total[0] = 0.0
     result = np.empty(len(order))
-    for column in range(poses.max()):
-        active = int(np.searchsorted(-poses, -column, side="left"))
-        total = _next_column(total[:, :active], distance[row[:, :active] + column])
-        ending = np.flatnonzero(poses[:active] == column + 1)
+    active = np.searchsorted(-poses, -np.arange(poses.max() + 1), side="left")
+    for column, (now, later) in enumerate(pairwise(active.tolist())):
+        total = _next_column(total[:, :now], distance[row[:, :now] + column])
+        ending = np.arange(later, now)
         result[order[ending]] = total[nodes[ending], ending]
     return result
 
@@ -64,9 +66,9 @@ def _next_column(total: FloatArray, distance: FloatArray) -> FloatArray:
     # An alignment starts with the first pose; no later pose may start it again.
     advanced[0] = np.inf
     # Steps from the previous pose need no loop; those along this column depend on each other.
-    from_previous = np.minimum(total[1:], total[:-1])
+    np.minimum(total[1:], total[:-1], out=advanced[1:])
     for node, cost in enumerate(distance, start=1):
-        advanced[node] = cost + np.minimum(from_previous[node - 1], advanced[node - 1])
+        advanced[node] = cost + np.minimum(advanced[node], advanced[node - 1])
     return advanced
 
 

@@ -8,7 +8,13 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from reverie_eval.server.service import attempts
-from reverie_eval.server.service.attempts import Attempts, last_day, list_attempts
+from reverie_eval.server.service.attempts import (
+    Attempts,
+    SplitCounts,
+    counts_of_splits,
+    last_day,
+    list_attempts,
+)
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.store.tables import Attempt
@@ -191,3 +197,20 @@ def test_a_day_in_hours(server: Serving) -> None:
     assert counts == [(1, 0, 0), *[(0, 0, 0)] * 21, (0, 1, 1), (1, 0, 0)]
     assert (day.uploads, day.refused, day.busiest) == (4, 1, 2)
     assert (day.median_milliseconds, day.slowest_milliseconds) == (25, 60)
+
+
+def test_submissions_of_each_split_are_counted_with_the_latest(server_on: Serving) -> None:
+    def upload(split: str, hour: int) -> str:
+        server_on.clock.now = NOON + timedelta(hours=hour)
+        reply = server_on.upload(OWNER, server_on.distinct(split), split).json()
+        return f"/submissions/{reply['submission']['id']}"
+
+    upload(OPEN, 0)
+    upload(OPEN, 2)
+    path = upload(PRIVATE, 1)
+    assert server_on.ask(OWNER, "PATCH", path, json={"published": True}).status_code == 200
+    with server_on.state.database.reading() as session:
+        assert counts_of_splits(session) == {
+            OPEN: SplitCounts(2, 0, NOON + timedelta(hours=2)),
+            PRIVATE: SplitCounts(1, 1, NOON + timedelta(hours=1)),
+        }

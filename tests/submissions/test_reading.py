@@ -25,7 +25,7 @@ from reverie_eval.submissions import (
     convert,
     read_predictions,
 )
-from reverie_eval.submissions._document import parse_document
+from reverie_eval.submissions._document import check_value_count, parse_document
 from reverie_eval.submissions._official import decode_official
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import read_carefully
@@ -812,6 +812,19 @@ def test_more_values_than_can_be_read(content: bytes, monkeypatch: pytest.Monkey
     (problem,) = problems_of(content)
     assert (problem.code, problem.where) == ("too-large", "file")
     assert "values, more than the limit of 3" in problem.message
+
+
+@pytest.mark.parametrize(
+    ("content", "values"),
+    [
+        pytest.param(b"[[[[", 4, id="a value in each byte"),
+        pytest.param(b'[{"a": 1}, 2]', 3, id="few values"),
+    ],
+)
+def test_as_many_values_as_the_limit_are_read(content: bytes, values: int) -> None:
+    check_value_count(content, values)
+    with pytest.raises(SubmissionError, match=f"about {values} values, more than the {values - 1}"):
+        check_value_count(content, values - 1)
 
 
 @pytest.mark.parametrize("lane", ["text", "objects", "hops"])

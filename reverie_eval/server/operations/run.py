@@ -1,6 +1,5 @@
 """Running the server until it is stopped."""
 
-import gc
 import os
 import signal
 import socket
@@ -22,7 +21,12 @@ from reverie_eval.server.operations.checks import database_errors
 from reverie_eval.server.operations.delivery import delivering
 from reverie_eval.server.operations.listening import listen, url_of
 from reverie_eval.server.operations.logs import LOGGING
-from reverie_eval.server.operations.supervisor import SECONDS_TO_ANSWER, Supervisor, worker_app
+from reverie_eval.server.operations.supervisor import (
+    SECONDS_TO_ANSWER,
+    Supervisor,
+    settle_memory,
+    worker_app,
+)
 from reverie_eval.server.service.rules import record_rules, rules_of
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
@@ -71,7 +75,7 @@ def run_server(
             return
         url = url_of(listening)
         server = _Server(configuration(create_app(state, url)), lambda: announce(url))
-        gc.freeze()  # the ground truth stays in memory; collecting it would only cost time
+        settle_memory()
         with _stopped_is_done():
             server.run(sockets=[listening])
 

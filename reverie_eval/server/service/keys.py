@@ -35,9 +35,13 @@ _UNREADABLE = b""
 """In place of a stored key that cannot be decrypted: no digest matches it."""
 
 
+# Made here, because each change runs it, and to make it takes as long.
+_IN_USE = select(SigningKey).where(SigningKey.replaced_at.is_(None))
+
+
 def current_key(session: Session) -> SigningKey | None:
     """Return the key in use; None if the database has not been used yet."""
-    return session.scalars(select(SigningKey).where(SigningKey.replaced_at.is_(None))).first()
+    return session.scalars(_IN_USE).first()
 
 
 def all_keys(session: Session) -> Sequence[SigningKey]:

@@ -127,9 +127,11 @@ def names_of_teams(session: Session) -> Sequence[str]:
 
 def everybody(session: Session) -> Sequence[PersonReport]:
     """Return all people by name, and by team if several have it."""
-    people = select(Person).join(Team, Person.team_id == Team.id)
+    # Columns only: thousands of rows of the ORM, each with its team, take twice as long.
+    columns = (Person.id, Person.name, Person.email, Team.name.label("team"), Person.role)
+    people = select(*columns, Person.created_at).join(Team, Person.team_id == Team.id)
     current = people.where(Person.deleted_at.is_(None)).order_by(Person.name, Team.name)
-    return [person_report(person) for person in session.scalars(current)]
+    return [PersonReport.model_validate(row) for row in session.execute(current)]
 
 
 @dataclass(frozen=True, slots=True)

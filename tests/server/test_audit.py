@@ -2,13 +2,15 @@
 
 import hashlib
 import hmac
+from dataclasses import replace
+from datetime import timedelta
 from typing import Any
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from sqlalchemy import select
 
-from reverie_eval.schemas.organising import NewTeam
+from reverie_eval.schemas.organising import KeyRevocation, NewTeam
 from reverie_eval.server.service.audit import (
     INSPECTED,
     Action,
@@ -25,13 +27,14 @@ from reverie_eval.server.service.audit import (
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import person_named, rename_team, team_named
 from reverie_eval.server.service.receipts import Signer
-from reverie_eval.server.service.rotation import replace_key
+from reverie_eval.server.service.rotation import replace_key, revoke_key
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import AuditEntry, News, Person, SigningKey, Team
 from tests.support.acting import AUDIT_LOG, NOON, acting, add_person, add_team
 
 NEXT = Signer(Ed25519PrivateKey.from_private_bytes(b"\1" * 32), "tests")
-"""Of the signing key after the first."""
+LAST = Signer(Ed25519PrivateKey.from_private_bytes(b"\2" * 32), "tests")
+"""Of the signing keys after the first."""
 SUBMISSION = "0123456789abcdef"
 NO_ENTRY_BEFORE = "0" * 64
 
@@ -196,13 +199,16 @@ def test_a_name_that_the_log_does_not_have_is_found(database: Database) -> None:
         assert list(swapped_names(session, AUDIT_LOG)) == []
         person_named(session, "Ada").name = "Eve"
         rename_team(transaction, "Blue", NewTeam(name="Azure"))
-        session.add(Team(name="Lime", created_at=NOON))
+        forged = Team(name="Lime", created_at=NOON)
+        session.add(Person(team=forged, name="Eve", role="organiser", created_at=NOON))
+        session.flush()
         assert list(swapped_names(session, AUDIT_LOG)) == [
             "person:1 is called 'Eve'; the audit log has another name"
         ]
         team_named(session, "Azure").name = "Blue"
         session.flush()
         assert list(mismatches(session)) == [
+            "person added (person:2, 2026-03-02 12:00:00): in the database, but not logged",
             "team added (team:2, 2026-03-02 12:00:00): in the database, but not logged",
             "team:1 is called 'Blue'; the audit log calls it 'Azure'",
         ]
@@ -233,6 +239,9 @@ def test_keys_that_are_not_as_the_log_says_are_named(database: Database) -> None
         first, second = session.scalars(select(SigningKey).order_by(SigningKey.id))
         name = f"signing key {first.key_id}"
         assert list(mismatches(session)) == []
+        revocation = KeyRevocation(since=NOON - timedelta(hours=1), reason="stolen")
+        revoke_key(replace(transaction, audit_log=AuditLog(NEXT)), first.key_id, revocation)
+        assert list(mismatches(session)) == []
         first.audit_key = None
         session.flush()
         assert list(mismatches(session)) == [f"{name}: the key of its audit entries was removed"]
@@ -250,4 +259,6 @@ def test_keys_that_are_not_as_the_log_says_are_named(database: Database) -> None
 def test_no_key_of_entries_is_missed_up_to_a_key_that_was_lost(database: Database) -> None:
     with acting(database) as transaction:
         replace_key(transaction, NEXT, "a fire", is_lost=True)
+        assert list(mismatches(transaction.session)) == []
+        replace_key(replace(transaction, audit_log=AuditLog(NEXT)), LAST, "the yearly change")
         assert list(mismatches(transaction.session)) == []

@@ -3,8 +3,8 @@
 The proof is an Ed25519 signature [1]_ of the canonical JSON of all other fields:
 keys sorted, no spaces, UTF-8.
 
-For programs of others, the same receipt is also an in-toto statement [2]_ about the submitted file,
-signed with the same key in a DSSE envelope [3]_.
+For other programs, the same receipt is also available as an in-toto statement [2]_ about the
+submitted file, signed with the same key in a DSSE envelope [3]_.
 
 References
 ----------
@@ -33,7 +33,7 @@ from reverie_eval.text import printable
 PAYLOAD_TYPE = "application/vnd.in-toto+json"
 """What an envelope contains: an in-toto statement."""
 PREDICATE_TYPE = "urn:reverie-eval:receipt:v1"
-"""What such a statement says of its subject: the fields of a receipt."""
+"""What such a statement says about its subject: the fields of a receipt."""
 _STATEMENT_TYPE = "https://in-toto.io/Statement/v1"
 _KEY_ID_LENGTH = 16
 
@@ -43,7 +43,7 @@ class ReceiptError(ReverieEvalError):
 
 
 class NotGenuineError(ReceiptError):
-    """A receipt was not signed with this key while it counted, or was changed afterwards."""
+    """A receipt was not signed with this key while it was valid, or was changed afterwards."""
 
 
 Signed: TypeAlias = Receipt | Snapshot | Envelope
@@ -98,7 +98,8 @@ def verify_by_history(signed: Signed, keys: Sequence[KeyReport]) -> KeyReport:
     Raises
     ------
     NotGenuineError
-        If it was changed, signed with another key, or signed with one that had ended.
+        If it was changed, signed with an unknown key, or signed with a key that was no longer
+        valid.
     ReceiptError
         If the key is invalid.
     """
@@ -113,7 +114,7 @@ def verify_by_history(signed: Signed, keys: Sequence[KeyReport]) -> KeyReport:
     at, claim, remedy = _claim(signed)
     if key.valid_until is not None and at > key.valid_until:
         raise NotGenuineError(
-            f"key {key.key_id} counts until {key.valid_until.isoformat()} "
+            f"key {key.key_id} was valid until {key.valid_until.isoformat()} "
             f"({printable(key.reason)}), but {claim} {at.isoformat()}; {remedy}"
         )
     return key
@@ -125,7 +126,7 @@ def key_named_by(signed: Signed) -> str:
 
 
 def receipt_in(envelope: Envelope) -> Receipt:
-    """Return the receipt that an envelope words as a statement, with the envelope's signature.
+    """Return the receipt in an envelope, with the envelope's signature.
 
     It is not verified.
 
@@ -171,7 +172,7 @@ def statement(receipt: Receipt) -> bytes:
     """Return a receipt as an in-toto statement: the file is its subject, the rest its predicate.
 
     Scores are decimal strings with all digits, because programs write floating-point numbers
-    differently. What concerns the signature is left to the envelope.
+    differently. The envelope holds the signature.
     """
     predicate = receipt.model_dump(
         mode="json", exclude={"schema_version", "sha256", "key_id", "proof"}
@@ -188,7 +189,7 @@ def statement(receipt: Receipt) -> bytes:
 
 
 def pre_authentication(payload: bytes) -> bytes:
-    """Return what is signed of an envelope's payload: its type, its length and itself.
+    """Return the bytes that an envelope signs: the payload's type, its length and the payload.
 
     It begins with ``DSSEv1``, so it cannot be taken for the canonical JSON of a receipt.
     """

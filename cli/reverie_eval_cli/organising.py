@@ -80,7 +80,7 @@ def revoking(folder: Path) -> Iterator["Transaction"]:
         had_one = has_organiser(transaction.session, transaction.now)
         yield transaction
         if had_one and not has_organiser(transaction.session, transaction.now):
-            note("no organiser has a valid token now; `server token add` makes one")
+            note("no organiser has a valid token now; `server token add` creates one")
 
 
 def read_text(file: Path) -> str:

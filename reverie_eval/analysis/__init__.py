@@ -1,4 +1,4 @@
-"""The analysis of scores, and of how submissions came about."""
+"""The analysis of scores, and evidence about submissions."""
 
 from reverie_eval.analysis._breakdown import (
     GROUPINGS,

@@ -32,7 +32,7 @@ GroupingKey = Literal[
 """The keys of ``GROUPINGS``."""
 
 NO_LEVEL = "no level"
-"""The group of episodes whose instruction does not give the number of a level."""
+"""The group of episodes whose instruction does not name a level."""
 
 _ORDINALS = {"first": 1, "second": 2, "third": 3, "fourth": 4, "fifth": 5}
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5}
@@ -55,7 +55,7 @@ class Grouping:
     order: Sequence[str] = ()
     """The groups in order; if empty, they are sorted by size, the largest first."""
     wider: Callable[[str], Sequence[str]] = lambda group: ()  # noqa: ARG005
-    """Returns the further groups that the episodes of a group are in too."""
+    """Returns the other groups that the episodes of a group also belong to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ def _by_words(scores: Scores) -> Sequence[str]:
 
 
 def level_in(instruction: str) -> str:
-    """Return the level of the building whose number an instruction gives.
+    """Return the level of the building that an instruction names.
 
     The dataset does not annotate levels, but annotators were shown them, and many wrote them down.
 
@@ -216,8 +216,8 @@ def breakdown(
         The scores to break down.
     by : str, Series, or list of these
         A key of ``GROUPINGS``, or the group of each episode in a Series indexed by instr_id, such
-        as a column of ``scores.to_pandas()``. Several give the groups that they form together.
-        Groups of ``language`` overlap: "all", "en", "en-IN" and so on, each over its instructions.
+        as a column of ``scores.to_pandas()``. Several are combined. Groups of ``language`` overlap:
+        "all", "en", "en-IN" and so on, each over its instructions.
     intervals : bool
         Whether to add the ends of 95 % intervals over the targets of each group, in ``spl_low``,
         ``spl_high`` and so on. They are missing if a group has fewer than 5 targets.

@@ -40,7 +40,7 @@ Verdict = Literal["better", "worse", "same", "not significant"]
 
 _MIN_SUBMISSIONS = 2
 BEST = "best"
-"""In place of the baseline's name: choose it by its scores."""
+"""The name that chooses the baseline by its scores."""
 SMALLEST_SHOWN_P = 0.001
 """P-values below it are shown as ``p < 0.001``."""
 
@@ -79,24 +79,24 @@ class Difference:
 class Comparison(Mapping[str, Mapping[str, Difference]]):
     """How submissions differ from the first of them: ``comparison["b"]["rgspl"].mean``.
 
-    Keys are the names of all but the first; the values are mappings by the keys of the CATALOGUE.
-    A submission is compared in the metrics that it and the first have: one without answers has
-    only those of navigation.
+    Keys are the names of all but the first; values are mappings by the keys of the CATALOGUE. A
+    submission is compared in the metrics that both it and the first have: without answers, only
+    those of navigation.
     """
 
     scores: Mapping[str, Method]
-    """The scores of all submissions by name; several runs of a method are one of them."""
+    """The scores of all submissions by name; several runs of a method count as one."""
     intervals: Mapping[str, ClusterIntervals]
     """Intervals of the differences, by the names of all but the first."""
     differences: Mapping[str, Mapping[str, Difference]] = field(repr=False)
     """The differences, by the names of all but the first, and by metric."""
 
     pairs: int | None
-    """If the first was chosen as the best: the number of all pairs, which p-values are corrected
-    for; else they are corrected for the comparisons with the first."""
+    """The number of all pairs if the first was chosen as the best, because p-values are then
+    corrected for all of them; otherwise they are corrected for the comparisons with the first."""
     swaps: int
-    """Random swaps of each test; their number grows with that of the comparisons. 0 if there are
-    runs, whose means are tested by Student's t."""
+    """Random swaps of each test, more for more comparisons. 0 if there are runs, whose means are
+    tested by Student's t."""
     smallest_p: float
     """The smallest p-value that any difference could have, after Holm's correction."""
 
@@ -121,17 +121,17 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         scores : mapping of Scores or Runs
             Two or more, by name, of the same episodes under the same protocol.
         cluster : "target" or "scan"
-            What dependent episodes have in common.
+            What dependent episodes share.
         seed : int
             Seed of the resamples and swaps.
         baseline : str, optional
-            The name of the submission that all others are compared with, in place of the first; or
-            ``best`` for that with the highest RGSPL, or RGS or SPL if RGSPL is not scored.
+            The name of the submission that all others are compared with, by default the first; or
+            ``best`` for the one with the highest RGSPL, or RGS or SPL if RGSPL is not scored.
 
         Raises
         ------
         ProtocolError
-            If they are not comparable, or none has the name of the baseline.
+            If they are not comparable, or none is named like the baseline.
         """
         # Only comparisons and intervals need scipy, which this imports.
         from reverie_eval.metrics.uncertainty import smallest_p, swaps_for
@@ -180,7 +180,7 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
         return next(iter(self.scores))
 
     def primary(self, name: str) -> Metric:
-        """Return the metric of the verdict on a submission; of REVERIE RGSPL, else RGS or SPL."""
+        """Return the metric of the verdict on a submission; for REVERIE RGSPL, else RGS or SPL."""
         return self.scores[self.first].ground_truth.task.primary_metric(self[name])
 
     @property
@@ -203,8 +203,8 @@ class Comparison(Mapping[str, Mapping[str, Difference]]):
     def verdict(self, name: str) -> Verdict:
         """Return in a word or two whether a submission is better than the first.
 
-        ``better``, ``worse``, ``same`` if the primary metric has the same value in every episode,
-        or else ``not significant``.
+        One of ``better``, ``worse``, ``same`` (the primary metric has the same value in every
+        episode) and ``not significant``.
         """
         found = self[name][self.primary(name).key]
         if not _changes(found):

@@ -31,10 +31,10 @@ class VisibleObject:
 
 
 class PredictedBox(NamedTuple):
-    """A predicted box, in the picture of any camera at the stop."""
+    """A predicted box, in the image of any camera at the stop."""
 
     xywh: FloatArray
-    """Shape (4,): left, top, width and height in pixels of the camera's picture."""
+    """Shape (4,): left, top, width and height in pixels of the camera's image."""
     camera: FloatArray
     """Shape (2,): heading and elevation, radians."""
     view: int

@@ -1,7 +1,7 @@
-"""Numbers that help an organiser to judge how submissions came about; never a verdict.
+"""Evidence that helps an organiser to judge submissions: numbers, never a verdict.
 
 All are functions of codes: one integer per file and episode, equal if and only if two files predict
-the same there. Episodes with the same target depend on each other, so that standard errors are over
+the same there. Episodes with the same target depend on each other, so standard errors are over
 clusters of episodes.
 """
 
@@ -36,7 +36,7 @@ class Spread(NamedTuple):
     files: int
     """Files that were compared."""
     value: float
-    """Variance of the number of changes of an episode, in units of what changes at random have."""
+    """Variance of the number of changes of an episode, relative to changes at random."""
     standard_error: float
     p_value: float
     """Probability of a value as low as this, if the true one is at least ``HONEST_SPREAD``."""
@@ -59,12 +59,12 @@ class Pair(NamedTuple):
 
 
 class Likeness(NamedTuple):
-    """The most similar pairs of files from different groups, and what is usual."""
+    """The most similar pairs of files from different groups, and the usual similarity."""
 
     pairs: Sequence[Pair]
     """At most one for each pair of groups, the most similar first."""
     median: float
-    """Of the most similar pairs of all pairs of groups."""
+    """The median of the most similar pairs over all pairs of groups."""
 
 
 def most_frequent(codes: IntArray) -> IntArray:
@@ -120,11 +120,11 @@ def spread_of_changes(codes: IntArray, cluster: IntArray) -> Spread | None:
     """Test whether a team's changes return to the same episodes, as those of a method do.
 
     Between the files of one method, predictions change where the method is uncertain: the same
-    episodes change again and again, others never. Who probes a leaderboard changes episodes
-    without regard to that, at random or in turn. So it is counted in how many files each episode
-    differs from the team's most frequent prediction. Among the episodes that ever do, the variance
-    of these counts is compared with what it is if every file changes each of them with the same
-    probability: the index of dispersion.
+    episodes change again and again, others never. Someone who probes a leaderboard changes episodes
+    regardless of that, at random or in turn. So we count in how many files each episode differs
+    from the team's most frequent prediction. Among the episodes that ever differ, the variance of
+    these counts is compared with the variance expected if every file changed each of them with the
+    same probability: the index of dispersion.
 
     The standard error is over clusters of episodes, and over files by a jackknife in ten groups.
 

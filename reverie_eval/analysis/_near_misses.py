@@ -15,7 +15,7 @@ _N_EXAMPLES = 3
 
 
 def near_misses(scores: Scores) -> Mapping[str, Sequence[str]]:
-    """Choose a few episodes of every failure mode, the closest to being correct first.
+    """Choose a few episodes of every failure mode, those closest to being correct first.
 
     Episodes that never reached the goal are ordered by how close they came to the path's end;
     those that overshot, or predicted the correct object at the wrong stop, by how close to it they

@@ -1,6 +1,6 @@
 """How certain ranks are: which ranks each of several results may have, and which groups they form.
 
-The ranks of true means are meant: those over all episodes that a split might have had.
+These are the ranks of true means, over all episodes that a split might have had.
 """
 
 from typing import NamedTuple
@@ -27,8 +27,8 @@ class Ranks(NamedTuple):
     high: IntArray
     """The worst."""
     group: IntArray
-    """From 1. A group begins with the best result of no earlier one, and has all that follow until
-    one is significantly worse than its first."""
+    """From 1. A group begins with the best result outside earlier groups, and includes all that
+    follow until one is significantly worse than the group's first."""
 
 
 def covariance_of_means(sums: FloatArray, sizes: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Several runs of one method, such as trainings with other seeds: mean, interval, variance."""
+"""Several runs of one method, such as trainings with different seeds: mean, interval, variance."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class RunIntervals(ClusterIntervals):
     """The interval of every metric by its key, over runs and clusters of episodes together."""
 
     n_runs: Sequence[int]
-    """Number of runs of each method whose means or differences these are."""
+    """Number of runs of each method."""
     run_shares: Mapping[str, float]
     """By metric: the part of the variance that more runs would reduce, in [0, 1]; the rest is due
     to the choice of episodes."""
@@ -91,7 +91,7 @@ class Runs(Mapping[str, float]):
         runs : mapping of Scores
             Two or more, by name, of the same episodes under the same protocol.
         cluster : "target" or "scan"
-            What dependent episodes have in common.
+            What dependent episodes share.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class Runs(Mapping[str, float]):
         """
         if len(runs) < FEWEST_RUNS:
             raise ProtocolError(
-                f"{count_text(len(runs), 'run')} given; the variance between runs takes two or more"
+                f"{count_text(len(runs), 'run')} given; the variance between runs needs two or more"
             )
         check_names(runs)
         first, *_ = runs.values()
@@ -126,7 +126,7 @@ class Runs(Mapping[str, float]):
 
     @cached_property
     def episodes(self) -> Mapping[str, Array]:
-        """For each metric and episode the mean over runs, as in ``Scores.episodes``."""
+        """The mean over runs for each metric and episode, as in ``Scores.episodes``."""
         several = list(self.runs.values())
         return {
             key: frozen(np.mean([each.episodes[key] for each in several], axis=0))
@@ -208,7 +208,7 @@ Method: TypeAlias = Scores | Runs
 
 
 def runs_of(method: Method) -> Sequence[Scores]:
-    """Return the runs of a method; scores are those of one run."""
+    """Return the runs of a method; scores count as one run."""
     return list(method.runs.values()) if isinstance(method, Runs) else [method]
 
 

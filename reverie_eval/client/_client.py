@@ -41,10 +41,10 @@ _PAGE = 100
 class Client:
     """Talks to one evaluation server.
 
-    A request is sent again if the connection drops or the server is busy: up to five times, when
-    the server asks for it or else within about 15 seconds, with the same effect as sending it once.
-    After three minutes the client gives up. Every method raises a :class:`ServiceError` if the
-    request fails: :class:`UnreachableError`, :class:`NotAServerError` or :class:`RefusedError`
+    A request is sent again if the connection drops or the server is busy: up to five times, at the
+    time that the server asks for or else within about 15 seconds, with the same effect as sending
+    it once. After three minutes the client gives up. Every method raises a :class:`ServiceError` if
+    the request fails: :class:`UnreachableError`, :class:`NotAServerError` or :class:`RefusedError`
     (:class:`QuotaSpentError`).
 
     Parameters
@@ -109,11 +109,11 @@ class Client:
         return self._send(list[SplitReport], Call("GET", "/splits"))
 
     def me(self) -> Me:
-        """Return the person whom the token belongs to."""
+        """Return the person that the token belongs to."""
         return self._send(Me, Call("GET", "/me"))
 
     def key(self) -> str:
-        """Return the Ed25519 public key of the newest receipts, in PEM form."""
+        """Return the Ed25519 public key in use, in PEM form."""
         key = self._sender.send(Call("GET", "/key")).text
         if not key.startswith("-----BEGIN PUBLIC KEY-----"):
             raise NotAServerError(f"{self.url} is not an evaluation server: it publishes no key")

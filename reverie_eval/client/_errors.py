@@ -46,4 +46,4 @@ class QuotaSpentError(RefusedError):
             if instant
             else "ask the organiser"
         )
-        super().__init__(document, f"no submission is left; {when}. Nothing was scored or spent")
+        super().__init__(document, f"no submission is left; {when}. Nothing was scored")

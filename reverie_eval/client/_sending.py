@@ -101,8 +101,8 @@ class Sender:
         """Return the server's reply to a call that succeeded.
 
         The call is sent again after a dropped connection, when a gateway cannot reach the server
-        and when there were too many requests. If the server never replied, a failure to connect
-        is final: the URL may be wrong.
+        and when there were too many requests. If the server never replied, a failure to connect is
+        final: the URL may be wrong.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Rules for the boxes: their form, their sizes, and which objects are visible from where."""
+"""Rules for boxes: their form, their sizes, and which objects are visible from where."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence

@@ -94,7 +94,7 @@ def compile_split(
 
 
 def origin_notes(header: BundleHeader) -> Iterator[str]:
-    """Yield what is to be known of a bundle's annotations, a sentence each."""
+    """Yield what users should know about a bundle's annotations, a sentence each."""
     task = find_task(header.task)
     difference = task.edited_copies.get(header.sources.get("annotations", ""))
     if difference:
@@ -109,8 +109,8 @@ def origin_notes(header: BundleHeader) -> Iterator[str]:
         )
     if task.unseen:
         yield (
-            f"the {task.unseen} of {task.title} could not be had when their reader was written; "
-            "docs/tasks.md says what it was tried on"
+            f"the {task.unseen} of {task.title} were not available when their reader was written; "
+            "docs/reference/tasks.md says how it was tested"
         )
 
 

@@ -60,9 +60,9 @@ class DatasetDescription:
         facts : mapping
             The tasks of each split; at least one split.
         viewpoint_counts : mapping
-            How many included viewpoints each scan has.
+            Number of included viewpoints of each scan.
         task : Task
-            What the dataset is of.
+            The task of the dataset.
         """
 
         # The paper gives several numbers for the same groups of splits.

@@ -183,5 +183,5 @@ class SplitDescription:
 def of_answers(
     measure: Callable[[AnswerDescription], T],
 ) -> Callable[[SplitDescription], T | None]:
-    """Return a measure of the answers as one of the split; None if no task has a target."""
+    """Return a measure of answers as a measure of splits; None if no task has a target."""
     return lambda split: None if split.answers is None else measure(split.answers)

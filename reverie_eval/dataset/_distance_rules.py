@@ -1,4 +1,4 @@
-"""Rules for distances from cameras to objects, which show by what rule objects were listed."""
+"""Rules for distances from cameras to objects, which show how objects were chosen for the lists."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -37,7 +37,7 @@ class DatasetFiles:
     object_positions: Path | None = None
     """``objpos.json``, for the protocol that measures the distance to the object."""
     task: Task = field(default_factory=partial(find_task, DEFAULT_TASK))
-    """What the annotations are of."""
+    """The task of the annotations."""
 
     @classmethod
     def find(
@@ -60,8 +60,8 @@ class DatasetFiles:
         split : str, optional
             The split that is needed. Other splits are found too, to recognise their episodes.
         annotations : Path, optional
-            A folder of annotation files, or one file with any name. A file is taken
-            for ``split``, or if that is not given, for the only split.
+            A folder of annotation files, or one file with any name. A file is used for ``split``
+            or, if that is not given, as the only split.
         boxes : Path, optional
             The ``BBox`` folder, or DUET's ``BBoxes.json``.
         connectivity : Path, optional

@@ -48,10 +48,10 @@ class BoxRules:
     """How boxes are built."""
 
     max_distance: float = MAX_DISTANCE
-    """Objects whose centre is at least so many metres from the camera are not listed."""
+    """Metres; objects whose centre is at least this far from the camera are not listed."""
     occlusion: Occlusion = "none"
     excluded_names: frozenset[str] = EXCLUDED_NAMES
-    """Objects with these names are neither listed nor hide others."""
+    """Objects with these names are not listed and do not hide others."""
 
 
 Box: TypeAlias = Sequence[int]

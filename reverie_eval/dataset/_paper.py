@@ -70,7 +70,7 @@ def compare_with_paper(
     describe : callable
         Describes several of these splits as one.
     buildings, viewpoints : int
-        How many the dataset has, with or without tasks.
+        How many the dataset has, including those without tasks.
     """
     comparisons = [
         PaperComparison("buildings", (), (), buildings, 90),

@@ -69,7 +69,7 @@ class Reader:
     def digests(self) -> Mapping[str, str]:
         """Return SHA-256 by kind of file: of the only file, or of all digests in reading order.
 
-        Of a gzipped file it is that of what is in it, which every packing keeps.
+        For a gzipped file, it is that of the unpacked content.
         """
         return {
             kind: (parts[0] if len(parts) == 1 else hashlib.sha256(b"".join(parts)).digest()).hex()

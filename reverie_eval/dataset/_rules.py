@@ -94,7 +94,7 @@ class Rule(Generic[S]):
     advice: str
     find: Callable[[S], Count]
     tolerated_by: Collection[Purpose] = ()
-    """Commands that go on in spite of this error; never ``compile``."""
+    """Commands that continue despite this error; never ``compile``."""
 
     def check(self, subject: S) -> Finding:
         """Count what the rule looks for."""
@@ -126,7 +126,7 @@ def error(
 def find_problems(
     rules: Sequence[Rule[S]], subject: S, where: Path, purpose: Purpose
 ) -> Iterator[Problem]:
-    """Check the rules that are errors for a purpose, and yield a problem for each one broken."""
+    """Check the rules that are errors for a purpose, and yield a problem for each broken rule."""
     for rule in rules:
         if rule.severity == "error" and purpose not in rule.tolerated_by:
             found = rule.find(subject)

@@ -43,7 +43,7 @@ class EvaluatedModel:
 def every_eval_ever(scores: Scores, model: EvaluatedModel, at: datetime) -> Mapping[str, Any]:
     """Return the aggregate record of scores: each headline metric that has a better direction.
 
-    Scores of the split test are rounded, and have no intervals.
+    Scores on the split test are rounded, and have no intervals.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def every_eval_ever(scores: Scores, model: EvaluatedModel, at: datetime) -> Mapp
 def instance_results(
     scores: Scores, records: Sequence[Mapping[str, Any]], aggregate: Mapping[str, Any]
 ) -> Iterator[Mapping[str, Any]]:
-    """Yield the records of single episodes: one for each aggregate result where more is better.
+    """Yield the records of single episodes: one for each aggregate result where higher is better.
 
     Parameters
     ----------

@@ -1,13 +1,13 @@
 """The bounding rectangle of an oriented box in each of the 36 views.
 
-A view shows what lies in its frustum: the pyramid that projects into the picture, beyond ``NEAR``.
+A view shows what lies in its frustum: the pyramid that projects into the image, beyond ``NEAR``.
 The visible part of a box is the intersection of box and frustum, a convex polyhedron, so the
 projections of its corners bound the rectangle. Each corner is an end of an edge of the box clipped
 to the frustum, or of an edge of the frustum clipped to the box.
 
-Clipping comes before projection. So nothing behind the camera is mirrored into the picture, and
+Clipping comes before projection. So nothing behind the camera is mirrored into the image, and
 the rectangle surrounds the visible part only, unlike the published boxes, which were cut to the
-picture after projection. A camera inside a box sees the box everywhere, in every view.
+image after projection. A camera inside a box sees the box everywhere, in every view.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from reverie_eval.geometry._oriented_boxes import EDGES, OrientedBoxes
 from reverie_eval.geometry._views import FOCAL_LENGTH, HEIGHT, NEAR, VIEW_AXES, WIDTH, pixels_of
 
 _RIGHT, _UP = WIDTH / 2 / FOCAL_LENGTH, HEIGHT / 2 / FOCAL_LENGTH
-"""Metres from the optical axis to the picture's edges, one metre in front of the camera."""
+"""Metres from the optical axis to the image's edges, one metre in front of the camera."""
 
 _SIDES = np.array([(-1, 0, _RIGHT), (1, 0, _RIGHT), (0, -1, _UP), (0, 1, _UP)])
 """Inward normals of the frustum's sides, which meet at the camera."""
@@ -51,7 +51,7 @@ class BoundsInViews(NamedTuple):
     view: IntArray
     """Shape (k,): 0 to 35."""
     bounds: FloatArray
-    """Shape (k, 4): left, top, right and bottom in pixels, within the picture."""
+    """Shape (k, 4): left, top, right and bottom in pixels, within the image."""
 
 
 class BoxesInViews(NamedTuple):
@@ -62,7 +62,7 @@ class BoxesInViews(NamedTuple):
     view: IntArray
     """Shape (k,): 0 to 35."""
     box_xywh: IntArray
-    """Shape (k, 4): left, top, width and height in whole pixels, within the picture."""
+    """Shape (k, 4): left, top, width and height in whole pixels, within the image."""
 
 
 def boxes_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoxesInViews:
@@ -86,7 +86,7 @@ def boxes_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoxesInViews:
     ----------
     .. [1] Qi et al., "REVERIE", CVPR 2020, section 3: corners of a three-dimensional box
        projected into the views. The published files show that extents are exclusive and that
-       boxes are cut to the picture.
+       boxes are cut to the image.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def bounds_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoundsInViews
     high = np.where(within, pixels, -np.inf).max(axis=1, initial=-np.inf)
     shown = within.any(axis=(1, 2))
     bounds = np.concatenate([low, high], axis=1)[shown]
-    # Projected corners of the frustum are those of the picture up to the last bit.
+    # Projected corners of the frustum are those of the image up to the last bit.
     bounds = np.clip(bounds, 0, [WIDTH, HEIGHT, WIDTH, HEIGHT])
     return BoundsInViews(box[shown], view[shown], bounds)
 

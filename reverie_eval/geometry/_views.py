@@ -198,7 +198,7 @@ def pixels_of(points: FloatArray) -> FloatArray:
     Returns
     -------
     float array of shape (..., 2)
-        Pixels to the right and down from the upper left corner; they may lie outside the picture.
+        Pixels to the right and down from the upper left corner; they may lie outside the image.
 
     Examples
     --------

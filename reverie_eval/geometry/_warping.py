@@ -1,4 +1,4 @@
-"""Boxes predicted in the picture of any camera, warped to a view of the same panorama.
+"""Boxes predicted in the image of any camera, warped to a view of the same panorama.
 
 Both cameras are at the same position, so a pixel of one corresponds to a pixel of the other at any
 depth, and a box becomes a quadrilateral.
@@ -10,7 +10,7 @@ from reverie_eval.arrays import Array, FloatArray, IntArray
 from reverie_eval.geometry._views import HEIGHT, VIEW_AXES, WIDTH, axes, pixels_of, rays_of
 
 _MIN_DEPTH = 1e-3
-"""Depth of a ray in a view, as a share of its depth in the camera, below which no picture shows it.
+"""Depth of a ray in a view, as a share of its depth in the camera, below which no image shows it.
 Cutting there, and not at 0, keeps the division of the projection finite."""
 
 
@@ -20,7 +20,7 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
     Parameters
     ----------
     box_xywh : float or int array of shape (n, 4)
-        Left, top, width and height in pixels of the camera's picture, which has the size and the
+        Left, top, width and height in pixels of the camera's image, which has the size and the
         field of view of a view; widths and heights are not negative.
     camera : float array of shape (n, 2)
         Heading and elevation, radians.
@@ -30,12 +30,12 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
     Returns
     -------
     array of shape (n,) of shapely polygons
-        In pixels of the views, cut to the picture; empty if the picture shows nothing of the box.
+        In pixels of the views, cut to the image; empty if the image shows nothing of the box.
 
     References
     ----------
     .. [1] Hartley and Zisserman, "Multiple View Geometry in Computer Vision", 2nd edition, 2004,
-       section 8.4: pictures from one position differ by the homography ``K R K^-1`` at any depth.
+       section 8.4: images from one position differ by the homography ``K R K^-1`` at any depth.
     """
     import shapely
 
@@ -44,7 +44,7 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
     corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
     rays = rays_of(corners.transpose(2, 0, 1)) @ axes(camera) @ VIEW_AXES[view].transpose(0, 2, 1)
     # The homography is applied to corner rays, not pixels, so that those behind the view can be
-    # cut away instead of being mirrored into its picture.
+    # cut away instead of being mirrored into its image.
     in_front = [clip_at_depth(box_rays, _MIN_DEPTH) for box_rays in rays]
     outlines = [shapely.Polygon(pixels_of(each) if len(each) else None) for each in in_front]
     return np.asarray(shapely.intersection(outlines, shapely.box(0, 0, WIDTH, HEIGHT)))

@@ -26,7 +26,7 @@ from reverie_eval.metrics import SUCCESS_DISTANCE
 
 _FURTHER = "path/"
 NO_TARGET = -2
-"""The target object of episodes without one: no answer names it, not even one without an object."""
+"""The target object of episodes without one; no answer equals it, not even an abstention."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ class Answers:
     path_offsets: IntArray
     """Shape (n_tasks + 1,): where each task's path begins in ``path``."""
     goal_viewpoint: IntArray | None = None
-    """Annotated goals of the tasks, end to end; None if the task has none beside paths."""
+    """Annotated goals of the tasks, end to end; None if the task has none besides paths."""
     goal_offsets: IntArray | None = None
     """Shape (n_tasks + 1,): where each task's goals begin in ``goal_viewpoint``."""
     goal_outline: FloatArray | None = None
@@ -200,7 +200,7 @@ class Answers:
         return unpack_texts(packed, "categories of candidates", count)
 
     def along(self, reference: str, task: IntArray) -> "Answers":
-        """Return the answers by one of the further paths.
+        """Return the answers with one of the further paths in place of the usual one.
 
         ``task`` is the task of each episode.
         """
@@ -216,7 +216,7 @@ class Answers:
             If the bundle has none.
         """
         if self.goal_viewpoint is None or self.goal_offsets is None:
-            raise GroundTruthError("this ground truth has no goals beside its paths")
+            raise GroundTruthError("this ground truth has no goals besides its paths")
         return self.goal_viewpoint, self.goal_offsets
 
     def is_goal(self, task: IntArray, viewpoint: IntArray) -> BoolArray:

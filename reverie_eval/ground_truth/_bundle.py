@@ -70,7 +70,7 @@ GOAL_ARRAYS: Mapping[str, str] = MappingProxyType(
         "goal_outline": "f8",  # (n_goals, 5, 2) turns: the target as seen there
     }
 )
-"""Answers, if the task annotates goals beside paths. Further annotated paths are in arrays like
+"""Answers, if the task annotates goals besides paths. Further annotated paths are in arrays like
 ``path/planner`` and ``path_offsets/planner``, of the types of ``path`` and ``path_offsets``."""
 UNSCORED_ARRAYS: Mapping[str, str] = MappingProxyType(
     {
@@ -106,7 +106,7 @@ class BundleHeader:
     fingerprint: str
     """SHA-256 of the arrays, as :func:`fingerprint_of` computes it."""
     task: str = DEFAULT_TASK
-    """The name of the task; only headers of other tasks than the default one have it."""
+    """The name of the task; headers of the default task do not have it."""
     format_version: int = FORMAT_VERSION
 
 
@@ -173,7 +173,7 @@ class Bundle:
     def save(self, path: Path) -> None:
         """Write the bundle; the file appears complete or not at all.
 
-        A new file with answers can be read by its owner alone.
+        A new file with answers is readable only by its owner.
         """
         members: dict[str, Array] = {
             _HEADER: np.frombuffer(msgspec.json.encode(self._written_header), np.uint8)

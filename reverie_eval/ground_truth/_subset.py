@@ -64,7 +64,7 @@ def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> 
 
 
 def subset_digest(instr_ids: Sequence[str]) -> str:
-    """Return the digest of a list of episodes, whatever their order."""
+    """Return the digest of a list of episodes; their order does not matter."""
     return hashlib.sha256("\n".join(sorted(instr_ids)).encode()).hexdigest()[:_DIGEST_SHOWN]
 
 
@@ -77,17 +77,17 @@ def draw_subset(strata: Mapping[str, str], number: int, seed: int, split: str) -
     Parameters
     ----------
     strata : mapping of str to str
-        The stratum of each episode, by instr_id; one for all draws from them all alike.
+        The stratum of each episode, by instr_id; use a single stratum to draw from all alike.
     number : int
-        How many episodes to draw.
+        Number of episodes to draw.
     seed : int
     split : str
-        For the error.
+        The split's name, for the error.
 
     Raises
     ------
     ProtocolError
-        If there are not as many.
+        If there are not that many.
     """
     if not 1 <= number <= len(strata):
         raise ProtocolError(

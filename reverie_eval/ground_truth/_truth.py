@@ -31,7 +31,7 @@ DEMO_SAMPLES = DEMO_BUNDLES / "submissions.zip"
 """Sample submissions for its val_unseen, which ``reverie-eval demo`` writes."""
 
 NO_CATEGORY = "unnamed"
-"""What stands for the category of a target that has none in the annotation."""
+"""The category of a target that has none in the annotation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ class GroundTruth:
         """Return the ground truth of some episodes, for quick or costly evaluations.
 
         Submissions may have predictions for other episodes of the split as well; these are checked
-        and left out. Signatures tell such scores from those of the whole split.
+        and left out. Signatures distinguish such scores from those of the whole split.
 
         Raises
         ------
@@ -161,7 +161,7 @@ class GroundTruth:
         return replace(chosen, subset_digest=subset_digest(chosen.episodes.instr_ids))
 
     def first_instructions(self, number: int | None) -> "GroundTruth":
-        """Return the ground truth of at most so many instructions of each path; None for all."""
+        """Return the ground truth of the first instructions of each path; None for all."""
         if number is None:
             return self
         whole, rows = self.subset_of or (self, np.arange(len(self.episodes.instr_ids)))
@@ -176,7 +176,7 @@ class GroundTruth:
         return replace(scored, subset_digest=digest)
 
     def along(self, reference: str) -> "GroundTruth":
-        """Return the ground truth by one of the further annotated paths; "" for the usual one."""
+        """Return the ground truth with one of the further annotated paths; "" for the usual one."""
         if not reference or self.answers is None:
             return self
         return replace(self, answers=self.answers.along(reference, self.episodes.task))
@@ -189,7 +189,7 @@ class GroundTruth:
 
     @property
     def task(self) -> Task:
-        """What the split is of."""
+        """The task of the split."""
         return find_task(self.header.task)
 
     @property
@@ -214,7 +214,7 @@ class GroundTruth:
 
     @property
     def shared_provenance(self) -> str:
-        """The same for pages that are sent to others: the file's name without its folder."""
+        """The same for pages that others see: the file's name without its folder."""
         return self._described(Path(self.origin).name)
 
     def _described(self, origin: str) -> str:
@@ -279,8 +279,8 @@ def find_ground_truth(
 
     The first of these that exists is used: ``given``; the path in the environment variable
     ``REVERIE_EVAL_GROUND_TRUTH``; the demo world. A path is a bundle, or a folder with
-    ``{split}.npz`` or ``{split}.public.npz``; those of other tasks than REVERIE may be in a folder
-    in it that has the task's name. Without a task, it is that of the bundle, or REVERIE.
+    ``{split}.npz`` or ``{split}.public.npz``; for tasks other than REVERIE, these may be in a
+    subfolder named after the task. The default task is that of the bundle, or REVERIE.
 
     Raises
     ------
@@ -313,7 +313,7 @@ def bundled_splits(folder: Path | None = None) -> Sequence[str]:
 
 
 def bundle_folder(folder: Path, task: str) -> Path:
-    """Return the folder of a task's bundles in one that has those of several."""
+    """Return the folder of a task's bundles in a folder with those of several tasks."""
     return folder if task == DEFAULT_TASK else folder / task
 
 

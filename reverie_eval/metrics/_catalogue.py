@@ -74,16 +74,16 @@ class Metric:
     is_binary: bool = False
     """Whether every value is 0 or 1."""
     of_goal: str = ""
-    """The definition with ``{goal}`` for when a stop is a success, where it depends on the task."""
+    """The definition, with ``{goal}`` in place of the success rule, if that depends on the task."""
     is_signed: bool = False
     """Whether values can be negative."""
     is_partial: bool = False
-    """Whether only some episodes have a value, and others NaN; the mean is over those that have
-    one, and there are no intervals."""
+    """Whether only some episodes have a value and the others are NaN; the mean is over those that
+    have one, and there are no intervals."""
     headline: bool = False
     """Whether every score table shows it; JSON, CSV and the notebook give all metrics."""
     ranks: int | None = None
-    """Priority in ranking submissions: they are ranked by the scored metric with the lowest."""
+    """Priority in ranking submissions: the scored metric with the lowest number ranks."""
 
     @property
     def upper_bound(self) -> float:
@@ -106,11 +106,11 @@ class Metric:
         return f"{self.label} {self.suffix}".rstrip()
 
     def for_goal(self, goal: str) -> "Metric":
-        """Return the metric with its definition by when a stop is a success."""
+        """Return the metric with the success rule filled into its definition."""
         return replace(self, definition=self.of_goal.format(goal=goal)) if self.of_goal else self
 
     def mean(self, values: Array) -> float:
-        """Return the mean over episodes; NaN for a partial metric that none of them has."""
+        """Return the mean over episodes; NaN for a partial metric if no episode has a value."""
         if not self.is_partial:
             return float(values.mean())
         values = values[~np.isnan(values)]
@@ -412,7 +412,7 @@ _OF_OTHER_TASKS = (
         key="detection_success",
         label="DSR",
         name="detection success rate",
-        definition="the predicted point is inside the target's outline as the stop sees it",
+        definition="the predicted point is inside the target's outline as seen from the stop",
         unit="fraction",
         better="higher",
         needs=_OUTLINE,
@@ -438,8 +438,8 @@ _OF_OTHER_TASKS = (
             key=f"{what}_error",
             label=label,
             name=f"{what} error",
-            definition=f"{distance} of the predicted point from the target's centre, of episodes "
-            "whose stop sees the target",
+            definition=f"{distance} of the predicted point from the target's centre, over episodes "
+            "whose target is visible from the stop",
             unit="turns",
             better="lower",
             needs=_OUTLINE,
@@ -457,8 +457,8 @@ _OF_OTHER_TASKS = (
         key="point_error",
         label="PE",
         name="point error",
-        definition="distance of the predicted point from the target's centre, of detections or of "
-        "episodes whose stop sees the target, depending on the protocol",
+        definition="distance of the predicted point from the target's centre, over detections or "
+        "over episodes whose target is visible from the stop, depending on the protocol",
         unit="turns",
         better="lower",
         needs=_OUTLINE,
@@ -491,7 +491,7 @@ def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
 
 
 def ranking_metrics() -> Sequence[Metric]:
-    """Return the metrics that rank REVERIE's submissions, the first that is scored before others.
+    """Return the metrics that rank REVERIE's submissions; the first that is scored ranks.
 
     >>> [metric.key for metric in ranking_metrics()]
     ['rgspl', 'rgs', 'spl']

@@ -188,7 +188,7 @@ def iou(overlap: Overlap, row: IntArray, n_episodes: int) -> FloatArray:
     Parameters
     ----------
     overlap : Overlap
-        Of each predicted box and the target's.
+        The overlap of each predicted box with the target's.
     row : int array of shape (n_boxes,)
         The episode of each box.
     n_episodes : int

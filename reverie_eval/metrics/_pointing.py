@@ -14,7 +14,7 @@ from reverie_eval.geometry import are_inside
 
 
 def detection_success(point: FloatArray, outline: FloatArray) -> BoolArray:
-    """Whether the point is inside the target's outline as the stop sees it, per episode.
+    """Whether the point is inside the target's outline as seen from the stop, per episode.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def heading_error(point: FloatArray, outline: FloatArray) -> FloatArray:
 
 
 def elevation_error(point: FloatArray, outline: FloatArray) -> FloatArray:
-    """Difference in elevation from the target's centre, as :func:`heading_error` has it."""
+    """Difference in elevation from the target's centre; otherwise as :func:`heading_error`."""
     return np.abs(outline[:, 0, 1] - point[:, 1])
 
 

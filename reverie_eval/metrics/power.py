@@ -1,4 +1,4 @@
-"""The power of a comparison: how probably a true difference is found significant.
+"""The power of a comparison: the probability that a true difference is found significant.
 
 Two methods answer the same episodes. Their difference in an episode is 1, 0 or -1, as for SR and
 RGS, and differences of episodes in one cluster are correlated.
@@ -14,9 +14,9 @@ from scipy.special import gammaincinv, ndtr, stdtrit
 from reverie_eval.arrays import FloatArray, IntArray
 
 SIGNIFICANCE = 0.05
-"""Of the two-sided test."""
+"""The significance level of the two-sided test."""
 POWER = 0.8
-"""The power that is asked for."""
+"""The required power."""
 
 _QUANTILES = (np.arange(20) + 0.5) / 20
 """Where the distribution of an estimated variance is looked at."""
@@ -35,7 +35,7 @@ class Design:
     discordance: float
     """Share of episodes that one method gets right and the other wrong."""
     correlation: float = 0.0
-    """Of the differences of two episodes in a cluster."""
+    """Correlation between the differences of two episodes in a cluster."""
     n_runs: int = 1
     """Runs of each method, whose means are compared."""
     run_deviation: float = 0.0
@@ -86,7 +86,7 @@ class Design:
         return float(brentq(lambda effect: self.power(effect) - POWER, 0.0, largest))
 
     def episodes_needed(self, effect: float) -> int | None:
-        """Return how many such episodes have ``POWER``; None if ten million have not."""
+        """Return how many such episodes give ``POWER``; None if ten million do not."""
 
         def power(n_episodes: int) -> float:
             n_clusters = max(n_episodes * self.n_clusters / self.n_episodes, 2.0)
@@ -96,7 +96,7 @@ class Design:
         return None if number == _MOST_EPISODES - 2 else number + 2
 
     def runs_needed(self, effect: float) -> int | None:
-        """Return how many runs of each method have ``POWER``; None if a thousand have not."""
+        """Return how many runs of each method give ``POWER``; None if a thousand do not."""
         tried = range(2, _MOST_RUNS)
         number = bisect_left(tried, POWER, key=lambda n: replace(self, n_runs=n).power(effect))
         return None if number == len(tried) else tried[number]

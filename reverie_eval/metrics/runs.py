@@ -51,7 +51,7 @@ class CrossedMeans:
     def of(cls, values: FloatArray, cluster: IntArray) -> Self:
         """Summarise the runs of a method.
 
-        A single run is taken as it is: its mean has no variance due to the choice of runs.
+        For a single run, the mean has no variance due to the choice of runs.
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class CrossedMeans:
         )
 
     def minus(self, other: Self) -> Self:
-        """Return the difference of two methods on the same episodes, whose runs have no pairs."""
+        """Return the difference of two methods on the same episodes; runs are not paired."""
         return type(self)(
             mean=self.mean - other.mean,
             run_variance=np.concatenate([self.run_variance, other.run_variance]),

@@ -102,15 +102,15 @@ def randomisation_p(
     Parameters
     ----------
     difference : array, shape (n_episodes, n_metrics)
-        Of one submission's values and the other's.
+        One submission's values minus the other's.
     cluster : array of int, shape (n_episodes,)
     resamples, seed : int
 
     Returns
     -------
     array, shape (n_metrics,)
-        Two-sided p-values in (0, 1]: the share of random swaps whose sum of differences is at
-        least as far from 0 as the observed one, which is counted among them [2]_.
+        Two-sided p-values in (0, 1]: the share of random swaps whose sum of differences is at least
+        as far from 0 as the observed one, counting the observed one [2]_.
 
     References
     ----------
@@ -163,7 +163,7 @@ def mcnemar_p(won: Array, lost: Array) -> FloatArray:
     Parameters
     ----------
     won, lost : arrays of int, shape (n_metrics,)
-        Episodes in which only one submission succeeded, and those in which only the other did.
+        Episodes in which only the one submission succeeded, and in which only the other did.
 
     Returns
     -------

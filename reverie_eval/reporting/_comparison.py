@@ -194,7 +194,7 @@ def methods(comparison: Comparison) -> Sequence[str]:
         corrected += f" for all {comparison.pairs:,} pairs, among which the best was chosen"
     if not isinstance(resampled, Intervals):
         lone = [name for name, each in comparison.scores.items() if isinstance(each, Scores)]
-        fixed = f"; of {', '.join(lone)}, only one run is known and taken as it is" if lone else ""
+        fixed = f"; {', '.join(lone)}: one run, without variance between runs" if lone else ""
         captions = dict.fromkeys(each.caption for each in comparison.intervals.values())
         return [*captions, f"p: Student's t test with the same variances{corrected}{fixed}"]
     swaps = f"{comparison.swaps:,} random swaps of whole {resampled.cluster}s"

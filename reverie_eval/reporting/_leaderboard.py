@@ -27,7 +27,7 @@ OBJECT_FLAGS = frozenset({"ground_truth_objects", "navigation_only"})
 _STANDINGS = {
     "reported": "reported, not scored",
     "other-dataset": "reported on {dataset}, not scored",
-    "other-rules": "scored by other rules",
+    "other-rules": "scored under other rules",
     "disqualified": "disqualified",
 }
 """Why a result is not ranked."""
@@ -38,7 +38,7 @@ _FINGERPRINT_SHOWN = 12
 def leaderboard_table(board: Leaderboard) -> Table:
     """Return a leaderboard with its headline metrics and the one that it is sorted by.
 
-    Reported results stand among the others, without a rank; results that are not comparable come
+    Reported results are among the others, without a rank; results that are not comparable come
     last.
     """
     metrics = _metrics(board)

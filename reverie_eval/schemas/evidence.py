@@ -1,4 +1,4 @@
-"""Messages to organisers about how submissions came about: numbers, and no verdict."""
+"""Evidence about submissions, for organisers: numbers, not a verdict."""
 
 from datetime import datetime
 from typing import Annotated
@@ -13,7 +13,7 @@ Share = Annotated[float, Field(examples=[0.42])]
 
 
 class NamedSubmission(WireModel):
-    """A submission, and whose it is."""
+    """A submission and its team."""
 
     id: SubmissionId
     team: TeamName
@@ -33,7 +33,8 @@ class SimilarPair(WireModel):
     first: NamedSubmission
     second: NamedSubmission
     equal: Share
-    """Of the episodes: both predict the same answer and stop at the same viewpoint."""
+    """Share of the episodes in which both predict the same answer and stop at the same
+    viewpoint."""
     equal_answers: Share
     equal_stops: Share
     equal_paths: Share
@@ -45,14 +46,15 @@ class SpreadReport(WireModel):
     files: int = Field(examples=[20])
     """Files that change at most half of the team's most frequent predictions."""
     value: float = Field(examples=[3.1])
-    """1 if the changes ignore where the method is uncertain; those of methods are above 1.5."""
+    """1 if changes are unrelated to where the method is uncertain; above 1.5 for changes of
+    methods."""
     standard_error: float = Field(examples=[0.1])
     p_value: float = Field(examples=[0.99])
-    """Of a value as low as this, if the true one is at least 1.5."""
+    """Probability of a value as low as this, if the true one is at least 1.5."""
 
 
 class GapReport(WireModel):
-    """By how much the mean over the open half of the episodes exceeds that over the secret half."""
+    """The mean over the open half of the episodes minus the mean over the secret half."""
 
     metric: str = Field(examples=["rgs"])
     value: float = Field(examples=[0.004])
@@ -64,7 +66,7 @@ class WalkReport(WireModel):
     """What is unusual in the trajectories of a submission."""
 
     jumps: int = Field(examples=[0])
-    """Moves between viewpoints without an edge between them."""
+    """Moves between unconnected viewpoints."""
     episodes_with_jumps: int = Field(examples=[0])
     longest_jump: float = Field(examples=[0.0])
     """Metres along the graph."""
@@ -74,9 +76,9 @@ class WalkReport(WireModel):
     longest_walk: float = Field(examples=[48.2])
     """Metres."""
     exact_stops: Share | None
-    """Of the successful episodes: those that stop at the last viewpoint of the annotated path."""
+    """Share of the successful episodes that stop at the last viewpoint of the annotated path."""
     exact_by_chance: Share | None
-    """The same if each of them had stopped at any of its goal viewpoints."""
+    """The share that stopping at any goal viewpoint would give."""
 
 
 class SubmissionEvidence(NamedSubmission):
@@ -84,9 +86,9 @@ class SubmissionEvidence(NamedSubmission):
 
     received_at: datetime
     nearest: SubmissionId | None
-    """The team's earlier submission that it differs least from."""
+    """The most similar earlier submission of the team."""
     changed: int | None = Field(examples=[120])
-    """Episodes in which it differs from that in answer or stop."""
+    """Episodes in which it differs from that submission in answer or stop."""
     gap: GapReport | None
     walks: WalkReport
 
@@ -97,15 +99,16 @@ class TeamEvidence(WireModel):
     team: TeamName
     submissions: int = Field(examples=[20])
     median_changed: float | None = Field(examples=[410.0])
-    """Episodes in which a file differs from the nearest earlier one, the median over its files."""
+    """Episodes in which a file differs from the nearest earlier one: the median over the team's
+    files."""
     spread: SpreadReport | None
     """Null with fewer than 15 files that can be compared."""
     gap: GapReport | None
-    """Of the latest file."""
+    """The gap of the latest file."""
     gap_growth: GapReport | None
-    """From the first file to the latest."""
+    """The change of the gap from the first file to the latest."""
     jumps: int = Field(examples=[0])
-    """The largest number in one of its files."""
+    """The largest number of jumps in one of the team's files."""
 
 
 class EvidenceReport(WireModel):
@@ -114,12 +117,12 @@ class EvidenceReport(WireModel):
     split: SplitName
     submissions: int = Field(examples=[200])
     left: int = Field(examples=[0])
-    """Submissions that were not read yet; the next request reads more."""
+    """Submissions not read yet; the next request reads more."""
     unreadable: dict[str, str]
     """Submissions that cannot be read, and why."""
     same_files: list[SameFile]
     usual_similarity: Share | None
-    """The median of the most similar files of all pairs of teams."""
+    """The median similarity of the most similar files, over all pairs of teams."""
     similar: list[SimilarPair]
     """The pairs of teams with the most similar files, the most similar first."""
     teams: list[TeamEvidence]

@@ -38,7 +38,7 @@ class NewJoinRequest(WireModel):
 
 
 class JoinReply(WireModel):
-    """The reply to every request to join: it does not reveal who is known here."""
+    """The reply to every request to join; it does not reveal who is registered."""
 
     message: str = Field(examples=["The organiser will answer by e-mail."])
 
@@ -49,7 +49,7 @@ class JoinRequestReport(NewJoinRequest):
     id: int = Field(examples=[4])
     team: TeamName
     team_exists: bool
-    """Whether accepting it adds the people to a team that is there already."""
+    """Whether accepting it adds the people to an existing team."""
     created_at: datetime
 
 
@@ -85,11 +85,11 @@ class NewPeopleImport(WireModel):
     invite: bool = False
     """Return an invitation for each person who is added."""
     dry_run: bool = False
-    """Change nothing, only say what would be added."""
+    """Change nothing; only report what would be added."""
 
 
 class PeopleImportReport(WireModel):
-    """What an import of people has added, or would add."""
+    """The people that an import added, or would add."""
 
     rows: int = Field(examples=[12])
     """People in the file."""
@@ -98,6 +98,6 @@ class PeopleImportReport(WireModel):
     added: list[NewPerson]
     """In the order of the file."""
     known: int = Field(examples=[1])
-    """People who were there before; they stay as they are."""
+    """People who already existed; they stay as they are."""
     invitations: list[PersonInvitation]
     """Shown only once."""

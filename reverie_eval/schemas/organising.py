@@ -57,7 +57,7 @@ class NewMerge(WireModel):
     """Two teams that become one."""
 
     team: Name = Field(examples=["Blau"])
-    """Its people, submissions and grants go to the other team; its name is not given again."""
+    """Its people, submissions and grants go to the other team; its name cannot be used again."""
     into: Name = Field(examples=["Blue"])
 
 
@@ -66,9 +66,9 @@ class MergeReport(NewMerge):
 
     people: int = Field(examples=[2])
     submissions: int = Field(examples=[7])
-    """How many the team brought along."""
+    """Submissions that were moved to the other team."""
     repeats: int = Field(examples=[1])
-    """Submissions of a file that both teams had submitted; the later one uses no quota any more."""
+    """Files that both teams had submitted; the later submission no longer counts in the quota."""
 
 
 class NewPerson(WireModel):
@@ -79,7 +79,7 @@ class NewPerson(WireModel):
     """Nobody else in the team may have it."""
     role: Role = "participant"
     email: Email | None = None
-    """For organisers; only they and the person see it."""
+    """Only organisers and the person see it."""
 
 
 class PersonChange(WireModel):
@@ -89,7 +89,7 @@ class PersonChange(WireModel):
     email: Email | None = None
     """Null removes it."""
     team: OmittedName = Field("", examples=["Red"])
-    """To which they move. Their submissions stay with the team that they were in."""
+    """The team to move to. Their submissions stay with their former team."""
 
 
 class PersonReport(WireModel):
@@ -118,14 +118,14 @@ class KeyRotation(WireModel):
     """The signing key to be replaced by a new one."""
 
     reason: Reason = Field("changed by the organiser", examples=["the yearly change"])
-    """Published with the key that ends."""
+    """Published with the old key."""
 
 
 class KeyRevocation(WireModel):
     """A signing key that others may have."""
 
     since: Instant = Field(examples=["2027-06-01T12:00:00Z"])
-    """Its signatures of submissions received later do not count."""
+    """Its signatures of submissions received later are not valid."""
     reason: Reason = Field(examples=["a laptop with a backup was stolen"])
     """Published with the key."""
 
@@ -151,23 +151,23 @@ class NewTokenReport(TokenReport):
 
 
 MOST_EXTRA = 10_000
-"""Further submissions in one grant: more than any quota, and no more than a database can count."""
+"""Extra submissions in one grant: more than any quota, and no more than a database can count."""
 
 
 class NewGrant(WireModel):
-    """Further submissions for a team, and why."""
+    """Extra submissions for a team, and the reason."""
 
     team: Name = Field(examples=["Blue"])
     split: SplitName
     extra: int = Field(ge=1, le=MOST_EXTRA, examples=[2])
-    """By how much each limit is raised, the team's and that of each person in it."""
+    """Added to each limit, of the team and of each person in it."""
     reason: Reason = Field(examples=["our disk was full"])
     """For the audit log; one line."""
     expires_at: Instant = Field(examples=["2027-07-01T12:00:00Z"])
 
 
 class GrantReport(WireModel):
-    """Further submissions that a team was given."""
+    """Extra submissions that a team was granted."""
 
     team: TeamName
     split: SplitName
@@ -184,13 +184,13 @@ class AuditReport(WireModel):
     at: datetime
     actor: OrganiserName
     actor_row: str = Field(examples=["person:1"])
-    """The person who acted, for programs: names are those of today. Empty for the server itself and
+    """The person who acted, for programs, because names may change. Empty for the server itself and
     for the command line."""
     action: str = Field(examples=["granted"])
     row: str = Field(examples=["quota_grant:2"])
-    """What it was done to, for programs: `team:3`."""
+    """The row that was changed, for programs: `team:3`."""
     subject: str = Field(examples=["Blue"])
-    """What people called it then."""
+    """Its name at the time."""
     details: dict[str, Any] = Field(
         examples=[{"split": "test", "extra": 2, "reason": "our disk was full"}]
     )
@@ -250,10 +250,10 @@ class NewReported(WireModel):
     source: Source = Field(examples=[_PAPER])
     """Where it is from: a text, or a link that begins with https://."""
     date: ReportedDate = None
-    """When it was reported: a day, a month or a year; null if that is not known."""
+    """When it was reported: a day, a month or a year; null if unknown."""
     dataset: Dataset = ""
-    """The version of the dataset that it was scored on; empty if that is not known. On another
-    version than the split's, it is shown apart."""
+    """The version of the dataset that it was scored on; empty if unknown. Results on a version
+    other than the split's are shown separately."""
 
 
 class ReportedMethodChange(MethodDescription):
@@ -289,9 +289,9 @@ class NewImport(WireModel):
 
     split: SplitName
     source: Source = Field(examples=[_PAPER])
-    """Where rows are from that do not say it themselves: a text or a link."""
+    """The source of rows that do not name one: a text or a link."""
     dataset: Dataset = ""
-    """The version of the dataset that rows are on that do not say it themselves."""
+    """The dataset version of rows that do not name one."""
     rates: Rates = "percent"
     """How rates are written in the file; lengths are in metres."""
     text: str = Field(
@@ -299,24 +299,24 @@ class NewImport(WireModel):
         max_length=LONGEST_FILE,
         examples=["team,method,SR,SPL,date\nBlue,Walker,59.64,38.98,01/2026\n"],
     )
-    """The file: CSV with a heading for each column, or JSON."""
+    """The file: CSV with a header row, or JSON."""
     dry_run: bool = False
-    """Change nothing, only say what would be added."""
+    """Change nothing; only report what would be added."""
 
 
 class ImportReport(WireModel):
-    """What an import has added, or would add."""
+    """The results that an import added, or would add."""
 
     rows: int = Field(examples=[83])
     """Results in the file."""
     added: list[NewReported]
     """In the order of the file."""
     known: int = Field(examples=[1])
-    """Results that were on the leaderboard before."""
+    """Results that were already on the leaderboard."""
     repeated: list[str] = Field(examples=[["line 32 repeats line 29"]])
-    """Rows that say again what an earlier row of the file says."""
+    """Rows that repeat an earlier row of the file."""
     unread: list[str] = Field(examples=[["dataset"]])
-    """Parts of a JSON file that hold no results."""
+    """Parts of a JSON file that contain no results."""
 
 
 class NewCorrection(WireModel):
@@ -324,8 +324,8 @@ class NewCorrection(WireModel):
 
     split: SplitName
     reason: Reason = Field(examples=["Targets of 40 episodes were corrected."])
-    """Public; one line. If a correction to the current ground truth and rules was announced
-    already, that one is continued, with its own reason."""
+    """Public; one line. If a correction to the current ground truth and rules was already
+    announced, that correction is continued and keeps its reason."""
 
 
 class RescoringReport(WireModel):
@@ -333,13 +333,13 @@ class RescoringReport(WireModel):
 
     split: SplitName
     signature: str
-    """What their scores depend on now."""
+    """The signature of their scores now."""
     scored: int = Field(examples=[20])
     """Number of new results; a submission has one on each leaderboard of the split."""
     rejected: dict[str, str] = Field(examples=[{}])
     """Submissions that cannot be scored again, and why; they keep their earlier results."""
     left: int = Field(examples=[65])
-    """How many results are still to be computed, on all leaderboards of the split."""
+    """Results still to be computed, on all leaderboards of the split."""
 
 
 class ResultChange(WireModel):
@@ -380,7 +380,7 @@ class NewNews(WireModel):
 
 
 class NoticeReport(WireModel):
-    """The current message to everyone: the settings' own if nothing was posted."""
+    """The current message to everyone: that of the settings if nothing was posted."""
 
     banner: str = Field(examples=["Down for maintenance until 09:00 UTC."])
     paused: bool = Field(examples=[True])
@@ -391,10 +391,10 @@ class NoticeReport(WireModel):
 
 
 class NewSchedule(WireModel):
-    """What the desk sets for a split, in place of all that it has set before."""
+    """What the desk sets for a split; replaces everything that it set before."""
 
     phases: Phases | None = None
-    """Null: the phases of the settings file, and when it releases scores."""
+    """Null: use the phases and the release of scores of the settings file."""
     release_scores: ReleaseScores | None = Field(None, examples=["phase-end"])
     """Set together with phases. Scores that were shown before stay visible."""
     paused: bool = Field(default=False, examples=[True])
@@ -407,7 +407,7 @@ class NewSchedule(WireModel):
 
 
 class ScheduleReport(WireModel):
-    """When a split accepts submissions: by the settings file, by the desk, and in effect."""
+    """When a split accepts submissions: as set in the file, as set at the desk, and in effect."""
 
     split: SplitName
     settings: Schedule
@@ -416,7 +416,7 @@ class ScheduleReport(WireModel):
     """Null if nothing was set."""
     in_effect: Schedule
     set_by: OrganiserName | None
-    """Who set what the desk says; null if nothing was set."""
+    """Who set it at the desk; null if nothing was set."""
     set_at: datetime | None
 
 
@@ -441,12 +441,12 @@ class EmailedFile(WireModel):
 
 
 class EmailedFileReport(Accepted):
-    """What an upload would have been answered, and a reply to the sender."""
+    """The reply to an upload, and a text to send back to the person who sent the file."""
 
     reply: str = Field(
         examples=["Dear Blue,\n\nYour file submit.json, received 2027-06-01 12:00:00 UTC, was ..."]
     )
-    """Plain text, to be sent with the receipt."""
+    """Plain text, to send with the receipt."""
 
 
 class AttemptReport(WireModel):

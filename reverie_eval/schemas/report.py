@@ -45,7 +45,7 @@ class IntervalReport(Report):
     by: Literal["target", "scan"]
     """What the episodes of a cluster share."""
     clusters: int
-    """Number of clusters, and of clusters drawn in each resample."""
+    """Number of clusters; each resample draws as many."""
     confidence: float
     """The share of such intervals that contain the true mean."""
     resamples: int
@@ -59,7 +59,8 @@ class ScoreReport(Report):
 
     schema_version: Literal[1] = 1
     signature: str
-    """Everything that the scores depend on, in one line; scores with equal signatures compare."""
+    """Everything that the scores depend on, in one line; equal signatures mean comparable
+    scores."""
     split: SplitName
     protocol: str
     dataset: DatasetName
@@ -85,7 +86,7 @@ class RunsReport(Report):
 
     schema_version: Literal[1] = 1
     signature: str
-    """What the scores of all runs depend on."""
+    """The signature of all runs."""
     scores: dict[str, float]
     """Means over runs and episodes by metric key, in the units of the runs' scores."""
     by: Literal["target", "scan"]
@@ -115,11 +116,11 @@ class ProblemReport(Report):
     message: str = Field(examples=["there is no viewpoint 0c0f3d11 in this building"])
     """What was found, what was expected, and what to do."""
     split: SplitName | None = Field(None, exclude_if=lambda split: split is None)
-    """The split that the whole submission seems to be for; left out unless it is another."""
+    """The split that the whole submission seems to be for, if it is another one; else left out."""
 
 
 class ValidationReport(Report):
-    """Whether a submission can be scored, and everything that is wrong if it cannot."""
+    """Whether a submission can be scored, and if not, everything that is wrong."""
 
     schema_version: Literal[1] = 1
     split: SplitName

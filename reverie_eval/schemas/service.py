@@ -38,7 +38,7 @@ from reverie_eval.schemas.wire import (
 Role = Literal["participant", "organiser"]
 Verdict = Literal["verified", "baseline", "flagged", "disqualified"]
 Standing = Literal["ranked", "reported", "other-dataset", "other-rules", "disqualified"]
-"""Of a leaderboard's row: whether it takes part in the ranking, and if not, why."""
+"""Whether a row of a leaderboard is ranked, and if not, why."""
 WindowName = Literal["day", "month", "year"]
 
 BoardName = Annotated[str, Field(examples=["grounding"])]
@@ -65,19 +65,19 @@ class ServerReport(WireModel):
 
     title: str = Field(examples=["REVERIE evaluation server"])
     version: str
-    """Of reverie-eval, which scores."""
+    """The version of reverie-eval that scores."""
     banner: str = Field(examples=["Down for maintenance on 12 June, 08:00-09:00 UTC."])
     """The organiser's message to everyone; usually empty."""
     paused: bool
     """Whether all splits refuse submissions now, whatever their phases say."""
     key_id: KeyId
-    """The first letters of the SHA-256 of the public key that receipts are checked with."""
+    """The first digits of the SHA-256 of the public key that verifies receipts."""
     required_metadata: list[str] = Field(examples=[["description"]])
-    """What a submission must state about its method, besides the name."""
+    """What a submission must state about its method besides the name."""
     contact: str = Field(examples=["reverie@lab.example.org"])
     """How to reach the organiser: an e-mail address or a link; may be empty."""
     links: dict[str, str] = Field(examples=[{"Paper": "https://arxiv.org/abs/1904.10151"}])
-    """Where to read on, by what it is."""
+    """Further links, by their text."""
 
 
 class NewsReport(WireModel):
@@ -100,13 +100,13 @@ class Me(WireModel):
 
 
 class Invitation(WireModel):
-    """An invitation, to be exchanged for a token."""
+    """An invitation, which can be exchanged for a token."""
 
     invitation: Secret = Field(examples=[EXAMPLE_INVITATION])
 
 
 class Welcome(WireModel):
-    """A token, shown this once."""
+    """A token, shown only once."""
 
     person: PersonName
     team: TeamName
@@ -123,13 +123,13 @@ class SessionReport(Me):
     """A browser session; scripts cannot read the cookie that comes with it."""
 
     csrf_token: str = Field(examples=["5f2b0c9a4d7e1f36"])
-    """To be sent as X-CSRF-Token with every request that changes something."""
+    """Send it as X-CSRF-Token with every request that changes something."""
     expires_at: datetime = Field(examples=["2027-06-02T12:00:00Z"])
     """When to sign in again, UTC; earlier if the token is revoked."""
 
 
 class MethodDescription(WireModel):
-    """How a method is described; what nobody has declared is null."""
+    """The description of a method; a property that nobody has declared is null."""
 
     name: Name = Field(examples=["Walker"])
     """Shown on the leaderboard."""
@@ -147,7 +147,7 @@ class MethodDescription(WireModel):
     ensemble: bool | None = None
     """Several models decide together."""
     navigation_only: bool | None = None
-    """Only navigates, and answers nothing."""
+    """Only navigates, without answers."""
     human: bool | None = None
     """People walked the episodes, not a program."""
 
@@ -184,26 +184,26 @@ class QuotaWindow(WireModel):
     limit: int = Field(examples=[2])
     remaining: int = Field(examples=[1])
     resets_at: datetime | None = Field(examples=["2027-06-02T12:00:00Z"])
-    """When more will be left than now, UTC; null if never."""
+    """When more submissions will be left than now, UTC; null if never."""
 
 
 class QuotaReport(WireModel):
-    """How many submissions are left: the smaller number of the team's and the person's."""
+    """The submissions left to the team or to the person, whichever are fewer."""
 
     remaining: int = Field(examples=[1])
-    """Allowed now by all windows."""
+    """Submissions that all windows allow now."""
     next_at: datetime | None
     """When the next submission is possible, UTC; null if one is possible now, or never will be."""
     seconds_to_next: int = Field(examples=[0])
-    """Until then, rounded up; 0 where that is null."""
+    """Seconds until ``next_at``, rounded up; 0 if it is null."""
     windows: list[QuotaWindow]
 
 
 class Phase(WireModel):
-    """A period in which a split accepts submissions; a day alone begins or ends it in UTC."""
+    """A period in which a split accepts submissions; dates without a time are days in UTC."""
 
     name: Name = Field(examples=["challenge 2027"])
-    """Names a period in which submissions are accepted; without phases, they always are."""
+    """The name of a period in which submissions are accepted; without phases, they always are."""
     opens: Annotated[Instant | None, BeforeValidator(_first_second)] = Field(
         None, examples=["2027-01-01T00:00:00Z"]
     )
@@ -212,7 +212,7 @@ class Phase(WireModel):
         None, examples=["2027-06-01T23:59:59Z"]
     )
     """The last second of the phase: ``2027-06-01T23:59:59Z``, or ``2027-06-01``, which includes all
-    of 1 June. An upload counts from the moment at which its last byte arrived."""
+    of 1 June. An upload counts from the moment its last byte arrives."""
 
     @model_validator(mode="after")
     def _opens_before_it_closes(self) -> Self:
@@ -241,7 +241,7 @@ class Schedule(WireModel):
 
     phases: Phases
     release_scores: ReleaseScores = "at-once"
-    """Phase-end: scores are held back until the phase in which a submission came has ended."""
+    """Phase-end: scores are held back until the end of the phase of the submission."""
     paused: bool = False
     """Whether submissions are refused for now, whatever the phases say."""
 
@@ -250,7 +250,7 @@ class Schedule(WireModel):
         return any(phase.is_open(now) for phase in self.phases)
 
     def opens_at(self, now: datetime) -> datetime | None:
-        """Return when the next phase opens; None if no other is to come."""
+        """Return when the next phase opens; None if there is none."""
         coming = [phase.opens for phase in self.phases if phase.opens and phase.opens > now]
         return min(coming, default=None)
 
@@ -266,9 +266,9 @@ class Schedule(WireModel):
         return self.release_scores == "phase-end"
 
     def held_until(self, received_at: datetime) -> datetime | None:
-        """Return the end of the phase in which a submission came; None if scores are not held back.
+        """Return the end of the phase of a submission; None if scores are not held back.
 
-        Of several phases, the last one to end counts.
+        If several phases are open, the one that ends last counts.
         """
         if not self.holds_scores_back:
             return None
@@ -297,9 +297,9 @@ class SplitReport(WireModel):
     """A split that accepts submissions."""
 
     name: SplitName
-    """It begins with the task, as ``r2r-test``, unless that is REVERIE."""
+    """Begins with the task, as in ``r2r-test``, unless that is REVERIE."""
     task: str = Field("reverie", examples=["reverie"])
-    """The benchmark that it is of."""
+    """The benchmark that it belongs to."""
     episodes: int = Field(examples=[6292])
     visibility: Literal["private", "open"]
     """Private: only rounded means leave the server."""
@@ -312,10 +312,11 @@ class SplitReport(WireModel):
     public_fingerprint: str = Field(
         examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"]
     )
-    """The same for its public bundle, with which participants check submissions themselves."""
+    """The fingerprint of the public bundle, with which participants can check submissions
+    themselves."""
     phases: list[PhaseReport]
     release_scores: ReleaseScores = "at-once"
-    """Phase-end: scores are held back until the phase in which a submission came has ended."""
+    """Phase-end: scores are held back until the end of the phase of the submission."""
     paused: bool = False
     """Whether the organiser has paused submissions to this split."""
     one_per_team: bool = False
@@ -323,13 +324,13 @@ class SplitReport(WireModel):
     also: dict[str, FurtherBoard] = Field(
         default_factory=dict, examples=[{"grounding": {"protocol": "paper", "track": "grounding"}}]
     )
-    """Its further leaderboards, by name; every submission is scored for them, too."""
+    """Its further leaderboards, by name; every submission is scored for these too."""
     quota: QuotaReport | None
     """Yours; null if you are not signed in."""
 
 
 class Receipt(WireModel):
-    """What proves a result: every field but the last is signed."""
+    """Signed proof of a result: every field but the last is signed."""
 
     schema_version: Literal[1] = 1
     server: str = Field(examples=["REVERIE evaluation server"])
@@ -337,11 +338,11 @@ class Receipt(WireModel):
     submission_id: SubmissionId
     team: TeamName
     sha256: Sha256
-    """Of the submission's JSON text."""
+    """SHA-256 of the submission's JSON text."""
     received_at: AwareDatetime
     split: SplitName
     signature: str
-    """Everything that the scores depend on, as the score table has it."""
+    """Everything that the scores depend on, as in the score table."""
     scores: dict[str, float]
     quota: QuotaReport
     """The quota after this submission."""
@@ -371,20 +372,20 @@ class Envelope(WireModel):
 
 
 class KeyReport(WireModel):
-    """A key that signs a server's receipts, or did."""
+    """A key that signs a server's receipts, or did so earlier."""
 
     key_id: KeyId
     public_key: str = Field(examples=[EXAMPLE_KEY])
     """Ed25519, in PEM form."""
     valid_from: datetime
     valid_until: datetime | None = Field(examples=["2027-07-01T12:00:00Z"])
-    """Receipts of submissions that were received later do not count; null for the key in use."""
+    """Receipts of submissions received later are not valid; null for the key in use."""
     reason: str = Field(examples=["the yearly change"])
     """Why it ended; empty for the key in use."""
 
 
 class EarlierResult(WireModel):
-    """What a submission scored before a correction of the ground truth or the rules."""
+    """A submission's result before a correction of the ground truth or the rules."""
 
     report: ScoreReport
     receipt: Receipt
@@ -393,7 +394,7 @@ class EarlierResult(WireModel):
 
 
 class BoardResult(WireModel):
-    """What a submission scored on a leaderboard of its split."""
+    """A submission's result on a leaderboard of its split."""
 
     report: ScoreReport
     """Without scores if the file cannot be ranked there; a note then says why."""
@@ -415,14 +416,14 @@ class SubmissionReport(WireModel):
     method: Method
     report: ScoreReport
     receipt: Receipt
-    """Without scores while these are held back."""
+    """Has no scores while these are held back."""
     earlier: list[EarlierResult] = Field(default_factory=list)
     """Its results before it was scored again, the earliest first; empty while scores are held
     back."""
     also: dict[str, BoardResult] = Field(default_factory=dict, examples=[{}])
     """Its results on the further leaderboards of the split, by name."""
     scores_held_until: datetime | None = None
-    """When the phase ends until which nobody sees the scores, UTC; null if they are released."""
+    """When the scores are released, UTC: the end of the phase. Null if they already are."""
     status: Literal["unpublished", "published", "withdrawn"]
     published_at: datetime | None
     withdrawn_at: datetime | None
@@ -430,11 +431,11 @@ class SubmissionReport(WireModel):
     shows_episodes: bool = False
     """Whether everyone may look at its episodes while it is published."""
     upload_deleted_at: datetime | None = None
-    """When the file was deleted, as its organiser keeps unpublished ones for some time only."""
+    """When the file was deleted, if the organiser keeps unpublished files only for some time."""
 
     @property
     def results(self) -> Mapping[str, BoardResult]:
-        """All its results by leaderboard; first that on the split's own one, whose name is ""."""
+        """All its results by leaderboard; the split's own leaderboard is first and named ""."""
         own = BoardResult(report=self.report, receipt=self.receipt, earlier=self.earlier)
         return {"": own, **self.also}
 
@@ -456,7 +457,7 @@ class Accepted(WireModel):
 
 
 class SubmissionChange(WireModel):
-    """What a team may change afterwards; fields that are left out stay as they are."""
+    """What a team may change later; fields that are left out stay as they are."""
 
     method: MethodChange | None = Field(None, examples=[{"name": "Walker 2"}])
     published: bool | None = Field(None, examples=[True])
@@ -464,7 +465,7 @@ class SubmissionChange(WireModel):
     withdrawn: bool | None = None
     """Whether it is withdrawn; it still counts, and must be restored before it can be published."""
     anonymous_until: Instant | None = Field(None, examples=["2027-07-01T12:00:00Z"])
-    """Until when the leaderboard does not name the team; null names it now."""
+    """Until when the leaderboard hides the team's name; null shows it now."""
     shows_episodes: bool | None = None
     """Whether everyone may look at its episodes while it is published; for open splits only."""
 
@@ -482,51 +483,51 @@ class LeaderboardRow(WireModel):
     """A published result."""
 
     rank: int | None = Field(examples=[1])
-    """Equal for equal values of the metric that the rows are sorted by; null without a value, and
-    for a result that is reported, not scored."""
+    """Equal for equal values of the metric that rows are sorted by; null without a value, and for a
+    reported result."""
     rank_interval: tuple[int, int] | None = Field(None, examples=[[1, 3]])
-    """The best and the worst rank that it may have: with 95 % confidence, this holds for all rows
-    at once. Null in snapshots, without a rank, and if more than 100 results are ranked."""
+    """The best and the worst rank that it may have, with 95 % confidence for all rows at once. Null
+    in snapshots, without a rank, and if more than 100 results are ranked."""
     group: int | None = Field(None, examples=[1])
-    """From 1; no result of a group is significantly worse than its best. Null like the rank
-    interval."""
+    """From 1; no result of a group is significantly worse than the group's best. Null whenever the
+    rank interval is."""
     submission_id: SubmissionId | None
-    """Null for a result that is reported, not scored."""
+    """Null for a reported result."""
     team: TeamName
-    """Empty while the team chose to be anonymous."""
+    """Empty while the team is anonymous."""
     method: MethodDescription
     published_at: datetime
-    """On this leaderboard."""
+    """When it was published on this leaderboard."""
     submissions: int | None = Field(examples=[3])
-    """Number of the team's submissions to the split, also while it is anonymous: a result may be
-    the best of many. Null for a result that is reported, not scored."""
+    """Number of the team's submissions to the split, even while it is anonymous: a result may be
+    the best of many. Null for a reported result."""
     scores: dict[str, float]
     intervals: dict[str, tuple[float, float]] = Field(default_factory=dict)
-    """Low and high of the headline metrics' 95 % intervals; for open splits alone."""
+    """Lower and upper ends of the headline metrics' 95 % intervals; only for open splits."""
     signature: str = ""
     """Everything that the scores depend on; empty for a reported result."""
     standing: Standing = "ranked"
-    """Whether it takes part in the ranking, or why it does not: it is reported and not scored here,
-    maybe on another version of the dataset; it was scored by another protocol or ground truth than
-    the split's; or the organiser has disqualified it."""
+    """Whether it is ranked, or why not: it is reported and was not scored here, perhaps on another
+    version of the dataset; it was scored under another protocol or ground truth than the split's;
+    or the organiser has disqualified it."""
     source: str = ""
     """Where a reported result is from: a link or a text."""
     reported_date: str | None = None
-    """The day, month or year of a reported result; null if it is not known."""
+    """The day, month or year of a reported result; null if unknown."""
     dataset: str = ""
-    """The version of the dataset that a reported result is on; empty if it is not known."""
+    """The version of the dataset that a reported result is on; empty if unknown."""
     reviews: list[PublicReview] = Field(default_factory=list)
 
 
 class CorrectionReport(WireModel):
-    """A change of a split's ground truth or rules, for which its submissions are scored again."""
+    """A change of a split's ground truth or rules, after which its submissions are scored again."""
 
     split: SplitName
     board: BoardName = ""
     created_at: datetime
     reason: str = Field(examples=["Targets of 40 episodes were corrected."])
     signature: str
-    """What scores depend on since."""
+    """The signature of scores since then."""
 
 
 class Leaderboard(WireModel):
@@ -536,12 +537,12 @@ class Leaderboard(WireModel):
     board: BoardName = ""
     protocol: str
     metric: str
-    """What the rows are sorted by; rows without it come last."""
+    """The metric that rows are sorted by; rows without it come last."""
     fingerprint: Fingerprint
     signature: str = ""
-    """The signature of every ranked row, except for the version that scored it."""
+    """The signature of every ranked row, without the version that scored it."""
     rows: list[LeaderboardRow]
-    """The best first. Reported results stand among the others, without a rank."""
+    """The best first. Reported results are among the others, without a rank."""
     apart: list[LeaderboardRow] = Field(default_factory=list)
     """Rows that are not comparable with the others, or disqualified."""
     corrections: list[CorrectionReport] = Field(default_factory=list)
@@ -556,11 +557,11 @@ class SnapshotEntry(WireModel):
     """From 1, by split."""
     title: str = Field(examples=["CVPR 2027 challenge"])
     as_of: AwareDatetime
-    """The instant at which the leaderboard was in this state."""
+    """The time of the copy."""
 
 
 class Snapshot(SnapshotEntry):
-    """A signed state of a leaderboard, which never changes: every field but the last is signed."""
+    """A signed copy of a leaderboard, which never changes: every field but the last is signed."""
 
     schema_version: Literal[1] = 1
     server: str = Field(examples=["REVERIE evaluation server"])
@@ -573,7 +574,7 @@ class Snapshot(SnapshotEntry):
 
 
 class ProblemDocument(WireModel):
-    """An error, as RFC 9457 has it."""
+    """An error, as defined in RFC 9457."""
 
     type: str = "about:blank"
     title: str
@@ -582,12 +583,12 @@ class ProblemDocument(WireModel):
     code: str
     """Stable, for programs."""
     problems: list[ProblemReport] = Field(default_factory=list)
-    """What is wrong with the submission, each with its place."""
+    """What is wrong with the submission, each with its location."""
     quota: QuotaReport | None = None
     reply: str | None = None
-    """Given to organisers only: the text to send to the person whose file was refused."""
+    """For organisers only: the text to send to the person whose file was refused."""
     request_id: str | None = None
-    """Given if the server failed: the organiser finds the cause by it."""
+    """Set if the server failed: with it, the organiser can find the cause in the log."""
 
 
 class HealthReport(WireModel):

@@ -146,9 +146,9 @@ _HTTPS: TypeAdapter[HttpUrl] = TypeAdapter(Https)
 Source = Annotated[Reason, AfterValidator(_source)]
 """Where a result is from: a text, or a link in its normalised form."""
 PartialDate = Annotated[str, BeforeValidator(_line), AfterValidator(_partial_date)]
-"""A day, a month or a year in ISO 8601: what is not known is left out, not made up."""
+"""A day, a month or a year in ISO 8601; unknown parts are left out, not made up."""
 OMITTED = Field(json_schema_extra=_without_default)
-"""Of a field in a request for changes: its default stands for nothing, and may not be sent."""
+"""For a field in a request for changes: its default means no change, and may not be sent."""
 OmittedName = Annotated[Name, OMITTED]
 Email = Annotated[
     str,
@@ -159,7 +159,7 @@ Email = Annotated[
 Instant = Annotated[AwareDatetime, AfterValidator(_instant)]
 Secret = Annotated[str, Field(min_length=1, max_length=200)]
 
-# What several messages hold, each with an example.
+# Fields of several messages, each with an example.
 PersonName = Annotated[str, Field(examples=["Ada"])]
 OrganiserName = Annotated[str, Field(examples=["Olga"])]
 TeamName = Annotated[str, Field(examples=["Blue"])]

@@ -27,9 +27,10 @@ class BoxScores:
     row: IntArray
     """Shape (n_boxes,): the episode, ascending."""
     overlap: Overlap
-    """With the target's box; the intersection is 0 if the view does not show the target."""
+    """The overlap with the target's box; the intersection is 0 if the view does not show the
+    target."""
     whole_image: Overlap
-    """The same for a box around the whole image of that view."""
+    """The overlap of a box around the whole image of that view."""
     is_visible: BoolArray
     """Shape (n_boxes,): whether the target is visible where the agent stops."""
     is_in_view: BoolArray

@@ -14,7 +14,7 @@ from reverie_eval.tasks import Protocol
 from reverie_eval.text import did_you_mean
 
 Track = Literal["full", "grounding"]
-"""The agent's task: to navigate and ground the object, or to ground it from the goal."""
+"""What the agent does: navigate and ground the object, or ground it from the goal."""
 
 
 def scored_metrics(
@@ -24,7 +24,7 @@ def scored_metrics(
     has_boxes: bool = False,
     has_answers: bool = True,
 ) -> Sequence[str]:
-    """Return the keys of the metrics that submissions get under a protocol, in CATALOGUE order."""
+    """Return the keys of the metrics that a protocol scores, in CATALOGUE order."""
     available = {
         **dict.fromkeys(get_args(Need), False),
         **dict.fromkeys(protocol.measures, True),
@@ -43,7 +43,7 @@ def qualifier_of(track: Track) -> str:
 
 
 def track_of(qualifier: str) -> Track:
-    """Return the track that such a part of a signature names."""
+    """Return the track that a part of a signature names."""
     return "grounding" if qualifier == qualifier_of("grounding") else "full"
 
 
@@ -102,7 +102,7 @@ class EpisodeTable(Mapping[str, Array]):
 
     @cached_property
     def outline(self) -> FloatArray:
-        """Shape (n_episodes, 5, 2): the target as the stop sees it; NaN where it does not."""
+        """Shape (n_episodes, 5, 2): the target as seen from the stop; NaN if not visible."""
         return self._lookups.outline(self._protocol.repeated_outlines)
 
     @cached_property

@@ -50,7 +50,7 @@ def evaluate(
     split : str
         ``train``, ``val_seen``, ``val_unseen`` or ``test``.
     ground_truth : path or GroundTruth, optional
-        A bundle, or a folder of bundles. If not given, the environment variable
+        A bundle, or a folder of bundles. By default, the path in the environment variable
         ``REVERIE_EVAL_GROUND_TRUTH``, or else the synthetic demo world that ships with the package.
     protocol : str
         A name in ``PROTOCOLS``, or an alias; for another task, one of its protocols.
@@ -58,10 +58,10 @@ def evaluate(
         In the grounding track the agent answers from the end of the annotated path: trajectories
         are ignored and may be missing, and RGS is the only score.
     subset : instr_ids, optional
-        The episodes to score, if not all. The submission may have others of the split as well;
-        they are checked and left out. Scores are comparable with those on the same subset only.
+        The episodes to score; by default all. Predictions for other episodes of the split are
+        checked and left out. Scores are comparable only with those on the same subset.
     task : str, optional
-        ``reverie``, ``r2r``, ...: the benchmark. If not given, that of the bundle, or REVERIE.
+        The benchmark: ``reverie``, ``r2r``, ... By default that of the bundle, or REVERIE.
 
     Returns
     -------
@@ -138,8 +138,8 @@ def diagnose(
     first viewpoint of each element of a trajectory. If the elements are hops with several
     viewpoints, they silently lose the others.
 
-    Parameters and errors are those of :func:`evaluate`; a protocol whose evaluator reads hops in
-    another way is a ProtocolError.
+    Parameters and errors are those of :func:`evaluate`. For a protocol whose evaluator does not
+    truncate hops, raises ProtocolError.
     """
     truth = find_answers(ground_truth, split, task=task)
     check_first_of_hop(protocol, truth.task.name)
@@ -177,9 +177,9 @@ class PreparedSubmission:
     qualifier: str = ""
     """What the scores depend on besides split, protocol and data; part of the signature."""
     hints: Sequence[str] = ()
-    """How the file was read, and what in it looks like a mistake; independent of the answers."""
+    """How the file was read, and what looks like a mistake; independent of the answers."""
     answer_hints: Sequence[str] = ()
-    """What looks like a mistake in view of the answers, and therefore reveals something of them."""
+    """What looks like a mistake given the answers; reveals something about the answers."""
     predictions: Predictions | None = None
     """The file's content, to note what the protocol's own evaluator makes of it; None for no such
     note, because it reveals other scores than those of the submission."""
@@ -212,7 +212,7 @@ class PreparedSubmission:
         )
 
     def truncated(self) -> Self:
-        """Return the submission as evaluators read it that take only the first of each hop."""
+        """Return the submission as read by evaluators that take only the first of each hop."""
         if self.predictions is None:
             return self
         read = self.predictions.first_of_hops()
@@ -220,7 +220,7 @@ class PreparedSubmission:
         return replace(truncated, predictions=None)
 
     def without_answer_hints(self) -> Self:
-        """Return the same submission without the hints that reveal something of the answers."""
+        """Return the submission without the hints that reveal something about the answers."""
         return replace(self, answer_hints=(), predictions=None)
 
     def validation(self) -> Validation:
@@ -261,12 +261,12 @@ class PreparedSubmission:
 
 
 def check_track(track: Track) -> Track:
-    """Return the track if there is such a one.
+    """Return the track if it exists.
 
     Raises
     ------
     ProtocolError
-        If there is not.
+        If it does not.
     """
     if track not in get_args(Track):
         raise ProtocolError(f"unknown track {track!r}{did_you_mean(track, get_args(Track))}")

@@ -1,4 +1,4 @@
-"""The evaluator: scores many submissions, or one that comes in batches, as in a training loop."""
+"""The evaluator: scores many submissions, or one in batches, as in a training loop."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
@@ -24,9 +24,9 @@ from reverie_eval.tasks import DEFAULT_PROTOCOL, KnownProtocol, KnownSplit
 class Evaluator:
     """Scores many submissions, as in a training loop: ``evaluator(predictions)["rgspl"]``.
 
-    The ground truth is read once, so each call takes milliseconds. Predictions that come in batches
-    are collected by :meth:`update` and scored by :meth:`compute`, as in torchmetrics. The scores
-    are those of one submission with all of them, digit for digit.
+    The ground truth is read once, so each call takes milliseconds. As in torchmetrics,
+    :meth:`update` collects batches of predictions and :meth:`compute` scores them. The scores equal
+    those of one submission with all predictions, digit for digit.
 
     Parameters
     ----------
@@ -85,20 +85,20 @@ class Evaluator:
     def update(self, records: Records) -> None:
         """Collect predictions of some episodes, until :meth:`compute` scores all of them.
 
-        An episode that comes again with the same prediction counts once, because samplers of
+        An episode that is repeated with the same prediction counts once, because samplers of
         distributed training repeat a few so that all processes have equally many.
 
         Parameters
         ----------
         records : sequence of records, or records by instr_id
-            In any form that :func:`reverie_eval.evaluate` takes. They are not copied, so do not
+            In any form that :func:`reverie_eval.evaluate` takes. Records are not copied, so do not
             change them before the scores are computed.
 
         Raises
         ------
         SubmissionError
-            If records are invalid, or another prediction of their episode was collected before;
-            lists every problem. None of them is collected then.
+            If records are invalid, or a different prediction for their episode was collected
+            before; lists every problem. Then none of them is collected.
         TypeError
             If these are not records.
         """
@@ -130,13 +130,13 @@ class Evaluator:
         return self(self.records)
 
     def reset(self) -> None:
-        """Forget the collected predictions, as before the next epoch."""
+        """Forget the collected predictions, for example before the next epoch."""
         self._records.clear()
         self._contents.clear()
 
     @property
     def records(self) -> Sequence[Mapping[str, Any]]:
-        """The collected predictions: what a process sends to the one that computes the scores."""
+        """The collected predictions, to send to the process that computes the scores."""
         return list(self._records.values())
 
     def __repr__(self) -> str:

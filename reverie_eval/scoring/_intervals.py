@@ -13,8 +13,8 @@ from reverie_eval.ground_truth import GroundTruth
 from reverie_eval.text import count_text, did_you_mean
 
 Clustering = Literal["target", "scan"]
-"""What dependent episodes have in common: the target, or the building. The target is the object;
-in a task without target objects, the goal region, or else the end of the path."""
+"""What dependent episodes share: the target, or the building. The target is the object; in a task
+without target objects, the goal region, or else the end of the path."""
 
 FEW_CLUSTERS = 5
 """With fewer clusters, intervals contain the true mean less often than they claim; measured in
@@ -109,9 +109,9 @@ class Intervals(ClusterIntervals):
         cluster : array of int, shape (n_episodes,)
             As :func:`clusters_of` returns it.
         clustering : "target" or "scan"
-            What the episodes of a cluster have in common.
+            What the episodes of a cluster share.
         confidence, resamples, seed : optional
-            Settings of the bootstrap; by default those of :mod:`reverie_eval.metrics.uncertainty`.
+            Settings of the bootstrap; the defaults are in :mod:`reverie_eval.metrics.uncertainty`.
 
         Raises
         ------
@@ -191,8 +191,8 @@ class Intervals(ClusterIntervals):
 def clusters_of(truth: GroundTruth, cluster: Clustering) -> IntArray:
     """Return the cluster of each episode.
 
-    By target, all instructions of a path are in one cluster, and so are paths that lead to the
-    same object, or in a task without target objects, to the same region or viewpoint.
+    By target, all instructions of a path are in one cluster, and so are all paths to the same
+    object or, in a task without target objects, to the same region or viewpoint.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a protocol's own evaluator makes of a file that is not in the official form.
+"""How a protocol's own evaluator reads a file that is not in the official form.
 
 We read every form as its authors meant it. Published evaluators read literally: some take only the
 first viewpoint of a nested hop, one never matches an object id that is written as text, and all
@@ -59,7 +59,7 @@ def check_first_of_hop(name: str, task: str = DEFAULT_TASK) -> None:
 def literal_reading_notes(
     predictions: Predictions, rules: Protocol, score_truncated: Callable[[], Scores]
 ) -> Iterator[str]:
-    """Yield a note if the protocol's own evaluator would make something else of the file.
+    """Yield a note if the protocol's own evaluator would read the file differently.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from reverie_eval.tasks import GoalRule
 class Lookups:
     """Distances, visibility and lengths of poses (flat, with ``offsets``) and of episodes.
 
-    Each is computed on first access, and kept for other metrics and protocols.
+    Each is computed on first access, and reused by other metrics and protocols.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class Lookups:
         return self.at_goal(rule)
 
     def measured_by(self, rule: GoalRule) -> "Lookups":
-        """Return the lookups with goals as a rule moves them."""
+        """Return the lookups with the goals that a rule sets."""
         moves = rule == "near the path's end, which a stop at a goal viewpoint becomes"
         return self._with_moved_goals if moves else self
 
@@ -99,7 +99,7 @@ class Lookups:
         return np.full((self.n_episodes, 2), np.nan) if point is None else point
 
     def outline(self, which: Literal["first", "last"]) -> FloatArray:
-        """Shape (n_episodes, 5, 2): the target as the stop sees it, turns; NaN if it does not."""
+        """Shape (n_episodes, 5, 2): the target as seen from the stop, turns; NaN if not visible."""
         stop = self.submission.viewpoint[last_of(self.offsets)]
         return self._answers.outlines(self.ground_truth.episodes.task, stop, which)
 

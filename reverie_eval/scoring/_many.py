@@ -38,10 +38,10 @@ Failure: TypeAlias = SubmissionError | OSError
 
 
 class Executor(Protocol):
-    """What can run functions elsewhere, as ``concurrent.futures`` and Dask do."""
+    """Runs functions elsewhere, as the executors of ``concurrent.futures`` and Dask do."""
 
     def submit(self, function: Any, argument: Any, /) -> Any:
-        """Begin a call, and return a future, whose ``result()`` waits for its end."""
+        """Start a call, and return a future whose ``result()`` waits for it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,7 +134,7 @@ def evaluate_many(
     jobs: int | None = None,
     executor: Executor | None = None,
 ) -> ScoredFiles:
-    """Score many files; those that are invalid do not stop the others.
+    """Score many files; an invalid file does not stop the others.
 
     Parameters
     ----------
@@ -143,11 +143,11 @@ def evaluate_many(
     split, ground_truth, protocol, track, subset, task
         As for :func:`reverie_eval.evaluate`.
     jobs : int, optional
-        Number of processes; by default as many as pay, up to the number of processors.
+        Number of processes; by default as many as are useful, up to the number of processors.
     executor : optional
-        Scores the files in place of processes of this machine: anything with
-        ``submit(function, argument)``, such as an executor of ``concurrent.futures`` or submitit,
-        or Dask's client. It gets paths, fifty at a time, so it must see the same files.
+        Scores the files instead of processes on this machine: anything with ``submit(function,
+        argument)``, such as an executor of ``concurrent.futures`` or submitit, or Dask's client. It
+        gets fifty paths at a time, which must name the same files there.
 
     Returns
     -------
@@ -188,10 +188,10 @@ def score_files(
     executor: Executor | None = None,
     keys: Collection[str] = TABLE_KEYS,
 ) -> Iterator[tuple[str, Scores | Failure]]:
-    """Yield the result of each file, in their order, as soon as it is there.
+    """Yield the result of each file, in their order, as soon as it is available.
 
     Parameters are those of :func:`evaluate_many`; ``keys`` are the metrics that are computed where
-    the file is read. All others are computed here, when they are asked for.
+    the file is read. All others are computed here, on first access.
     """
     jobs = jobs or min(os.cpu_count() or 1, 1 + len(paths) // _FOR_ONE)
     if executor is None and jobs == 1:
@@ -215,8 +215,8 @@ def score_files(
         for chunk, (fingerprint, found) in zip(chunks, results, strict=True):
             if fingerprint != truth.fingerprint:
                 raise GroundTruthError(
-                    f"a process found another ground truth in {truth.origin} than this one did; "
-                    "give all of them the same file"
+                    f"a process found a different ground truth in {truth.origin}; give all "
+                    "processes the same file"
                 )
             for path, each in zip(chunk.paths, found, strict=True):
                 yield path, _received(each, truth, track) if isinstance(each, Scores) else each

@@ -40,10 +40,10 @@ class FailureModes:
 
     @property
     def funnel(self) -> Mapping[str, int]:
-        """Progress funnel: the number of episodes that got to each stage.
+        """Progress funnel: the number of episodes that reached each stage.
 
         The second count is OSR and the third SR, times the number of episodes. The last one is
-        the part of RGS with a success.
+        the successful part of RGS.
         """
         count = self.counts
         stopped = count["wrong object"] + count["correct"]

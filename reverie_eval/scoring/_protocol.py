@@ -1,4 +1,4 @@
-"""Protocols by task and name, what they score, and what their evaluators make of nested hops."""
+"""Protocols by task and name, what they score, and how their evaluators read nested hops."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -40,7 +40,7 @@ def basis_of(rules: Protocol) -> tuple[int | None, str]:
 
 
 def hop_reading(name: str, task: str = DEFAULT_TASK) -> HopReading:
-    """Return what the evaluator of a protocol or alias makes of nested hops.
+    """Return how the evaluator of a protocol or alias reads nested hops.
 
     Raises
     ------

@@ -55,7 +55,7 @@ class SavedHeader:
     protocol: str
     qualifier: str
     fingerprint: str
-    """Of the ground truth, whose viewpoints and episodes the columns number."""
+    """The fingerprint of the ground truth, whose viewpoints and episodes the columns index."""
     subset: tuple[str, ...] | None
     """The instr_ids of a declared subset."""
     hints: tuple[str, ...]
@@ -82,7 +82,7 @@ def read_saved(path: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmissio
     Raises
     ------
     ReverieEvalError
-        If the file is another one, is damaged, or was written by a later version.
+        If the file has no saved scores, is damaged, or was written by a later version.
     OSError
         If it cannot be read.
     """

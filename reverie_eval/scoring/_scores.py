@@ -101,16 +101,17 @@ class Scores(Mapping[str, float]):
         ----------
         path : path
         ground_truth : path or GroundTruth, optional
-            The ground truth that they were computed with, as for :func:`reverie_eval.evaluate`.
+            The ground truth that the scores were computed with, as for
+            :func:`reverie_eval.evaluate`.
 
         Raises
         ------
         ReverieEvalError
             If the file has no saved scores, is damaged, or was written by a later version.
         GroundTruthError
-            If the ground truth is not there, or is another one.
+            If the ground truth is missing, or is not the same.
         ProtocolError
-            If they are of a task or protocol that is not installed.
+            If the scores' task or protocol is not installed.
         OSError
             If the file cannot be read.
         """
@@ -136,20 +137,20 @@ class Scores(Mapping[str, float]):
 
     @classmethod
     def concatenate(cls, parts: Iterable["Scores"]) -> Self:
-        """Return the scores of several parts of a split as those of all their episodes.
+        """Join the scores of several parts of a split.
 
-        If the parts are the whole split, so is the result, digit for digit; or else a declared
-        subset.
+        If the parts cover the split, the result equals the scores of the whole split, digit for
+        digit. Otherwise it is that of a declared subset.
 
         Parameters
         ----------
         parts : Scores
-            Of declared subsets that share no episode, under the same protocol.
+            Scores of declared subsets that share no episode, under the same protocol.
 
         Raises
         ------
         ProtocolError
-            If there are none, they were not scored alike, or they share episodes.
+            If there are none, they were scored differently, or they share episodes.
         ReverieEvalError
             If some have no trajectories.
         """
@@ -260,8 +261,8 @@ class Scores(Mapping[str, float]):
     def texts(self) -> Mapping[str, Sequence[str]]:
         """What is known of each episode besides its values, by column.
 
-        Its ``outcome``, ``box_outcome``, ``scan``, ``category``, ``language`` and ``instruction``.
-        Those that the protocol does not define, or the ground truth does not have, are left out.
+        The columns are ``outcome``, ``box_outcome``, ``scan``, ``category``, ``language`` and
+        ``instruction``, without those that the protocol does not define or the ground truth lacks.
         """
         truth = self.ground_truth
         columns: Mapping[str, Callable[[], Sequence[str]]] = {
@@ -291,14 +292,14 @@ class Scores(Mapping[str, float]):
         Parameters
         ----------
         cluster : "target" or "scan"
-            Clusters of dependent episodes, which are resampled as a whole: episodes with the same
-            target object, or in the same building.
+            What dependent episodes share; they are resampled together: the target object, or the
+            building.
         confidence : float, optional
-            In (0, 1); 0.95 if not given.
+            In (0, 1); by default 0.95.
         resamples : int, optional
-            10,000 if not given.
+            By default 10,000.
         seed : int, optional
-            0 if not given, so that the same scores always have the same intervals.
+            By default 0, so that the same scores always have the same intervals.
 
         Raises
         ------
@@ -317,7 +318,7 @@ class Scores(Mapping[str, float]):
         return replace(self, intervals=intervals)
 
     def subset(self, instr_ids: Iterable[str]) -> Self:
-        """Return the scores of some of the episodes, as those of a declared subset.
+        """Return the scores of some of the episodes, as for a declared subset.
 
         Raises
         ------
@@ -340,12 +341,12 @@ class Scores(Mapping[str, float]):
     def with_words(self, *words: str) -> Self:
         """Return the scores of the episodes whose instruction has all of these words.
 
-        Whole words in upper or lower case: ``towel`` is not in "the towels".
+        Words are compared whole and without case: ``towel`` is not in "the towels".
 
         Raises
         ------
         ProtocolError
-            If there are none, or no instruction has them.
+            If no word is given, or no instruction has them all.
         GroundTruthError
             If the ground truth was compiled without instructions.
         """
@@ -365,7 +366,7 @@ class Scores(Mapping[str, float]):
         return self.subset(chosen)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write these scores to a file, which :meth:`load` reads; it has no answers in it.
+        """Write these scores to a file, which :meth:`load` reads; it contains no answers.
 
         Raises
         ------
@@ -400,7 +401,7 @@ class Scores(Mapping[str, float]):
         Raises
         ------
         ReverieEvalError
-            If these scores came without.
+            If these scores have none.
         """
         if self.submission is None:
             raise ReverieEvalError("these scores have no trajectories; evaluate the file")
@@ -476,7 +477,7 @@ def _conditions(scores: Scores) -> Sequence[str]:
 
 
 def signature_of(truth: GroundTruth, protocol: Protocol, qualifier: str) -> str:
-    """Return the signature of scores by a protocol and a ground truth, from this version."""
+    """Return the signature of scores under a protocol and a ground truth, with this version."""
     task = truth.header.task
     parts = [
         *([] if task == DEFAULT_TASK else [f"{_TASK}{task}"]),
@@ -497,7 +498,7 @@ def task_of(signature: str) -> Task:
     Raises
     ------
     ProtocolError
-        If the task is not installed here.
+        If the task is not installed.
     """
     first = signature.partition("|")[0]
     is_named = first.startswith(_TASK)

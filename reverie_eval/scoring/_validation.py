@@ -33,7 +33,7 @@ class Validation:
 
 
 def jump_notes(jumps: Array, rules: Protocol | None = None) -> Sequence[str]:
-    """Say how many moves were between unconnected viewpoints, and what a protocol makes of them."""
+    """Count the moves between unconnected viewpoints, and say how a protocol treats them."""
     if not jumps.any():
         return ()
     episodes = count_text(int((jumps > 0).sum()), "episode")

@@ -51,7 +51,7 @@ class RequestError(ReverieEvalError):
     code: ClassVar[str]
     """Stable, for programs."""
     heading: ClassVar[str]
-    """Of the error's page."""
+    """The heading of the error's page."""
     example_arguments: ClassVar[tuple[Any, ...]]
     """The arguments that :meth:`example` passes."""
 
@@ -61,7 +61,7 @@ class RequestError(ReverieEvalError):
     quota: QuotaReport | None = None
     """The submissions left, if the quota is why the request was refused."""
     reply: str | None = None
-    """To the sender of a file that an organiser submitted."""
+    """The reply to the sender, if an organiser submitted the file."""
     request_id: str | None = None
 
     @classmethod
@@ -328,7 +328,7 @@ class KeyReplacedError(RequestError):
 
     status = HTTPStatus.SERVICE_UNAVAILABLE
     code = "key-replaced"
-    heading = "Server has to be restarted"
+    heading = "Server must be restarted"
     example_arguments = ("0d1c2b3a4f5e6d7c", "4ad1b0c9e2f86735")
     seconds = 10
 

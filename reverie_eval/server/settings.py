@@ -188,10 +188,10 @@ OPEN_QUOTA = Quota(day=200, month=2000, year=10000)
 
 
 class Also(_Section):
-    """A further leaderboard of a split: the same submissions, ranked by other rules."""
+    """A further leaderboard of a split: the same submissions, ranked under other rules."""
 
     protocol: str | None = None
-    """The rules of a further leaderboard, ranked from the same uploads; by default the split's."""
+    """The rules of a further leaderboard of the same uploads; by default the split's."""
     track: Track | None = None
     """Its track; by default the split's."""
 
@@ -202,8 +202,8 @@ class Split(_Section):
     bundle: Path
     """The split's ground truth, with answers."""
     task: Annotated[str, AfterValidator(_known_task)] = DEFAULT_TASK
-    """The benchmark that the split is of; the names of splits of others than REVERIE begin with
-    it, as ``r2r-val_unseen``."""
+    """The benchmark that the split belongs to. Unless it is REVERIE, the split's name begins with
+    the task: ``r2r-val_unseen``."""
     visibility: Literal["private", "open"] = "private"
     """``private``: only means rounded to two decimals are released, never values of single
     episodes. ``open``: the answers are public, and the values of every episode are released."""
@@ -211,13 +211,15 @@ class Split(_Section):
     """The rules to score by."""
     track: Track = "full"
     """``grounding``: answers alone are scored, with the agent placed at the goal, and leaderboards
-    rank by RGS. A change sets earlier results apart, as a change of the protocol does."""
+    rank by RGS. After a change, earlier results are listed separately, as after a change of the
+    protocol."""
     quota: Quota | None = None
     phases: Phases = (Phase(name="always"),)
-    """Until other phases are set at the desk."""
+    """The phases, until others are set at the desk."""
     release_scores: ReleaseScores = "at-once"
     """``phase-end``: nobody sees the scores of a private split, on its leaderboard or elsewhere,
-    before the end of the phase in which the submission came. Every phase needs ``closes``."""
+    before the end of the phase in which the submission was received. Every phase needs
+    ``closes``."""
     one_per_team: bool = False
     """Publishing a submission takes the team's earlier one off the leaderboard."""
     also: dict[Annotated[str, AfterValidator(_plain_name)], Also] = {}  # pydantic copies it
@@ -272,7 +274,7 @@ class Split(_Section):
         if self.visibility == "open":
             raise ValueError("scores of an open split cannot be held back; its answers are public")
         if any(phase.closes is None for phase in phases):
-            raise ValueError("scores that are held back need phases that all have `closes`")
+            raise ValueError("scores can be held back only if every phase has `closes`")
 
     @property
     def effective_quota(self) -> Quota:
@@ -290,13 +292,13 @@ class Limits(_Section):
     unpacked_mebibytes: PositiveInt = 64
     """Size of the submission in it."""
     mebibytes_per_day: PositiveInt = 1024
-    """Submissions that a team may send in 24 hours, unpacked, to all splits together."""
+    """Total size of the submissions that a team may send in 24 hours, unpacked, to all splits."""
     seconds_for_body: PositiveInt = 60
     """Time for an upload to arrive."""
     kibibytes_per_second: PositiveInt = 16
     """The slowest that an upload may be sent on average, after its first 10 seconds."""
     requests_per_minute: PositiveInt = 120
-    """For one address, one token, and one browser session each."""
+    """Requests from each address, with each token, and in each browser session."""
     uploads_at_once: PositiveInt = 32
     """Uploads in memory: arriving, waiting to be scored, or being scored."""
     uploads_waiting: NonNegativeInt = 500
@@ -311,8 +313,8 @@ class Channel(_Section):
     """A way to notify the organiser of events."""
 
     events: tuple[Event, ...] = ()
-    """What to report: ``submission``, ``join-request``, ``phase-end``, ``unhealthy``; everything if
-    it is empty."""
+    """The events to report: ``submission``, ``join-request``, ``phase-end``, ``unhealthy``; if
+    empty, all of them."""
 
     def wants(self, event: Event) -> bool:
         """Whether the organiser is notified of an event."""
@@ -334,17 +336,18 @@ class Mail(Channel):
     """``tls``: encrypted from the first byte, usually on port 465. ``none``: for a mail server on
     the same machine."""
     user: str = ""
-    """Empty if the mail server does not ask for one."""
+    """The user name; empty if the mail server does not need one."""
     password: Annotated[str, Field(repr=False)] = ""
-    """Belongs in ``REVERIE_EVAL_MAIL__PASSWORD``, if it is not in a file."""
+    """The password; set it in ``REVERIE_EVAL_MAIL__PASSWORD``, or use ``password_file``."""
     password_file: Path | None = None
-    """A file with the password alone, readable by its owner alone. It is not in backups."""
+    """A file that contains only the password and that only its owner can read. Backups leave it
+    out."""
     sender: Email
-    """The address that mails come from."""
+    """The address that mails are sent from."""
     recipients: Annotated[tuple[Email, ...], Field(min_length=1)]
-    """The addresses that they go to."""
+    """The addresses that mails are sent to."""
     digest: Literal["none", "daily"] = "none"
-    """``daily``: one mail for each day, after midnight UTC."""
+    """``daily``: one mail a day, after midnight UTC."""
 
     def due(self, now: datetime) -> datetime:
         """Return when to send a message about what happens now: maybe at midnight."""
@@ -354,7 +357,7 @@ class Mail(Channel):
 
 
 class Webhook(Channel):
-    """A program that is told by HTTP."""
+    """A program that is notified over HTTP."""
 
     url: HttpUrl
     """Where to send events as JSON. Without a section ``[webhook]``, nothing is sent."""
@@ -394,15 +397,15 @@ class Settings(BaseSettings):
     title: Name = "REVERIE evaluation server"
     """The server's name, also on receipts."""
     public_address: Annotated[str, AfterValidator(_known_address)] = ""
-    """How people reach the server: ``https://eval.example.org``, or with a path below which it has
-    all its addresses, ``https://lab.example.org/reverie``. Printed in citations and instructions;
-    if it is empty, the address that the server listens at."""
+    """How people reach the server: ``https://eval.example.org``, or with a path if all its
+    addresses are below one, ``https://lab.example.org/reverie``. Printed in citations and
+    instructions. If empty, the address that the server listens at is printed."""
     contact: Annotated[Line, AfterValidator(_known_contact)] = ""
     """How to reach the organiser: an e-mail address, or a link that begins with ``https://``. Shown
     at the end of all pages, where people sign in, and with errors."""
     links: dict[Name, Https] = {}  # pydantic copies it
     """Links at the end of all pages, by their text: paper, data, code, licence. *Get the data* on
-    the first page leads to the one called ``Data``, or else to the published repository."""
+    the first page leads to the link called ``Data``, or else to the published repository."""
     banner: Line = ""
     """A line shown to everyone: maintenance, deadlines."""
     paused: bool = False
@@ -413,16 +416,16 @@ class Settings(BaseSettings):
     uploads: Annotated[str, AfterValidator(_known_store)] = "uploads"
     """A folder, or an S3-compatible store, ``s3://bucket/prefix``."""
     keep_uploads_days: PositiveInt | None = None
-    """After so many days, files of submissions that are not published are deleted; scores and
-    receipts stay. If it is not set, all files are kept."""
+    """Files of unpublished submissions are deleted after this many days; scores and receipts stay.
+    If not set, all files are kept."""
     signing_key: Path = Path("signing-key.pem")
-    """Signs receipts; ``server init`` creates it. Keep a copy elsewhere. Anyone can check receipts
-    with the public key that the server publishes."""
+    """The key that signs receipts; ``server init`` creates it. Keep a copy elsewhere. Anyone can
+    verify receipts with the public key that the server publishes."""
     accept_requests_to_join: bool = True
     """Let anyone ask for an account at ``/join``; an organiser decides."""
     splits: Annotated[dict[str, Split], Field(min_length=1)]
     required_metadata: tuple[Metadata, ...] = ()
-    """What a submission must state about its method, besides the name: ``description``, ``paper``,
+    """What a submission must state about its method besides the name: ``description``, ``paper``,
     ``code``, ``extra_data``, ``pre_exploration``, ``ground_truth_objects``, ``ensemble``."""
     limits: Limits = Limits()
     mail: Mail | None = None
@@ -450,7 +453,7 @@ class Settings(BaseSettings):
         settings = cls(**content)
         settings._folder = folder.resolve()
         if settings._folder.is_relative_to(settings.path(settings.uploads).resolve()):
-            remedy = "is the server's folder or contains it; choose a folder for uploads alone"
+            remedy = "is the server's folder or contains it; choose a separate folder for uploads"
             raise SettingsError([Problem("wrong-setting", "uploads", remedy)])
         unknown = list(settings._phases_without_split())
         if unknown:
@@ -496,7 +499,7 @@ class Settings(BaseSettings):
 
     @property
     def channels(self) -> Mapping[str, Channel]:
-        """The ways to tell the organiser of events, by name."""
+        """The ways to notify the organiser of events, by name."""
         known = {"mail": self.mail, "webhook": self.webhook}
         return {name: channel for name, channel in known.items() if channel is not None}
 

@@ -1,4 +1,4 @@
-"""Alignment: look up every id in the ground truth, and report those that are not there.
+"""Alignment: look up every id in the ground truth, and report those that are missing.
 
 After this stage there is no text left, and nothing can fail.
 """
@@ -148,16 +148,17 @@ def check_batch(
     Parameters
     ----------
     predictions : Predictions
-        Those of the batch. An episode may be in it more than once, if its predictions are equal.
+        The predictions of the batch. An episode may occur more than once, if its predictions are
+        equal.
     collected : mapping
-        What was predicted in earlier batches, by instr_id.
+        The predictions of earlier batches, by instr_id.
     answers_only : bool
         Whether trajectories are ignored.
 
     Returns
     -------
     mapping
-        What this batch predicts, by instr_id.
+        The predictions of this batch, by instr_id.
 
     Raises
     ------
@@ -177,9 +178,9 @@ def check_batch(
 
 
 def check_navigation_only(*, found: bool, declared: bool) -> None:
-    """Check that a submission is navigation only if, and only if, its method is said to be.
+    """Check that a submission is navigation only if, and only if, its method is declared so.
 
-    A file whose answers were lost on the way would otherwise be scored, and count as submitted.
+    Otherwise a file that lost its answers on the way would be scored, and use a submission.
 
     Raises
     ------

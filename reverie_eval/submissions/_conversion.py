@@ -1,4 +1,4 @@
-"""Convert a submission to the official form, from any form that tells what was meant."""
+"""Convert a submission to the official form, from any form whose meaning is clear."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -84,7 +84,7 @@ def convert(
 ) -> Conversion:
     """Read a submission in any form and convert it to the official one.
 
-    Mistakes for which the submission would be rejected are fixed if they tell what was meant.
+    Mistakes for which the submission would be rejected are fixed if their meaning is clear.
 
     Parameters
     ----------

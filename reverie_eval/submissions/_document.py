@@ -39,7 +39,7 @@ _NOT_JSON = {
 """What people send instead of a result file, by its first bytes."""
 _TAR_MARK = b"ustar"
 _TAR_MARK_AT = 257
-"""Where a tar archive has its mark."""
+"""The offset of that mark."""
 _PYTHON_LITERAL = re.compile(rb"[\s\[{(]+'")
 _BRACKETS = ("[", "{")
 _SHOWN_TEXT = 60
@@ -67,7 +67,7 @@ def parse_document(content: bytes, log: ReadingLog, *, has_lines: bool = False) 
     """Parse JSON text, including NaN and infinities, so that their locations can be reported.
 
     Text that is not quite JSON, but tells what was meant, is parsed and noted as a fault. With
-    ``has_lines``, one object after another is no fault.
+    ``has_lines``, one object after another is not a fault.
 
     Raises
     ------
@@ -101,12 +101,12 @@ def _check_kind(content: bytes) -> None:
 
 
 def is_python_literal(content: bytes) -> bool:
-    """Whether this is what Python prints for a list or a dictionary, and so no JSON."""
+    """Whether this is what Python prints for a list or a dictionary, which is not JSON."""
     return _PYTHON_LITERAL.match(content) is not None
 
 
 def parse_python_literal(content: bytes, log: ReadingLog) -> Any:
-    """Evaluate what Python printed for lists, dictionaries, texts and numbers, and nothing else.
+    """Evaluate what Python printed for lists, dictionaries, strings and numbers, and nothing else.
 
     Raises
     ------

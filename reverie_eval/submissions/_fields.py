@@ -1,4 +1,4 @@
-"""The fields of a record: those that are read, and the known one that a misspelt one must mean."""
+"""The fields of a record: those that are read, and how misspelt ones are recognised."""
 
 import re
 from collections.abc import Mapping
@@ -73,7 +73,7 @@ def is_abstention(value: Any) -> bool:
 def find_misspelt(
     record: Mapping[str, Any], optional: AbstractSet[str] = frozenset()
 ) -> Mapping[str, str]:
-    """Return the fields of a record that can only be a misspelt known one, with what they mean.
+    """Return the misspelt fields of a record, with the known fields that they must mean.
 
     A field that resembles a known one is left alone if the record has that one as well: codebases
     keep notes of their own beside the official fields. So is one that resembles a field

@@ -49,7 +49,7 @@ def split_items(
     Raises
     ------
     SubmissionError
-        If an id is that of one of DUET's own episodes, which do not tell the item.
+        If an id is that of one of DUET's own episodes, which does not identify the item.
     """
     count: Counter[object] = Counter()
     for location, record in records:

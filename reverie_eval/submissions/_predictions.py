@@ -18,7 +18,7 @@ Submission: TypeAlias = Source | Records
 """What can be scored: a file, its content, or its records as Python objects."""
 
 Content: TypeAlias = tuple[object, ...]
-"""What a record predicts, to be compared with that of another record."""
+"""What a record predicts, for comparison with another record."""
 
 ID_PREFIX = "reverie_"
 """NaviLLM mixes datasets and writes this before the ids; it is not part of them."""
@@ -43,7 +43,7 @@ class Numbering(dict[str | None, int]):
 
 @dataclass(frozen=True, eq=False)
 class IdColumn:
-    """Ids of which many are equal, as those of viewpoints are: each different one stands once."""
+    """Ids of which many are equal, such as viewpoint ids; each distinct one is stored once."""
 
     distinct: Sequence[str | None]
     number: IntArray
@@ -179,7 +179,7 @@ class Predictions:
         return self.pose_paths[pose]
 
     def content(self, record: int) -> Content:
-        """Return what a record predicts, to be compared with that of another record."""
+        """Return what a record predicts, for comparison with another record."""
         begin, end = self.offsets[record : record + 2]
         box = slice(*np.searchsorted(self.boxes.row, [record, record + 1]))
         return (
@@ -191,7 +191,7 @@ class Predictions:
         )
 
     def first_of_hops(self) -> "Predictions":
-        """Return what an evaluator reads that takes only the first viewpoint of each hop."""
+        """Return the predictions as read by an evaluator that takes only the first of each hop."""
         if self.continues_hop is None or self.pose_paths is None:
             return self
         begins_hop = ~self.continues_hop
@@ -207,7 +207,7 @@ class Predictions:
         )
 
     def without_trajectories(self) -> "Predictions":
-        """Return the answers of a file in the plain official form, as if it had nothing else."""
+        """Return only the answers of a file in the plain official form."""
         offsets = np.zeros_like(self.offsets)
         return replace(self, viewpoint_ids=IdColumn.of(()), offsets=offsets, has_degrees=False)
 

@@ -21,7 +21,7 @@ from reverie_eval.tasks import DEFAULT_TASK, Task
 from reverie_eval.text import count_text, first_few
 
 MAX_PROBLEMS = 10_000
-"""Checking stops after so many: fixing these nearly always fixes the rest."""
+"""Checking stops after this many problems; fixing these nearly always fixes the rest."""
 
 WHOLE_FILE = "file"
 POSE_FORM = "[viewpoint_id, heading, elevation]"
@@ -87,7 +87,7 @@ SEVERAL_LISTS = Fault(
 )
 ENCODED_TWICE = Fault(
     "not-json",
-    "the JSON as one text within quotes: it was encoded twice",
+    "the JSON inside a string: it was encoded twice",
     "use json.dump alone, without json.dumps",
     _CONVERT,
     of_file=True,
@@ -109,14 +109,14 @@ PYTHON_LITERAL = Fault(
 WRAPPED = Fault(
     "not-a-list",
     "the records under the key {example}",
-    "write them alone",
+    "write only the list of records",
     _CONVERT,
     of_file=True,
 )
 NESTED_LISTS = Fault(
     "not-a-list",
-    "lists of records within the list",
-    "write one list of records",
+    "lists of records inside the list",
+    "write one flat list of records",
     _CONVERT,
     of_file=True,
 )
@@ -153,7 +153,7 @@ VIEWS_NOT_WHOLE = Fault(
 )
 NULL_BOXES = Fault(
     "missing-field",
-    "predBox null and no object id",
+    "a null predBox and no object id",
     "write predObjId -1 where the agent predicts no object",
     _CONVERT,
 )
@@ -211,7 +211,7 @@ VIEWPOINTS_WITH_SCANS = Fault(
 )
 REPEATED_RECORDS = Fault(
     "duplicate-episode",
-    "the trajectory and answer of an earlier record, such as {example}",
+    "the same trajectory and answer as an earlier record, such as {example}",
     "remove the repeats",
     _CONVERT,
 )
@@ -264,7 +264,10 @@ def limit_problems(problems: Iterable[Problem]) -> Sequence[Problem]:
     first = list(islice(problems, MAX_PROBLEMS + 1))
     if len(first) <= MAX_PROBLEMS:
         return first
-    message = f"has more than {MAX_PROBLEMS:,} problems; fix these first, the rest is not checked"
+    message = (
+        f"has more than {MAX_PROBLEMS:,} problems; fix these first, because the rest was not "
+        "checked"
+    )
     # Problems are sorted by position: the largest possible one comes last.
     return [*first[:-1], Problem("too-many-problems", WHOLE_FILE, message, (maxsize,))]
 
@@ -318,14 +321,14 @@ def not_json(where: str, reason: str) -> Problem:
 
 
 def cut_short(where: str) -> Problem:
-    message = "the file ends in the middle of the JSON; it was cut short: write or copy it again"
+    message = "the JSON ends in the middle, so the file was cut short; write or copy it again"
     return Problem("not-json", where, message)
 
 
 def not_a_literal() -> Problem:
     message = (
-        "looks printed by Python, but holds more than lists, dictionaries, texts and plain "
-        "numbers, such as nan or array(...), or was cut; write it with json.dump"
+        "looks printed by Python, but was cut short or holds more than lists, dictionaries, "
+        "strings and plain numbers, such as nan or array(...); write it with json.dump"
     )
     return Problem("not-json", WHOLE_FILE, message)
 
@@ -349,21 +352,21 @@ def too_deep() -> Problem:
 
 def too_large(limit: int, variable: str | None) -> Problem:
     message = (
-        f"is larger than {limit >> 20} MiB unpacked; a submission needs instr_id, trajectory and "
-        "predObjId only, remove everything else"
+        f"is larger than {limit >> 20} MiB unpacked; a submission needs only instr_id, trajectory "
+        "and predObjId: remove everything else"
     )
     if variable:
-        message += f"; if it has so many episodes, set {variable} to its size in MiB"
+        message += f"; if it needs this size, set {variable} to the size in MiB"
     return Problem("too-large", WHOLE_FILE, message)
 
 
 def too_many_records(limit: int) -> Problem:
-    message = f"holds more than {limit:,} records; no split has so many episodes"
+    message = f"holds more than {limit:,} records; no split has that many episodes"
     return Problem("too-large", WHOLE_FILE, message)
 
 
 def too_many_values(found: int, limit: int) -> Problem:
-    message = f"holds about {found:,} values, more than the {limit:,} that can be read"
+    message = f"holds about {found:,} values, more than the limit of {limit:,}"
     return Problem("too-large", WHOLE_FILE, message)
 
 
@@ -394,21 +397,21 @@ def not_a_list(found: object) -> Problem:
 
 def undeclared_navigation_only() -> Problem:
     message = (
-        "no record has an answer; if the agent only navigates, say so: --navigation-only, the "
-        "field navigation_only of the API, or the box on the page"
+        "no record has an answer; if the agent only navigates, declare it: --navigation-only on "
+        "the command line, navigation_only in the API, or the checkbox on the page"
     )
     return Problem("navigation-only", WHOLE_FILE, message)
 
 
 def declared_navigation_only() -> Problem:
-    message = "has answers, but the method is said to be navigation only; leave that out"
+    message = "has answers, but the method is declared navigation only; remove that declaration"
     return Problem("navigation-only", WHOLE_FILE, message)
 
 
 def boxes_outside(count: int, total: int) -> Problem:
     message = (
-        f"{count:,} of its {total:,} boxes lie entirely outside an image of 640 x 480; predBox is "
-        "[x, y, width, height] in pixels of that image, or of one of the size predImageSize"
+        f"{count:,} of its {total:,} boxes lie entirely outside the 640 x 480 image; predBox is "
+        "[x, y, width, height] in pixels of that image, or of one with the size in predImageSize"
     )
     return Problem("wrong-scale", WHOLE_FILE, message)
 
@@ -440,7 +443,7 @@ def missing_episodes(missing: Sequence[str], expected: int, split: str) -> Probl
     message = (
         f"{len(missing):,} of the {expected:,} episodes of {split} have no prediction, such as "
         f"{first_few(missing)}; every episode needs one: check that the file holds the results of "
-        "all processes and was not cut"
+        "all processes and was not cut short"
     )
     return Problem("missing-episode", WHOLE_FILE, message)
 
@@ -513,8 +516,8 @@ def repeated_field(location: RecordLocation, field: str) -> Problem:
 
 def duets_episodes(location: RecordLocation, instr_id: str) -> Problem:
     message = (
-        f"{_json(instr_id)} is the id of an episode of DUET's own files, which does not tell the "
-        "item; write the item's instr_id, and its trajectories in the order of its paths"
+        f"{_json(instr_id)} is an episode id of DUET's own files, which does not identify the "
+        "item; write the item's instr_id, with its trajectories in the order of its paths"
     )
     return _record_problem("unknown-episode", location, message, ".instr_id")
 
@@ -540,8 +543,8 @@ def duplicate_episode(location: RecordLocation, instr_id: str, first: RecordLoca
 
 def changed_prediction(location: RecordLocation, instr_id: str) -> Problem:
     message = (
-        f"{instr_id} already has another prediction; keep one per episode, and call reset() before "
-        "the next epoch"
+        f"{instr_id} already has a different prediction; keep one per episode, and call reset() "
+        "before the next epoch"
     )
     return _record_problem("duplicate-episode", location, message, ".instr_id")
 
@@ -606,7 +609,7 @@ def upside_down(location: RecordLocation, path: PosePath, elevation: float, key:
 
 
 def half_a_point(location: RecordLocation, keys: Sequence[str]) -> Problem:
-    message = f"has one of {' and '.join(keys)} and null for the other; give both or neither"
+    message = f"has only one of {' and '.join(keys)}, the other is null; give both or neither"
     return _record_problem("wrong-type", location, message)
 
 

@@ -94,11 +94,11 @@ class ReadingLog:
 
     @property
     def has_unfixable(self) -> bool:
-        """Whether something is wrong that does not tell what was meant."""
+        """Whether some mistake does not have a clear meaning."""
         return bool(self.problems) or not all(fault.convert for fault in self._faults)
 
     def fixed(self) -> Sequence[str]:
-        """Return the mistakes that tell what was meant, a phrase each."""
+        """Return the mistakes whose meaning is clear, a phrase each."""
         return [
             fault.fixed(found.count, found.example)
             for fault, found in self._faults.items()

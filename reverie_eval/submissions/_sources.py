@@ -183,9 +183,9 @@ def _is_system_file(member: ZipInfo) -> bool:
 
 
 def find_files(names: Sequence[str]) -> list[str]:
-    """Put the files of a folder in the place of the folder, and those that fit in a pattern's.
+    """Replace folders and patterns by the files in them.
 
-    A folder's files are those that end as submissions do, and are no receipts; the folders in it
+    A folder's files are those that end as submissions do and are not receipts; the folders in it
     are not searched.
 
     Raises
@@ -197,7 +197,7 @@ def find_files(names: Sequence[str]) -> list[str]:
     for name, files in found.items():
         if not files:
             raise ProtocolError(
-                f"{name}: there is no submission; they end in {', '.join(_ENDINGS)}"
+                f"{name}: no submission found; submissions end in {', '.join(_ENDINGS)}"
             )
     return list(dict.fromkeys(chain.from_iterable(found.values())))
 
@@ -215,7 +215,7 @@ def find_runs(word: str) -> tuple[str, Sequence[str]] | None:
 
 
 def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[str]:
-    """Yield files that are there, and from then on those that appear or change, without end.
+    """Yield existing files, then those that appear or change, without end.
 
     A file is yielded once its size and time of change are the same before and after a pause: until
     then it may be half written.
@@ -223,7 +223,7 @@ def watch_files(names: Sequence[str], pause: Callable[[], object]) -> Iterator[s
     Parameters
     ----------
     names : sequence of str
-        Files, folders and patterns, as for :func:`find_files`; there may be nothing yet.
+        Files, folders and patterns, as for :func:`find_files`; they need not exist yet.
     pause : function
         Waits before the files are looked at again.
     """

@@ -1,8 +1,8 @@
 """Read a trajectory in any form that public codebases write.
 
 The structure of an element tells what it is, so nothing is guessed: a viewpoint id followed by
-numbers is a pose, a list of viewpoint ids is a hop that is walked from first to last, and a text is
-a viewpoint id.
+numbers is a pose, a list of viewpoint ids is a hop that is walked from first to last, and a string
+is a viewpoint id.
 """
 
 import re
@@ -43,7 +43,7 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Poses(Sequence[Pose]):
-    """The poses of a trajectory, by their fields: no object for each of a hundred thousand."""
+    """The poses of a trajectory by their fields, without an object for each pose."""
 
     paths: Sequence[PosePath]
     viewpoint_ids: Sequence[str | None]

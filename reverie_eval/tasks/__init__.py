@@ -1,7 +1,7 @@
-"""The tasks: REVERIE and its family, each a record of what is its own.
+"""The tasks: REVERIE and its sister benchmarks, each a record of what differs between them.
 
-A task names how its annotations are read, which submissions it expects, by which rules they are
-scored, and by what they are ranked. Everything else in the package is the same for all of them.
+A task says how its annotations are read, which submissions it expects, by which rules they are
+scored, and by which metrics they are ranked. Everything else in the package is the same for all.
 """
 
 from reverie_eval.tasks._annotation import (

@@ -1,4 +1,4 @@
-"""The record of an annotation file, as all tasks have it."""
+"""The record of an annotation file, in a form common to all tasks."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, TypeAlias
@@ -16,8 +16,8 @@ Path: TypeAlias = Annotated[list[ViewpointId], Meta(min_length=1)]
 class Annotation(Struct, frozen=True, kw_only=True):
     """What the episodes of one record share; a task's own class adds the published fields.
 
-    msgspec reads a record into it by names and types; fields that the class does not have are left
-    alone. A public test file gives only the start.
+    msgspec reads a record into it by names and types, and ignores fields that the class does not
+    have. A public test file gives only the start.
     """
 
     scan: Annotated[str, Meta(min_length=1)]

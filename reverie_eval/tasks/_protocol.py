@@ -38,7 +38,7 @@ GoalRule = Literal[
 ]
 Grounding = Literal["anywhere", "only with success", "not scored"]
 HopReading = Literal["first viewpoint", "every viewpoint", "rejected", "no evaluator"]
-"""What a published evaluator makes of a nested hop with several viewpoints."""
+"""How a published evaluator reads a nested hop with several viewpoints."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Protocol:
     """Which viewpoints are goals: those from which the target is visible; those from which it is
     visible with its centre at most 3 m from the camera; those less than 3 m along the graph from
     the path's end, or at most 3 m; those that the task annotates as goals; or those less than 3 m
-    from the path's end, in whose place the stop is the goal if it is an annotated one."""
+    from the path's end, except that an annotated goal becomes the goal if the agent stops there."""
     spl_numerator: Literal["shortest", "annotated", "nearest goal"] = "shortest"
     """The length in SPL's numerator: of the shortest route, of the annotated path, or of the
     shortest route to the nearest annotated goal."""
@@ -72,12 +72,12 @@ class Protocol:
     point_errors: Literal["detections", "where the target is seen"] = "detections"
     """Which stops have a point error."""
     measures: frozenset[Need] = frozenset()
-    """What the annotations let the protocol measure beside walks and answers."""
+    """What the annotations let the protocol measure besides walks and answers."""
     scored_instructions: int | None = None
     """How many instructions of each path are scored, if not all of them."""
     rejects_jumps: bool = False
     """Whether the published evaluator stops at a move between unconnected viewpoints. It is not a
     rule of the scores, which count such moves."""
     nested_hops: HopReading = "first viewpoint"
-    """What the published evaluator makes of nested hops. It is not a rule of the scores, which
-    count every viewpoint under all protocols."""
+    """How the published evaluator reads nested hops. It is not a rule of the scores, which count
+    every viewpoint under all protocols."""

@@ -1,4 +1,4 @@
-"""The tasks by name: those of this package, and those that others have installed."""
+"""The tasks by name: those of this package, and those of other installed packages."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -11,7 +11,7 @@ from reverie_eval.tasks._task import Task
 from reverie_eval.text import did_you_mean
 
 DEFAULT_TASK = "reverie"
-"""The task that is meant where none is named; signatures do not name it."""
+"""The task if none is named; signatures do not name it."""
 
 ENTRY_POINTS = "reverie_eval.tasks"
 """The group of entry points by which other packages add a task: ``name = "module:TASK"``."""

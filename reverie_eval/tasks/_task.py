@@ -13,19 +13,19 @@ from reverie_eval.text import did_you_mean
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
-    """What a benchmark has of its own."""
+    """A benchmark: everything in which it differs from others."""
 
     name: str
-    """As options and signatures write it."""
+    """The name in options and signatures."""
     title: str
-    """As its paper writes it."""
+    """The name in its paper."""
     citation: str
     source: str
     """Where the annotations are published."""
     licence: str
-    """Under what terms they are published."""
+    """The terms under which they are published."""
     unseen: str = ""
-    """Which of them could not be had, so that reading them was tried on made-up ones only."""
+    """The files that were not available, so that reading them was tested only on made-up ones."""
     annotation: type[Annotation]
     """The form of a record of an annotation file."""
     file_name: str
@@ -35,12 +35,12 @@ class Task:
     published: Mapping[str, str] = field(default_factory=dict)
     """The split of each published file by its SHA-256, where these are known."""
     releases: Mapping[tuple[str, int, int], str] = field(default_factory=dict)
-    """Names of releases by a split and its numbers of records and episodes, where there are
+    """Names of releases by split, number of records and number of episodes, if there are
     several."""
     edited_copies: Mapping[str, str] = field(default_factory=dict)
-    """What is different in copies that circulate, by their SHA-256."""
+    """How edited copies in circulation differ, by their SHA-256."""
     id_pattern: str
-    """What the ids of episodes look like, as a regular expression."""
+    """The form of episode ids, as a regular expression."""
     id_form: str
     """The same in words."""
     id_example: str
@@ -49,14 +49,14 @@ class Task:
     has_numbers: bool = False
     """Whether the id may be a number; it is compared as text."""
     has_short_ids: bool = False
-    """Whether the part of an id after its underscore is one too."""
+    """Whether the part of an id after its underscore is also accepted as an id."""
     has_json_lines: bool = False
     """Whether the official form of a result may be a record on each line instead of a list."""
     has_items: bool = False
-    """Whether a result's record has several trajectories, one for each start of an item, and each
-    of them a point at which the agent sees the target. Their ids are ``<item>#<index>``."""
+    """Whether a result's record has several trajectories, one for each start of an item, each with
+    a point where the agent sees the target. Their ids are ``<item>#<index>``."""
     has_targets: bool = False
-    """Whether an episode has a target object, which agents name or box."""
+    """Whether episodes have a target object, which agents predict by id or by box."""
     goal: str
     """When a stop is a success, in words: "the target object is visible"."""
     protocols: Sequence[Protocol]
@@ -66,7 +66,7 @@ class Task:
     headline: Sequence[str]
     """The metrics of every score table, by key, in its order."""
     ranking: Sequence[str]
-    """The metrics that rank submissions, by key: the first of them that is scored does."""
+    """The metrics that rank submissions, by key: the first that is scored ranks."""
 
     def release(self, split: str, records: int, episodes: int, sha256: str) -> str | None:
         """Return the name of the release that a split's file is from; None if it is unknown."""
@@ -79,7 +79,7 @@ class Task:
         return re.fullmatch(self.id_pattern, instr_id) is not None
 
     def id_field(self, instr_id: str) -> Mapping[str, str | int]:
-        """Return the id of an episode as the official form of a result has it."""
+        """Return the id of an episode as in the official form of a result."""
         is_number = self.has_numbers and instr_id.isdecimal()
         return {self.id_keys[0]: int(instr_id) if is_number else instr_id}
 

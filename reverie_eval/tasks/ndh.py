@@ -1,4 +1,4 @@
-"""NDH, Navigation from Dialog History (CVDN): go on from a dialog towards a region."""
+"""NDH, Navigation from Dialog History (CVDN): continue from a dialog towards a region."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType

@@ -1,4 +1,4 @@
-"""R4R, Room-for-Room: follow two of R2R's paths as one, and stay on it."""
+"""R4R, Room-for-Room: follow two joined paths of R2R, and stay on them."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -28,7 +28,7 @@ TASK = Task(
         {
             "34be4ee2718b15dc990dab6a98ae10fbcc2bf2d22e0191975f953fa16b84b446": "built by the "
             "published rule from the published R2R on today's graphs, it has 5,026 paths and not "
-            "the 5,018 that papers report on, so that path ids need not be those of other files",
+            "the 5,018 that papers report on, so path ids may differ from those of other files",
         }
     ),
     id_pattern=r"\d+_[0-8]",

@@ -62,7 +62,7 @@ class SoonAnnotation(Annotation, frozen=True, kw_only=True):
 
 
 class _Walk(EpisodeAnnotation, frozen=True, kw_only=True):
-    """What is to be done from one of an item's starts, given by its index."""
+    """An episode: one of an item's starts, given by its index."""
 
     item: SoonAnnotation
     start: int
@@ -137,7 +137,7 @@ TASK = Task(
         replace(
             _OFFICIAL,
             name="duet",
-            summary="DUET: the same, by the own path of each start",
+            summary="DUET: the same, with each start's own path",
             source="cshizhe/VLN-DUET 93e8b23, map_nav_src/soon/env.py lines 71-93 and 318-423",
             reference="own",
             repeated_outlines="last",

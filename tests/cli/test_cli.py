@@ -46,7 +46,7 @@ BROKEN_WORD = quote(str(BROKEN))
             "none.json {split}", 2, "reverie-eval: none.json: No such file", id="missing file"
         ),
         pytest.param(
-            "folder {split}", 2, "reverie-eval: folder: there is no submission", id="no file"
+            "folder {split}", 2, "reverie-eval: folder: no submission found", id="no file"
         ),
         pytest.param(
             "submit.json --split val",
@@ -99,13 +99,13 @@ BROKEN_WORD = quote(str(BROKEN))
         pytest.param(
             "hops.json {split} {full} --diagnose --protocol all",
             2,
-            "--diagnose goes with one protocol",
+            "--diagnose needs a single protocol",
             id="diagnosis by all protocols",
         ),
         pytest.param(
             "hops.json {split} {full} --diagnose --track grounding",
             2,
-            "on the full track",
+            "and the full track",
             id="diagnosis without trajectories",
         ),
         pytest.param(

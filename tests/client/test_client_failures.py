@@ -60,7 +60,7 @@ def is_one_line(outcome: Outcome) -> bool:
         ),
         pytest.param(
             problem("429 No", "quota-spent", "no"),
-            "no submission is left; ask the organiser. Nothing was scored or spent",
+            "no submission is left; ask the organiser. Nothing was scored",
             id="quota",
         ),
         pytest.param(
@@ -179,7 +179,7 @@ def test_what_the_organiser_has_to_say_is_passed_on(run: Run) -> None:
     assert (outcome.status, outcome.out) == (2, "")
     assert outcome.err.splitlines() == [
         rf"{script.url}: closing\x1b[2J at noon",
-        f"reverie-eval: {script.url} accepts submissions to no split",
+        f"reverie-eval: {script.url} has no split that accepts submissions",
     ]
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests.conftest import REPOSITORY
 
 PAGE = (REPOSITORY / "docs" / "explanation" / "architecture.md").read_text()
-NAMES = re.findall(r"`((?:\w+\.)+\w+)`", PAGE.partition("## The walk")[2].partition("## A new")[0])
+NAMES = re.findall(r"`((?:\w+\.)+\w+)`", PAGE.partition("## The path")[2].partition("## A new")[0])
 
 
 def contracts() -> dict[str, list[str]]:

@@ -210,7 +210,7 @@ def test_the_next_epoch_without_a_reset(evaluator: rv.Evaluator, records: list[R
 
 def test_two_predictions_in_a_batch(evaluator: rv.Evaluator, records: list[Record]) -> None:
     changed = records[0] | {"predObjId": 77}
-    with pytest.raises(rv.SubmissionError, match="already has another prediction"):
+    with pytest.raises(rv.SubmissionError, match="already has a different prediction"):
         evaluator.update([records[0], changed])
 
 

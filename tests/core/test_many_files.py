@@ -121,7 +121,7 @@ def test_another_bundle_elsewhere(files: list[str], tmp_path: Path) -> None:
             done.set_result(("0" * 64, results))
             return done
 
-    with pytest.raises(rv.GroundTruthError, match="another ground truth"):
+    with pytest.raises(rv.GroundTruthError, match="a different ground truth"):
         rv.evaluate_many(files, split=SPLIT, executor=Elsewhere())
 
 
@@ -188,12 +188,12 @@ def test_reports_of_all_files(jobs: str, run: Run, files: list[str]) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["a.json", "b.json", "--ci"], "go with one file"),
-        (["a.json", "b.json", "--protocol", "all"], "go with one file"),
-        (["empty"], "empty: there is no submission; they end in .json, .json.gz, .zip"),
-        (["*.nothing"], "*.nothing: there is no submission"),
+        (["a.json", "b.json", "--ci"], "need a single file"),
+        (["a.json", "b.json", "--protocol", "all"], "need a single file"),
+        (["empty"], "empty: no submission found; submissions end in .json, .json.gz, .zip"),
+        (["*.nothing"], "*.nothing: no submission found"),
         (["--watch", "none"], "none: there is no such file or folder to watch"),
-        (["--watch", "empty", "--format", "csv"], "--watch prints lines; it goes without"),
+        (["--watch", "empty", "--format", "csv"], "--watch prints lines; omit"),
     ],
 )
 def test_what_cannot_be_ranked(run: Run, here: Path, words: list[str], said: str) -> None:

@@ -124,7 +124,7 @@ def test_runs_are_means_of_scores(runs: rv.Runs) -> None:
 
 def test_what_are_not_runs_of_one_method(runs: rv.Runs) -> None:
     good, *_ = runs.runs.values()
-    with pytest.raises(rv.ProtocolError, match="1 run given; the variance between runs takes two"):
+    with pytest.raises(rv.ProtocolError, match="1 run given; the variance between runs needs two"):
         rv.Runs.of({"a": good})
     other = rv.evaluate(SAMPLES / "good.json", split=SPLIT, protocol="duet")
     with pytest.raises(
@@ -211,18 +211,18 @@ def test_methods_are_compared_over_their_runs(seeds: str, run: Run) -> None:
     out = run("compare", good, seeds, "--split", SPLIT, "--format", "json").out
     assert json.loads(out)["submissions"]["ours"]["clusters"] == 29
     out = run("compare", good, seeds, "--split", SPLIT).out
-    assert "of good, only one run is known and taken as it is" in out
+    assert "good: one run, without variance between runs" in out
 
 
 @pytest.mark.parametrize(
     ("line", "said"),
     [
         (["a={good}", "--split", SPLIT], "1 run given"),
-        (["a={good},{good}", "{good}", "--split", SPLIT], "NAME=FILES goes alone"),
+        (["a={good},{good}", "{good}", "--split", SPLIT], "give NAME=FILES alone"),
         (["a={good},none.json", "--split", SPLIT], "none.json: No such file"),
-        (["a=*.nothing", "--split", SPLIT], "*.nothing: there is no submission"),
+        (["a=*.nothing", "--split", SPLIT], "*.nothing: no submission found"),
         (["compare", "a={good}", "a={good}", "--split", SPLIT], "two methods are named a"),
-        (["a={good},{good}", "--split", SPLIT, "--episodes", "x"], "go with one file"),
+        (["a={good},{good}", "--split", SPLIT, "--episodes", "x"], "need a single file"),
     ],
 )
 def test_what_are_no_runs(line: list[str], said: str, run: Run) -> None:

@@ -355,7 +355,7 @@ def test_the_command(command: Run, built: dict[Occlusion, Path], tmp_path: Path)
     counts = "7 scans, 206 viewpoints, 2,720 listed objects, 17,888 boxes"
     assert first == f"{tmp_path / 'out'}: {counts}"
     assert second.endswith(
-        "4.9 % of their boxes do not contain their object's centre (documentation: "
+        "4.9 % of the boxes there do not contain their object's centre (documentation: "
         "Build boxes from Matterport's files)"
     )
     assert contents(tmp_path / "out") == contents(built["paper"])

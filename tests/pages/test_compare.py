@@ -165,6 +165,6 @@ def test_what_cannot_be_compared(server: Serving) -> None:
         ([first, first], 400, "Tick two results to compare, not 1"),
         ([first, second, bad], 400, "Tick two results to compare, not 3"),
         ([first, "x"], 404, "no ranked result 'x'"),
-        ([first, bad], 404, "scored by other rules cannot be compared"),
+        ([first, bad], 404, "scored under other rules cannot be compared"),
     ):
         assert says in said(get(server, "", place(*ticked), status))

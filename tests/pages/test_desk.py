@@ -383,7 +383,7 @@ def test_a_team_and_its_people_are_added(desk: Visitor) -> None:
     assert f"{MARKUP} Dora" in told(desk, "/desk/people", **person)
     twice = sending(desk, "/desk/people", **person)
     assert twice.status_code == 409
-    assert f"The team {MARKUP!r} has a person 'Dora' already" in said(twice)
+    assert f"The team {MARKUP!r} already has a person 'Dora'" in said(twice)
 
 
 def test_an_organiser_is_added_once_it_was_asked_twice(desk: Visitor) -> None:

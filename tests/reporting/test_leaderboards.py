@@ -90,7 +90,7 @@ def test_what_the_organiser_says_and_what_is_not_ranked_is_shown() -> None:
         ("1", "Ours", "verified"),
         ("2", "B", "flagged, ensemble"),
         ("-", "Paper", "reported, not scored"),
-        ("-", "Old", "scored by other rules"),
+        ("-", "Old", "scored under other rules"),
         ("-", "C", "disqualified"),
     ]
     assert narrow_leaderboard_table(full).rows[4][-1].endswith("2027-06-01, disqualified)")

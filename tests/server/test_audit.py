@@ -248,7 +248,7 @@ def test_keys_that_are_not_as_the_log_says_are_named(database: Database) -> None
         first.valid_until = second.valid_until = None
         first.public_key = second.public_key
         session.flush()
-        ended = "it ended at another time, or another key followed, than the log says"
+        ended = "its end or its successor differs from the log"
         assert list(mismatches(session)) == [
             f"{name}: its public key was changed",
             f"{name}: {ended}",

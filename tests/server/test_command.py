@@ -261,8 +261,10 @@ def test_all_tokens_are_revoked_at_once(
 @pytest.mark.parametrize(
     ("command", "told"),
     [
-        pytest.param("team add {} Blue", "there is a team 'Blue' already", id="team twice"),
-        pytest.param("person add {} Ada --team Blue", "a person 'Ada' already", id="person twice"),
+        pytest.param("team add {} Blue", "'Blue' belongs to another team", id="team twice"),
+        pytest.param(
+            "person add {} Ada --team Blue", "already has a person 'Ada'", id="person twice"
+        ),
         pytest.param("person add {} Eve --team Green", "there is no team 'Green'", id="no team"),
         pytest.param("token add {} Eve", "there is no person 'Eve'", id="no person"),
         pytest.param("invite {} Eve", "there is no person 'Eve'", id="nobody to invite"),

@@ -86,7 +86,7 @@ def test_what_others_refer_to_stays(opened: Database) -> None:
 
 
 def test_writing_leaves_all_or_nothing(opened: Database) -> None:
-    twice = "there is a team"
+    twice = "belongs to another team"
     with pytest.raises(ConflictError, match=twice), acting(opened) as transaction:
         _ = [add_team(transaction, name) for name in ("Red", "Blue")]  # type: ignore[func-returns-value]
     with opened.reading() as session:

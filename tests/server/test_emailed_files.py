@@ -198,7 +198,7 @@ def test_a_wrong_call_submits_nothing(
 def test_a_folder_without_files(office: Office, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     outcome = office.submit(tmp_path / "empty")
-    assert (outcome.status, "there is no submission; they end in .json" in outcome.err) == (2, True)
+    assert (outcome.status, "submissions end in .json" in outcome.err) == (2, True)
 
 
 # The other doors: the API and the desk.

@@ -170,7 +170,7 @@ def test_a_later_phase_holds_back_its_own_submissions_alone(held: Serving) -> No
     ("changes", "why"),
     [
         pytest.param({"visibility": "open"}, "open split cannot be held back", id="open"),
-        pytest.param({"phases": [{"name": "always"}]}, "all have `closes`", id="no end"),
+        pytest.param({"phases": [{"name": "always"}]}, "every phase has `closes`", id="no end"),
     ],
 )
 def test_scores_cannot_be_held_back_for_ever_or_of_open_answers(

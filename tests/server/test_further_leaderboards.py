@@ -448,6 +448,6 @@ def test_the_check_says_what_a_private_split_gives_away(folder: Path) -> None:
     """By hand: SR, OSR and RGS; RGS in the grounding track; all three by the paper's rules."""
     add_boards(folder, PRIVATE)
     (note,) = [each.what for each in check_folder(folder) if each.kind == "note"]
-    assert "2 further leaderboards: a submission tells up to 7 counts" in note
-    assert "a year's 40 submissions tell up to 280 outcomes of" in note
-    assert "in place of 120 (documentation: Security)" in note
+    assert "2 further leaderboards: a submission reveals up to 7 counts" in note
+    assert "a year's 40 submissions reveal up to 280 outcomes of" in note
+    assert "instead of 120 (documentation: Security)" in note

@@ -93,7 +93,7 @@ def test_a_file_is_its_owner_s_alone(server: Serving, folder: Path, run: Run) ->
         pytest.param("none", "there is no submission 'none'", id="no such submission"),
         pytest.param("upload", "its upload is missing; run", id="missing upload"),
         pytest.param("truth", "server rescore", id="other ground truth"),
-        pytest.param("report", "does not score what is stored", id="other scores"),
+        pytest.param("report", "does not give the stored scores", id="other scores"),
     ],
 )
 def test_what_cannot_be_inspected_is_not(

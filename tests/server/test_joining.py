@@ -112,7 +112,7 @@ def test_only_so_many_requests_wait(server: Serving, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(joining, "MOST_OPEN", 2)
     assert [ask(server, team=name).status_code for name in ("A", "B")] == [202, 202]
     refused = ask(server, team="C")
-    told = "too many requests to join wait for an answer; try again next week"
+    told = "too many requests to join are waiting; try again next week"
     assert (refused.status_code, refused.json()["detail"]) == (409, told)
     assert ask(server, team="A").status_code == 202  # as it waits already
     server.ask(ORGANISER, "POST", "/organiser/requests/1/reject", json={})
@@ -176,7 +176,7 @@ def test_an_answer_removes_what_the_request_said_of_people(server: Serving) -> N
 def test_nothing_is_added_if_a_name_is_taken(server: Serving) -> None:
     ask(server, team="Blue", people=[DORA, {"name": OWNER, "email": "ada@example.org"}])
     reply = server.ask(ORGANISER, "POST", "/organiser/requests/1/accept")
-    assert (reply.status_code, "has a person 'Ada' already" in reply.text) == (409, True)
+    assert (reply.status_code, "already has a person 'Ada'" in reply.text) == (409, True)
     assert "Dora" not in server.ask(ORGANISER, "GET", "/organiser/people").text
     assert len(open_requests(server)) == 1
 
@@ -219,7 +219,7 @@ def test_several_requests_are_answered_at_once_at_the_desk(server: Serving) -> N
     assert "checked" not in desk.get(place).text
     assert desk.get(f"{place}?tick=all").text.count(" checked") == 5
     taken = desk.send(place, {"request": ["1", "2", "3"], "what": "accept"})
-    assert (taken.status_code, "has a person 'Ada' already" in unescape(taken.text)) == (409, True)
+    assert (taken.status_code, "already has a person 'Ada'" in unescape(taken.text)) == (409, True)
     assert taken.text.count(" checked") == 3  # what was ticked stays, and nobody was added
     assert [each["id"] for each in open_requests(server)] == [1, 2, 3, 4, 5]
     shown = desk.send(place, {"request": ["1", "2"], "what": "accept"})

@@ -98,7 +98,7 @@ def test_an_old_key_signs_nothing_that_came_after_its_end(
     late = server.state.signer.sign_again(
         before, received_at=keys[0].valid_until + timedelta(microseconds=1)
     )
-    with pytest.raises(NotGenuineError, match=r"counts until .* \(the yearly change\)"):
+    with pytest.raises(NotGenuineError, match=r"was valid until .* \(the yearly change\)"):
         verify_by_history(late, keys)
 
 

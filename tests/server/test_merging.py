@@ -115,7 +115,7 @@ def test_names_pass_through_teams_that_were_merged_in_turn(server: Serving) -> N
         pytest.param(
             {"team": "Lime"},
             404,
-            "there is no team 'Lime'; the list of teams has all",
+            "there is no team 'Lime'; see the list of teams",
             id="no team",
         ),
         pytest.param(
@@ -145,8 +145,8 @@ def test_what_is_not_merged(
 def test_the_name_of_a_merged_team_is_not_given_again(server: Serving, run: Run) -> None:
     folder = str(server.state.settings.folder)
     done = run("server", "team", "merge", folder, "Red", "Blue")
-    assert done.out == "1 person and 0 submissions of Red are of Blue now\n"
+    assert done.out == "1 person and 0 submissions of Red moved to Blue\n"
     again = run("server", "team", "add", folder, "Red")
-    assert (again.status, "or was one before it was merged" in again.err) == (2, True)
+    assert (again.status, "or to one that was merged" in again.err) == (2, True)
     person = run("server", "person", "add", folder, "Dora", "--team", "Red")
     assert "the team 'Red' was merged into 'Blue'" in person.err

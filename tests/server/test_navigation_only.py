@@ -25,14 +25,14 @@ def left(server: Serving) -> int:
         pytest.param(
             SILENT,
             {},
-            "no record has an answer; if the agent only navigates, say so: --navigation-only, the "
-            "field navigation_only of the API, or the box on the page",
+            "no record has an answer; if the agent only navigates, declare it: --navigation-only "
+            "on the command line, navigation_only in the API, or the checkbox on the page",
             id="undeclared",
         ),
         pytest.param(
             GOOD,
             {"navigation_only": "true"},
-            "has answers, but the method is said to be navigation only; leave that out",
+            "has answers, but the method is declared navigation only; remove that declaration",
             id="declared, with answers",
         ),
     ],

@@ -147,7 +147,10 @@ def test_what_is_no_name(name: str) -> None:
 def test_names_that_look_alike_are_alike(server: Serving) -> None:
     with server.acting() as transaction:
         add_team(transaction, "E\u0301quipe")
-    with server.acting() as transaction, pytest.raises(ConflictError, match="there is a team"):
+    with (
+        server.acting() as transaction,
+        pytest.raises(ConflictError, match="to another team"),
+    ):
         add_team(transaction, " \u00c9quipe ")
 
 

@@ -71,7 +71,7 @@ NOBODY = "columns: there is no column 'person'"
         pytest.param("person\nDora", ["columns: there is no column 'team'"], id="no team"),
         pytest.param(
             "team,team,person\na,b,c",
-            ["column 'team': is there twice; remove one"],
+            ["column 'team': occurs twice; remove one"],
             id="repeated column",
         ),
         pytest.param(FILE, ["line 2: has 2 values for 4 columns"], id="too few values"),
@@ -88,7 +88,7 @@ NOBODY = "columns: there is no column 'person'"
         ),
         pytest.param(
             "team,person\nGreen,Dora\nGreen,Dora",
-            ["line 3: has the same person as line 2; remove one"],
+            ["line 3: repeats the person of line 2; remove one"],
             id="twice",
         ),
         pytest.param(
@@ -103,7 +103,7 @@ NOBODY = "columns: there is no column 'person'"
         ),
         pytest.param(
             "team,person,role\nBlue,Ada,organiser",
-            ["line 2: this person is known as participant; a role cannot be changed"],
+            ["line 2: this person is already registered as participant; roles cannot be changed"],
             id="another role",
         ),
     ],

@@ -59,10 +59,10 @@ def test_only_organisers_and_the_person_see_an_address(server: Serving) -> None:
 def test_two_teams_may_have_a_person_of_the_same_name(server: Serving) -> None:
     with server.acting() as transaction:
         add_person(transaction, "Red", OWNER)
-        with pytest.raises(ConflictError, match="the team 'Red' has a person 'Ada' already"):
+        with pytest.raises(ConflictError, match="the team 'Red' already has a person 'Ada'"):
             add_person(transaction, "Red", OWNER)
     with server.acting() as transaction:
-        message = "these teams have a person 'Ada' each: 'Blue', 'Red'; say which team"
+        message = "several teams have a person 'Ada': 'Blue', 'Red'; name the team"
         with pytest.raises(ConflictError, match=message):
             create_token(transaction, OWNER)
         assert person_named(transaction.session, OWNER, "Red").team.name == "Red"
@@ -79,7 +79,7 @@ def test_a_name_that_several_teams_have_needs_its_team_on_the_command_line(
     folder = str(server.state.settings.folder)
     assert run("server", "person", "add", folder, OWNER, "--team", "Red").status == 0
     refused = run("server", "invite", folder, OWNER)
-    assert (refused.status, "'Blue', 'Red'; say which team: --team" in refused.err) == (2, True)
+    assert (refused.status, "'Blue', 'Red'; name the team: --team" in refused.err) == (2, True)
     assert run("server", "invite", folder, OWNER, "--team", "Red").status == 0
     assert (
         "1 token revoked" in run("server", "person", "revoke", folder, OWNER, "--team", "Red").out

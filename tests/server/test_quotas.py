@@ -448,7 +448,7 @@ def some_grant(**changes: Any) -> NewGrant:
         pytest.param(
             {"team": "Green"},
             NotFoundError,
-            "there is no team 'Green'; the list of teams has all",
+            "there is no team 'Green'; see the list of teams",
             id="no team",
         ),
     ],

@@ -101,7 +101,7 @@ def test_replicas_with_different_bundles_say_so(
         with laptop.serving(folder, "--workers", "2", variables=shared) as one:
             assert health(one) == WELL
             checked = laptop.run("server", "check", other_folder, variables=shared)
-            note = f"{OPEN}: here it is split:{OPEN}|"
+            note = f"{OPEN}: this folder has split:{OPEN}|"
             assert note in " ".join(checked.out.split())
             other = later.enter_context(laptop.serving(other_folder, variables=shared))
             assert note in " ".join(other.log.read_text().split())

@@ -111,7 +111,7 @@ UNREADABLE = [
     ),
     pytest.param(
         "team,SR,nav_success\na,1,2",
-        ["column 'nav_success': says the same as column 'SR'; remove one"],
+        ["column 'nav_success': means the same as column 'SR'; remove one"],
         id="a column twice",
     ),
     pytest.param("SR,SPL\n1,2", ["columns: expected one for the team or the method"], id="nobody"),
@@ -185,7 +185,7 @@ def test_rates_that_look_like_fractions_are_one_problem_of_the_file() -> None:
     (problem,) = read_results("team,SR,TL\na,1,5\nb,0.5,7\n", "test", "percent").problems
     assert (problem.code, str(problem)) == (
         "fractions",
-        "all rates: none is above 1 %; if these are fractions, say so (rates: fraction)",
+        "all rates: none is above 1 %; if these are fractions, choose fractions (rates: fraction)",
     )
 
 

@@ -352,7 +352,7 @@ def test_the_check_says_what_a_new_bundle_does(server: Serving, folder: Path) ->
     correct(folder).replace(folder / "bundles" / f"{OPEN}.npz")
     (finding,) = [each for each in check_folder(folder) if each.kind != "ok"]
     assert (finding.check, finding.kind) == ("results", "note")
-    assert finding.what.startswith(f"1 submission to {OPEN} scored with other ground truth")
+    assert finding.what.startswith(f"1 submission to {OPEN} not ranked, because the ground truth")
     assert f"server rescore {folder} {OPEN}" in finding.what
 
 

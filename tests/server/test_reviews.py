@@ -135,7 +135,7 @@ def test_what_is_disqualified_does_not_disappear(
     number = say(server, submission_id, "disqualified")
     refused = server.ask(OWNER, "PATCH", path, json=change)
     assert refused.status_code == 409
-    assert "until that is lifted, it cannot be unpublished or withdrawn" in refused.json()["detail"]
+    assert "until the review is lifted, it cannot be unpublished" in refused.json()["detail"]
     assert server.ask(OWNER, "GET", path).json()["status"] == "published"
     hidden = {"anonymous_until": "2026-12-31T00:00:00Z", "published": True}
     assert server.ask(OWNER, "PATCH", path, json=hidden).status_code == 200
@@ -182,7 +182,7 @@ def test_the_longest_reason_is_kept(server: Serving) -> None:
 def test_nothing_is_said_of_what_is_not_there(submission_id: str, server_on: Serving) -> None:
     with pytest.raises(NotFoundError) as refused:
         say(server_on, submission_id, "verified")
-    told = f"there is no submission {submission_id!r}; the list of submissions has all"
+    told = f"there is no submission {submission_id!r}; see the list of submissions"
     assert str(refused.value) == told
 
 

@@ -181,7 +181,7 @@ def test_a_key_is_revoked_since_a_time_before_its_end(sqlite: Database) -> None:
         assert refusal(transaction, "x", 1) == told
         told = f"{SECOND.key_id} is in use; replace it first with `server key rotate`"
         assert refusal(transaction, SECOND.key_id, 1) == told
-        told = "count only until 2026-03-02T14:00:00+00:00; give an earlier time"
+        told = "are valid only until 2026-03-02T14:00:00+00:00; give an earlier time"
         assert refusal(transaction, FIRST.key_id, 2) == f"signatures of {FIRST.key_id} {told}"
         revocation = KeyRevocation(since=NOON + HOUR, reason="stolen")
         assert revoke_key(transaction, FIRST.key_id, revocation) == 0

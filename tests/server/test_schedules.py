@@ -118,7 +118,7 @@ def test_an_upload_follows_what_applied_when_it_arrived(server: Serving) -> None
             {"phases": [{"name": "a"}], "release_scores": "phase-end"},
             PRIVATE,
             409,
-            "all have `closes`",
+            "every phase has `closes`",
             id="held back for ever",
         ),
         pytest.param(

@@ -95,7 +95,7 @@ def test_from_an_invitation_to_a_receipt(real_server: RealServer) -> None:
     assert (outcome.status, outcome.out) == (2, "")
     assert re.fullmatch(
         rf"reverie-eval: no submission is left; the next is possible at {TIME} .*\. "
-        "Nothing was scored or spent\n",
+        "Nothing was scored\n",
         outcome.err,
     )
 

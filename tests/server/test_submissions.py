@@ -269,7 +269,7 @@ def test_what_is_refused_of_a_stored_submission_says_why(
     with server.acting() as transaction:
         disqualified = review(transaction, private, "disqualified")
     told = (
-        "the organiser has disqualified this submission; until that is lifted, it cannot be "
+        "the organiser has disqualified this submission; until the review is lifted, it cannot be "
         "unpublished or withdrawn"
     )
     assert refused(private, withdrawn=True) == refused(private, published=False) == (409, told)

@@ -295,7 +295,7 @@ def test_a_null_box_alone_is_no_answer() -> None:
     """Nobody writes it on purpose: more likely the box was lost."""
     (problem,) = read_predictions([answer(predBox=None)] * 3).problems
     assert (problem.code, problem.where) == ("missing-field", "[0].predBox")
-    assert problem.message.startswith("3 records have predBox null and no object id; write ")
+    assert problem.message.startswith("3 records have a null predBox and no object id; write ")
 
 
 def test_a_file_without_boxes_has_none() -> None:

@@ -291,7 +291,7 @@ NO_ANSWER = {"instr_id": "7_1_1", "trajectory": [["a", 0, 0]]}
             {"predictions": [RECORD]},
             "not-a-list",
             "file",
-            "has the records under the key 'predictions'; write them alone",
+            "has the records under the key 'predictions'; write only the list of records",
             id="list in a wrapper",
         ),
         pytest.param(

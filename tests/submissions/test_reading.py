@@ -219,7 +219,7 @@ def test_too_large(
     (problem,) = problems_of(submission(just_fits + b" "))
     assert (problem.code, problem.where) == ("too-large", "file")
     assert "larger than 1 MiB" in problem.message
-    assert problem.message.endswith("set REVERIE_EVAL_MAX_MEBIBYTES to its size in MiB")
+    assert problem.message.endswith("set REVERIE_EVAL_MAX_MEBIBYTES to the size in MiB")
 
 
 @pytest.mark.parametrize("value", ["", "-1", "0", "1.5", "two", "9" * 7])
@@ -802,7 +802,7 @@ def test_more_records_than_any_split_has(content: bytes, monkeypatch: pytest.Mon
     monkeypatch.setattr("reverie_eval.submissions._document.MAX_RECORDS", 2)
     (problem,) = problems_of(content)
     assert (problem.code, problem.where) == ("too-large", "file")
-    assert problem.message == "holds more than 2 records; no split has so many episodes"
+    assert problem.message == "holds more than 2 records; no split has that many episodes"
 
 
 @pytest.mark.parametrize("content", [b"[[], [], []]", b"[1, 2, 3, 4, 5]", b'[{"a": 1, "b": [2]}]'])
@@ -811,7 +811,7 @@ def test_more_values_than_can_be_read(content: bytes, monkeypatch: pytest.Monkey
     monkeypatch.setattr("reverie_eval.submissions._document.MAX_VALUES", 3)
     (problem,) = problems_of(content)
     assert (problem.code, problem.where) == ("too-large", "file")
-    assert "values, more than the 3 that can be read" in problem.message
+    assert "values, more than the limit of 3" in problem.message
 
 
 @pytest.mark.parametrize("lane", ["text", "objects", "hops"])

@@ -1,6 +1,6 @@
 """RxR: the same digits as its authors' metrics and HAMT's evaluator, and its slices by language.
 
-The published files could not be had: recorded values are those of files of the published layout
+The published files were not available: recorded values are those of files of the published layout
 with made-up paths.
 """
 
@@ -211,7 +211,7 @@ def test_compiling_says_that_the_published_files_were_not_seen(
 ) -> None:
     place = ("-o", str(tmp_path / "bundle.npz"))
     done = run("compile", str(demo_world), "--task", "rxr", "--split", "val_unseen", *place)
-    assert "the published files of RxR could not be had when their reader was written" in done.err
+    assert "the published files of RxR were not available when their reader was written" in done.err
 
 
 def test_faults_of_an_annotation_file_are_listed(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """SOON: the same digits as its challenge's script and DUET's, and the forms of its results.
 
-The answered files could not be had: recorded values are those of a file of their layout with
+The answered files were not available: recorded values are those of a file of their layout with
 made-up targets. The public test file is as published.
 """
 
@@ -523,7 +523,7 @@ def broken(**changes: Any) -> list[dict[str, Any]]:
     ("changes", "where", "message"),
     [
         ({"obj_heading": ...}, "[2].trajectory[1]", "has no obj_heading; add it"),
-        ({"obj_heading": None}, "[2].trajectory[1]", "null for the other; give both or neither"),
+        ({"obj_heading": None}, "[2].trajectory[1]", "the other is null; give both or neither"),
         (
             {"obj_elevation": "0.5"},
             "[2].trajectory[1].obj_elevation",
@@ -571,7 +571,7 @@ def test_trajectories_in_another_order_are_told() -> None:
 
 def test_ids_of_duets_own_episodes_are_told() -> None:
     record = {"instr_id": "4-0_0", "trajectory": changed(in_lists)[0]["trajectory"][0]}
-    with pytest.raises(SubmissionError, match="is the id of an episode of DUET's own files"):
+    with pytest.raises(SubmissionError, match="is an episode id of DUET's own files"):
         evaluate([record], split="val_unseen", task="soon")
 
 

@@ -212,7 +212,7 @@ def test_the_page_names_every_task(name: str) -> None:
     ("name", "task", "told"),
     [
         ("val_unseen", "reverie", 'the ground truth of R2R, .* is of REVERIE; set task = "r2r"'),
-        ("r4r-val_unseen", "r4r", "the ground truth of R2R, and the split is of R4R"),
+        ("r4r-val_unseen", "r4r", "the ground truth of R2R, but the split is of R4R"),
         ("val_unseen", "r2r", "the ground truth of r2r-val_unseen, not of val_unseen"),
         ("r2r-test", "r2r", "the ground truth of r2r-val_unseen, not of r2r-test"),
     ],

@@ -16,8 +16,8 @@ from reverie_eval_cli import options
 from reverie_eval_cli.output import note, with_progress
 
 _CAVEAT = (
-    "these are projections of oriented boxes, which the released v1 files are not exactly: 4.9 % "
-    "of their boxes do not contain their object's centre (documentation: Build boxes from "
+    "these are exact projections of oriented boxes, unlike the released v1 files: 4.9 % of the "
+    "boxes there do not contain their object's centre (documentation: Build boxes from "
     "Matterport's files)"
 )
 """The share is what ``benchmarks/released_boxes.py`` measures."""

@@ -44,7 +44,7 @@ def leaderboard(
         if not split:
             splits = client.splits()
             if not splits:
-                raise ReverieEvalError(f"{client.url} accepts submissions to no split")
+                raise ReverieEvalError(f"{client.url} has no split that accepts submissions")
             name = splits[0].name
         else:
             name = name_on_server(task, split)

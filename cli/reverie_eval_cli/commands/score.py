@@ -93,7 +93,7 @@ _SECONDS_BETWEEN_LOOKS = 1.0
 @click.option(
     "--watch",
     is_flag=True,
-    help="Score files as they come and change, a line each, until Ctrl-C.",
+    help="Score files as they appear and change, a line each, until Ctrl-C.",
 )
 @options.jobs
 @options.layout(*FORMATS)
@@ -131,14 +131,14 @@ def score(
     """
     check_outputs([output, episodes], [*submissions, ground_truth, episodes_from])
     if diagnosed and (protocol == _ALL or track != "full"):
-        raise click.UsageError("--diagnose goes with one protocol, on the full track")
+        raise click.UsageError("--diagnose needs a single protocol and the full track")
     truth = find_truth(ground_truth, split, episodes_from, task)
     submission = None if watch else _only_file(submissions)
     if submission is None:
         has_interval = (ci or cluster) and not any(map(find_runs, submissions))
         if diagnosed or has_interval or episodes or protocol == _ALL:
             raise click.UsageError(
-                "--diagnose, --ci, --cluster, --episodes and --protocol all go with one file; "
+                "--diagnose, --ci, --cluster, --episodes and --protocol all need a single file; "
                 "`reverie-eval compare` compares several with intervals"
             )
         evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
@@ -215,7 +215,7 @@ def _score_runs(
     found = find_runs(first)
     if found is None or others:
         raise click.UsageError(
-            "NAME=FILES goes alone; `reverie-eval compare` takes several methods and their runs"
+            "give NAME=FILES alone; `reverie-eval compare` takes several methods and their runs"
         )
     name, files = found
     check_outputs([output], files)
@@ -232,7 +232,7 @@ def _score_runs(
 def _watch(names: Sequence[str], evaluator: Evaluator, layout: str, output: str | None) -> int:
     """Print a line for each file that comes or changes, until the user interrupts."""
     if output or layout != "table":
-        raise click.UsageError("--watch prints lines; it goes without --output and --format")
+        raise click.UsageError("--watch prints lines; omit --output and --format")
     for name in names:
         if not (has_magic(name) or Path(name).exists()):
             raise click.UsageError(f"{name}: there is no such file or folder to watch")

@@ -99,7 +99,7 @@ class Health:
             suppress(SQLAlchemyError, RequestError),
             self._server.transactions.begin("server") as transaction,
         ):
-            announce_fault(transaction, f"the server is unwell: {', '.join(failed)}")
+            announce_fault(transaction, f"the server is unhealthy: {', '.join(failed)}")
 
     def _run_checks(self, passed: MutableMapping[str, bool]) -> None:
         """Run all checks and note each result at once, as a later one may hang."""
@@ -198,7 +198,7 @@ def _compare_rules(server: ServerState, last: LastRules) -> None:
         return
     if splits:
         _LOGGER.error(
-            "another server on this database started later and scores by other rules",
+            "another server on this database started later and uses other rules",
             extra={"fields": {"splits": splits, "rules": rules, "other": last.rules}},
         )
         raise UnhealthyError

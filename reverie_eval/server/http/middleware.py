@@ -374,8 +374,8 @@ def _too_late(allowance: Allowance) -> str:
 def _too_slow(allowance: Allowance, received: int) -> str:
     seconds = time.monotonic() - allowance.began
     return (
-        f"the upload is sent too slowly: {received:,} bytes in {seconds:.0f} seconds, and at least "
-        f"{allowance.kibibytes_per_second:g} KiB a second are needed; gzip it, or use a faster "
+        f"the upload is sent too slowly: {received:,} bytes in {seconds:.0f} seconds, but at least "
+        f"{allowance.kibibytes_per_second:g} KiB a second are required; gzip it, or use a faster "
         "connection. No submission was used"
     )
 

@@ -81,7 +81,7 @@ def describe(app: FastAPI, path_prefix: str) -> None:
             "type": "apiKey",
             "in": "header",
             "name": CSRF_HEADER,
-            "description": "The session's `csrf_token`; required beside the cookie by every "
+            "description": "The session's `csrf_token`; required with the cookie by every "
             "request that changes something.",
         }
         for operations in document["paths"].values():

@@ -52,8 +52,8 @@ METHOD_PARAMETERS = parameters_of(Method, "Of the method.")
 FILE_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
-        "description": "The result file: JSON, gzipped JSON or a zip archive with one file, which "
-        "its content tells; or a form with the field `file`.",
+        "description": "The result file: JSON, gzipped JSON or a zip archive with one file, "
+        "recognised by its content; or a form with the field `file`.",
         "content": {
             "application/json": {"schema": {"title": "Submission"}, "example": SUBMISSION},
             "application/gzip": _PACKED,

@@ -285,15 +285,15 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
             yield Finding("ground truth", "note", _told_by_further(board, episodes))
         if board.is_private and episodes < _FEW_EPISODES and truth.header.dataset != DEMO_DATASET:
             message = (
-                f"{name} is private and has only {episodes} episodes: exact counts can be worked "
-                "out from its scores, and a year's submissions tell the outcomes of more than a "
-                "tenth of them; lower its quota (documentation: Security)"
+                f"{name} is private and has only {episodes} episodes: its scores reveal exact "
+                "counts, and a year's submissions reveal the outcomes of more than a tenth of the "
+                "episodes; lower its quota (documentation: Security)"
             )
             yield Finding("ground truth", "note", message)
 
 
 def _told_by_further(board: Board, episodes: int) -> str:
-    """Word what further leaderboards of a private split give away."""
+    """Return a sentence on what further leaderboards of a private split give away."""
     own, all_counts = (
         sum(metric.is_binary for each in boards for metric in each.headline)
         for boards in ([board], board.all)
@@ -301,9 +301,9 @@ def _told_by_further(board: Board, episodes: int) -> str:
     year = board.split.effective_quota.year
     return (
         f"{board.name} is private and has {count_text(len(board.also), 'further leaderboard')}: a "
-        f"submission tells up to {all_counts} counts of outcomes in place of {own}, so a year's "
-        f"{count_text(year, 'submission')} tell up to {year * all_counts:,} outcomes of "
-        f"{episodes:,} episodes in place of {year * own:,} (documentation: Security)"
+        f"submission reveals up to {all_counts} counts of outcomes instead of {own}, so a year's "
+        f"{count_text(year, 'submission')} reveal up to {year * all_counts:,} outcomes of "
+        f"{episodes:,} episodes instead of {year * own:,} (documentation: Security)"
     )
 
 
@@ -312,7 +312,7 @@ def _at_signing_key(settings: Settings) -> Iterator[Finding]:
         key = _key_of(settings)
     except KeyMissingError as error:
         lost = f"reverie-eval server key rotate {settings.folder} --lost"
-        message = f"{error}; if it is lost for ever: `{lost}`"
+        message = f"{error}; if it is lost for good, run `{lost}`"
         yield Finding("signing key", "fault", message)
     except ReceiptError as error:
         yield Finding("signing key", "fault", str(error))
@@ -350,9 +350,9 @@ def _at_rules(settings: Settings) -> Iterator[Finding]:
         for board in different(rules, last):
             ours, theirs = (each.get(board, "no such leaderboard") for each in (rules, last))
             message = (
-                f"{board}: here it is {ours}, at the server that last started on this database "
-                f"{theirs}; two such servers would score a file differently: restart all of them "
-                "with the same bundles and settings"
+                f"{board}: this folder has {ours}, the server that last started on this database "
+                f"{theirs}; such servers would score the same file differently: restart all of "
+                "them with the same bundles and settings"
             )
             yield Finding("rules", "note", message)
 
@@ -373,7 +373,7 @@ def _at_schedules(settings: Settings) -> Iterator[Finding]:
             yield Finding("phases", "fault", message)
         else:
             message = (
-                f"{report.split}: the desk has set phases or a pause in place of the settings; "
+                f"{report.split}: phases or a pause set at the desk override the settings; "
                 f"`reverie-eval server diff {settings.folder}` compares them"
             )
             yield Finding("phases", "note", message)
@@ -420,7 +420,7 @@ def _at_exact_values(session: Session, board: Board) -> Iterator[Finding]:
     if exact:
         message = (
             f"{board.name} is private, but exact values of {count_text(exact, 'result')} were "
-            "stored while it was open; make it open again, and give the private split another name"
+            "stored while it was open; open it again, and give the private split another name"
         )
         yield Finding("secrets", "fault", message)
 
@@ -439,8 +439,8 @@ def _at_several(session: Session, board: Board) -> Iterator[Finding]:
     if number:
         message = (
             f"{count_text(number, 'team')} with several published results on {board.name}, which "
-            "shows one per team; they stay until the team publishes its next one or unpublishes "
-            "them"
+            "shows one per team; these stay until the team publishes its next result or "
+            "unpublishes them"
         )
         yield Finding("results", "note", message)
 
@@ -451,12 +451,12 @@ def _at_outdated(session: Session, board: Board, folder: Path) -> Iterator[Findi
         return
     sent, command = count_text(number, "submission"), f"reverie-eval server rescore {folder}"
     message = (
-        f"{sent} to {board.name} without a result by the current ground truth and rules on its "
-        f"further leaderboard {board.further}, and so not ranked there; score them with "
+        f"{sent} to {board.name} not ranked on its further leaderboard {board.further}, for lack "
+        f"of a result under the current ground truth and rules; score them with "
         f"`{command} {board.name}`"
         if board.further
-        else f"{sent} to {board.name} scored with other ground truth or rules than the current "
-        f"ones, and so not ranked; score them again with `{command} {board.name}`"
+        else f"{sent} to {board.name} not ranked, because the ground truth or the rules have "
+        f"changed since; score them again with `{command} {board.name}`"
     )
     yield Finding("results", "note", message)
 

@@ -66,7 +66,7 @@ def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Fi
 
 
 def tell_of_faults(folder: Path, findings: Iterable[Finding], actor: str) -> None:
-    """Tell the organiser of faults by mail and webhook, if the settings have one.
+    """Notify the organiser of faults by mail and webhook, if these are set up.
 
     Does nothing if the server's own files or database are what is at fault.
     """
@@ -175,7 +175,7 @@ def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
     if strays:
         message = (
             f"{count_text(len(strays), 'file')} without a submission: {first_few(strays)}; left by "
-            "a crash, or being accepted now. If the server is stopped, they can be deleted"
+            "a crash, or being accepted now. You can delete them while the server is stopped"
         )
         yield Finding("uploads", "note", message)
 
@@ -312,8 +312,8 @@ def _at_audit_log(session: Session, audit_log: AuditLog) -> Iterator[Finding]:
 def _at_messages(session: Session) -> Iterator[Finding]:
     for channel, number, error in given_up(session):
         message = (
-            f"{count_text(number, 'message')} to the organiser not sent by {channel} ({error}); "
-            "try the settings with `reverie-eval server notify`"
+            f"{count_text(number, 'message')} to the organiser could not be sent by {channel} "
+            f"({error}); test the settings with `reverie-eval server notify`"
         )
         yield Finding("messages", "note", message)
 

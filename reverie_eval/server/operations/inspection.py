@@ -43,14 +43,14 @@ def inspect(
         board = state.board(known.split)
         if not board.measures_as(known.report):
             raise ConflictError(
-                f"{submission_id} was scored with other ground truth or rules than the current "
-                f"ones; run `reverie-eval server rescore {settings.folder} {board.name}` first"
+                f"{submission_id} was scored before the ground truth or the rules changed; "
+                f"run `reverie-eval server rescore {settings.folder} {board.name}` first"
             )
         reading = board.read(stored_upload(state.uploads, known.sha256))
         scores = board.score(reading)
         if board.report(scores, reading).scores != known.report.scores:
             raise ConflictError(
-                f"{submission_id}: the upload does not score what is stored; run `reverie-eval "
+                f"{submission_id}: the upload does not give the stored scores; run `reverie-eval "
                 f"server doctor {settings.folder}`"
             )
         with state.transactions.begin(actor) as transaction:

@@ -75,7 +75,7 @@ def exchange_invitation(invitation: Invitation, server: Server) -> Welcome:
 
 @router.get("/keys")
 def show_keys(server: Server) -> list[KeyReport]:
-    """List all keys that receipts are checked with, the earliest first; the last is in use."""
+    """List all keys that verify receipts, the earliest first; the last is in use."""
     with server.database.reading() as session:
         return list_keys(session)
 
@@ -86,7 +86,7 @@ def show_keys(server: Server) -> list[KeyReport]:
     responses={200: {"content": {"text/plain": {"example": EXAMPLE_KEY}}}},
 )
 def show_key(server: Server) -> str:
-    """Return the public key that receipts are signed with now, in PEM form."""
+    """Return the public key in use, in PEM form."""
     return server.signer.public_pem
 
 

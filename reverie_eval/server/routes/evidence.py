@@ -27,9 +27,9 @@ Team = Annotated[str | None, Query(max_length=LONGEST_NAME, examples=["Blue"])]
 def show_evidence(
     split: SplitName, organiser: Organiser, _: ScoringSlot, team: Team = None
 ) -> EvidenceReport:
-    """Show what files of a split have in common, and how those of each team differ.
+    """Show what the files of a split have in common, and how those of each team differ.
 
-    With a team, also its submissions one by one. Each request reads a hundred further submissions;
+    With a team, also list its submissions. Each request reads a hundred more submissions;
     `left` says how many remain. `server evidence` reads all.
     """
     organiser.person()
@@ -44,8 +44,8 @@ def show_evidence(
 def download_submissions(split: SplitName, organiser: Organiser) -> Response:
     """Return all submissions to a split as a tar archive: metadata.csv, then every file, unpacked.
 
-    Content-Length is that of the whole archive: if an upload cannot be read, the connection is
-    closed before it is reached.
+    Content-Length is the length of the whole archive: if an upload cannot be read, the connection
+    is closed before that.
     """
     server = organiser.server
     with organiser.snapshot() as snapshot:

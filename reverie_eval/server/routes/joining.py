@@ -29,7 +29,7 @@ _REFUSALS = problems("not-signed-in", "not-allowed", "not-found", "conflict")
 def ask_to_join(
     request: Request, new: NewJoinRequest, server: Server, runtime: Runtime
 ) -> JoinReply:
-    """Ask the organiser for accounts; the reply does not tell who has an account.
+    """Ask the organiser for accounts; the reply does not reveal who has an account.
 
     An address may send five requests a day.
     """
@@ -65,7 +65,7 @@ def accept_request(request_id: Number, organiser: Organiser) -> AcceptedRequest:
     responses=_REFUSALS,
 )
 def reject_request(request_id: Number, rejection: Rejection, organiser: Organiser) -> None:
-    """Reject a request to join, and remove what it says of people."""
+    """Reject a request to join, and remove its names and addresses."""
     organiser.perform(joining.reject_request, request_id, rejection)
 
 
@@ -75,5 +75,5 @@ def reject_request(request_id: Number, rejection: Rejection, organiser: Organise
     responses=problems("not-signed-in", "not-allowed", "malformed-request"),
 )
 def import_people(new: NewPeopleImport, organiser: Organiser) -> PeopleImportReport:
-    """Add the people of a file, or with a problem none; the same file again changes nothing."""
+    """Add the people in a file, or nobody if there is a problem; repeating it changes nothing."""
     return organiser.perform(people_files.import_people, new)

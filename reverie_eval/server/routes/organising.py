@@ -95,8 +95,8 @@ def submit_emailed_file(
 ) -> EmailedFileReport:
     """Submit a file for the person who sent it, as if they had uploaded it when it was received.
 
-    The reply has a text for that person; so has a problem document that says why the file is
-    refused. Describe the file and the method in the query, or in fields of the form.
+    The reply has a text for that person; so does a problem document about a refused file.
+    Describe the file and the method in the query, or in fields of the form.
     """
     given = fields_of(request, upload)
     own = {name: given.pop(name) for name in EmailedFile.model_fields if name in given}
@@ -123,7 +123,7 @@ def add_team(new: NewTeam, organiser: Organiser) -> TeamReport:
 
 @router.post("/teams/merge", responses=problems("not-found", "conflict"))
 def merge_teams(new: NewMerge, organiser: Organiser) -> MergeReport:
-    """Give one team's people, submissions and grants to another, as if it had always been one."""
+    """Merge two teams, as if they had always been one."""
     return organiser.perform(merging.merge_teams, new)
 
 
@@ -167,7 +167,7 @@ def change_person(person_id: Number, change: PersonChange, organiser: Organiser)
 
 @router.get("/tokens")
 def list_tokens(organiser: Organiser, paging: Paging) -> list[TokenReport]:
-    """List tokens and invitations, the latest first; not their texts."""
+    """List tokens and invitations without their text, the latest first."""
     with organiser.snapshot() as snapshot:
         return paging.reply(tokens.list_tokens(snapshot.session, paging.page))
 
@@ -231,7 +231,7 @@ def add_reported_result(new: NewReported, organiser: Organiser) -> ReportedEntry
 
 @router.post("/reported/import", responses=problems("malformed-request", "not-found"))
 def import_reported_results(new: NewImport, organiser: Organiser) -> ImportReport:
-    """Add the results of a file, or with a problem none; the same file again changes nothing."""
+    """Add the results in a file, or none if there is a problem; repeating it changes nothing."""
     return organiser.perform(reported.import_reported, new, organiser.server.settings.tasks)
 
 
@@ -239,7 +239,7 @@ def import_reported_results(new: NewImport, organiser: Organiser) -> ImportRepor
 def change_reported_result(
     result_id: Number, change: ReportedChange, organiser: Organiser
 ) -> ReportedEntry:
-    """Change a reported result; the audit log keeps what was there before."""
+    """Change a reported result; the audit log keeps the earlier values."""
     tasks = organiser.server.settings.tasks
     return organiser.perform(reported.change_reported, result_id, change, tasks)
 
@@ -254,7 +254,7 @@ def remove_reported_result(result_id: Number, organiser: Organiser) -> ReportedE
 def rescore(new: NewCorrection, organiser: Organiser, _: ScoringSlot) -> RescoringReport:
     """Score some submissions again after a correction of the ground truth or the rules.
 
-    Each request scores the next ones; `left` says how many remain. `server rescore` scores all.
+    Each request scores the next few; `left` says how many remain. `server rescore` scores all.
     """
     return organiser.server.rescoring.rescore(organiser.person(), new)
 
@@ -274,16 +274,16 @@ def change_notice(new: NewNotice, organiser: Organiser) -> NoticeReport:
 
 @router.get("/schedules")
 def list_schedules(organiser: Organiser) -> list[ScheduleReport]:
-    """Compare when splits accept submissions by the settings, by the desk, and in effect."""
+    """Compare when splits accept submissions: in the settings, at the desk, and in effect."""
     with organiser.snapshot() as snapshot:
         return organiser.server.schedules.list_all(snapshot.session)
 
 
 @router.put("/schedules/{split}", responses=problems("not-found", "conflict"))
 def set_schedule(split: SplitName, new: NewSchedule, organiser: Organiser) -> ScheduleReport:
-    """Set a split's phases, when scores are released, and whether it is paused; empty, unset them.
+    """Set a split's phases, when its scores are released, and whether it is paused.
 
-    What is left out is taken from the settings file. It takes effect immediately.
+    Fields that are left out are taken from the settings file. Takes effect immediately.
     """
     return organiser.perform(organiser.server.schedules.set, split, new)
 

@@ -128,8 +128,8 @@ def validate(split: SplitName, person: Sender, content: Content, server: Server)
 def show_leaderboard(split: SplitName, server: Server, metric: SortedBy = None) -> Response:
     """Rank the published submissions by a metric; by default the split's primary one.
 
-    Results that are disqualified, reported by a paper, or scored by other rules are listed apart,
-    without a rank.
+    Reported results are among the others, without a rank. Results that are disqualified, on another
+    version of the dataset, or scored under other rules are in `apart`.
     """
     with server.database.reading() as session:
         ranking = server.ranking(session, server.board(split), metric)

@@ -1,4 +1,4 @@
-"""``/submissions``: those of one's own team, their files, and changes."""
+"""``/submissions``: the caller's own, their files, and changes."""
 
 import io
 from typing import Annotated
@@ -28,7 +28,7 @@ _CSV = (
 
 @router.get("", responses=problems("not-signed-in"))
 def list_own(caller: Caller, paging: Paging) -> list[SubmissionReport]:
-    """List your team's submissions, the newest first; the organiser sees all teams'."""
+    """List your team's submissions, the newest first; the organiser sees those of all teams."""
     with caller.snapshot() as snapshot:
         view = caller.server.submissions.view(snapshot.session, snapshot.now)
         return paging.reply(list_submissions(snapshot.session, snapshot.person, paging.page, view))
@@ -46,7 +46,7 @@ def show_submission(submission_id: SubmissionId, caller: Caller) -> SubmissionRe
 def change_submission(
     submission_id: SubmissionId, change: SubmissionChange, caller: Caller, _: ScoringSlot
 ) -> SubmissionReport:
-    """Publish, withdraw or edit a submission, or hide your team until a date."""
+    """Publish, withdraw or edit a submission, or hide your team's name until a date."""
     return caller.server.submissions.change(caller.person(), submission_id, change)
 
 

@@ -376,7 +376,7 @@ def _mismatched_keys(session: Session) -> Iterator[str]:
         if key_id_of(key.public_key) != key.key_id:
             yield f"{name}: its public key was changed"
         if (end.get("by"), end.get("until")) != (following, until):
-            yield f"{name}: it ended at another time, or another key followed, than the log says"
+            yield f"{name}: its end or its successor differs from the log"
         if following and key.audit_key is None and place > max(lost, default=-1):
             yield f"{name}: the key of its audit entries was removed"
 

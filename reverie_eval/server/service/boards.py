@@ -1,7 +1,7 @@
 """The splits that a server scores, with their ground truth in memory.
 
-A split has a leaderboard, and perhaps further ones, which rank the same submissions by other rules.
-Each of them is a :class:`Board`.
+A split has a leaderboard, and perhaps further ones, which rank the same submissions under other
+rules. Each of them is a :class:`Board`.
 """
 
 import re
@@ -306,7 +306,7 @@ def load_boards(settings: Settings) -> Mapping[str, Board]:
         try:
             boards[name] = load_board(name, split, path)
         except (GroundTruthError, OSError) as error:
-            missing = "; put it there, or make it with `reverie-eval compile`"
+            missing = "; put it there, or create it with `reverie-eval compile`"
             reason = f"{error.strerror}{missing}" if isinstance(error, OSError) else error
             where = f"splits.{name}.bundle"
             problems.append(Problem("no-ground-truth", where, f"{path}: {reason}"))
@@ -385,8 +385,8 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     truth.require_answers()
     if truth.task.name != split.task:
         raise GroundTruthError(
-            f"this is the ground truth of {truth.task.title}, and the split is of "
-            f'{find_task(split.task).title}; set task = "{truth.task.name}", or take another bundle'
+            f"this is the ground truth of {truth.task.title}, but the split is of "
+            f'{find_task(split.task).title}; set task = "{truth.task.name}", or use another bundle'
         )
     known = name_on_server(split.task, truth.split)
     if known != name:

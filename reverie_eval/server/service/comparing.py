@@ -2,7 +2,7 @@
 
 On an open split, they are compared on the same episodes, as ``reverie-eval compare`` does with
 their files. On a private split, nothing is computed but the differences of the values that everyone
-sees: an interval of a difference would tell more about the episodes than these digits do.
+sees: an interval of a difference would reveal more about the episodes than these digits do.
 """
 
 from collections.abc import Mapping, Sequence
@@ -100,7 +100,7 @@ def compare_results(
         if each not in ranked:
             raise NotFoundError(
                 f"{ranking.board.label} has no ranked result {each!r}; results that are reported, "
-                "disqualified or scored by other rules cannot be compared"
+                "disqualified or scored under other rules cannot be compared"
             )
     rows = [ranked[each] for each in ids]
     names = method_names(ranking, rows)
@@ -124,7 +124,7 @@ def _why_not(ranking: Ranking, rows: Sequence[Row]) -> str:
         return "scores are held back until the phase ends"
     if ranking.board.is_private:
         return (
-            "this split is private, and an interval of a difference would tell more about its "
+            "this split is private, and an interval of a difference would reveal more about its "
             "episodes than the digits that everyone sees"
         )
     return ""

@@ -51,7 +51,7 @@ class EmailedFiles:
         if file.received_at > self.intake.clock():
             raise MalformedError(
                 f"the file was received at {time_text(file.received_at)}, which is in the future; "
-                "give the time at which the e-mail came"
+                "give the time at which the e-mail arrived"
             )
         named = f"file {printable(filename)}" if filename else "file"
         about = f"Your {named}, received {time_text(file.received_at)}, was"

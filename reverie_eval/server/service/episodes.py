@@ -271,8 +271,8 @@ class EpisodeService:
         board = next((board for board in self.boards if board.name == split), None)
         if board is None:
             raise NotFoundError(
-                f"there are no episodes of {split!r} to look at; those of private splits never "
-                "leave the server"
+                f"no episodes of {split!r} are shown here; those of private splits never leave "
+                "the server"
             )
         return board
 

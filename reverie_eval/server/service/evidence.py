@@ -1,6 +1,6 @@
-"""Evidence about how submissions came about: numbers for the organiser, and no verdict.
+"""Evidence about submissions: numbers for the organiser, not a verdict.
 
-Nothing of it may be in a reply to participants, on a public page, or in an export: anyone who knew
+None of it may be in a reply to participants, on a public page, or in an export: anyone who knew
 how they look to the organiser, or which half of the episodes is secret, could work around it.
 """
 

@@ -226,7 +226,7 @@ class Intake:
         ]
         if by_key and (by_key[0].sha256, by_key[0].split) != (sha256, split):
             raise ConflictError(
-                f"the Idempotency-Key {key!r} was used for another file or split; take a new one "
+                f"the Idempotency-Key {key!r} was used for another file or split; use a new one "
                 "for each submission"
             )
         return next(iter([*by_key, *repeated]), None)

@@ -65,7 +65,7 @@ def receive_request(
         if session.scalar(select(exists().where(_IS_OPEN, JoinRequest.digest == digest))):
             return RECEIVED
         if count_open(session) >= MOST_OPEN:
-            raise ConflictError("too many requests to join wait for an answer; try again next week")
+            raise ConflictError("too many requests to join are waiting; try again next week")
         count()
         session.add(JoinRequest(**content, digest=digest, created_at=transaction.now))
         who = count_text(len(new.people), "person", "people")
@@ -158,7 +158,7 @@ def _open_request(session: Session, request_id: int) -> JoinRequest:
     request = session.get(JoinRequest, request_id)
     if request is None or request.decision is not None:
         raise NotFoundError(
-            f"there is no open request number {request_id}; the list of requests has all"
+            f"there is no open request number {request_id}; see the list of requests"
         )
     return request
 

@@ -54,7 +54,7 @@ def announce(transaction: Transaction, event: Event, text: str, path: str = "/")
 
 
 def announce_fault(transaction: Transaction, text: str) -> None:
-    """Tell the organiser that the server is unwell, at most once an hour."""
+    """Tell the organiser that the server is unhealthy, at most once an hour."""
     recent = select(Message.id).where(
         Message.event == "unhealthy", Message.created_at > transaction.now - _QUIET
     )

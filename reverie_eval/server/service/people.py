@@ -67,7 +67,7 @@ def add_person(transaction: Transaction, new: NewPerson) -> PersonReport:
     person = Person(
         team_id=team.id, name=new.name, email=new.email, role=new.role, created_at=transaction.now
     )
-    _write(transaction, person, f"the team {team.name!r} has a person {person.name!r} already")
+    _write(transaction, person, f"the team {team.name!r} already has a person {person.name!r}")
     name = transaction.audit_log.name_digest(person)
     transaction.record(
         "person added", person, person, team=team.name, role=person.role, name_digest=name
@@ -99,7 +99,7 @@ def change_person(transaction: Transaction, person_id: int, change: PersonChange
         person.name = change.name
     if "email" in changed:
         person.email = change.email
-    taken = f"the team {person.team.name!r} has a person {person.name!r} already"
+    taken = f"the team {person.team.name!r} already has a person {person.name!r}"
     _write(transaction, person, taken)
     moved = {"moved_from": moved_from, "moved_to": change.team} if "team" in changed else {}
     name = transaction.audit_log.name_digest(person)
@@ -164,7 +164,7 @@ def team_named(session: Session, name: str) -> Team:
     """Return a team by name; raise NotFoundError if it does not exist, or was merged."""
     team = session.scalars(select(Team).where(Team.name == name)).first()
     if team is None:
-        raise NotFoundError(f"there is no team {name!r}; the list of teams has all")
+        raise NotFoundError(f"there is no team {name!r}; see the list of teams")
     if team.merged_into is not None:
         raise NotFoundError(f"the team {name!r} was merged into {team.merged_into.name!r}")
     return team
@@ -185,14 +185,14 @@ def person_named(session: Session, name: str, team: str | None = None) -> Person
         chosen = chosen.join(Team, Person.team_id == Team.id).where(Team.name == team)
     found = session.scalars(chosen.order_by(Person.id)).all()
     if not found and team is not None:
-        raise NotFoundError(f"the team {team!r} has no person {name!r}; the list of people has all")
+        raise NotFoundError(f"the team {team!r} has no person {name!r}; see the list of people")
     if not found:
-        raise NotFoundError(f"there is no person {name!r}; the list of people has all")
+        raise NotFoundError(f"there is no person {name!r}; see the list of people")
     if len(found) > 1:
         teams = ", ".join(repr(person.team.name) for person in found)
         raise ConflictError(
-            f"these teams have a person {name!r} each: {teams}; say which team: --team on the "
-            "command line, `team` in a request"
+            f"several teams have a person {name!r}: {teams}; name the team: --team on the command "
+            "line, `team` in a request"
         )
     return found[0]
 
@@ -201,7 +201,7 @@ def find_person(session: Session, person_id: int) -> Person:
     """Return a person by number; raise NotFoundError if it does not exist."""
     person = session.get(Person, person_id)
     if person is None or person.deleted_at is not None:
-        raise NotFoundError(f"there is no person number {person_id}; the list of people has all")
+        raise NotFoundError(f"there is no person number {person_id}; see the list of people")
     return person
 
 
@@ -224,7 +224,7 @@ def person_report(person: Person) -> PersonReport:
 
 
 def _name_is_taken(name: str) -> str:
-    return f"there is a team {name!r} already, or was one before it was merged with another"
+    return f"the name {name!r} belongs to another team, or to one that was merged"
 
 
 def _write(transaction: Transaction, row: Team | Person, taken: str) -> None:

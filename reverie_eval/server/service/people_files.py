@@ -92,7 +92,7 @@ def _check_columns(columns: Sequence[str]) -> None:
         if column not in _FIELDS
     ]
     problems += [
-        Problem("repeated-column", f"column {column!r}", "is there twice; remove one")
+        Problem("repeated-column", f"column {column!r}", "occurs twice; remove one")
         for column in dict.fromkeys(columns)
         if columns.count(column) > 1
     ]
@@ -121,11 +121,11 @@ def _read(columns: Sequence[str], row: CsvRow) -> tuple[NewPerson | None, Sequen
 def _conflicts(new: NewPerson, known: PersonReport | None, earlier: str | None) -> Iterator[str]:
     """Say how a row disagrees with an earlier one, or with a person who is there already."""
     if earlier is not None:
-        yield f"has the same person as {earlier}; remove one"
+        yield f"repeats the person of {earlier}; remove one"
     if known is not None and new.email not in {None, known.email}:
         yield "this person has another e-mail address; change it with `person edit`, or at the desk"
     if known is not None and new.role != known.role:
-        yield f"this person is known as {known.role}; a role cannot be changed"
+        yield f"this person is already registered as {known.role}; roles cannot be changed"
 
 
 def _new_teams(session: Session, added: Sequence[NewPerson]) -> list[str]:

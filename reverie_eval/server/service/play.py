@@ -59,7 +59,7 @@ class HumanWalk:
             If a step is not one of the ways on, or there are too many.
         """
         if browsing.board.split.track == "grounding":
-            raise NotFoundError(f"in {browsing.board.name} nobody walks: answers alone are scored")
+            raise NotFoundError(f"{browsing.board.name} scores answers alone; there are no walks")
         drawn = sample(browsing.board, seed, number)
         if len(drawn) < number:
             raise NotFoundError(f"{browsing.board.name} has {len(drawn)} episodes")

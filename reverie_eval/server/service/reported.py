@@ -1,8 +1,8 @@
 """Results that papers and other leaderboards report and this server has not scored.
 
 The organiser enters them one by one or imports a file. Leaderboards show them among the others,
-marked as reported, without a rank; those on another version of the dataset are shown apart. Removed
-results stay in the database but are not shown.
+marked as reported, without a rank; those on another version of the dataset are shown separately.
+Removed results stay in the database but are not shown.
 """
 
 from collections.abc import Mapping, Sequence

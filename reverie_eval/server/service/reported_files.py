@@ -220,7 +220,7 @@ def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
         if METRICS[key].unit == "fraction"
     ]
     if 0 < max(values, default=0) <= 1 / _PER_CENT:
-        message = "none is above 1 %; if these are fractions, say so (rates: fraction)"
+        message = "none is above 1 %; if these are fractions, choose fractions (rates: fraction)"
         yield Problem("fractions", "all rates", message)
 
 
@@ -245,7 +245,7 @@ def _fields_of(columns: Sequence[str], metrics: Collection[str]) -> Sequence[str
             message = f"{is_of_others}{did_you_mean(name, names)}"
             problems.append(Problem("unknown-column", f"column {column!r}", message))
         elif known in fields:
-            message = f"says the same as column {fields[known]!r}; remove one"
+            message = f"means the same as column {fields[known]!r}; remove one"
             problems.append(Problem("repeated-column", f"column {column!r}", message))
         else:
             fields[known] = column

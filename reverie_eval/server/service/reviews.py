@@ -51,7 +51,7 @@ def lift_review(transaction: Transaction, review_id: int) -> ReviewEntry:
     """
     row = transaction.session.get(Review, review_id)
     if row is None:
-        raise NotFoundError(f"there is no review {review_id}; the list of reviews has all")
+        raise NotFoundError(f"there is no review {review_id}; see the list of reviews")
     if row.lifted_at is not None:
         raise ConflictError(f"review {review_id} was already lifted")
     _lift(transaction, row)
@@ -112,7 +112,7 @@ def any_submission(session: Session, submission_id: str) -> Submission:
     row = find_submission(session, submission_id)
     if row is None:
         raise NotFoundError(
-            f"there is no submission {submission_id!r}; the list of submissions has all"
+            f"there is no submission {submission_id!r}; see the list of submissions"
         )
     return row
 

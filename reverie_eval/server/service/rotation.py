@@ -79,7 +79,7 @@ def revoke_key(transaction: Transaction, key_id: str, revocation: KeyRevocation)
         raise ConflictError(f"{key_id} is in use; replace it first with `server key rotate`")
     if since >= key.valid_until:
         raise ConflictError(
-            f"signatures of {key_id} count only until {key.valid_until.isoformat()}; give an "
+            f"signatures of {key_id} are valid only until {key.valid_until.isoformat()}; give an "
             "earlier time"
         )
     key.valid_until, key.revoked_at, key.reason = since, transaction.now, revocation.reason

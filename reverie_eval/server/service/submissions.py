@@ -366,8 +366,8 @@ class SubmissionService:
             is_removed = change.withdrawn or change.published is False
             if is_removed and is_disqualified(transaction.session, row.id):
                 raise ConflictError(
-                    "the organiser has disqualified this submission; until that is lifted, it "
-                    "cannot be unpublished or withdrawn"
+                    "the organiser has disqualified this submission; until the review is lifted, "
+                    "it cannot be unpublished or withdrawn"
                 )
             results = results_of(row)
             for further, (intervals, sums) in drawn.items():
@@ -462,8 +462,8 @@ def _check_upload(submission: SubmissionReport) -> None:
     if submission.upload_deleted_at is not None:
         day = f"{submission.upload_deleted_at:%Y-%m-%d}"
         raise NotFoundError(
-            f"the file was deleted on {day}: this server keeps files of submissions that are not "
-            "published only for some time; scores and receipt stay"
+            f"the file was deleted on {day}: this server keeps files of unpublished "
+            "submissions only for some time; scores and receipt stay"
         )
 
 

@@ -128,8 +128,8 @@ def check_organiser_left(transaction: Transaction) -> None:
     """
     if not has_organiser(transaction.session, transaction.now):
         raise ConflictError(
-            "no organiser would have a valid token then; first create a token for an organiser who "
-            "stays, or do this with `reverie-eval server` on the server's machine"
+            "this would leave no organiser with a valid token; first create a token for an "
+            "organiser who stays, or do this with `reverie-eval server` on the server's machine"
         )
 
 

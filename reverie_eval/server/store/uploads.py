@@ -308,7 +308,7 @@ class S3Uploads:
             raise self._refusal(error) from error
 
     def _refusal(self, error: Exception) -> UploadsError:
-        remedy = "see that it can be reached, and the bucket with these credentials"
+        remedy = "check that it, and the bucket with these credentials, can be reached"
         return UploadsError(f"s3://{self._bucket}: {error}; {remedy}")
 
     def _key(self, sha256: str) -> str:

@@ -54,5 +54,5 @@ server = LazyGroup(
             "evalai-worker": "evalai:evalai_worker",
         },
     },
-    help="Set up, look after and hand over an evaluation server.",
+    help="Set up, manage and hand over an evaluation server.",
 )

@@ -1,4 +1,4 @@
-"""``reverie-eval server evidence FOLDER SPLIT``: how submissions came about, in numbers."""
+"""``reverie-eval server evidence FOLDER SPLIT``: evidence about submissions, in numbers."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +25,7 @@ def evidence(
 ) -> None:
     """Show what files of different teams have in common, and how those of a team differ.
 
-    These are numbers, not a verdict; the documentation explains each under "Looking into
+        These are numbers, not a verdict; the documentation explains each under "Inspect
     submissions". The first run reads all uploads to SPLIT, later ones only new uploads.
     """
     from reverie_eval.server.operations.checks import opened_server

@@ -73,5 +73,5 @@ def revoke(*, folder: Path, key_id: str, since: datetime, reason: str) -> None:
     asked = checked(KeyRevocation, since=since, reason=reason)
     with acting(folder) as transaction:
         signed = revoke_key(transaction, key_id, asked)
-    print(f"{key_id}: counts until {minute(asked.since)} UTC")
+    print(f"{key_id}: valid until {minute(asked.since)} UTC")
     print(f"{count_text(signed, 'receipt')} signed again with the key in use")

@@ -74,7 +74,7 @@ def edit(
 ) -> None:
     """Rename a person, change their address, or move them.
 
-    What is not given stays as it is.
+    Options that you omit change nothing.
     """
     from reverie_eval.schemas.organising import PersonChange
     from reverie_eval.server.service import people
@@ -186,4 +186,4 @@ def delete(*, folder: Path, name: str, team: str | None, yes: bool) -> None:
     with revoking(folder) as transaction:
         person_id = person_named(transaction.session, name, team).id
         deleted = delete_person(transaction, person_id)
-    print(f"{name} is {deleted.name} now")
+    print(f"{name} is now {deleted.name}")

@@ -58,8 +58,8 @@ def set_phase(
 ) -> None:
     """Add a phase, or open or extend the phase of that NAME.
 
-    What you leave out stays as it is. From then on, the phases of SPLIT in the settings file do not
-    apply, until `server phase reset`.
+    Options that you omit leave the phase as it is. From then on, the phases of SPLIT in the
+    settings file do not apply, until `server phase reset`.
     """
     from reverie_eval.schemas.organising import NewSchedule
     from reverie_eval.server.service.schedules import with_phase

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     default="",
     metavar="NAME",
     help="The version of the dataset that they are on, such as v2. If the split is on another, "
-    "they are shown apart.  [default: not known]",
+    "they are shown separately.  [default: not known]",
 )
 @click.option(
     "--rates",
@@ -158,7 +158,7 @@ def edit(*, folder: Path, number: int, changes: "Mapping[str, str]") -> None:
     """Change fields of a reported result.
 
     A FIELD is a column of `server import`: team, method, date, source, dataset, paper, code,
-    extra_data, SR, SPL, ... An empty VALUE removes what was there.
+    extra_data, SR, SPL, ... An empty VALUE removes the old one.
     """
     from reverie_eval.schemas.organising import ReportedChange
     from reverie_eval.server.service.reported import change_reported

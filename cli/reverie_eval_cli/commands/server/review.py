@@ -56,7 +56,7 @@ def review() -> None:
 def add(*, folder: Path, submission: str, verdict: str, reason: str) -> None:
     """Review a submission.
 
-    A disqualified result is shown apart, without a rank.
+    A disqualified result is shown separately, without a rank.
     """
     from reverie_eval.schemas.organising import NewReview
     from reverie_eval.server.service.reviews import review as add_review

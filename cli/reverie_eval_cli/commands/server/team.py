@@ -69,7 +69,7 @@ def merge(*, folder: Path, name: str, into: str) -> None:
         report = merge_teams(transaction, new)
     people = count_text(report.people, "person", "people")
     submissions = count_text(report.submissions, "submission")
-    print(f"{people} and {submissions} of {name} are of {into} now")
+    print(f"{people} and {submissions} of {name} moved to {into}")
     if report.repeats:
         print(f"{count_text(report.repeats, 'file')} had been submitted by both")
 

@@ -48,7 +48,13 @@ def open_requests(server: Serving) -> Sequence[Any]:
 def test_who_asks_is_invited_and_submits(server: Serving) -> None:
     assert ask(server, purpose="Maps").status_code == 202
     (request,) = open_requests(server)
-    assert (request["team"], request["people"], request["team_exists"]) == ("Green", [DORA], False)
+    assert request == {
+        **NEW,
+        "id": 1,
+        "purpose": "Maps",
+        "team_exists": False,
+        "created_at": "2026-03-02T12:00:00Z",
+    }
     path = f"/organiser/requests/{request['id']}/accept"
     accepted = server.ask(ORGANISER, "POST", path).json()
     (invitation,) = accepted["invitations"]
@@ -104,10 +110,16 @@ def test_what_is_no_request(changes: Any, server: Serving) -> None:
 
 def test_only_so_many_requests_wait(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(joining, "MOST_OPEN", 2)
-    assert [ask(server, team=name).status_code for name in ("A", "B", "C")] == [202, 202, 409]
+    assert [ask(server, team=name).status_code for name in ("A", "B")] == [202, 202]
+    refused = ask(server, team="C")
+    told = "too many requests to join are waiting; try again next week"
+    assert (refused.status_code, refused.json()["detail"]) == (409, told)
     assert ask(server, team="A").status_code == 202  # as it waits already
     server.ask(ORGANISER, "POST", "/organiser/requests/1/reject", json={})
     assert ask(server, team="C").status_code == 202
+    page = server.ask(ORGANISER, "GET", "/organiser/requests", params={"limit": 1})
+    assert [each["team"] for each in page.json()] == ["B"]
+    assert page.links["next"]["url"].endswith("cursor=2")
 
 
 def test_an_address_sends_only_so_many_in_a_day(open_server: OpenServer, folder: Path) -> None:
@@ -155,7 +167,10 @@ def test_an_answer_removes_what_the_request_said_of_people(server: Serving) -> N
         "request accepted",
         "request rejected",
     ]
-    assert (log[-1]["subject"], log[-1]["details"]) == ("B", reason)
+    assert [(each["subject"], each["details"]) for each in log[-2:]] == [
+        ("A", {"people": 1}),
+        ("B", reason),
+    ]
 
 
 def test_nothing_is_added_if_a_name_is_taken(server: Serving) -> None:
@@ -169,7 +184,9 @@ def test_nothing_is_added_if_a_name_is_taken(server: Serving) -> None:
 def test_a_server_may_accept_no_requests(open_server: OpenServer, folder: Path) -> None:
     settings = settings_of(folder).model_copy(update={"accept_requests_to_join": False})
     server = open_server(settings)
-    assert ask(server).status_code == 403
+    refused = ask(server)
+    told = "this server accepts no requests to join; write to the organiser"
+    assert (refused.status_code, refused.json()["detail"]) == (403, told)
     assert "accepts no requests" in said(server.client.get("/join"))
     assert "/join" not in server.client.get("/sign-in").text
 
@@ -192,6 +209,7 @@ def test_the_form_and_the_desk(server: Serving) -> None:
     shown = desk.send("/desk/requests", {"request": "1", "what": "accept"})
     assert (shown.status_code, shown.text.count('id="secret-')) == (200, 2)
     assert "No request is open." in said(desk.get("/desk/requests"))
+    assert "to join" not in said(desk.get("/desk"))
 
 
 def test_several_requests_are_answered_at_once_at_the_desk(server: Serving) -> None:

@@ -4,12 +4,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
+from sqlalchemy import select
 
 from reverie_eval.schemas.organising import NewMerge, NewTeam
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import all_names_of_teams
 from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.service.people import rename_team
+from reverie_eval.server.store.tables import Submission
 from tests.support.acting import add_person, add_team
 from tests.support.flat import Run
 from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
@@ -73,6 +75,18 @@ def test_everything_of_the_team_goes_over_and_nothing_is_amiss(server: Serving) 
     )
 
 
+def test_of_files_that_arrived_at_once_that_of_the_team_that_stays_counts(server: Serving) -> None:
+    content, people = server.distinct(), (OWNER, OTHER, ORGANISER)
+    first, second, third = (
+        server.upload(who, content).json()["submission"]["id"] for who in people
+    )
+    assert merge(server).json()["repeats"] == 1
+    assert merge(server, team="Organisers").json()["repeats"] == 1
+    with server.state.database.reading() as session:
+        repeats = {row.id: row.repeat for row in session.scalars(select(Submission))}
+    assert repeats == {first: "", second: second, third: third}
+
+
 def test_grants_go_over(server: Serving) -> None:
     grant = {"team": "Red", "split": PRIVATE, "extra": 3, "reason": "x"}
     grant["expires_at"] = "2026-04-01T00:00:00Z"
@@ -98,18 +112,34 @@ def test_names_pass_through_teams_that_were_merged_in_turn(server: Serving) -> N
 @pytest.mark.parametrize(
     ("changes", "status", "told"),
     [
-        pytest.param({"team": "Nobody's"}, 404, "there is no team", id="no team"),
-        pytest.param({"team": "Blue"}, 409, "into itself", id="itself"),
-        pytest.param({}, 409, "both teams have a person called 'Ada'; rename", id="the same name"),
+        pytest.param(
+            {"team": "Lime"},
+            404,
+            "there is no team 'Lime'; see the list of teams",
+            id="no team",
+        ),
+        pytest.param(
+            {"team": "Blue"},
+            409,
+            "a team cannot be merged into itself; name two teams",
+            id="itself",
+        ),
+        pytest.param(
+            {},
+            409,
+            "both teams have a person called 'Ada', 'Ben'; rename one of them first",
+            id="the same names",
+        ),
     ],
 )
 def test_what_is_not_merged(
     changes: Mapping[str, str], status: int, told: str, server: Serving
 ) -> None:
     with server.acting() as transaction:
-        add_person(transaction, "Red", OWNER)
+        for name in (MATE, OWNER):
+            add_person(transaction, "Red", name)
     reply = merge(server, **changes)
-    assert (reply.status_code, told in reply.json()["detail"]) == (status, True)
+    assert (reply.status_code, reply.json()["detail"]) == (status, told)
 
 
 def test_the_name_of_a_merged_team_is_not_given_again(server: Serving, run: Run) -> None:

@@ -4,13 +4,24 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from sqlalchemy import select
 
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import MethodDescription
-from reverie_eval.server.service.paging import LONGEST, Page, all_pages
+from reverie_eval.server.errors import WRONG_FORM, MalformedError
+from reverie_eval.server.service.paging import (
+    LONGEST,
+    Listed,
+    Page,
+    all_pages,
+    key_of,
+    list_page,
+)
 from reverie_eval.server.service.people import list_teams
 from reverie_eval.server.service.reported import add_reported
-from tests.support.acting import NOON, add_person, add_team, create_token, review
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import Team
+from tests.support.acting import NOON, acting, add_person, add_team, create_token, review
 from tests.support.serving import OPEN, ORGANISER, OWNER, Serving
 
 ROWS = 7
@@ -116,6 +127,51 @@ def test_a_name_with_a_zero_byte_is_no_cursor(cursor: str, server_on: Serving) -
     for path in ("/organiser/teams", "/organiser/people"):
         reply = server_on.ask(ORGANISER, "GET", path, params={"cursor": cursor})
         assert (reply.status_code, reply.json()["problems"][0]["where"]) == (400, "cursor")
+
+
+def test_a_page_begins_after_the_last_key_of_the_page_before(sqlite: Database) -> None:
+    with acting(sqlite) as transaction:
+        for name in "EDCBA":
+            add_team(transaction, name)
+
+        def page(limit: int, cursor: str | None = None) -> Listed[str]:
+            rows, page = select(Team), Page(limit, cursor)
+            return list_page(transaction.session, rows, Team.name, page, lambda row: row.name)
+
+        assert page(2) == Listed(["A", "B"], "B")
+        assert page(2, "B") == Listed(["C", "D"], "D")
+        assert page(2, "D") == Listed(["E"], None)
+        assert page(5) == Listed(["A", "B", "C", "D", "E"], None)
+
+        def newest(limit: int, cursor: str | None = None) -> Listed[int]:
+            page, key = Page(limit, cursor), Team.id
+            return list_page(
+                transaction.session,
+                select(Team),
+                key,
+                page,
+                lambda row: row.id,
+                newest_first=True,
+            )
+
+        assert newest(2) == Listed([5, 4], "4")
+        assert newest(3, "4") == Listed([3, 2, 1], None)
+        with pytest.raises(MalformedError) as refused:
+            page(2, "\0")
+    (problem,) = refused.value.problems
+    assert (problem.code, problem.where, problem.message) == (
+        "wrong-value",
+        "cursor",
+        "unknown cursor; take it from the Link header of the previous page of this list",
+    )
+    assert str(refused.value) == WRONG_FORM
+
+
+def test_an_integer_key_is_one_that_a_database_has() -> None:
+    assert [key_of(cursor) for cursor in ("0", "0000000001", "2147483647")] == [0, 1, 2147483647]
+    for cursor in ("", "-1", "1.5", "x", "\u0663", "2147483648", "00000000001"):
+        with pytest.raises(MalformedError):
+            key_of(cursor)
 
 
 def test_the_largest_key_is_a_cursor(server: Serving) -> None:

@@ -1,11 +1,12 @@
 """A person's data: what an export has, what a deletion removes and what it leaves."""
 
+import hashlib
 import json
 import sqlite3
 from dataclasses import replace
 from datetime import timedelta
 
-from sqlalchemy import delete
+from sqlalchemy import delete, select
 
 from reverie_eval.schemas.joining import Rejection
 from reverie_eval.schemas.organising import NewMerge
@@ -14,10 +15,17 @@ from reverie_eval.server.service.audit import entries, mismatches, swapped_names
 from reverie_eval.server.service.joining import accept_request, reject_request
 from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.service.personal_data import delete_person
-from reverie_eval.server.store.tables import AuditEntry, Person
-from tests.support.acting import add_person, ask_to_join, create_token
+from reverie_eval.server.store.tables import (
+    AuditEntry,
+    BrowserSession,
+    Message,
+    News,
+    Person,
+    Token,
+)
+from tests.support.acting import NOON, add_person, ask_to_join, create_token
 from tests.support.flat import Run
-from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
+from tests.support.serving import GOOD, MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
 from tests.support.visiting import said, signed_in
 
 ADDRESS = "ada.lovelace@example.org"
@@ -45,9 +53,24 @@ def test_an_export_has_all_of_a_person_and_nothing_of_others(server: Serving) ->
     server.upload(MATE, server.distinct())
     server.upload(OWNER, b"[]")
     signed_in(server, OWNER)
+    for change in ({"published": True}, {"withdrawn": True}):
+        server.clock.turn(hours=1)
+        server.ask(OWNER, "PATCH", f"/submissions/{submission['id']}", json=change)
     data = server.ask(ORGANISER, "GET", path).json()
     assert (data["person"]["name"], data["person"]["email"]) == (OWNER, ADDRESS)
-    assert [each["id"] for each in data["submissions"]] == [submission["id"]]
+    assert data["submissions"] == [
+        {
+            "id": submission["id"],
+            "split": OPEN,
+            "team": "Blue",
+            "sha256": hashlib.sha256(GOOD).hexdigest(),
+            "size": len(GOOD),
+            "received_at": "2026-03-02T12:00:00Z",
+            "published_at": "2026-03-02T13:00:00Z",
+            "withdrawn_at": "2026-03-02T14:00:00Z",
+            "method": submission["method"],
+        }
+    ]
     assert [each["outcome"] for each in data["attempts"]] == ["scored", "submission-rejected"]
     assert ([each["kind"] for each in data["tokens"]], len(data["sessions"])) == (["access"], 1)
     assert [each["action"] for each in data["audit"]] == [
@@ -55,6 +78,8 @@ def test_an_export_has_all_of_a_person_and_nothing_of_others(server: Serving) ->
         "access token created",
         "person changed",
         "submitted",
+        "changed",
+        "changed",
     ]
     assert server.tokens[OWNER] not in json.dumps(data)
     assert MATE not in json.dumps(data)
@@ -68,6 +93,7 @@ def test_a_deleted_person_is_nowhere_and_the_log_is_whole(server: Serving) -> No
     review = {"submission_id": submission, "verdict": "verified", "reason": "ran it"}
     server.ask(None, "POST", "/organiser/reviews", json=review, headers=headers)
     server.ask(None, "PUT", "/organiser/notice", json={"banner": "Hello"}, headers=headers)
+    server.ask(ORGANISER, "POST", "/organiser/news", json={"text": "Hello"})
     digests = [each["digest"] for each in server.ask(ORGANISER, "GET", "/organiser/audit").json()]
     assert SECOND in server.client.get(f"/boards/{OPEN}").text
 
@@ -81,9 +107,27 @@ def test_a_deleted_person_is_nowhere_and_the_log_is_whole(server: Serving) -> No
     assert faults(server) == []
     stored = database_text(server)
     assert (SECOND in stored, ADDRESS in stored) == (False, False)
+    with server.state.database.reading() as session:
+        assert session.scalars(select(News.posted_by)).all() == [ORGANISER]
     for method in ("GET", "PATCH", "DELETE"):
         path = f"/organiser/people/{number}"
         assert server.ask(ORGANISER, method, path, json={}).status_code == 404
+
+
+def test_a_deletion_ends_sessions_and_reaches_messages_about_submissions(server: Serving) -> None:
+    for who in (OWNER, MATE):
+        signed_in(server, who)
+    about = {"channel": "mail", "event": "submission", "attempts": 0, "error": ""}
+    with server.acting() as transaction:
+        session = transaction.session
+        text = f"Blue ({OWNER}) submitted {OWNER} to test"
+        for path in ("/submissions/1", "/desk"):
+            session.add(Message(**about, path=path, text=text, created_at=NOON, due_at=NOON))
+        delete_person(transaction, server.person(OWNER).id)
+        messages = session.scalars(select(Message.text).order_by(Message.id)).all()
+        owners = select(Token.person_id).join(BrowserSession, BrowserSession.token_id == Token.id)
+        assert session.scalars(owners).all() == [server.person(MATE).id]
+    assert messages == ["Blue (deleted person 1) submitted Ada to test", text]
 
 
 def database_text(server: Serving) -> str:

@@ -7,7 +7,12 @@ import pytest
 
 from reverie_eval.metrics import CATALOGUE
 from reverie_eval.server.errors import TableError
-from reverie_eval.server.service.reported_files import as_printed, printed_value, read_results
+from reverie_eval.server.service.reported_files import (
+    as_printed,
+    printed_value,
+    read_change,
+    read_results,
+)
 
 LEGACY = """\
 team,nav_success,nav_oracle_success,nav_spl,nav_length,rgs,rgspl,date
@@ -87,9 +92,18 @@ def test_objects_may_leave_columns_out() -> None:
     ]
 
 
+NEITHER = (
+    'the file: expected a list of objects, or {"columns": [...], "methods": {NAME: {SPLIT: [...]}}}'
+)
 UNREADABLE = [
-    pytest.param("", ["the file: has no rows below"], id="empty"),
-    pytest.param("team,SR\n", ["the file: has no rows below"], id="no row"),
+    pytest.param(
+        "", ["the file: has no rows below a line with the names of the columns"], id="empty"
+    ),
+    pytest.param(
+        "team,SR\n",
+        ["the file: has no rows below a line with the names of the columns"],
+        id="no row",
+    ),
     pytest.param(
         "tem,SR,SPLL\na,1,2",
         ["column 'tem': unknown; did you mean team?", "column 'SPLL': unknown; did you mean spl?"],
@@ -97,19 +111,30 @@ UNREADABLE = [
     ),
     pytest.param(
         "team,SR,nav_success\na,1,2",
-        ["column 'nav_success': means the same as column 'SR'"],
+        ["column 'nav_success': means the same as column 'SR'; remove one"],
         id="a column twice",
     ),
     pytest.param("SR,SPL\n1,2", ["columns: expected one for the team or the method"], id="nobody"),
-    pytest.param('team,SR\na,1\n"b,2', ["line 3: cannot be read as CSV"], id="an open quote"),
-    pytest.param('{"columns":\n [', ["line 2: invalid JSON at column 3"], id="broken JSON"),
+    pytest.param(
+        'team,SR\na,1\n"b,2',
+        ["line 3: cannot be read as CSV: unexpected end of data"],
+        id="an open quote",
+    ),
+    pytest.param(
+        '{"columns":\n [', ["line 2: invalid JSON at column 3: Expecting value"], id="broken JSON"
+    ),
     pytest.param("[" * 100_000, ["the file: is nested too deeply"], id="deep JSON"),
-    pytest.param("[1, 2]", ["the file: expected a list of objects, or"], id="other JSON"),
-    pytest.param('{"methods": {}}', ["the file: expected a list"], id="no columns"),
+    pytest.param("[1, 2]", [NEITHER], id="other JSON"),
+    pytest.param('{"methods": {}}', [NEITHER], id="no columns"),
     pytest.param(
         '{"columns": ["SR"], "methods": {"a": {"val_seen": [1]}, "b": 3}}',
         ["methods: there are no results of test; there are results of: val_seen"],
         id="other splits",
+    ),
+    pytest.param(
+        '{"columns": ["SR"], "methods": {}}',
+        ["methods: there are no results of test; there are results of: no split"],
+        id="no split",
     ),
 ]
 
@@ -120,13 +145,16 @@ def test_files_that_are_no_table(text: str, told: Sequence[str]) -> None:
         read_results(text, "test", "percent")
     problems = list(map(str, raised.value.problems))
     assert len(problems) == len(told)
-    for problem, beginning in zip(problems, told, strict=True):
-        assert problem.startswith(beginning)
+    for problem, expected in zip(problems, told, strict=True):
+        assert problem.partition(" Choose one of: ")[0] == expected
 
 
 def test_all_wrong_rows_are_reported() -> None:
     text = "team,SR,TL m\na,100.1,5\nb,x,-1\nc,1\nd,,\ne,nan,1e999\nf,1,0\n"
-    assert list(map(str, read_results(text, "test", "percent").problems)) == [
+    problems = read_results(text, "test", "percent").problems
+    assert [problem.position for problem in problems] == [(0,), (1,), (1,), (2,), (3,), (4,), (4,)]
+    assert {problem.code for problem in problems} == {"wrong-value"}
+    assert list(map(str, problems)) == [
         "line 2: SR %: 100.1 is not from 0 to 100",
         "line 3: TL m: -1 is not 0 or more",
         "line 3: SR: 'x' is not a number",
@@ -151,6 +179,48 @@ def test_percent_and_fractions_are_told_apart(rates: str, value: str, *, is_refu
     text = f"team,SR\na,{value}\n"
     read = read_results(text, "test", "fraction" if rates == "fraction" else "percent")
     assert bool(read.problems) == is_refused
+
+
+def test_rates_that_look_like_fractions_are_one_problem_of_the_file() -> None:
+    (problem,) = read_results("team,SR,TL\na,1,5\nb,0.5,7\n", "test", "percent").problems
+    assert (problem.code, str(problem)) == (
+        "fractions",
+        "all rates: none is above 1 %; if these are fractions, choose fractions (rates: fraction)",
+    )
+
+
+def test_a_metric_that_the_task_does_not_have_is_refused() -> None:
+    text = '[{"team": "a", "SPL": 5, "NDTW": 9}]'
+    with pytest.raises(TableError) as raised:
+        read_results(text, "test", "percent", ["spl"])
+    (problem,) = raised.value.problems
+    told = "column 'NDTW': not a metric of this split; choose one of: team, method, date, source, "
+    assert (problem.code, str(problem).startswith(told)) == ("unknown-column", True)
+
+
+def test_a_change_is_read_as_a_file_is() -> None:
+    cells = {"team": "", "date": "", "method": "M", "Paper": "", "ensemble": "no", "TL": "9.5"}
+    assert read_change({**cells, "SR (%)": "", "source": "x", "description": ""}) == {
+        "team": "",
+        "date": None,
+        "source": "x",
+        "method": {"name": "M", "paper": None, "ensemble": "no", "description": ""},
+        "scores": {"path_length": 9.5, "success": None},
+    }
+    with pytest.raises(TableError) as raised:
+        read_change({"SR": "x", "TL": "-1"})
+    assert [(each.code, str(each)) for each in raised.value.problems] == [
+        ("wrong-value", "values: TL m: -1 is not 0 or more"),
+        ("wrong-value", "values: SR: 'x' is not a number"),
+    ]
+
+
+def test_a_method_may_have_one_value_and_other_splits() -> None:
+    methods = {"A": {"test": 5, "val_seen": [1]}, "B": {"val_seen": [2]}}
+    text = json.dumps({"columns": ["SR"], "methods": methods, "note": "x", "year": 1})
+    read = read_results(text, "test", "percent")
+    assert [(row.place, row.scores) for row in read.rows] == [(0, {"success": 0.05})]
+    assert list(read.unread) == ["note", "year"]
 
 
 @pytest.mark.parametrize("text", ["0", "7", "59.64", "0.07", "33.333333333", "100"])

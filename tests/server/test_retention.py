@@ -2,15 +2,20 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
 import pytest
+from sqlalchemy import select
 
 from reverie_eval.server.http.repeated import repeatedly
 from reverie_eval.server.operations.backup import write_backup
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.rescoring import Scorer, outdated
+from reverie_eval.server.service.retention import Tidied
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.store.tables import Fingerprint, Submission
 from tests.support.flat import Run
 from tests.support.serving import (
     OPEN,
@@ -70,9 +75,41 @@ def test_what_is_published_stays_and_what_is_withdrawn_does_not(server: Serving)
     publish(server, OWNER, published)
     publish(server, OWNER, withdrawn)
     publish(server, OWNER, withdrawn, withdrawn=True)
+    with server.state.database.writing() as session:
+        digests = {row.id: row.sha256 for row in session.scalars(select(Submission))}
+        for digest in digests.values():
+            session.add(Fingerprint(split=OPEN, sha256=digest, basis="", content=b""))
     server.clock.turn(days=DAYS)
     assert list(server.state.retention.tidy("test").submissions) == [withdrawn]
     assert server.ask(OWNER, "GET", f"/submissions/{published}/file").status_code == 200
+    with server.state.database.reading() as session:
+        assert session.scalars(select(Fingerprint.sha256)).all() == [digests[published]]
+
+
+def test_what_is_published_meanwhile_stays(server: Serving) -> None:
+    first, second, third = (sent(server) for _ in range(3))
+
+    def publish_second(transaction: Transaction) -> None:
+        transaction.session.get_one(Submission, second).published_at = transaction.now
+
+    server.clock.turn(days=DAYS)
+    begins = replace(server.state.transactions, begins=publish_second)
+    tidied = replace(server.state.retention, transactions=begins).tidy("test")
+    assert (sorted(tidied.submissions), tidied.files) == (sorted([first, third]), 2)
+    assert server.ask(OWNER, "GET", f"/submissions/{second}/file").status_code == 200
+
+
+def test_the_oldest_files_are_deleted_first(server: Serving) -> None:
+    names = []
+    for _ in range(5):
+        names.append(sent(server))
+        server.clock.turn(seconds=1)
+    server.clock.turn(days=DAYS)
+    with server.state.database.reading() as session:
+        digests = {row.id: row.sha256 for row in session.scalars(select(Submission))}
+    assert sorted(names, key=digests.__getitem__) != names  # no accident
+    assert server.state.retention.tidy("test", dry_run=True) == Tidied(names, 5)
+    assert server.state.retention.tidy("test") == Tidied(names, 5)
 
 
 def test_a_file_of_two_teams_stays_until_both_need_it_no_more(server: Serving) -> None:
@@ -95,6 +132,8 @@ def test_the_same_file_is_stored_again_for_another_team(server: Serving) -> None
     again = sent(server, OTHER, content)
     assert server.ask(OTHER, "GET", f"/submissions/{again}/file").content == content
     assert faults(server) == []
+    server.clock.turn(days=DAYS)
+    assert list(server.state.retention.tidy("test").submissions) == [again]
 
 
 def test_a_file_that_is_deleted_while_the_same_arrives_is_not_lost(server: Serving) -> None:
@@ -154,6 +193,12 @@ def test_files_are_deleted_on_the_command_line(server: Serving, run: Run) -> Non
     assert tried.out == f"{submission}\n1 file of 1 submission would be deleted\n"
     assert run("server", "tidy", folder).out == "1 file of 1 submission deleted\n"
     assert files(server) == 0
+
+
+def test_without_a_number_of_days_nothing_is_deleted(server: Serving) -> None:
+    sent(server)
+    server.clock.turn(days=10_000)
+    assert replace(server.state.retention, days=None).tidy("test") == Tidied([], 0)
 
 
 def test_without_the_setting_everything_is_kept(folder: Path, run: Run) -> None:

@@ -16,15 +16,19 @@ import pytest
 from reverie_eval import CATALOGUE, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.schemas.service import Phase
+from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.reviews import lift_review
+from reverie_eval.server.service.submissions import publication, result_on, submission_of
 from tests.conftest import SAMPLES
-from tests.support.acting import NOON
+from tests.support.acting import NOON, review
 from tests.support.serving import (
     BROKEN,
     GOOD,
     OPEN,
     ORGANISER,
+    OTHER,
     OWNER,
     PRIVATE,
     OpenServer,
@@ -226,3 +230,86 @@ def test_every_reply_to_a_file_says_what_is_left(
 def test_a_split_that_is_none_has_no_quota(server: Serving) -> None:
     reply = server.upload(OWNER, split="none")
     assert (reply.status_code, reply.json()["quota"]) == (404, None)
+
+
+def test_what_is_refused_of_a_stored_submission_says_why(
+    open_server: OpenServer, folder: Path
+) -> None:
+    settings = settings_of(folder).model_copy(update={"required_metadata": ("code", "paper")})
+    server = open_server(settings)
+    links = {"code": "https://example.org/code", "paper": "https://example.org/paper"}
+    mine, private = (
+        accepted(server, server.distinct(split), split, **links)["id"] for split in (OPEN, PRIVATE)
+    )
+    theirs = "0123456789abcdef"
+
+    def refused(submission: str, who: str = OWNER, **change: object) -> tuple[int, str]:
+        reply = server.ask(who, "PATCH", f"/submissions/{submission}", json=change)
+        return reply.status_code, reply.json()["detail"]
+
+    def missing(submission: str) -> tuple[int, str]:
+        return 404, f"your team has no submission {submission!r}"
+
+    assert refused(theirs, published=True) == missing(theirs)
+    assert refused(mine, OTHER, published=True) == missing(mine)
+    assert refused(private, shows_episodes=True) == (
+        409,
+        "episodes of private splits are never shown to anyone",
+    )
+    assert refused(mine, method={"code": None, "paper": None}) == (
+        400,
+        "required information about the method is missing: code, paper",
+    )
+    assert refused(mine, method={"navigation_only": True}) == (
+        409,
+        "whether a submission is navigation only follows from its file, and cannot be changed",
+    )
+    reply = server.ask(OWNER, "GET", f"/submissions/{private}/episodes")
+    assert reply.json()["detail"] == "per-episode values of private splits are never released"
+    with server.acting() as transaction:
+        disqualified = review(transaction, private, "disqualified")
+    told = (
+        "the organiser has disqualified this submission; until the review is lifted, it cannot be "
+        "unpublished or withdrawn"
+    )
+    assert refused(private, withdrawn=True) == refused(private, published=False) == (409, told)
+    with server.acting() as transaction:
+        lift_review(transaction, disqualified.id)
+    server.ask(OWNER, "PATCH", f"/submissions/{private}", json={"withdrawn": True})
+    assert refused(private, published=True) == (
+        409,
+        "a withdrawn submission cannot be published; restore it first",
+    )
+    assert server.ask(OWNER, "GET", f"/submissions/{mine}").json()["status"] == "unpublished"
+
+
+def test_what_has_no_result_or_is_not_published_says_so(server: Serving) -> None:
+    submission = server.upload(OWNER).json()["submission"]["id"]
+    with server.state.database.reading() as session:
+        view = server.state.submissions.view(session, NOON)
+        own = submission_of(session, server.person(OWNER), submission, view)
+        with pytest.raises(NotFoundError) as none_here:
+            result_on("strict", own)
+        with pytest.raises(NotFoundError) as not_published:
+            publication(session, submission, view)
+    assert str(none_here.value) == (
+        f"{submission} has no result on a further leaderboard 'strict'; it has results on: none"
+    )
+    told = "nothing is published here; sign in if it is a submission of your team"
+    assert str(not_published.value) == told
+
+
+def test_times_of_publishing_and_withdrawing_are_those_of_the_first_time(server: Serving) -> None:
+    path = f"/submissions/{server.upload(OWNER).json()['submission']['id']}"
+
+    def times(**change: object) -> tuple[str | None, str | None]:
+        server.clock.turn(hours=1)
+        seen = server.ask(OWNER, "PATCH", path, json=change).json()
+        return seen["published_at"], seen["withdrawn_at"]
+
+    one, three, seven = (f"2026-03-02T{12 + hours}:00:00Z" for hours in (1, 3, 7))
+    assert times(published=True) == times(published=True) == (one, None)
+    assert times(withdrawn=True) == times(withdrawn=True) == (one, three)
+    assert times(withdrawn=False) == (one, None)
+    assert times(published=False) == (None, None)
+    assert times(published=True) == (seven, None)

@@ -12,7 +12,7 @@ import shutil
 import ssl
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from functools import cache, partial
@@ -564,6 +564,14 @@ def database(
     template: Template = request.getfixturevalue("postgresql_template")
     address: str = request.getfixturevalue("postgresql")(template.ready)
     return address
+
+
+@pytest.fixture
+def sqlite(made_folder: Path, tmp_path: Path) -> Iterator[Database]:
+    """Open a database that is ready, for what both kinds do alike."""
+    copy = shutil.copy(made_folder / "server.db", tmp_path / "alike.db")
+    with closing(Database(f"sqlite:///{copy}")) as database:
+        yield database
 
 
 @pytest.fixture

@@ -58,8 +58,8 @@ def receive_request(
     """
     if not are_accepted:
         raise NotAllowedError("this server accepts no requests to join; write to the organiser")
-    content = new.model_dump(mode="json")
-    digest = hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
+    content = new.model_dump()
+    digest = hashlib.sha256(msgspec.json.encode(content)).hexdigest()
     with transactions.begin(_STRANGER) as transaction:
         session = transaction.session
         if session.scalar(select(exists().where(_IS_OPEN, JoinRequest.digest == digest))):

@@ -1,0 +1,264 @@
+"""The audit log: what a digest is of, how entries are read, and what the rows must show."""
+
+import hashlib
+import hmac
+from dataclasses import replace
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from sqlalchemy import select
+
+from reverie_eval.schemas.organising import KeyRevocation, NewTeam
+from reverie_eval.server.service.audit import (
+    INSPECTED,
+    Action,
+    AuditLog,
+    audit_reports,
+    count_entries,
+    entries,
+    history,
+    list_entries,
+    list_reports,
+    mismatches,
+    swapped_names,
+)
+from reverie_eval.server.service.paging import Page
+from reverie_eval.server.service.people import person_named, rename_team, team_named
+from reverie_eval.server.service.receipts import Signer
+from reverie_eval.server.service.rotation import replace_key, revoke_key
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import AuditEntry, News, Person, SigningKey, Team
+from tests.support.acting import AUDIT_LOG, NOON, acting, add_person, add_team
+
+NEXT = Signer(Ed25519PrivateKey.from_private_bytes(b"\1" * 32), "tests")
+LAST = Signer(Ed25519PrivateKey.from_private_bytes(b"\2" * 32), "tests")
+"""Of the signing keys after the first."""
+SUBMISSION = "0123456789abcdef"
+NO_ENTRY_BEFORE = "0" * 64
+
+
+@pytest.fixture
+def database(sqlite: Database) -> Database:
+    """Return a database in which a program has added a team with a person."""
+    with acting(sqlite) as transaction:
+        add_team(transaction, "Blue")
+        add_person(transaction, "Blue", "Ada")
+    return sqlite
+
+
+def keyed_digest(message: str) -> str:
+    key = AUDIT_LOG.signer.secret_for("audit log")
+    return hmac.new(key, message.encode(), hashlib.sha256).hexdigest()
+
+
+def test_a_digest_is_of_all_of_an_entry_and_the_digest_before(database: Database) -> None:
+    with acting(database) as transaction:
+        person = person_named(transaction.session, "Ada")
+        transaction.as_actor(person).record("granted", person.team, person, extra=1, because="Ä")
+        *_, added, last = entries(transaction.session)
+    assert last.digest == keyed_digest(
+        '["2026-03-02T12:00:00.000000+00:00","person:1","granted","team:1","person:1",'
+        f'{{"because":"Ä","extra":1}},"{added.digest}"]'
+    )
+    assert last.key_id == AUDIT_LOG.signer.key_id
+
+
+def test_the_first_entry_and_the_digest_of_a_name(database: Database) -> None:
+    with database.reading() as session:
+        first, named = entries(session)
+    assert first.previous == NO_ENTRY_BEFORE
+    assert named.details["name_digest"] == keyed_digest('["person:1","Ada"]')[:16]
+
+
+def test_entries_are_counted(sqlite: Database) -> None:
+    with sqlite.writing() as session:
+        assert count_entries(session) == 0
+    with acting(sqlite) as transaction:
+        add_team(transaction, "Blue")
+        add_team(transaction, "Red")
+        assert count_entries(transaction.session) == 2
+
+
+def test_an_action_without_a_time_is_worded_without_one() -> None:
+    assert str(Action("submitted", "submission:ab", None)) == "submitted (submission:ab)"
+
+
+def test_entries_are_listed_by_actor_and_subject(database: Database) -> None:
+    with acting(database) as transaction:
+        ada = person_named(transaction.session, "Ada")
+        by_her, by_program = transaction.as_actor(ada), transaction.as_actor("Ada")
+        add_team(by_her, "Green")
+        add_team(by_program, "Lime")
+        add_person(by_program, "Lime", "Emil")
+
+        def found(**chosen: Any) -> list[int]:
+            return [entry.id for entry in list_entries(transaction.session, Page(), **chosen).rows]
+
+        assert found() == [1, 2, 3, 4, 5]
+        assert found(newest_first=True) == [5, 4, 3, 2, 1]
+        assert found(actor="Ada") == [3, 4, 5]
+        assert found(subject="Ada") == [2]
+        assert found(subject="Green") == [3]
+        assert found(actor="Ada", subject="Emil") == [5]
+        assert found(actor="Emil") == []
+
+
+def test_reports_name_persons(database: Database) -> None:
+    with acting(database) as transaction:
+        ada = person_named(transaction.session, "Ada")
+        transaction.as_actor(ada).record("did", ada.team, "thing", extra=1)
+        ada.name = "Augusta"
+        first, named, did = audit_reports(transaction.session, entries(transaction.session))
+        listed = list_reports(transaction.session, Page(2))
+        assert (listed.rows, listed.next_cursor) == ([first, named], "2")
+        stored = transaction.session.get_one(AuditEntry, 3)
+    assert did.model_dump() == {
+        "id": 3,
+        "at": NOON,
+        "actor": "Augusta",
+        "actor_row": "person:1",
+        "action": "did",
+        "subject": "thing",
+        "row": "team:1",
+        "details": {"extra": 1},
+        "previous": named.digest,
+        "digest": stored.digest,
+    }
+    assert (first.actor, first.actor_row, first.subject) == ("test", "", "Blue")
+    assert named.subject == "Augusta"
+
+
+EVENTS: list[tuple[str, dict[str, Any], str, str]] = [
+    ("submitted", {}, "received and scored", ""),
+    ("changed", {"published": True}, "published", ""),
+    ("changed", {"published": False}, "taken off the leaderboard", ""),
+    ("changed", {"withdrawn": True}, "withdrawn", ""),
+    ("changed", {"withdrawn": False, "published": True}, "restored; published", ""),
+    ("changed", {"shows_episodes": True}, "episodes shown to everyone", ""),
+    ("changed", {"shows_episodes": False}, "episodes shown to the team only", ""),
+    ("changed", {"anonymous_until": "2026-06-01T00:00:00Z"}, "team hidden until 2026-06-01", ""),
+    ("changed", {"anonymous_until": None}, "team named", ""),
+    ("changed", {"method": {"name": "x", "paper_url": ""}}, "edited: name, paper url", ""),
+    ("changed", {"method": {}}, "changed", ""),
+    ("verified", {"published": True, "reason": "we ran it"}, "verified", "we ran it"),
+    ("review lifted", {"verdict": "baseline"}, "no longer baseline", ""),
+    ("review lifted", {}, "no longer reviewed", ""),
+]
+"""Action, details, and what the history of a submission says of it, and why."""
+
+
+def test_the_history_of_a_submission_words_every_action(database: Database) -> None:
+    with acting(database) as transaction:
+        ada = person_named(transaction.session, "Ada")
+        for action, details, _, _ in EVENTS:
+            transaction.record(action, ada.team, SUBMISSION, **details)
+        transaction.record(INSPECTED, ada.team, SUBMISSION)
+        transaction.record("withdrawn", ada.team, "another")
+        transaction.as_actor(ada).record("withdrawn", ada.team, SUBMISSION)
+        *events, last = history(transaction.session, SUBMISSION)
+        assert list(AUDIT_LOG.broken_links(transaction.session)) == []
+    assert [(event.what, event.why) for event in events] == [each[2:] for each in EVENTS]
+    assert {(event.at, event.actor) for event in events} == {(NOON, "test")}
+    assert (last.actor, last.what) == ("Ada", "withdrawn")
+
+
+def test_changed_entries_are_named(database: Database) -> None:
+    with acting(database) as transaction:
+        found = entries(transaction.session)
+        assert AUDIT_LOG.altered(transaction.session, found) == []
+        found[1].subject = "person:2"
+        assert AUDIT_LOG.altered(transaction.session, found) == [2]
+        found[0].key_id = "of nobody"
+        assert AUDIT_LOG.altered(transaction.session, found) == [1, 2]
+
+
+def test_entries_of_a_lost_key_are_counted_and_only_their_links_checked(
+    database: Database,
+) -> None:
+    log = AuditLog(NEXT)
+    with acting(database) as transaction:
+        assert AUDIT_LOG.unprovable(transaction.session) == {}
+        replace_key(transaction, NEXT, "a fire", is_lost=True)
+        first, named, replaced = entries(transaction.session)
+        assert log.unprovable(transaction.session) == {AUDIT_LOG.signer.key_id: 2}
+        person_named(transaction.session, "Ada").name = "Eve"
+        assert list(swapped_names(transaction.session, log)) == []
+        first.subject = "Azure"
+        assert list(log.broken_links(transaction.session)) == []
+        replaced.actor = "Eve"
+        assert list(log.broken_links(transaction.session)) == [3]
+        named.previous = NO_ENTRY_BEFORE
+        assert list(log.broken_links(transaction.session)) == [2, 3]
+
+
+def test_a_name_that_the_log_does_not_have_is_found(database: Database) -> None:
+    with acting(database) as transaction:
+        session = transaction.session
+        assert list(swapped_names(session, AUDIT_LOG)) == []
+        person_named(session, "Ada").name = "Eve"
+        rename_team(transaction, "Blue", NewTeam(name="Azure"))
+        forged = Team(name="Lime", created_at=NOON)
+        session.add(Person(team=forged, name="Eve", role="organiser", created_at=NOON))
+        session.flush()
+        assert list(swapped_names(session, AUDIT_LOG)) == [
+            "person:1 is called 'Eve'; the audit log has another name"
+        ]
+        team_named(session, "Azure").name = "Blue"
+        session.flush()
+        assert list(mismatches(session)) == [
+            "person added (person:2, 2026-03-02 12:00:00): in the database, but not logged",
+            "team added (team:2, 2026-03-02 12:00:00): in the database, but not logged",
+            "team:1 is called 'Blue'; the audit log calls it 'Azure'",
+        ]
+
+
+def test_what_the_log_and_the_rows_do_not_share_is_listed(database: Database) -> None:
+    with acting(database) as transaction:
+        session = transaction.session
+        team = team_named(session, "Blue")
+        assert list(mismatches(session)) == []
+        for action in ("changed", "rules recorded", "snapshot taken", "granted"):
+            transaction.record(action, team, "Blue")
+        session.add(News(text="Forged", posted_by="", created_at=NOON))
+        session.delete(session.scalars(select(Person)).one())
+        session.flush()
+        assert list(mismatches(session)) == [
+            "granted (team:1, 2026-03-02 12:00:00): logged, but no longer in the database",
+            "person added (person:1, 2026-03-02 12:00:00): logged, but no longer in the database",
+            "snapshot taken (team:1, 2026-03-02 12:00:00): logged, but no longer in the database",
+            "news added (news:1, 2026-03-02 12:00:00): in the database, but not logged",
+        ]
+
+
+def test_keys_that_are_not_as_the_log_says_are_named(database: Database) -> None:
+    with acting(database) as transaction:
+        session = transaction.session
+        replace_key(transaction, NEXT, "the yearly change")
+        first, second = session.scalars(select(SigningKey).order_by(SigningKey.id))
+        name = f"signing key {first.key_id}"
+        assert list(mismatches(session)) == []
+        revocation = KeyRevocation(since=NOON - timedelta(hours=1), reason="stolen")
+        revoke_key(replace(transaction, audit_log=AuditLog(NEXT)), first.key_id, revocation)
+        assert list(mismatches(session)) == []
+        first.audit_key = None
+        session.flush()
+        assert list(mismatches(session)) == [f"{name}: the key of its audit entries was removed"]
+        first.valid_until = second.valid_until = None
+        first.public_key = second.public_key
+        session.flush()
+        ended = "its end or its successor differs from the log"
+        assert list(mismatches(session)) == [
+            f"{name}: its public key was changed",
+            f"{name}: {ended}",
+            f"{name}: the key of its audit entries was removed",
+        ]
+
+
+def test_no_key_of_entries_is_missed_up_to_a_key_that_was_lost(database: Database) -> None:
+    with acting(database) as transaction:
+        replace_key(transaction, NEXT, "a fire", is_lost=True)
+        assert list(mismatches(transaction.session)) == []
+        replace_key(replace(transaction, audit_log=AuditLog(NEXT)), LAST, "the yearly change")
+        assert list(mismatches(transaction.session)) == []

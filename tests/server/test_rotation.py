@@ -1,0 +1,234 @@
+"""Signing keys in the database and as files: which is in use, and what another one replaces."""
+
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from sqlalchemy import select
+
+from reverie_eval.receipts import ReceiptError, verify
+from reverie_eval.schemas.organising import KeyRevocation, NewSnapshot
+from reverie_eval.schemas.service import EarlierResult, Receipt, Snapshot
+from reverie_eval.server.errors import ConflictError, KeyReplacedError, NotFoundError
+from reverie_eval.server.service.audit import AuditLog, entries
+from reverie_eval.server.service.keys import (
+    all_keys,
+    audit_keys,
+    current_key,
+    file_of_key,
+    list_keys,
+    open_key,
+)
+from reverie_eval.server.service.receipts import Signer, load_key, make_key
+from reverie_eval.server.service.results import results_of, store_result
+from reverie_eval.server.service.rotation import replace_key, revoke_key
+from reverie_eval.server.service.transactions import Transaction, Transactions
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submission
+from tests.support.acting import AUDIT_LOG, NOON, acting
+from tests.support.serving import OPEN, OWNER, Serving
+
+FIRST, SECOND, THIRD = (
+    AUDIT_LOG.signer,
+    *(Signer(Ed25519PrivateKey.from_private_bytes(bytes([seed]) * 32), "tests") for seed in (1, 2)),
+)
+HOUR = timedelta(hours=1)
+
+
+def transactions(database: Database, signer: Signer, hours: int = 0) -> Transactions:
+    """Return the transactions of a server with a key, some time after noon."""
+    return Transactions(database, AuditLog(signer), lambda: NOON + hours * HOUR)
+
+
+def test_the_first_server_s_key_is_in_use_until_it_is_replaced(sqlite: Database) -> None:
+    with sqlite.writing() as session:
+        assert current_key(session) is None
+        unused = Transaction(session, "test", NOON, AUDIT_LOG)
+        with pytest.raises(ConflictError) as refused:
+            replace_key(unused, SECOND, "x")
+    told = "the database has no signing key to replace; start the server first"
+    assert str(refused.value) == told
+    for _ in range(2):
+        with transactions(sqlite, FIRST).begin("test"):
+            pass
+    with transactions(sqlite, FIRST, 1).begin("Olga") as transaction:
+        begun = replace_key(transaction, SECOND, "the yearly change")
+        first, second = list_keys(transaction.session)
+        assert current_key(transaction.session) is all_keys(transaction.session)[1]
+        (logged,) = entries(transaction.session)
+    assert second == begun
+    assert first.model_dump() == {
+        "key_id": FIRST.key_id,
+        "public_key": FIRST.public_pem,
+        "valid_from": NOON,
+        "valid_until": NOON + HOUR,
+        "reason": "the yearly change",
+    }
+    assert begun.model_dump() == {
+        "key_id": SECOND.key_id,
+        "public_key": SECOND.public_pem,
+        "valid_from": NOON + HOUR,
+        "valid_until": None,
+        "reason": "",
+    }
+    assert (logged.action, logged.row, logged.subject, logged.actor, logged.key_id) == (
+        "signing key replaced",
+        "signing_key:1",
+        FIRST.key_id,
+        "Olga",
+        SECOND.key_id,
+    )
+    assert logged.details == {
+        "by": SECOND.key_id,
+        "until": "2026-03-02T13:00:00+00:00",
+        "lost": False,
+        "reason": "the yearly change",
+    }
+    with (
+        pytest.raises(KeyReplacedError, match=f"{FIRST.key_id} was replaced by {SECOND.key_id} "),
+        transactions(sqlite, FIRST).begin("test"),
+    ):
+        pass
+
+
+def test_the_keys_of_entries_pass_from_key_to_key(sqlite: Database) -> None:
+    with acting(sqlite) as transaction:
+        replace_key(transaction, SECOND, "one")
+    with transactions(sqlite, SECOND).begin("test") as transaction:
+        replace_key(transaction, THIRD, "two")
+        session = transaction.session
+        known = {each.key_id: each.secret_for("audit log") for each in (FIRST, SECOND, THIRD)}
+        assert audit_keys(session, THIRD) == known
+        assert audit_keys(session, FIRST) == {
+            **known,
+            SECOND.key_id: b"",  # encrypted for another
+            THIRD.key_id: None,
+        }
+        all_keys(session)[0].audit_key = "zz"
+        assert audit_keys(session, THIRD) == {**known, FIRST.key_id: b""}
+
+
+def test_the_keys_of_entries_are_gone_with_a_key_that_is_lost(sqlite: Database) -> None:
+    with acting(sqlite) as transaction:
+        replace_key(transaction, SECOND, "one")
+    with transactions(sqlite, THIRD).database.writing() as session:
+        lost = Transaction(session, "test", NOON, AuditLog(THIRD))
+        replace_key(lost, THIRD, "a fire", is_lost=True)
+        own = THIRD.secret_for("audit log")
+        assert audit_keys(session, THIRD) == {
+            FIRST.key_id: None,
+            SECOND.key_id: None,
+            THIRD.key_id: own,
+        }
+        assert entries(session)[-1].details["lost"] is True
+
+
+def new_key(path: Path) -> str:
+    """Write a key, and return its id."""
+    make_key(path)
+    return Signer(load_key(path), "").key_id
+
+
+def garbage(path: Path) -> str:
+    path.write_text("no key")
+    return ""
+
+
+@pytest.mark.parametrize("other", [new_key, garbage])
+def test_a_new_key_that_is_not_in_use_stays_beside_it(
+    other: Callable[[Path], str], tmp_path: Path
+) -> None:
+    path, pending = tmp_path / "key.pem", tmp_path / "key.pem.new"
+    row = SigningKey(key_id=new_key(path))
+    other(pending)
+    assert file_of_key(path, row.key_id) == path
+    assert Signer(open_key(path, row), "").key_id == row.key_id
+    assert pending.exists()
+    assert Signer(open_key(path, None), "").key_id == row.key_id
+
+
+def test_a_rotation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
+    path, pending = tmp_path / "key.pem", tmp_path / "key.pem.new"
+    old, row = new_key(path), SigningKey(key_id=new_key(pending))
+    assert file_of_key(path, None) == path
+    assert file_of_key(path, row.key_id) == pending
+    assert Signer(open_key(path, row), "").key_id == row.key_id
+    assert not pending.exists()
+    with pytest.raises(ReceiptError) as refused:
+        open_key(path, SigningKey(key_id=old))
+    assert str(refused.value) == (
+        f"{path} is key {row.key_id}, but the database says that {old} is in use: copy its file "
+        "here, from the machine on which the key was rotated or from a backup; or, if it was "
+        "rotated a moment ago, try again"
+    )
+
+
+def refusal(transaction: Transaction, key_id: str, hours: int) -> str:
+    """Return why a key is not revoked."""
+    revocation = KeyRevocation(since=NOON + hours * HOUR, reason="stolen")
+    with pytest.raises((ConflictError, NotFoundError)) as refused:
+        revoke_key(transaction, key_id, revocation)
+    return str(refused.value)
+
+
+def test_a_key_is_revoked_since_a_time_before_its_end(sqlite: Database) -> None:
+    with transactions(sqlite, FIRST, 2).begin("test") as transaction:
+        replace_key(transaction, SECOND, "the yearly change")
+    with transactions(sqlite, SECOND, 3).begin("test") as transaction:
+        told = "there is no key 'x'; `server key list` shows all"
+        assert refusal(transaction, "x", 1) == told
+        told = f"{SECOND.key_id} is in use; replace it first with `server key rotate`"
+        assert refusal(transaction, SECOND.key_id, 1) == told
+        told = "are valid only until 2026-03-02T14:00:00+00:00; give an earlier time"
+        assert refusal(transaction, FIRST.key_id, 2) == f"signatures of {FIRST.key_id} {told}"
+        revocation = KeyRevocation(since=NOON + HOUR, reason="stolen")
+        assert revoke_key(transaction, FIRST.key_id, revocation) == 0
+        row = all_keys(transaction.session)[0]
+        assert (row.valid_until, row.revoked_at) == (NOON + HOUR, NOON + 3 * HOUR)
+        logged = entries(transaction.session)[-1]
+    assert (row.reason, row.replaced_at) == ("stolen", NOON + 2 * HOUR)
+    assert (logged.action, logged.row, logged.subject) == (
+        "signing key revoked",
+        "signing_key:1",
+        FIRST.key_id,
+    )
+    until = "2026-03-02T13:00:00+00:00"
+    assert logged.details == {"until": until, "signed_again": 0, "reason": "stolen"}
+
+
+def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: Serving) -> None:
+    state, signed_by = server.state, server.state.signer.key_id
+    for _ in range(2):
+        server.upload(OWNER, server.distinct())
+        with server.acting() as transaction:
+            state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
+        server.clock.turn(hours=1)
+    with state.database.writing() as session:
+        _, later = session.scalars(select(Submission).order_by(Submission.received_at)).all()
+        known = results_of(later)[""]
+        by_another = Receipt.model_validate({**known.receipt.model_dump(), "key_id": THIRD.key_id})
+        about = {"report": known.report, "replaced_at": NOON, "reason": "corrected"}
+        earlier = [EarlierResult(**about, receipt=each) for each in (known.receipt, by_another)]
+        store_result(later, "", known.model_copy(update={"earlier": earlier}))
+        store_result(later, "strict", known)
+    with server.acting() as transaction:
+        replace_key(transaction, SECOND, "the yearly change")
+    with transactions(state.database, SECOND, 3).begin("test") as transaction:
+        revocation = KeyRevocation(since=NOON, reason="stolen")
+        assert revoke_key(transaction, signed_by, revocation) == 4
+        session = transaction.session
+        first, later = session.scalars(select(Submission).order_by(Submission.received_at)).all()
+        assert [result.receipt.key_id for result in results_of(first).values()] == [signed_by]
+        own, strict = results_of(later)[""], results_of(later)["strict"]
+        assert [each.receipt.key_id for each in own.earlier] == [SECOND.key_id, THIRD.key_id]
+        assert own.earlier[1].receipt == by_another
+        for receipt in (own.receipt, own.earlier[0].receipt, strict.receipt):
+            verify(receipt, SECOND.public_pem)
+        assert own.receipt.scores == known.receipt.scores
+        stored = session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)).all()
+        kept, again = (Snapshot.model_validate(each.content) for each in stored)
+        assert kept.key_id == signed_by
+        verify(again, SECOND.public_pem)
+        assert entries(session)[-1].details["signed_again"] == 4

@@ -823,7 +823,8 @@ def test_more_values_than_can_be_read(content: bytes, monkeypatch: pytest.Monkey
 )
 def test_as_many_values_as_the_limit_are_read(content: bytes, values: int) -> None:
     check_value_count(content, values)
-    with pytest.raises(SubmissionError, match=f"about {values} values, more than the limit of {values - 1}"):
+    message = f"about {values} values, more than the limit of {values - 1}"
+    with pytest.raises(SubmissionError, match=message):
         check_value_count(content, values - 1)
 
 

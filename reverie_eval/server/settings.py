@@ -371,16 +371,17 @@ class EvalAI(_Section):
     url: Annotated[HttpUrl, AfterValidator(_is_encrypted)] = HttpUrl("https://eval.ai")
     """The EvalAI server."""
     challenge: PositiveInt
-    """The number of the challenge there. Without a section ``[evalai]``, there is none."""
+    """The challenge's number on EvalAI."""
     queue: Name
-    """The name of its queue, which the *Manage* tab of the challenge shows."""
+    """The name of the challenge's queue; its *Manage* tab on EvalAI shows it."""
     phases: Annotated[dict[PositiveInt, str], Field(min_length=1)]
-    """The split that each phase there is for, by the number of the phase: ``1213 = "test"``."""
+    """The split of each phase, by the phase's number on EvalAI: ``1213 = "test"``."""
     token: Annotated[str, Field(repr=False)] = ""
-    """Of a host of the challenge; belongs in ``REVERIE_EVAL_EVALAI__TOKEN``, if it is not in a
-    file."""
+    """The token of a host of the challenge; set it in ``REVERIE_EVAL_EVALAI__TOKEN``, or use
+    ``token_file``."""
     token_file: Path | None = None
-    """A file with the token alone, readable by its owner alone. It is not in backups."""
+    """A file that contains only the token and that only its owner can read. Backups leave it
+    out."""
 
 
 class Settings(BaseSettings):

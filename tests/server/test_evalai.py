@@ -221,7 +221,7 @@ def test_a_worker_killed_while_it_scores_leaves_nothing_undone(
         pytest.param(request, fault, id=f"{request}, {fault}")
         for request in get_args(Request)
         for fault in get_args(Fault)
-        # A page in place of a file cannot be told from one that was submitted.
+        # An HTML page instead of the file looks like a page that was submitted.
         if request != "download" or fault not in {"hidden", "nonsense"}
         # That the queue is not there ends the worker.
         if (request, fault) != ("receive", "hidden")
@@ -364,7 +364,7 @@ def test_a_fault_of_ours_fails_without_telling_secrets(
     submission = evalai.submit(FOR_TEST, submission_for(PRIVATE))
     drain(worker, evalai)
     assert submission.ends == ["failed"]
-    assert submission.stderr.startswith("the evaluation failed, which is no fault of the file")
+    assert submission.stderr.startswith("the evaluation failed, but not because of the file")
     logged = [JsonLines().format(record) for record in caplog.records]
     assert any("a submission could not be scored" in line for line in logged)
     assert "1999999937" not in submission.stderr + "".join(logged)
@@ -562,7 +562,7 @@ def test_a_server_without_a_challenge_has_no_worker(made_folder: Path, run: Run)
 def test_the_challenge_has_a_place_for_every_result(lab: Path, run: Run) -> None:
     outcome = run("server", "export-evalai", str(lab))
     assert outcome.status == 0
-    assert f"{PRIVATE}: windows of 24 hours, 30 and 365 days" in outcome.err
+    assert f"{PRIVATE}: quotas for any 24 hours, 30 and 365 days" in outcome.err
     config = yaml.safe_load(outcome.out)
     assert config["remote_evaluation"] is True
     boards = {board["id"]: board["schema"] for board in config["leaderboard"]}
@@ -596,7 +596,7 @@ release_scores = "phase-end"
     settings.write_text(text.replace('\nphases = [{ name = "always" }]\n', phases))
     outcome = run("server", "export-evalai", str(folder))
     assert outcome.status == 0, outcome.err
-    assert f"{PRIVATE}: scores are hidden" in outcome.err
+    assert f"{PRIVATE}: the date from which scores are shown" in outcome.err
     config = yaml.safe_load(outcome.out)
     (phase, earlier), place = config["challenge_phases"][:2], config["challenge_phase_splits"][0]
     assert earlier["start_date"] == earlier["end_date"]

@@ -123,11 +123,11 @@ def _left_out(board: Board, schedule: Schedule) -> Iterator[str]:
     """Yield what a challenge on EvalAI does not keep of a split's rules, a sentence each."""
     quota = board.split.effective_quota
     yield (
-        f"{board.name}: windows of 24 hours, 30 and 365 days; submissions are counted by days and "
-        f"months of the calendar, and {quota.year:,} are the limit of each phase"
+        f"{board.name}: quotas for any 24 hours, 30 and 365 days; EvalAI counts by calendar day "
+        f"and month, and allows {quota.year:,} submissions in each phase"
     )
     if schedule.holds_scores_back:
-        yield f"{board.name}: scores are hidden; show them yourself when the phase has ended"
+        yield f"{board.name}: the date from which scores are shown; show them after the phase"
     if board.also:
         yield f"{board.name}: the further leaderboards {', '.join(board.also)}"
 

@@ -44,7 +44,7 @@ LONGEST_RETRY_AFTER = 600
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 _FAULT = (
-    "the evaluation failed, which is no fault of the file; its organisers can see why, and can run "
+    "the evaluation failed, but not because of the file; the organisers can see why, and can run "
     "the submission again"
 )
 

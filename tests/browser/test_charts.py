@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Page, Route, expect
 
 from reverie_eval import CATALOGUE
-from tests.support.browser import DESKTOP, PHONE, WIDE, OpenPage
+from tests.support.browser import DESKTOP, PHONE, WIDE, OpenPage, await_chart
 from tests.support.demo_site import BOLD, OPEN, OWNER, PRIVATE, Site
 
 BOARD = f"/boards/{OPEN}"
@@ -29,14 +29,12 @@ DAY = 24 * 3600 * 1000
 
 def drawn(page: Page, name: str) -> list[list[list[float]]]:
     """Return the points of each data set of a chart, once it is drawn."""
-    page.wait_for_function("name => Chart.getChart(name)", arg=name)
-    found: list[list[list[float]]] = page.locator(f"#{name}").evaluate(DRAWN)
+    found: list[list[list[float]]] = await_chart(page, name).evaluate(DRAWN)
     return found
 
 
 def axis(page: Page, chart: str, name: str) -> dict[str, Any]:
-    page.wait_for_function("name => Chart.getChart(name)", arg=chart)
-    found: dict[str, Any] = page.locator(f"#{chart}").evaluate(AXIS, name)
+    found: dict[str, Any] = await_chart(page, chart).evaluate(AXIS, name)
     return found
 
 

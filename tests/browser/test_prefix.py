@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from playwright.sync_api import FilePayload, expect
 
-from tests.support.browser import UNLIMITED, OpenPage
+from tests.support.browser import UNLIMITED, OpenPage, await_chart
 from tests.support.demo_site import OPEN, OWNER, Site, sound
 from tests.support.serving import running
 
@@ -17,7 +17,7 @@ def test_a_participant_stays_below_the_path(own_site: Site, open_page: OpenPage)
     with running(own_site.folder, **variables) as (_, url):
         site = replace(own_site, url=f"{url}{PREFIX}")
         page = open_page(site, f"{site.url}/boards/{OPEN}")
-        page.wait_for_function("Chart.getChart('against')")
+        await_chart(page, "against")
         page.get_by_label("Horizontal axis").select_option("spl")
         expect(page).to_have_url(re.compile("x=spl"))
         latex = page.get_by_role("link", name="LaTeX")

@@ -14,7 +14,7 @@ import pytest
 from playwright.sync_api import expect
 
 from reverie_eval.server.operations.site import export_site
-from tests.support.browser import PHONE, OpenPage, serious_violations
+from tests.support.browser import PHONE, OpenPage, await_chart, serious_violations
 from tests.support.demo_site import OPEN, Site
 
 
@@ -32,8 +32,7 @@ def test_it_is_sorted_and_drawn_without_a_server(copy: Site, open_page: OpenPage
     page.get_by_role("link", name=re.compile("^SPL")).click()
     header = page.get_by_role("columnheader", name=re.compile("^SPL"))
     expect(header).to_have_attribute("aria-sort", "descending")
-    page.wait_for_function("Chart.getChart('progress')")
-    point = page.locator("#progress").evaluate(
+    point = await_chart(page, "progress").evaluate(
         "each => { const { x, y } = Chart.getChart(each).getDatasetMeta(0).data.at(-1); "
         "return { x, y }; }"
     )

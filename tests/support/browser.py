@@ -1,6 +1,7 @@
 """A real Chromium before a real server, and an ear on all that the browser complains of."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from playwright.sync_api import (
     Browser,
     BrowserContext,
     ConsoleMessage,
+    Locator,
     Page,
     Request,
     Response,
@@ -111,6 +113,17 @@ class Ear:
 
 
 OpenPage = Callable[..., Page]
+
+
+def await_chart(page: Page, name: str) -> Locator:
+    """Wait until a chart is drawn, and return its canvas.
+
+    Chart.js gives the canvas a style as it takes it. ``page.wait_for_function`` would not do: the
+    pages' content security policy forbids what it does from the second look on.
+    """
+    canvas = page.locator(f"#{name}")
+    expect(canvas).to_have_attribute("style", re.compile("display"))
+    return canvas
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from fastapi import APIRouter
 from fastapi.responses import Response
@@ -20,6 +21,7 @@ from reverie_eval.server.pages.boards import NEWS_SHOWN, Scale
 from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.entries import Row
+from reverie_eval.server.service.episodes import EpisodeService
 from reverie_eval.server.service.leaderboard import Ranking, paper_of
 from reverie_eval.server.service.news import latest_news
 from reverie_eval.server.state import ServerState
@@ -71,7 +73,7 @@ def show_home(visitor: Visitor) -> Response:
             task=task,
             leaders=_leaders(server, snapshot),
             now=snapshot.now,
-            example=_example(server),
+            example=_example(server.episodes),
             # A link in the settings comes before what is known of the task.
             data=links.get("data", f"https://{task.source}"),
             paper_page=links.get("paper", _PAPER_PAGE if task.name == DEFAULT_TASK else ""),
@@ -92,16 +94,18 @@ class Example:
     answer: Markup | None
 
 
-def _example(server: ServerState) -> Example | None:
-    if server.episodes.example is None:
+@lru_cache(1)
+def _example(episodes: EpisodeService) -> Example | None:
+    """Draw the example once: its photographs take longer than the rest of the page."""
+    if episodes.example is None:
         return None
-    board, episode = server.episodes.example
+    board, episode = episodes.example
     view = AnswerView.at_path_end(episode)
     # Drawings are safe HTML: all text in them was escaped when they were drawn.
     return Example(
         board=board,
         episode=episode,
-        is_browsable=board in server.episodes.boards,
+        is_browsable=board in episodes.boards,
         picture=Markup(map_svg(EpisodeMap.of({"": episode}).without_routes())),  # noqa: S704
         answer=None if view is None else Markup(answer_svg(view, 1)),  # noqa: S704
     )

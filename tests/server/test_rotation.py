@@ -205,6 +205,8 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
         with server.acting() as transaction:
             state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
         server.clock.turn(hours=1)
+    with server.acting() as transaction:
+        state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="another"))
     with state.database.writing() as session:
         _, later = session.scalars(select(Submission).order_by(Submission.received_at)).all()
         known = results_of(later)[""]
@@ -213,6 +215,8 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
         earlier = [EarlierResult(**about, receipt=each) for each in (known.receipt, by_another)]
         store_result(later, "", known.model_copy(update={"earlier": earlier}))
         store_result(later, "strict", known)
+        last = session.scalars(select(StoredSnapshot).where(StoredSnapshot.number == 3)).one()
+        last.content = {**last.content, "key_id": THIRD.key_id}
     with server.acting() as transaction:
         replace_key(transaction, SECOND, "the yearly change")
     with transactions(state.database, SECOND, 3).begin("test") as transaction:
@@ -228,7 +232,7 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
             verify(receipt, SECOND.public_pem)
         assert own.receipt.scores == known.receipt.scores
         stored = session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)).all()
-        kept, again = (Snapshot.model_validate(each.content) for each in stored)
-        assert kept.key_id == signed_by
+        kept, again, another = (Snapshot.model_validate(each.content) for each in stored)
+        assert (kept.key_id, another.key_id) == (signed_by, THIRD.key_id)
         verify(again, SECOND.public_pem)
         assert entries(session)[-1].details["signed_again"] == 4

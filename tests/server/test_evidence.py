@@ -24,7 +24,9 @@ from reverie_eval.server.service.fingerprints import Fingerprint
 from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Fingerprint as Row
+from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
+from tests.support.acting import NOON
 from tests.support.flat import Run
 from tests.support.serving import (
     GOOD,
@@ -73,7 +75,9 @@ def test_the_same_file_of_two_teams_is_listed(server: Serving) -> None:
     assert [each["id"] for each in found["submissions"]] == [first, second]
 
 
-def test_the_most_similar_files_are_compared_in_full(server: Serving) -> None:
+def test_the_most_similar_files_are_compared_in_full(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sent(server, OWNER, MEDIOCRE)
     first = sent(server, OWNER)
     second = sent(server, OTHER, answering(dict.fromkeys(range(21), 9999)))
@@ -84,6 +88,8 @@ def test_the_most_similar_files_are_compared_in_full(server: Serving) -> None:
     assert pair["equal"] == pair["equal_answers"] == pytest.approx(1 - 21 / 84)
     assert report["usual_similarity"] == 0.75
     assert report["same_files"] == []
+    monkeypatch.setattr("reverie_eval.server.service.evidence.PAIRS", 0)
+    assert shown(server)["similar"] == []
 
 
 def test_a_team_s_files_are_compared_with_its_earlier_ones(server: Serving) -> None:
@@ -341,7 +347,19 @@ def test_what_there_is_not_is_not_found(server: Serving, folder: Path, run: Run)
     assert reply.status_code == 404
     assert "no team 'Green' with submissions" in reply.json()["detail"]
     assert run("server", "evidence", str(folder), OPEN, "--team", "Green").status == 2
-    assert shown(server, PRIVATE)["teams"] == []
+    report = shown(server, PRIVATE)
+    assert (report["submissions"], report["teams"]) == (0, [])
+
+
+def test_files_that_were_deleted_are_left_out(server: Serving) -> None:
+    deleted = sent(server, OTHER, MEDIOCRE)
+    replies = [server.upload(OWNER, server.distinct()).json() for _ in range(4)]
+    with server.state.database.writing() as session:
+        session.get_one(Submission, deleted).upload_deleted_at = NOON
+    report = shown(server, team="Blue")
+    assert (report["submissions"], report["left"], len(report["teams"])) == (4, 0, 1)
+    same_moment = sorted(reply["submission"]["id"] for reply in replies)
+    assert [each["id"] for each in report["history"]] == same_moment
 
 
 def test_nobody_else_makes_the_server_read_uploads(server: Serving) -> None:

@@ -261,6 +261,7 @@ def test_the_growth_of_the_gap_is_that_of_the_latest_file(server: Serving) -> No
     report = shown(server, team="Blue")
     (team,), (before, after) = report["teams"], report["history"]
     growth = after["gap"]["value"] - before["gap"]["value"]
+    assert team["median_changed"] == after["changed"]
     assert team["gap"] == after["gap"]
     assert team["gap_growth"]["value"] == pytest.approx(growth, abs=2e-4)
 

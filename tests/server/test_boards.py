@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.errors import GroundTruthError, Problem
-from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
+from reverie_eval.agents import run_agent
+from reverie_eval.errors import GroundTruthError, Problem, SubmissionError
+from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle, GroundTruth
 from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.service.boards import (
     Board,
@@ -94,7 +95,8 @@ def test_a_board_has_the_fingerprint_of_what_participants_may_have(several: Boar
     public = Bundle.load(DEMO_BUNDLES / f"{OPEN}.npz").public().header.fingerprint
     assert {board.public_fingerprint for board in several.all} == {public}
     assert {board.truth.origin for board in several.all} == {OPEN}
-    assert [board.own for board in several.all] == [None, *[several.also[GROUNDING].own] * 2]
+    assert several.own is None
+    assert [board.own and board.own.path for board in several.also.values()] == [OPEN, OPEN]
 
 
 def test_intervals_are_computed_if_asked_for(several: Board) -> None:
@@ -104,6 +106,39 @@ def test_intervals_are_computed_if_asked_for(several: Board) -> None:
     assert scores is not None
     assert scores.intervals is not None
     assert several.scored(GOOD, has_intervals=True).report.intervals is not None
+
+
+def test_a_further_leaderboard_has_the_episodes_of_its_protocol() -> None:
+    """R2R's own script never scores a path's fourth instruction, and DUET's does."""
+    boards = opened("r2r-val_seen", "r2r", duet=Also(protocol="hamt")).all
+    assert [len(board.truth.episodes.instr_ids) for board in boards] == [34, 35]
+
+
+def test_a_file_for_another_split_is_told_its_name_on_the_server() -> None:
+    sent = run_agent("shortest", GroundTruth.load(DEMO_BUNDLES / "r2r" / "val_seen.npz"))
+    content = json.dumps(sent).encode()
+    with pytest.raises(SubmissionError) as refused:
+        opened(R2R, "r2r").read(content)
+    assert [each.split for each in refused.value.problems] == [None, "r2r-val_seen"]
+    assert opened("r2r-val_seen", "r2r").read(content).validation().notes == []
+
+
+def test_what_only_the_answers_tell_is_not_said_of_a_private_split(several: Board) -> None:
+    records = [{**each, "predObjId": each["predObjId"] + 5000} for each in json.loads(GOOD)]
+    content = json.dumps(records).encode()
+    private = replace(several, split=several.split.model_copy(update={"visibility": "private"}))
+    (note,) = several.read(content).validation().notes
+    assert note.startswith("no predicted object is visible where its agent stops")
+    assert private.read(content).validation().notes == []
+    assert several.check(content).validation().notes == []
+
+
+def test_only_rounded_means_of_a_private_split_may_be_kept(several: Board) -> None:
+    private = replace(several, split=several.split.model_copy(update={"visibility": "private"}))
+    exact, rounded = several.scored(GOOD).report, private.scored(GOOD).report
+    assert list(rounded.scores) == [metric.key for metric in several.headline]
+    assert (several.may_keep(exact), private.may_keep(exact)) == (True, False)
+    assert (several.may_keep(rounded), private.may_keep(rounded)) == (True, True)
 
 
 def test_tasks_begin_with_reverie(several: Board) -> None:
@@ -181,6 +216,11 @@ def test_a_split_of_another_task_is_named_with_what_to_set() -> None:
         "this is the ground truth of R2R, but the split is of REVERIE; set "
         'task = "r2r", or use another bundle'
     )
+
+
+def test_rules_that_need_positions_are_accepted_with_them() -> None:
+    board = opened(OPEN, camera=Also(protocol="challenge-2022"))
+    assert board.also["camera"].rules.goal == "visible and near the object"
 
 
 def test_rules_that_cannot_score_the_split_are_refused() -> None:

@@ -29,6 +29,7 @@ from reverie_eval.server.service.tokens import (
     check_organiser_left,
     has_organiser,
     list_tokens,
+    name_in,
     revoke_token,
     revoke_tokens_of_person,
     revoke_tokens_of_team,
@@ -233,6 +234,10 @@ def test_cookies_and_csrf_tokens_have_keys_of_their_own() -> None:
     assert str(refused.value) == (
         "send the session's csrf_token as X-CSRF-Token; GET /api/v1/session returns it"
     )
+
+
+def test_the_name_in_a_cookie_is_what_is_before_its_signature() -> None:
+    assert [name_in(cookie) for cookie in ("a.b.c", "a.b", "a", "")] == ["a.b", "a", "", ""]
 
 
 @pytest.mark.parametrize(

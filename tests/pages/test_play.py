@@ -16,8 +16,10 @@ from reverie_eval import CATALOGUE, GroundTruth
 from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.server.errors import MalformedError, NotFoundError
-from reverie_eval.server.service.episodes import Browsing
+from reverie_eval.server.service.boards import load_board
+from reverie_eval.server.service.episodes import Annotations, Browsing
 from reverie_eval.server.service.play import HumanWalk, sample
+from reverie_eval.server.settings import Split
 from tests.support.serving import (
     OPEN,
     PRIVATE,
@@ -191,3 +193,11 @@ def test_a_walk_and_its_answer_are_scored_as_they_are(server: Serving) -> None:
     assert [walk.answered(None).values[key] for key in ("success", "rgs")] == [1, 0]
     assert walk.record(record["predObjId"]) == record
     assert walk.record(None) == {**record, "predObjId": -1}
+
+
+def test_a_walk_without_a_target_has_no_answer() -> None:
+    path = DEMO_BUNDLES / "r2r" / "val_unseen.npz"
+    split = Split(visibility="open", bundle=path, task="r2r")
+    board = load_board("r2r-val_unseen", split, path)
+    walk = HumanWalk.of(Browsing(board, Annotations.of(board), [], []), 0, 1, [])
+    assert walk.record(None).keys() == {"instr_id", "trajectory"}

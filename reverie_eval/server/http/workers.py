@@ -14,9 +14,9 @@ from pathlib import Path
 from limits.storage import MemoryStorage, Storage
 
 _FILE = "requests.sqlite"
-"""In the same folder, prometheus_client reads all files that end in ``.db``."""
+"""Not ``.db``: prometheus_client reads all files of the folder that end in this."""
 SECONDS_TO_COUNT = 10
-"""How long a worker may wait for others to count; each takes some microseconds."""
+"""Time that a worker may wait while others count; each takes some microseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Workers:
         return min(total, max(1, total // self.number))
 
     def counts(self) -> Storage:
-        """Return where requests are counted."""
+        """Return the storage in which requests are counted."""
         return MemoryStorage() if self.folder is None else FileCounts(self.folder / _FILE)
 
 

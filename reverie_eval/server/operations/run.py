@@ -32,7 +32,7 @@ from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
 SECONDS_TO_FINISH = 90
-"""How long requests that have begun may take to finish when the server is stopped."""
+"""Seconds that requests that have begun may take to finish when the server is stopped."""
 
 
 def run_server(
@@ -48,7 +48,7 @@ def run_server(
     Parameters
     ----------
     settings : Settings
-        Of the server.
+        Settings of the server.
     host : str
         The address to listen at; ``0.0.0.0`` for all.
     port : int

@@ -8,6 +8,7 @@ prometheus_client's multiprocess mode.
 
 import sqlite3
 import time
+import weakref
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,6 +65,7 @@ class FileCounts(Storage):
             CREATE INDEX IF NOT EXISTS by_end ON counted (until);
             """
         )
+        weakref.finalize(self, self._database.close)  # limits never closes a storage
 
     @property
     def base_exceptions(self) -> type[Exception]:

@@ -352,22 +352,33 @@ def test_results_are_listed_from_the_latest_and_ranked_from_the_earliest(sqlite:
 
 def test_a_result_of_a_split_that_is_gone_can_be_changed(sqlite: Database) -> None:
     with acting(sqlite) as transaction:
-        known = add_reported(transaction, entry(date="2026"), TASKS)
+        paper, code = "https://example.org/paper", "https://example.org/code"
+        method = {"name": "Walker", "paper": paper}
+        known = add_reported(transaction, entry(date="2026", method=method), TASKS)
         change = ReportedChange.model_validate(
-            {"method": {"name": "Runner"}, "date": None, "scores": {"goal_progress": 1.5}}
+            {
+                "method": {"name": "Runner", "code": code},
+                "date": None,
+                "scores": {"goal_progress": 1.5},
+            }
         )
         changed = change_reported(transaction, known.id, change, {})
         assert changed == find_reported(transaction.session, known.id)
         assert changed.scores == {"success": 0.5, "goal_progress": 1.5}
         assert (changed.method.name, changed.date, changed.team) == ("Runner", None, "Blue")
+        assert (str(changed.method.paper), str(changed.method.code)) == (paper, code)
         assert last_logged(transaction.session) == (
             "reported result changed",
             f"reported_result:{known.id}",
             "Walker",
             {
-                "before": {"method": {"name": "Walker"}, "scores": {}, "date": "2026"},
+                "before": {
+                    "method": {"name": "Walker", "code": None},
+                    "scores": {},
+                    "date": "2026",
+                },
                 "after": {
-                    "method": {"name": "Runner"},
+                    "method": {"name": "Runner", "code": code},
                     "scores": {"goal_progress": 1.5},
                     "date": None,
                 },

@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -22,6 +22,7 @@ from reverie_eval.server.service.audit import audit_reports, entries
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.paging import Page
+from reverie_eval.server.service.rank_intervals import cluster_sums
 from reverie_eval.server.service.results import results_of, store_result
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import (
@@ -356,7 +357,9 @@ def test_a_change_is_logged_with_who_made_it_and_what_was_said(server: Serving) 
         "anonymous_until": "2026-04-01T00:00:00Z",
         "shows_episodes": True,
     }
-    service.change(owner, submission, SubmissionChange.model_validate(said), ORGANISER)
+    hidden = service.change(owner, submission, SubmissionChange.model_validate(said), ORGANISER)
+    assert hidden == known(server, submission)
+    assert hidden.anonymous_until == datetime(2026, 4, 1, tzinfo=UTC)
     change(server, submission, anonymous_until=None)
     row = f"submission:{submission}"
     assert logged(server)[-2:] == [
@@ -374,12 +377,16 @@ def test_publishing_computes_intervals_on_every_leaderboard_once(
     submission = sent(several)
     change(several, submission, shows_episodes=True)
     assert {each.report.intervals for each in known(several, submission).results.values()} == {None}
-    before = {name: each.report for name, each in known(several, submission).results.items()}
+    before_it = known(several, submission)
+    before = {name: each.report for name, each in before_it.results.items()}
     change(several, submission, published=True)
     after = {name: each.report for name, each in known(several, submission).results.items()}
     with several.state.database.reading() as session:
-        sums = {(each.submission_id, each.board) for each in session.scalars(select(ClusterSums))}
-    assert sums == {(submission, name) for name in ("", GROUNDING, STRICT)}
+        sums = {each.board: each.sums for each in session.scalars(select(ClusterSums))}
+    assert sums == {
+        board.further: cluster_sums(several.state.submissions.episodes(before_it, board.further))
+        for board in several.state.boards[OPEN].all
+    }
     for name, report in after.items():
         assert report.intervals is not None
         low, high = report.intervals.intervals["rgs"]

@@ -172,6 +172,8 @@ def test_everyone_sees_a_result_without_scores_and_earlier_ones(held: Serving) -
             shown = publication(session, submission, view)
         seen.append((shown.scores_held_until, bool(shown.report.scores), len(shown.earlier)))
     assert seen == [(CLOSES, False, 0), (None, True, 1)]
+    told = held.ask(OWNER, "PATCH", f"/submissions/{submission}", json={}).json()
+    assert (told["report"]["scores"], told["earlier"]) == ({}, [])
 
 
 def test_a_later_phase_holds_back_its_own_submissions_alone(held: Serving) -> None:

@@ -441,12 +441,15 @@ def test_results_that_are_replaced_are_logged_and_no_others(
     server = open_server(adjusted(settings_of(folder), OPEN, one_per_team=True))
     withdrawn, first, second = (sent(server) for _ in range(3))
     sent(server)  # is not published
+    others = sent(server, OTHER), sent(server, OWNER, PRIVATE)
+    for each in others:
+        store(server, each, published_at=NOON)
     change(server, withdrawn, published=True)
     change(server, withdrawn, withdrawn=True)
     server.clock.turn(hours=1)
     for each in (first, second):
         change(server, each, published=True)
-    assert known(server, withdrawn).published_at == NOON
+    assert {known(server, each).published_at for each in (withdrawn, *others)} == {NOON}
     assert [(subject, details) for *_, subject, details in logged(server)[-3:]] == [
         (first, {"published": True}),
         (second, {"published": True}),

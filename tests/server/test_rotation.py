@@ -239,22 +239,29 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
         with server.acting() as transaction:
             state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
         server.clock.turn(hours=1)
+    server.upload(OWNER, server.distinct())
+    with server.acting() as transaction:
+        state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="another"))
     with state.database.writing() as session:
-        _, later = session.scalars(select(Submission).order_by(Submission.received_at)).all()
+        _, later, _ = session.scalars(select(Submission).order_by(Submission.received_at)).all()
         known = results_of(later)[""]
         by_another = Receipt.model_validate({**known.receipt.model_dump(), "key_id": THIRD.key_id})
         about = {"report": known.report, "replaced_at": NOON, "reason": "corrected"}
         earlier = [EarlierResult(**about, receipt=each) for each in (known.receipt, by_another)]
         store_result(later, "", known.model_copy(update={"earlier": earlier}))
         store_result(later, "strict", known)
+        third = session.scalars(select(StoredSnapshot).where(StoredSnapshot.number == 3)).one()
+        third.content = {**third.content, "key_id": THIRD.key_id}
     with server.acting() as transaction:
         replace_key(transaction, SECOND, "the yearly change")
     with transactions(state.database, SECOND, 3).begin("test") as transaction:
         revocation = KeyRevocation(since=NOON, reason="stolen")
-        assert revoke_key(transaction, signed_by, revocation) == 4
+        assert revoke_key(transaction, signed_by, revocation) == 5
         session = transaction.session
-        first, later = session.scalars(select(Submission).order_by(Submission.received_at)).all()
+        submissions = session.scalars(select(Submission).order_by(Submission.received_at)).all()
+        first, later, last = submissions
         assert [result.receipt.key_id for result in results_of(first).values()] == [signed_by]
+        assert [result.receipt.key_id for result in results_of(last).values()] == [SECOND.key_id]
         own, strict = results_of(later)[""], results_of(later)["strict"]
         assert [each.receipt.key_id for each in own.earlier] == [SECOND.key_id, THIRD.key_id]
         assert own.earlier[1].receipt == by_another
@@ -262,7 +269,7 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
             verify(receipt, SECOND.public_pem)
         assert own.receipt.scores == known.receipt.scores
         stored = session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)).all()
-        kept, again = (Snapshot.model_validate(each.content) for each in stored)
-        assert kept.key_id == signed_by
+        kept, again, another = (Snapshot.model_validate(each.content) for each in stored)
+        assert (kept.key_id, another.key_id) == (signed_by, THIRD.key_id)
         verify(again, SECOND.public_pem)
-        assert entries(session)[-1].details["signed_again"] == 4
+        assert entries(session)[-1].details["signed_again"] == 5

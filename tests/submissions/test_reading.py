@@ -776,6 +776,73 @@ def test_the_careful_lane_reads_common_forms_as_it_reads_others(content: bytes) 
     ]
 
 
+@pytest.mark.parametrize("chunk", [1, 1 << 16])
+def test_the_fast_lane_reads_hops(chunk: int) -> None:
+    content = document(
+        record(trajectory='[["hall"], [], ["bath", "loft"]]', predObjId='"3"'),
+        record(instr_id='"7_1_1"', trajectory='[["hall"], ["bath"]]'),
+        record(instr_id='"7_1_2"', trajectory='[["loft"]]', predObjId="4"),
+    )
+    with patch("reverie_eval.submissions._official._CHUNK", chunk):
+        predictions = decode_official(content)
+    assert predictions is not None
+    assert columns_of(predictions) == Columns(
+        ["7_1_0", "7_1_1", "7_1_2"],
+        ["hall", "bath", "loft", "hall", "bath", "loft"],
+        [0, 3, 5, 6],
+        [3, 3, 4],
+        has_degrees=False,
+    )
+    assert places_of(predictions) == [
+        ("[0]", [(0, 0), (2, 0), (2, 1)]),
+        ("[1]", [(0, 0), (1, 0)]),
+        ("[2]", [(0, 0)]),
+    ]
+    assert hops_of(predictions) == [False, False, True, False, False, False]
+    assert predictions.answer_is_text.tolist() == [True, False, False]
+    assert predictions.has_leading_zeros.tolist() == [False] * 3
+    assert not predictions.is_navigation_only
+    assert predictions.differences == {
+        "text ids": 1,
+        "hops": 1,
+        "empty hops": 1,
+        "long hops": 1,
+        "no angles": 6,
+    }
+    assert predictions.read_as == [
+        "1 trajectories of nested hops",
+        "1 hops with more than one viewpoint, every viewpoint counted",
+        "6 poses without heading and elevation",
+        "1 object ids written as text",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "is_taken"),
+    [
+        pytest.param(record(predObjId=f'"{2**31 - 1}"'), True, id="largest object as text"),
+        pytest.param(record(predObjId=f'"{2**31}"'), False, id="larger object as text"),
+        pytest.param(record(predObjId='"03"'), False, id="leading zero"),
+        pytest.param(record(trajectory='[["7", 1.5, 0]]'), True, id="digits for a viewpoint"),
+        pytest.param(record(trajectory='[["hall", "7"]]'), False, id="hop, or angle as text"),
+        pytest.param(record(trajectory='[["hall"], []]'), True, id="empty hop"),
+        pytest.param(record(trajectory="[[]]"), False, id="empty hop only"),
+        pytest.param(record(trajectory="[]"), False, id="no pose"),
+        pytest.param(record(instr_id='"reverie_7_1_0"'), False, id="prefix"),
+        pytest.param(record(instr_id='"7:1"'), False, id="colon"),
+    ],
+)
+def test_what_the_fast_lane_takes(text: str, *, is_taken: bool) -> None:
+    assert (decode_official(document(text)) is not None) == is_taken
+
+
+def test_the_longest_trajectory_of_the_fast_lane(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.submissions._official.MAX_POSES", 2)
+    two, three = (record(trajectory=f'[{", ".join(["""["hall", 1, 0]"""] * n)}]') for n in (2, 3))
+    assert decode_official(document(record(), two)) is not None
+    assert decode_official(document(record(), three)) is None
+
+
 @pytest.mark.parametrize("name", ["good.json", "mediocre.json"])
 def test_the_fast_lane_accepts_what_agents_write(name: str) -> None:
     assert decode_official((SAMPLES / name).read_bytes()) is not None
@@ -795,6 +862,44 @@ def test_the_fast_lane_reads_a_task_without_objects(name: str, chunk: int) -> No
     assert carefully.is_navigation_only
     assert decode_official(content) is None
     assert decode_official((SAMPLES / "good.json").read_bytes(), has_answers=False) is None
+
+
+@pytest.mark.parametrize("name", ["good", "r2r"])
+@pytest.mark.parametrize("load", [bytes, json.loads], ids=["text", "objects"])
+def test_the_official_form_takes_the_fast_lane(load: Callable[[bytes], Any], name: str) -> None:
+    """The careful one notes where every record is."""
+    submission = load((SAMPLES / f"{name}.json").read_bytes())
+    task = find_task("r2r" if name == "r2r" else "reverie")
+    assert read_predictions(submission, task).locations is None
+
+
+@pytest.mark.parametrize("load", [bytes, json.loads], ids=["text", "objects"])
+@pytest.mark.parametrize("answer", ["3", "3.5"], ids=["right", "wrong"])
+def test_answers_alone(load: Callable[[bytes], Any], answer: str) -> None:
+    submission = load(document(record(), record(predObjId=answer, trajectory='[["hall", 99, 0]]')))
+    predictions = read_predictions(submission, answers_only=True)
+    assert list(predictions.instr_ids) == ["7_1_0", "7_1_0"]
+    assert list(predictions.viewpoint_ids) == []
+    assert predictions.offsets.tolist() == [0, 0, 0]
+    assert predictions.predicted_object.tolist() == [3, 3 if answer == "3" else -1]
+    assert not predictions.has_degrees
+    assert len(predictions.problems) == (answer != "3")
+
+
+def test_answers_alone_need_no_trajectory() -> None:
+    content = document(without("trajectory"))
+    assert not read_predictions(content, answers_only=True).problems
+    assert [problem.message for problem in read_predictions(content).problems] == [
+        "has no trajectory; add it"
+    ]
+
+
+@pytest.mark.parametrize("field", ["predObjID", "bbox"])
+def test_a_task_without_objects_ignores_fields_that_resemble_an_answer(field: str) -> None:
+    text = without("predObjId")[:-1] + f', "{field}": 3}}'
+    predictions = read_predictions(document(text), find_task("r2r"))
+    assert not predictions.problems
+    assert predictions.ignored_fields == {field: 1}
 
 
 @pytest.mark.parametrize("content", [b"[{}, {}, {}]", b"{}\n{}\n{}", b"{} {} {} and more"])

@@ -90,6 +90,11 @@ def test_differences_are_of_paired_values() -> None:
             assert (found.mcnemar_p is not None) == (key in BINARY_METRICS)
 
 
+def test_the_seed_is_also_that_of_the_swaps() -> None:
+    found = [compare(GOOD, DRAWN, split=SPLIT, seed=seed)["drawn"]["rgs"] for seed in (1, 2)]
+    assert found[0].p_value != found[1].p_value
+
+
 def test_p_values_are_corrected_for_the_number_of_comparisons() -> None:
     pair = compare(MEDIOCRE, DRAWN, split=SPLIT)["drawn"]["rgs"]
     among_three = compare(MEDIOCRE, DRAWN, MEDIOCRE, split=SPLIT, names=["m", "drawn", "same"])
@@ -138,6 +143,8 @@ def test_a_submission_without_answers_is_compared_in_navigation() -> None:
     assert "rgs" not in comparison["walks"]
     assert comparison.primary("walks").key == "spl"
     assert comparison.sentence("walks") == "walks and good navigate the same in every episode"
+    best = compare(walks, GOOD, split=SPLIT, names=["walks", "good"], baseline="best")
+    assert best.first == "good"
 
 
 def test_a_comparison_shows_its_sentences() -> None:
@@ -348,9 +355,14 @@ def test_a_frame_has_a_row_per_submission_and_metric() -> None:
 
 def test_submissions_that_are_not_comparable() -> None:
     official, other = scores_of(GOOD), scores_of(GOOD, protocol="duet")
-    with pytest.raises(ProtocolError, match=r"not comparable: .*protocol:duet.*protocol:official"):
+    with pytest.raises(ProtocolError) as refused:
         compare(official, other)
-    with pytest.raises(ProtocolError, match="two or more submissions"):
+    assert str(refused.value) == (
+        f"these scores are not comparable: {other.signature}, {official.signature}"
+    )
+    with pytest.raises(
+        ProtocolError, match=r"^a comparison needs two or more submissions with different names$"
+    ):
         compare(official)
     with pytest.raises(ProtocolError, match="a name of its own; got x, x"):
         compare(official, official, names=["x", "x"])
@@ -444,6 +456,9 @@ def test_of_a_folder_the_best_is_the_baseline(run: Run, tmp_path: Path) -> None:
     chosen = compare(DRAWN, MEDIOCRE, GOOD, split=SPLIT, baseline="best")
     assert (named.first, chosen.first) == ("good", "good")
     assert (named.pairs, chosen.pairs) == (None, 3)
+    # The smallest of the p-values, times two comparisons or three pairs.
+    smallest = [each["mediocre"]["success"].mcnemar_p for each in (named, chosen)]
+    assert smallest[1] == pytest.approx(1.5 * float(smallest[0] or 0))
     p_values = [each["drawn"]["rgs"].p_value for each in (named, chosen)]
     assert p_values[1] == pytest.approx(p_values[0] * 3 / 2, rel=0.5)
     assert p_values[1] > p_values[0]

@@ -346,7 +346,10 @@ def test_validating_reports_jumps_and_abstentions(farm: GroundTruth) -> None:
     silent, elsewhere, jumps = checked.notes
     assert silent == "2 of 3 answers predict no object"
     assert elsewhere.startswith("no predicted object is visible where its agent stops")
-    assert "counted at shortest-path distance" in jumps
+    assert jumps == (
+        "1 jump in 1 episode: moves between unconnected viewpoints, counted at shortest-path "
+        "distance"
+    )
 
 
 @pytest.mark.parametrize(
@@ -416,6 +419,22 @@ def drawing(instr_id: str, *viewpoint_ids: str, x: int) -> Record:
     """Return the record of an agent that predicts a box."""
     walk = record(instr_id, *viewpoint_ids)
     return {**walk, "predObjId": -1, "predBox": [x, 0, 10, 10], "predView": 12}
+
+
+@pytest.mark.parametrize(
+    ("x", "message"),
+    [
+        pytest.param(1, "has the same trajectory and answer as an earlier record", id="equal"),
+        pytest.param(2, "7_1_0 already has a prediction in [0]", id="another box"),
+    ],
+)
+def test_boxes_tell_whether_a_record_is_given_twice(
+    x: int, message: str, farm: GroundTruth
+) -> None:
+    records = [drawing("7_1_0", "hall", x=1), drawing("7_1_0", "hall", x=x), SECOND, THIRD]
+    (problem,) = problems_of(records, farm)
+    assert (problem.code, problem.where) == ("duplicate-episode", "[1].instr_id")
+    assert problem.message.startswith(message)
 
 
 def test_parts_of_aligned_submissions(farm: GroundTruth) -> None:

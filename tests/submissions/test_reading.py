@@ -843,6 +843,70 @@ def test_the_longest_trajectory_of_the_fast_lane(monkeypatch: pytest.MonkeyPatch
     assert decode_official(document(record(), three)) is None
 
 
+@pytest.mark.parametrize("form", [list, tuple])
+@pytest.mark.parametrize(
+    ("trajectory", "viewpoint_ids", "paths", "continues_hop", "differences"),
+    [
+        pytest.param([["a", 1, 2]], "a", [(0, 0)], [False], {}, id="poses"),
+        pytest.param(
+            [["a"], [], ["b", "c"]],
+            "abc",
+            [(0, 0), (2, 0), (2, 1)],
+            [False, False, True],
+            {"hops": 2, "empty hops": 2, "long hops": 2, "no angles": 6},
+            id="hops",
+        ),
+        pytest.param([["a"], ["b"]], "ab", [(0, 0), (1, 0)], [False] * 2, {"no angles": 4}, id="1"),
+        pytest.param(
+            [["a", 0, 0], [], ["b", "c", "d"]],
+            "abcd",
+            [(0, 0), (2, 0), (2, 1), (2, 2)],
+            [False, False, True, True],
+            {"hops": 2, "empty hops": 2, "long hops": 2, "no angles": 6},
+            id="a pose and hops",
+        ),
+        pytest.param(
+            ["a", ["b"], ["c", 1, 2, 3]],
+            "abc",
+            [(0,), (1, 0), (2, 0)],
+            [False] * 3,
+            {"bare viewpoints": 2, "no angles": 2, "extra numbers": 2},
+            id="every form of a pose",
+        ),
+        pytest.param(
+            ["a", ["b", "c"]],
+            "abc",
+            [(0,), (1, 0), (1, 1)],
+            [False, False, True],
+            {"bare viewpoints": 2, "hops": 2, "long hops": 2, "no angles": 4},
+            id="a hop of two behind a bare viewpoint",
+        ),
+    ],
+)
+def test_the_careful_lane_reads_a_trajectory(
+    trajectory: list[Any],
+    viewpoint_ids: str,
+    paths: list[tuple[int, ...]],
+    *,
+    continues_hop: list[bool],
+    differences: dict[str, int],
+    form: Callable[[list[Any]], Any],
+) -> None:
+    """In two records, so that what differs from the official form is counted twice."""
+    log = ReadingLog()
+    records = [
+        {"instr_id": name, "trajectory": form(trajectory), "predObjId": 3} for name in ("x", "y")
+    ]
+    predictions = read_carefully(records, log)
+    assert list(predictions.viewpoint_ids) == [*viewpoint_ids, *viewpoint_ids]
+    assert places_of(predictions) == [("[0]", paths), ("[1]", paths)]
+    assert hops_of(predictions) == continues_hop * 2
+    assert {key: count for key, count in log.differences.items() if count} == differences
+    assert predictions.differences is log.differences
+    assert predictions.predicted_object.dtype == np.int64
+    assert predictions.answer_is_text.dtype == predictions.has_leading_zeros.dtype == np.bool_
+
+
 @pytest.mark.parametrize("name", ["good.json", "mediocre.json"])
 def test_the_fast_lane_accepts_what_agents_write(name: str) -> None:
     assert decode_official((SAMPLES / name).read_bytes()) is not None
@@ -884,6 +948,19 @@ def test_answers_alone(load: Callable[[bytes], Any], answer: str) -> None:
     assert predictions.predicted_object.tolist() == [3, 3 if answer == "3" else -1]
     assert not predictions.has_degrees
     assert len(predictions.problems) == (answer != "3")
+
+
+def test_only_the_first_viewpoints_of_hops() -> None:
+    trajectory = '[["hall"], ["bath", "loft"], ["hall", "bath"]]'
+    whole = read_predictions(document(record(trajectory=trajectory), record(trajectory='[["a"]]')))
+    cut = whole.first_of_hops()
+    assert list(cut.viewpoint_ids) == ["hall", "bath", "hall", "a"]
+    assert cut.offsets.tolist() == [0, 3, 4]
+    assert places_of(cut) == [("[0]", [(0, 0), (1, 0), (2, 0)]), ("[1]", [(0, 0)])]
+    assert hops_of(cut) == [False] * 4
+    assert (whole.has_long_hops, cut.has_long_hops) == (True, False)
+    poses = read_predictions(document(record()))
+    assert poses.first_of_hops() is poses
 
 
 def test_answers_alone_need_no_trajectory() -> None:

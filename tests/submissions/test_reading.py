@@ -907,6 +907,49 @@ def test_the_careful_lane_reads_a_trajectory(
     assert predictions.answer_is_text.dtype == predictions.has_leading_zeros.dtype == np.bool_
 
 
+@pytest.mark.parametrize(
+    ("answer", "object_id", "is_text", "has_leading_zeros", "differences"),
+    [
+        pytest.param(3, 3, False, False, {}, id="number"),
+        pytest.param(2**31 - 1, 2**31 - 1, False, False, {}, id="largest"),
+        pytest.param(-1, -1, False, False, {}, id="none"),
+        pytest.param(None, -1, False, False, {"abstentions": 2}, id="null"),
+        pytest.param("-1", -1, False, False, {"abstentions": 2}, id="none as text"),
+        pytest.param("3", 3, True, False, {"text ids": 2}, id="text"),
+        pytest.param("0", 0, True, False, {"text ids": 2}, id="0 as text"),
+        pytest.param(str(2**31 - 1), 2**31 - 1, True, False, {"text ids": 2}, id="largest text"),
+        pytest.param("03", 3, True, True, {"text ids": 2, "leading zeros": 2}, id="leading zero"),
+        pytest.param(
+            "0000000003", 3, True, True, {"text ids": 2, "leading zeros": 2}, id="ten digits"
+        ),
+    ],
+)
+def test_the_careful_lane_reads_an_answer(
+    answer: object,
+    object_id: int,
+    *,
+    is_text: bool,
+    has_leading_zeros: bool,
+    differences: dict[str, int],
+) -> None:
+    """In two records, so that what differs from the official form is counted twice."""
+    log = ReadingLog()
+    records = [
+        {"instr_id": name, "trajectory": [["a", 0, 0]], "predObjId": answer} for name in "xy"
+    ]
+    predictions = read_carefully(records, log)
+    assert not predictions.problems
+    assert predictions.predicted_object.tolist() == [object_id] * 2
+    assert predictions.answer_is_text.tolist() == [is_text] * 2
+    assert predictions.has_leading_zeros.tolist() == [has_leading_zeros] * 2
+    assert {key: count for key, count in log.differences.items() if count} == differences
+
+
+def test_an_id_of_eleven_digits_is_not_one() -> None:
+    (problem,) = problems_of([{**RECORDS[0], "predObjId": "0" * 10 + "3"}])
+    assert problem.message.startswith("got '00000000003'; expected an object id")
+
+
 @pytest.mark.parametrize("name", ["good.json", "mediocre.json"])
 def test_the_fast_lane_accepts_what_agents_write(name: str) -> None:
     assert decode_official((SAMPLES / name).read_bytes()) is not None

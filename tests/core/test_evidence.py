@@ -202,11 +202,12 @@ def test_a_spread_worked_out_once_more(episodes: int) -> None:
     """The standard error is over clusters, and by the jackknife over ten groups of files."""
     rate = np.where(np.arange(episodes) < episodes // 3, 0.4, 0.1)
     codes = (np.random.default_rng(3).random((FEWEST_FILES, episodes)) < rate).astype(np.int64)
-    codes[0, : episodes // 2], codes[0, episodes // 2 :] = 1, 0
-    base = most_frequent(codes)
-    codes[0] = np.where(np.arange(episodes) < episodes // 2, 1 - base, base)  # differs in half
+    codes[0] = np.arange(episodes) < episodes // 2
+    codes[0, : episodes // 2] = 2  # in half of the episodes, so that it still counts
     cluster = np.arange(episodes) // 2
     value, over_clusters = dispersion(codes, cluster)
+    # In the smaller file, it is more than that of independent counts, the least that is assumed.
+    assert (over_clusters > 1.01 * math.sqrt(4 / episodes)) == (episodes == 60)
     parts = []
     for group in range(10):
         kept = [file for file in range(FEWEST_FILES) if file % 10 != group]

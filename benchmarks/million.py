@@ -5,7 +5,7 @@ further leaderboard, and writes that many submissions straight into its database
 them are published. Then it starts the server and asks, as one reader does, for pages and for lists
 of submissions, and uploads files. At the end, ``server check``, ``doctor`` and ``backup`` run as
 commands, whose peak memory is printed. ``server restore`` takes the backup to PostgreSQL, where all
-is measured again. A million takes more than an hour. Pages have bars for the time that the
+is measured again. A million takes three quarters of an hour. Pages have bars for the time that the
 processors spend on a request, in the server and in PostgreSQL, as the time until the reply depends
 on what else the machine does.
 """

@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import chdir
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,7 +33,7 @@ PROCESSES.set_forkserver_preload(
         "tests.support.serving",
     ]
 )
-
+ROOT = Path(__file__).parents[2]
 
 Stream = Path | Connection
 """A file that is written at its end, or one that is open already."""
@@ -88,7 +89,8 @@ class Forked:
 
     def __init__(self, work: Callable[..., Any], surroundings: Surroundings, *given: Any) -> None:
         self._process = PROCESSES.Process(target=_run, args=(work, surroundings, given))
-        self._process.start()
+        with chdir(ROOT):  # else the process that all are forked from would not find the tests
+            self._process.start()
 
     def __enter__(self) -> Self:
         return self

@@ -222,7 +222,9 @@ def test_five_targets_have_intervals_and_four_have_none() -> None:
     scores = evaluate(SAMPLES / "good.json", split="val_unseen")
     _, target = np.unique(clusters_of(scores.ground_truth, "target"), return_inverse=True)
     groups = np.select([target < 5, target < 9], ["five", "four"], "others")
-    found = scores.breakdown(pd.Series(groups, index=scores.instr_ids), intervals=True)
+    found = scores.breakdown(
+        pd.Series(groups.tolist(), index=list(scores.instr_ids)), intervals=True
+    )
     assert found["spl_low"].notna().to_dict() == {"five": True, "four": False, "others": True}
 
 

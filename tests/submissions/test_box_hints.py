@@ -306,10 +306,14 @@ ONE_VIEW = (
         pytest.param(predicted(*[WHOLE] * 20), [ONE_VIEW], id="one view"),
         pytest.param(predicted(*[WHOLE] * 20, turned=1), [], id="two views"),
         pytest.param(predicted(*[WHOLE] * 19), [], id="19 boxes"),
-        pytest.param(predicted(*[[84, 0, 300, 9]] * 20, turned=1), [SMALL], id="up to 384 wide"),
-        pytest.param(predicted(*[[0, 84, 9, 300]] * 20, turned=1), [SMALL], id="up to 384 high"),
-        pytest.param(predicted(*[[84, 0, 300, 9]] * 19, turned=1), [], id="19 up to 384"),
-        pytest.param(predicted(*[[85, 0, 300, 9]] * 20, turned=1), [], id="up to 385"),
+        pytest.param(
+            predicted(*[[84.0, 0.0, 300.0, 9.0]] * 20, turned=1), [SMALL], id="up to 384 wide"
+        ),
+        pytest.param(
+            predicted(*[[0.0, 84.0, 9.0, 300.0]] * 20, turned=1), [SMALL], id="up to 384 high"
+        ),
+        pytest.param(predicted(*[[84.0, 0.0, 300.0, 9.0]] * 19, turned=1), [], id="19 up to 384"),
+        pytest.param(predicted(*[[85.0, 0.0, 300.0, 9.0]] * 20, turned=1), [], id="up to 385"),
     ],
 )
 def test_what_boxes_say_by_themselves(boxes: BoxAnswers, hints: list[str]) -> None:

@@ -93,7 +93,7 @@ def test_an_episode_of_duets_files_is_not_an_item() -> None:
 
 
 def test_records_are_joined_to_items() -> None:
-    records = [
+    records: list[dict[str, Any]] = [
         {"instr_id": "7#0", "trajectory": [1], "obj_heading": 0.5, "note": "left out"},
         {"instr_id": "x#1#0", "trajectory": [2]},
         {"instr_id": "7#1", "trajectory": [3]},

@@ -7,6 +7,7 @@ there twice, a number beyond the range of floats.
 import gzip
 import io
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +30,7 @@ from reverie_eval.submissions._document import check_value_count, parse_document
 from reverie_eval.submissions._official import decode_official
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import read_carefully
+from reverie_eval.submissions._tables import rows_of_table
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
 
@@ -1081,6 +1083,79 @@ def test_reading_stops_after_too_many_problems(monkeypatch: pytest.MonkeyPatch) 
         assert found[-1].code == "too-many-problems"
         assert "has more than 3 problems; fix these" in found[-1].message
     assert len(problems_of(b"[1, 2, 3]")) == 3
+
+
+X, Y = {"instr_id": "x", "predObjId": 3}, {"instr_id": "y", "predObjId": 4}
+
+
+@pytest.mark.parametrize(
+    ("document", "rows"),
+    [
+        pytest.param({"instr_id": ["x", "y"], "predObjId": [3, 4]}, [X, Y], id="lists"),
+        pytest.param({"instr_id": ["x"], "predObjId": [3, 4]}, None, id="lists of other lengths"),
+        pytest.param({"instr_id": ["x"], "predObjId": 3}, None, id="a list and a number"),
+        pytest.param({"instr_id": ["x", "y"]}, None, id="one column"),
+        pytest.param({"x": [1], "y": [2]}, None, id="columns of something else"),
+        pytest.param(
+            {"instr_id": {"1": "y", "0": "x"}, "predObjId": {"0": 3, "1": 4}},
+            [Y, X],
+            id="in the order of the first column",
+        ),
+        pytest.param({"instr_id": {"0": "x"}, "predObjId": {"1": 3}}, None, id="other rows"),
+        pytest.param(
+            {"columns": ["instr_id", "predObjId"], "data": [["x", 3], ["y", 4]]}, [X, Y], id="split"
+        ),
+        pytest.param({"columns": ["instr_id"], "data": ["x"]}, None, id="rows that are not lists"),
+        pytest.param({"columns": ["instr_id"], "data": [["x", 3]]}, None, id="too long a row"),
+        pytest.param({"columns": [7], "data": [["x"]]}, None, id="a name that is not text"),
+    ],
+)
+def test_the_rows_of_a_table(document: dict[str, Any], rows: list[dict[str, Any]] | None) -> None:
+    assert rows_of_table(document) == rows
+
+
+@pytest.mark.parametrize(
+    ("element", "message"),
+    [
+        pytest.param(
+            ["hall", "1.5", "0.0"],
+            "has angles written as text, such as ['hall', '1.5', ",
+            id="text",
+        ),
+        pytest.param(
+            {"viewpoint": "hall", "heading": 1.5, "elevation": 0},
+            "has poses written as objects, such as {'elevation': 0, 'heading': 1.5, ",
+            id="object",
+        ),
+        pytest.param(
+            [7, 1.5, 0], "has viewpoints given as numbers, such as [7, 1.5, 0]; write", id="number"
+        ),
+    ],
+)
+def test_a_mistake_in_a_pose_is_shown(element: object, message: str) -> None:
+    written = {**RECORDS[0], "trajectory": [["bath"], element]}
+    predictions = read_predictions([written])
+    (problem,) = predictions.problems
+    assert problem.where == "[0].trajectory[1]"
+    assert problem.message.startswith(message)
+    expected = [None if element == [7, 1.5, 0] else "hall"]
+    assert list(predictions.viewpoint_ids) == ["bath", *expected]
+
+
+def test_a_pose_that_cannot_be_read_has_its_place() -> None:
+    for element in (7, None, ["hall", math.nan, 0]):
+        written = {**RECORDS[0], "trajectory": [["bath"], element]}
+        predictions = read_predictions([written])
+        assert predictions.pose_path(0, 1)[0] == 1
+        assert len(predictions.problems) == 1
+
+
+def test_poses_without_angles_are_counted_whatever_their_form() -> None:
+    """Also the third part of a hop of three that looks like a heading."""
+    log = ReadingLog()
+    poses = [("bath", 1, 0), {"viewpoint": "hall"}, ["a", "b", "1"]]
+    read_carefully([{**RECORDS[0], "trajectory": poses}], log)
+    assert log.differences["no angles"] == 4
 
 
 def test_the_angles_of_a_pose_written_as_an_object_are_its_own() -> None:

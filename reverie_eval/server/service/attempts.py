@@ -47,7 +47,7 @@ FAILURES = (
 HOURS = 24
 _SUCCESSES = frozenset({"scored", "repeat"})
 
-# Made here, because to make it takes longer than to run it. No old row is in memory.
+# Built here, because building it takes longer than running it. No old row is in memory.
 _DELETE_OLD = (
     delete(Attempt)
     .where((Attempt.at < bindparam("before")) | (Attempt.id <= bindparam("last")))
@@ -66,7 +66,7 @@ class Attempts:
 
     @contextmanager
     def recording(self, person: Person, split: str, size: int) -> Iterator[Attempt]:
-        """Record the outcome of the upload that is handled inside, and how long that takes."""
+        """Record the outcome of the upload that is handled in the context, and how long it took."""
         attempt = Attempt(person_id=person.id, split=split, size=size, outcome="scored", problems=0)
         began = time.perf_counter()
         try:
@@ -172,7 +172,7 @@ def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
     shown = dict(session.execute(published.group_by(Submission.split)).all())
     every = select(Submission.split, func.count().label("number"))
     counted = every.group_by(Submission.split).subquery()
-    # The latest of a split is at an end of the index; beside the count, each row would be compared.
+    # The latest of a split is at an end of the index; with the count, each row would be compared.
     latest = select(func.max(Submission.received_at)).where(Submission.split == counted.c.split)
     rows = session.execute(select(counted, latest.scalar_subquery()))
     return {split: SplitCounts(number, shown.get(split, 0), last) for split, number, last in rows}

@@ -242,10 +242,9 @@ def breakdown(
     if not chosen:
         raise ProtocolError(f"break scores down by something, such as {first_few(GROUPINGS)}")
     keys = [metric.key for metric in scores.headline]
-    index = pd.RangeIndex(len(scores.instr_ids))
-    values = pd.DataFrame({key: scores.episodes[key] for key in keys}, index=index)
+    values = pd.DataFrame({key: scores.episodes[key] for key in keys})
     # A row for each combination of groups that an episode is in: one, unless groups overlap.
-    member = pd.DataFrame(index=index)
+    member = pd.DataFrame(index=values.index)
     groups = [_groups(scores, each) for each in chosen]
     for column, each in enumerate(groups):
         member = member.join(each.rename(column))

@@ -1,6 +1,6 @@
 """Pictures of answers as SVG: one view, and below it the whole panorama around the agent.
 
-They need no photograph: boxes are drawn in an empty room with its horizon and a grid of headings.
+Without photographs, boxes are drawn in an empty room with a horizon and a grid of headings.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,28 +27,28 @@ from reverie_eval.reporting._answer_views import (
 from reverie_eval.reporting.resources import text_of
 
 ANSWER_STYLE = text_of("shared/answer.css")
-"""What pictures of answers need on their page; :func:`answer_picture` brings its own."""
+"""The style sheet for pages with pictures of answers; :func:`answer_picture` includes it."""
 WIDTH, HEIGHT = 400, 300
-"""Of the view, in units of the page."""
+"""Size of the view, in units of the page."""
 _SCALE = WIDTH / VIEW_WIDTH
 """Units of the page per pixel of a view."""
 _GAP = 8
 _DEGREE = WIDTH / 360
 """Units of the page per degree of the panorama."""
 HIGHEST = 60
-"""Degrees that views reach up and down."""
+"""Degrees above and below the horizon that views show."""
 STRIP_HEIGHT = 2 * HIGHEST * _DEGREE
 TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
 _STEP = 30
 """Degrees between the lines of the grid."""
 _LETTER: Mapping[str, float] = MappingProxyType({"other": 6.4, "target": 8.3, "answer": 8.3})
-"""Units that a letter of a label is wide, by role."""
+"""Width of a letter in a label by its role, in units of the page."""
 _LINE = 15.0
-"""Units that a line of labels is high."""
+"""Height of a line of labels, in units of the page."""
 _HIGHEST_LINE, _LOWEST_LINE = 12, HEIGHT - 4
-"""Of a label, in units of the page."""
+"""Baselines of the highest and the lowest label, in units of the page."""
 _MIN_DEPTH = 0.05
-"""Of a direction, as a share of its length: what is nearer to the picture's plane is left out."""
+"""Directions whose depth is less than this fraction of their length are clipped."""
 
 Role = Literal["other", "target", "answer"]
 
@@ -56,13 +56,13 @@ Role = Literal["other", "target", "answer"]
 def answer_svg(shown: AnswerView, number: int = 1) -> str:
     """Draw a picture for a page that includes ``ANSWER_STYLE``.
 
-    The answer has the colour that the submission of this number has on maps.
+    The answer has the colour of the submission with this number on maps.
     """
     return _draw(shown, f"answer-view route-{number}")
 
 
 def answer_picture(shown: AnswerView) -> str:
-    """Draw a picture with its style inside: a file, or a part of any page."""
+    """Draw a picture that includes its style sheet, for a file or any page."""
     own = ' xmlns="http://www.w3.org/2000/svg"', f"<style>{ANSWER_STYLE}</style>"
     return _draw(shown, "answer-view", *own)
 
@@ -84,7 +84,7 @@ def _draw(shown: AnswerView, kind: str, attributes: str = "", style: str = "") -
 
 
 def _outlined(shown: AnswerView) -> Iterator[tuple[Role, VisibleObject]]:
-    """Return the objects with their roles, what matters last; an object may have two."""
+    """Yield the objects with their roles, the most important last; an object may have two."""
     yield from (("other", each) for each in shown.objects)
     if shown.target:
         yield "target", shown.target
@@ -127,7 +127,7 @@ def _meridians(view: int, horizon: float) -> Iterator[str]:
 
 
 def _predicted_outline(shown: AnswerView, view: int) -> Sequence[FloatArray]:
-    """Return the outline of the predicted box, if there is one before the view."""
+    """Return the outline of the predicted box; empty if none is in front of the camera."""
     if shown.box is None:
         return []
     outline = _in_view(directions_of(shown.box.xywh, shown.box.camera), view)
@@ -135,13 +135,13 @@ def _predicted_outline(shown: AnswerView, view: int) -> Sequence[FloatArray]:
 
 
 def _in_view(directions: FloatArray, view: int) -> FloatArray:
-    """Project directions to the page; what is behind the view is cut away."""
+    """Project directions to the page; those behind the camera are clipped."""
     rays = clip_at_depth(directions @ VIEW_AXES[view].T, _MIN_DEPTH)
     return _SCALE * pixels_of(rays)
 
 
 def _labels(shown: AnswerView, view: int) -> Iterator[str]:
-    """Label the boxes in a view, what matters first; others only where there is room."""
+    """Label the answer and the target in a view, and other objects where there is room."""
     taken: list[tuple[float, float, float]] = []
     for role, text, box in _named_boxes(shown, view):
         width = _LETTER[role] * len(text)
@@ -163,7 +163,7 @@ def _labels(shown: AnswerView, view: int) -> Iterator[str]:
 
 
 def _lines(box: FloatArray, width: float) -> Sequence[float]:
-    """Return the lines for a label of a width, the best first: within the box if it fits there."""
+    """Return possible baselines of a label, the best first: inside the box if it fits there."""
     _, top, box_width, height = box
     within, beside = [top + 13, top + height - 4], [top - 4, top + height + 13]
     fits = width + 8 <= box_width and height >= _LINE
@@ -171,7 +171,7 @@ def _lines(box: FloatArray, width: float) -> Sequence[float]:
 
 
 def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, FloatArray]]:
-    """Return what is in a view: its role, its label, and its box in units of the page."""
+    """Yield role, label and box, in units of the page, of everything that a view shows."""
     for outline in _predicted_outline(shown, view):
         bounds = np.concatenate([outline.min(axis=0), np.ptp(outline, axis=0)])
         yield "answer", ", ".join(filter(None, ["predicted box", shown.iou])), bounds
@@ -191,7 +191,7 @@ def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, Floa
 
 
 def _panorama(shown: AnswerView) -> Iterator[str]:
-    """Draw all that is visible around the viewpoint, with the view in the middle."""
+    """Draw everything that is visible from the viewpoint, with the view in the middle."""
     middle = 180.0 if shown.heading is None else float(np.rad2deg(shown.heading))
     yield from panorama_grid(middle, shown.skybox.panorama(middle, HIGHEST) if shown.skybox else "")
     spans: list[tuple[Role, Span, str]] = [
@@ -200,7 +200,7 @@ def _panorama(shown: AnswerView) -> Iterator[str]:
     if shown.box:
         span = box_span(shown.box.xywh[None], shown.box.camera[None])
         spans.append(("answer", span, "predicted box"))
-    # Cameras may look farther up and down than views; boxes in their pictures are cut here.
+    # Cameras may look farther up and down than views; boxes in their pictures are clipped here.
     yield f'<svg width="{WIDTH}" height="{STRIP_HEIGHT:.1f}">'
     for role, span, title in spans:
         yield from on_panorama(role, span, middle, title)
@@ -228,7 +228,7 @@ def panorama_grid(middle: float, photograph: str = "") -> Iterator[str]:
 
 
 def on_panorama(role: Role, span: Span, middle: float, title: str) -> Iterator[str]:
-    """Draw a part of the panorama, twice if it crosses the panorama's ends."""
+    """Draw a part of the panorama, twice if it crosses an end of the panorama."""
     x, _ = strip_place(np.array([span.heading, 0.0]), middle)
     left, right = x + span.left * _DEGREE, x + span.right * _DEGREE
     top, height = (HIGHEST - span.high) * _DEGREE, (span.high - span.low) * _DEGREE
@@ -249,7 +249,7 @@ def _role_label(role: Role, span: Span, middle: float) -> Iterator[str]:
 
 
 def strip_place(angles: FloatArray, middle: float) -> FloatArray:
-    """Place headings and elevations, degrees, shape (..., 2), on the panorama."""
+    """Return where headings and elevations, degrees, shape (..., 2), are on the panorama."""
     offset = np.mod(angles[..., 0] - middle + 180, 360) - 180
     x, y = WIDTH / 2 + offset * _DEGREE, (HIGHEST - angles[..., 1]) * _DEGREE
     return np.stack([x, y], axis=-1)

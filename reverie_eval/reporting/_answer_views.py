@@ -1,7 +1,7 @@
-"""What is visible where an agent answered, as data: one view of the panorama, and the whole of it.
+"""The objects visible where an agent answered, as data: in one view and in the whole panorama.
 
-The pose of an agent at its stop is not scored, so the view is chosen: the one of the predicted box,
-or one that shows the predicted object, with the target if any view shows both.
+The pose of an agent at its stop is not scored, so a view is chosen: that of the predicted box, or
+one that shows the predicted object, together with the target if a view shows both.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from reverie_eval.reporting._skyboxes import Skybox, find_skybox
 from reverie_eval.text import count_text
 
 _POINTS = 9
-"""On each edge of a box: enough for a curve, as straight edges are in a panorama."""
+"""Points on each edge of a box: enough for a curve, as straight edges are curved in a panorama."""
 _ELEVATIONS = {-30: "30° down", 0: "level", 30: "30° up"}
 
 
@@ -33,7 +33,7 @@ class AnswerView:
     """None if the agent predicted no object, or one that is not visible from here."""
     box: PredictedBox | None
     iou: str
-    """Of the predicted box with the target's; empty if the view does not show the target."""
+    """IoU of the predicted box with the target's; empty if the view does not show the target."""
     view: int | None
     """The view to show, 0 to 35; None if none shows an answer or the target."""
     caption: str
@@ -95,7 +95,7 @@ class AnswerView:
 
     @property
     def heading(self) -> float | None:
-        """Of the view, radians; None without one."""
+        """The heading of the view, radians; None without a view."""
         return None if self.view is None else float(view_angles(np.array([self.view]))[0, 0])
 
     @property
@@ -153,7 +153,7 @@ class Span(NamedTuple):
 def span_of(seen: VisibleObject) -> Span:
     """Return the part of the panorama that an object takes up.
 
-    Its largest box that is not cut by the edge of its view counts, or all boxes if all are cut.
+    Uses its largest box that the edge of the view does not cut, or all boxes if all are cut.
     """
     row = _best_last(seen)[-1:] if _is_whole(seen).any() else slice(None)
     return box_span(seen.xywh[row], view_angles(seen.view[row]))
@@ -195,7 +195,7 @@ def directions_of(xywh: Array, camera: FloatArray) -> FloatArray:
     Returns
     -------
     float array of shape (n, 3)
-        In the world, 1 long in the direction of the camera.
+        In the world, with a component of 1 in the direction of the camera.
     """
     left, top, width, height = xywh.astype(np.float64)
     along = np.linspace(0, 1, _POINTS)
@@ -235,7 +235,7 @@ def _best_last(seen: VisibleObject, *preferred: BoolArray) -> IntArray:
 
 
 def _is_whole(seen: VisibleObject) -> BoolArray:
-    """Shape (n_boxes,): whether a box does not touch the edge of its view."""
+    """Return whether each box, shape (n_boxes,), is clear of the edges of its view."""
     x, y, width, height = seen.xywh.T
     is_cut: BoolArray = (x == 0) | (y == 0) | (x + width == WIDTH) | (y + height == HEIGHT)
     return ~is_cut

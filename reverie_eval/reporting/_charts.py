@@ -1,4 +1,4 @@
-"""What charts show, as data: the report draws it as SVG, notebooks with matplotlib."""
+"""The data of charts: the report draws them as SVG, notebooks with matplotlib."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from reverie_eval.scoring import Scores
 
 _MOST_BARS = 60
 _SHOWN_WALKS = 99
-"""Percent of the walks that a chart has room for: a few of hundreds of metres would squeeze all
+"""Percent of the walks that a chart shows: a few walks of hundreds of metres would squeeze all
 others together."""
 _MILLIMETRE = 1e-3
 
@@ -37,7 +37,7 @@ def bin_edges(values: FloatArray, most: int) -> FloatArray:
 
 
 def count_edges(counts: FloatArray, most: int) -> FloatArray:
-    """Divide a range of counts likewise; a bin of a single count is centred on it.
+    """Divide a range of counts in the same way; a bin of a single count is centred on it.
 
     >>> count_edges(np.array([3.0, 5.0]), 3), count_edges(np.array([3.0, 5.0]), 2)
     (array([2.5, 3.5, 4.5, 5.5]), array([2., 4., 6.]))
@@ -64,7 +64,7 @@ class Histogram:
 
     metric: Metric
     edges: FloatArray
-    """Shape (n_bins + 1,): in percent for fractions, else in the metric's unit."""
+    """Shape (n_bins + 1,): in percent for fractions, otherwise in the metric's unit."""
     share: Mapping[str, FloatArray]
     """By submission, shape (n_bins,): percent of its values. A value on an edge counts in the bin
     above it; on the last edge, in the bin below."""
@@ -75,14 +75,14 @@ class Histogram:
 
     @classmethod
     def of(cls, scores: Mapping[str, Scores], key: str) -> Self:
-        """Divide a metric's values into bins; of a box metric, those of predicted boxes only.
+        """Divide a metric's values into bins; for box metrics, those of predicted boxes only.
 
         Parameters
         ----------
         scores : mapping of Scores
             By the submissions' names.
         key : str
-            The metric's.
+            Key of the metric.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Walks:
-    """The walked length of every episode against the shortest; all shapes are (n_episodes,)."""
+    """Walked and shortest length of every episode; all shapes are (n_episodes,)."""
 
     shortest: FloatArray
     """Metres."""
@@ -131,7 +131,7 @@ class Walks:
 
     @property
     def longest_shown(self) -> float:
-        """How long a walk is, in whole metres, that a chart still shows; nearly all are shown."""
+        """The longest walk that a chart shows, in whole metres; nearly all walks are shorter."""
         nearly_all = float(np.percentile(self.walked, _SHOWN_WALKS))
         return float(np.ceil(max(nearly_all, float(self.shortest.max()), 1.0)))
 

@@ -24,7 +24,7 @@ def histogram_svg(histogram: Histogram, names: Sequence[str]) -> str:
     Parameters
     ----------
     names : sequence of str
-        Of all submissions; those without values in the histogram are not drawn.
+        Names of all submissions; those without values in the histogram are not drawn.
     """
     most = max(float(share.max()) for share in histogram.share.values())
     axes = _Axes(float(histogram.edges[0]), float(histogram.edges[-1]), 1.05 * most)
@@ -38,7 +38,7 @@ def histogram_svg(histogram: Histogram, names: Sequence[str]) -> str:
 
 
 def walks_svg(walks: Walks) -> str:
-    """Draw the walked length of every episode over the shortest, a dot each."""
+    """Draw a dot for every episode: the walked length against the shortest length."""
     axes = _Axes(0.0, float(np.ceil(walks.shortest.max())) or 1.0, walks.longest_shown)
     dots = [
         f'<path class="dot {kind}" d="{axes.dots(walks.shortest[part], walks.walked[part])}"/>'
@@ -63,12 +63,12 @@ class _Axes:
     top: float
 
     def x(self, values: FloatArray) -> FloatArray:
-        """Return the horizontal places of values."""
+        """Return the horizontal positions of values."""
         inside = WIDTH - _LEFT - _RIGHT
         return _LEFT + (values - self.low) / (self.high - self.low) * inside
 
     def y(self, values: FloatArray) -> FloatArray:
-        """Return the vertical places of values."""
+        """Return the vertical positions of values."""
         inside = HEIGHT - _TOP - _BOTTOM
         return HEIGHT - _BOTTOM - values / self.top * inside
 
@@ -100,7 +100,7 @@ class _Axes:
         return f'<path class="outline series-2" d="M{_LEFT} {bottom}{steps}V{bottom}"/>'
 
     def dots(self, x: FloatArray, y: FloatArray) -> str:
-        """Return a path's data with a line of no length, which has round ends, at each point."""
+        """Return a path's data: at each point a line of length 0, whose round ends make a dot."""
         places = zip(self.x(x), self.y(y), strict=True)
         return "".join(f"M{across:.1f} {up:.1f}h0" for across, up in places)
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class ComparisonReport(Report):
-    """Several submissions, each but the first compared with the first."""
+    """Several submissions, the others compared with the first."""
 
     first: str
     """The name of the submission that the others are compared with."""
@@ -59,7 +59,7 @@ _WON = (
 
 
 def comparison_table(comparison: Comparison) -> Table:
-    """Return two submissions' scores and how they differ, or a row for each of more."""
+    """Return two submissions' scores and differences, or a row for each of several submissions."""
     return _pair_table(comparison) if len(comparison) == 1 else _ranked_table(comparison)
 
 
@@ -145,7 +145,7 @@ def print_comparison(console: "Console", comparison: Comparison) -> None:
 
 
 def _lines_below(comparison: Comparison) -> Sequence[str]:
-    """Return a sentence for the other submission, or what the columns of several ones mean."""
+    """Return a sentence about the other submission or, for several, what the columns mean."""
     if len(comparison) == 1:
         return sentences(comparison)
     metric, label = _ranking_metric(comparison), next(iter(comparison.intervals.values())).label
@@ -182,7 +182,7 @@ def comparison_latex(comparison: Comparison) -> str:
 
 
 def sentences(comparison: Comparison) -> Sequence[str]:
-    """Return for each other submission whether it is better than the first."""
+    """Say for each other submission whether it is better than the first."""
     return [f"{comparison.sentence(name)}." for name in comparison]
 
 

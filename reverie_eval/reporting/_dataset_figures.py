@@ -19,7 +19,7 @@ from reverie_eval.text import count_text
 _FORMATS = ("svg", "png")
 _SHOWN_CATEGORIES = 15
 _MOST_BARS = 80
-"""In a row of histograms."""
+"""Bars in a row of histograms, at most."""
 
 
 class _Quantity(NamedTuple):
@@ -32,7 +32,7 @@ class _Quantity(NamedTuple):
     """What each value belongs to."""
     values: Callable[[SplitDescription], Distribution | None]
     edges: Callable[[FloatArray, int], FloatArray] = count_edges
-    """Divides the values into at most so many bins."""
+    """Divides the values into at most the given number of bins."""
 
 
 _WORDS = (
@@ -72,10 +72,10 @@ _PATHS = (
 
 
 def write_figures(description: DatasetDescription, folder: Path) -> Sequence[Path]:
-    """Draw the figures into a folder, which is made if it is not there.
+    """Draw the figures into a folder, which is created if it does not exist.
 
-    ``words``, ``categories``, ``goals`` and ``paths``, each as SVG and as PNG. Where no split has
-    answers, only the first.
+    Writes ``words``, ``categories``, ``goals`` and ``paths``, each as SVG and as PNG; only
+    ``words`` if no split has answers.
 
     Returns
     -------

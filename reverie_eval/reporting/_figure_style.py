@@ -1,6 +1,6 @@
-"""How figures look, whatever they show. matplotlib is imported when a figure is drawn.
+"""The style of all figures. matplotlib is imported when a figure is drawn.
 
-A split has the same colour in every figure. All colours can be told apart with any colour vision;
+A split has the same colour in every figure. All colours are distinguishable with any colour vision;
 they are from the palette of Okabe and Ito, "Color Universal Design", 2008.
 """
 

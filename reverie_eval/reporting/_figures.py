@@ -1,6 +1,6 @@
 """Figures for notebooks, ``scores.plot.funnel()``; matplotlib is imported when one is drawn.
 
-Every figure is drawn on the Axes that are given, or on new ones, and returns them.
+Every function draws on the given Axes, or on new ones, and returns them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,9 +39,9 @@ _COLOURS = (ORANGE, BLUE, GREEN, VERMILION, "#CC79A7", "#56B4E9")
 
 @dataclass(frozen=True)
 class Plots:
-    """The figures of a submission's scores; ``ax`` is where to draw, on new Axes if not given.
+    """Figures of a submission's scores, drawn on ``ax`` or, if it is not given, on new Axes.
 
-    All raise ReverieEvalError if matplotlib is not installed.
+    All methods raise ReverieEvalError if matplotlib is not installed.
     """
 
     scores: Scores
@@ -82,8 +82,8 @@ class Plots:
     def breakdown(self, by: GroupingKey, ax: "Axes | None" = None) -> "Axes":
         """Draw success and the primary metric for groups of episodes, the largest groups first.
 
-        The primary metric is the task's: RGSPL in REVERIE, RGS or SPL where that is not scored.
-        Where it is a length, it is drawn alone. Its 95 % interval is computed over the targets of a
+        The primary metric is the task's: RGSPL in REVERIE, or RGS or SPL if RGSPL is not scored.
+        If it is a length, it is drawn alone. Its 95 % interval is computed over the targets of a
         group; groups of fewer than 5 targets have none.
 
         Parameters
@@ -138,8 +138,8 @@ class Plots:
     def distribution(self, metric: str, ax: "Axes | None" = None) -> "Axes":
         """Draw how a metric's values are distributed over the episodes.
 
-        ``path_length`` is drawn over the shortest length, a dot for each episode; every other
-        metric as a histogram, box metrics over the predicted boxes.
+        ``path_length`` is drawn against the shortest length, with a dot for each episode; every
+        other metric is drawn as a histogram, box metrics over the predicted boxes.
 
         Raises
         ------
@@ -156,7 +156,7 @@ def plot_curve(
     metrics: Sequence[str] | None = None,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw scores over the steps of a training, with their intervals if they have any.
+    """Draw scores over the steps of a training run, with their intervals if they have any.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ METHOD_FLAGS = {
 }
 """What a reader must know to compare a method with others."""
 OBJECT_FLAGS = frozenset({"ground_truth_objects", "navigation_only"})
-"""Those of methods that also name objects."""
+"""Flags that matter only if methods also predict objects."""
 _STANDINGS = {
     "reported": "reported, not scored",
     "other-dataset": "reported on {dataset}, not scored",
@@ -60,7 +60,7 @@ def leaderboard_table(board: Leaderboard) -> Table:
 
 
 def narrow_leaderboard_table(board: Leaderboard) -> Table:
-    """Return the same with all text in the last column, which can be wrapped."""
+    """Return the same table with all text in the last column, which can be wrapped."""
     metrics = _metrics(board)
     headings = ["rank", *(m.heading for m in metrics), "team: method"]
     rows = [[_rank(row), *_values(row, metrics), _description(row)] for row in _all_rows(board)]

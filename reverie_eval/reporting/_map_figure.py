@@ -25,7 +25,7 @@ from reverie_eval.reporting._maps import EpisodeMap, Route, Sign
 
 _ROUTES = (BLUE, VERMILION)
 _FAINT = 0.35
-"""How opaque storeys are where the episode has no viewpoint."""
+"""Opacity of storeys on which the episode has no viewpoint."""
 _TITLE_LETTERS, _TITLE_LINES = 60, 3
 
 
@@ -53,7 +53,7 @@ _STYLES: Mapping[str, dict[str, Any]] = MappingProxyType(
         "elsewhere": _mark("o", 3.5, GREY, GREY, 1) | {"alpha": _FAINT},
     }
 )
-"""By kind of sign, on the map and in its key; a stop has the colour of its route."""
+"""Styles by kind of sign, on the map and in its key; a stop has the colour of its route."""
 
 
 def draw_map(episode_map: EpisodeMap, axes: Axes) -> None:
@@ -103,7 +103,7 @@ def _draw_graph(episode_map: EpisodeMap, place: FloatArray, axes: Axes) -> None:
 
 
 def _draw_annotated_path(episode_map: EpisodeMap, place: FloatArray, axes: Axes) -> None:
-    """Draw the annotated path, thin and dashed where it is on another level than the start."""
+    """Draw the annotated path, thin and dashed where it is not on the level of the start."""
     style, legs = _STYLES["annotated"], episode_map.annotated_legs
     off_level = episode_map.is_off_level(legs)
     dashed = style | {"linestyle": "--", "linewidth": style["linewidth"] / 2}

@@ -1,4 +1,4 @@
-"""Where a map's viewpoints, routes and arrows lie on the page."""
+"""Where a map's viewpoints, routes and arrows are on the page."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,23 +13,23 @@ from reverie_eval.reporting._charts import round_numbers
 from reverie_eval.reporting._maps import EpisodeMap, Route
 
 WIDTH, HEIGHT = 400, 300
-"""Of a map, in units of the page."""
+"""Size of a map, in units of the page."""
 _MARGIN = 1.5
-"""Metres around the viewpoints of the episode, at least."""
+"""Smallest margin around the viewpoints of the episode, in metres."""
 _LEAST_METRES = 8.0
-"""Shown across, at least."""
+"""Smallest width of a map, in metres."""
 _LANE = 3.4
-"""Units between two routes; a route keeps half of it to the right, so that the way there and the
-way back are two lines."""
+"""Units of the page between two routes; the first is half of it to the right of the edges, so that
+the way there and the way back are two lines."""
 _ARROW_SIZE = 9.0
 _ARROW_PLACE = 0.62
-"""Beyond the middle of a leg, so that the arrows of both directions stand side by side."""
+"""Position along a leg: beyond its middle, so that arrows of both directions are side by side."""
 _BAR_SHARE = 0.25
-"""Of the width: the longest bar of the scale."""
+"""Greatest length of the scale's bar, as a fraction of the width."""
 STAIRS = ((-6, -5), (-6, -2), (-2, -2), (-2, 1), (2, 1), (2, 4), (6, 4))
 """The sign for stairs, in units of the page to the right and upwards."""
 _VIEW_ANGLE = 2 * np.arctan(VIEW_WIDTH / 2 / FOCAL_LENGTH)
-"""Radians that a view shows from left to right."""
+"""Horizontal field of view of a view, radians."""
 _SIGHT_RADIUS, _SIGHT_POINTS = 30.0, 9
 
 
@@ -56,12 +56,12 @@ class Frame:
         return cls(float(x - metres / 2), float(y + HEIGHT / scale / 2), scale)
 
     def place(self, position: FloatArray) -> FloatArray:
-        """Return where positions, in metres with x and y first, lie: shape (..., 2)."""
+        """Return where positions, in metres with x and y first, are on the page: shape (..., 2)."""
         x, y = position[..., 0] - self.left, self.top - position[..., 1]
         return self.scale * np.stack([x, y], axis=-1)
 
     def lanes(self, episode_map: EpisodeMap, route: Route) -> FloatArray:
-        """Return the ends of every leg of a route, shape (n_legs, 2, 2), beside other routes."""
+        """Return the ends of a route's legs, shape (n_legs, 2, 2), moved aside for other routes."""
         ends = self.place(episode_map.position[route.legs])
         along = ends[:, 1] - ends[:, 0]
         length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
@@ -81,7 +81,7 @@ class Frame:
 
 
 def arrows(lanes: FloatArray) -> Iterator[FloatArray | None]:
-    """Return for each leg a triangle, shape (3, 2), that points ahead; None if it has no room."""
+    """Yield an arrowhead for each leg, a triangle of shape (3, 2); None if it has no room."""
     for start, end in lanes:
         length = float(np.hypot(*(end - start)))
         if length <= 2 * _ARROW_SIZE:
@@ -95,7 +95,7 @@ def arrows(lanes: FloatArray) -> Iterator[FloatArray | None]:
 
 
 def sector(heading: float) -> FloatArray:
-    """Return the outline, shape (n, 2), of what a view shows, around the place of its camera."""
+    """Return the outline, shape (n, 2), of a view's field of view, relative to its camera."""
     turns = heading + _VIEW_ANGLE * np.linspace(-0.5, 0.5, _SIGHT_POINTS)
     arc = _SIGHT_RADIUS * np.column_stack([np.sin(turns), -np.cos(turns)])
     return np.vstack([np.zeros(2), arc])

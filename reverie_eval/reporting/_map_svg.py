@@ -31,9 +31,9 @@ from reverie_eval.reporting._maps import EpisodeMap, Route, Sign
 from reverie_eval.reporting.resources import text_of
 
 MAP_STYLE = text_of("shared/map.css")
-"""What maps and their keys need on their page; :func:`map_picture` brings its own."""
+"""The style sheet for pages with maps and their keys; :func:`map_picture` includes it."""
 MOST_POSES = 1000
-"""Of a route that are drawn; ten times as many as agents in the literature walk."""
+"""Poses of a route that are drawn, at most; ten times as many as agents in the literature walk."""
 _SIGHT = 0.75
 """Viewpoints farther from the middle than this, in widths and heights, are not drawn."""
 _STAR = np.array(
@@ -53,7 +53,7 @@ _SIGN_LINES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "elsewhere": ("viewpoint elsewhere", "M12 8h0M28 8h0"),
     }
 )
-"""In a key: the class and the data of the path, by kind of sign."""
+"""Class and path data in a key, by kind of sign."""
 _NO_LINES: Mapping[str, str] = MappingProxyType({})
 
 
@@ -63,7 +63,7 @@ def map_svg(episode_map: EpisodeMap) -> str:
 
 
 def map_picture(episode_map: EpisodeMap) -> str:
-    """Draw a still map with its style inside: a file, or a part of any page."""
+    """Draw a still map that includes its style sheet, for a file or any page."""
     own = ' xmlns="http://www.w3.org/2000/svg"', f"<style>{MAP_STYLE}</style>"
     return _Drawing(episode_map).still(*own)
 
@@ -117,15 +117,15 @@ class _Piece(NamedTuple):
     """Something on a map."""
 
     viewpoints: Sequence[int]
-    """Where it is, or between which it leads."""
+    """The viewpoint where it is, or the two that it connects."""
     lines: Mapping[str, str] = _NO_LINES
     """The data of paths, by class; a still map joins those of the same class."""
     title: str = ""
-    """Of the lines, on an interactive map."""
+    """Tooltip of the lines, on an interactive map."""
     sign: str = ""
     """Elements that are never joined."""
     attributes: str = ""
-    """For the script of an interactive map."""
+    """Attributes for the script of an interactive map."""
 
 
 class _Drawing:
@@ -155,7 +155,7 @@ class _Drawing:
     def interactive(self) -> str:
         shapes = [
             *map(self._apart, self._edges()),
-            '<g class="annotation" opacity="0.3">',  # as one: not darker where pieces meet
+            '<g class="annotation" opacity="0.3">',  # as a group: not darker where pieces meet
             *map(self._apart, self._annotated_path()),
             "</g>",
             *map(self._apart, self._viewpoints()),
@@ -216,7 +216,7 @@ class _Drawing:
             yield _Piece(same[0].tolist(), {"edge": "".join(map(_line, self._place[same]))})
 
     def _annotated_path(self) -> Iterator[_Piece]:
-        """Draw the annotated path, a piece for as long as it stays on a storey."""
+        """Draw the annotated path, a piece for each stretch on one storey."""
         for _, same in groupby(self._map.annotated_legs.tolist(), key=self._map.levels):
             first, *others = same
             rows = first + [end for _, end in others]
@@ -234,7 +234,7 @@ class _Drawing:
             yield self._at(row, _circle("goal", self._place[row], title))
 
     def _legs(self, route: Route) -> Iterator[_Piece]:
-        """Draw a route; a leg begins where the one before ended on its lane, if it is walked."""
+        """Draw a route; a walked leg is drawn from the end of the walked leg before it."""
         shown = route
         if len(route.viewpoint) > MOST_POSES:
             cut = np.append(route.viewpoint[: MOST_POSES - 1], route.stop)
@@ -268,7 +268,7 @@ class _Drawing:
             yield _Piece(rows, sign=_stairs(place, label) if is_stairs else _label(place, label))
 
     def _stop_place(self, route: Route) -> FloatArray:
-        """Return where an agent's stop is drawn: beside that of another at the same viewpoint."""
+        """Return where a stop is drawn: beside that of another agent at the same viewpoint."""
         aside = np.array([6.0 * (route.number - 1), 0.0])
         return np.asarray(self._place[route.stop] + aside)
 
@@ -331,7 +331,7 @@ def _stairs(place: FloatArray, label: str = "") -> str:
 
 
 def _label(place: FloatArray, text: str) -> str:
-    """Write beside a sign; to its left near the right edge."""
+    """Write a label to the right of a sign, or to its left near the map's right edge."""
     x, y = place
     is_right = x > WIDTH - _LABEL_WIDTH
     x, anchor = (x - _ASIDE, ' text-anchor="end"') if is_right else (x + _ASIDE, "")

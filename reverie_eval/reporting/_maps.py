@@ -1,4 +1,4 @@
-"""An episode from above, as data: what its map shows. SVG and matplotlib draw the same."""
+"""An episode from above, as the data of its map, which is drawn as SVG or with matplotlib."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,11 +13,11 @@ from reverie_eval.reporting._answer_views import AnswerView
 from reverie_eval.text import count_text
 
 _LEAST_STOREY_HEIGHT = 2.0
-"""Metres between the floors of two storeys."""
+"""Smallest distance between the floors of two storeys, in metres."""
 _FLOOR_TOLERANCE = 0.5
-"""Metres by which viewpoints on one floor differ in height, most of them."""
+"""Metres by which most viewpoints on one floor differ in height, at most."""
 _LEAST_VIEWPOINTS = 3
-"""At one height make a storey; fewer are a landing."""
+"""Viewpoints at one height that make a storey; fewer are a landing."""
 _JUMP, _GOAL_VIEWPOINT = "jump between unconnected viewpoints", "goal viewpoint"
 _OFF_LEVEL = "on another level than the start"
 _ELSEWHERE = "on a level that the episode does not reach"
@@ -42,17 +42,17 @@ class Sign(NamedTuple):
     kind: SignKind
     meaning: str
     route: int = 0
-    """Of a stop: the number of the submission, from 1."""
+    """For a stop, the number of the submission, from 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """The way of one submission's agent."""
+    """The route of one submission's agent."""
 
     number: int
-    """Of the submission, from 1."""
+    """Number of the submission, from 1."""
     name: str
-    """Of the submission; may be empty for a single one."""
+    """Name of the submission; may be empty if there is only one."""
     outcome: str
     viewpoint: IntArray
     """Shape (n_poses,): rows of the map's viewpoints."""
@@ -83,7 +83,7 @@ class Step:
     """0 is the start."""
     viewpoint_id: str
     level: int
-    """From 1, the lowest storey."""
+    """The storey, from 1 for the lowest."""
     walked: float
     """Metres since the start."""
     to_goal: float
@@ -93,7 +93,7 @@ class Step:
     is_goal: bool
     """Whether it is a goal viewpoint."""
     is_jump: bool
-    """Whether no edge leads here from the step before."""
+    """Whether no edge leads here from the previous step."""
     is_stop: bool
 
     @property
@@ -119,14 +119,14 @@ class EpisodeMap:
     scan: str
     instruction: str
     graph: NavigationGraph
-    """Of all scans of the split."""
+    """The graph of all scans of the split."""
     graph_row: IntArray
     """Shape (n_viewpoints,): the scan's viewpoints in ``graph``."""
     viewpoint_ids: Sequence[str]
     position: FloatArray
     """Shape (n_viewpoints, 3): metres, z up."""
     storey: IntArray
-    """Shape (n_viewpoints,): from 0, the lowest."""
+    """Shape (n_viewpoints,): from 0 for the lowest."""
     edges: IntArray
     """Shape (n_edges, 2): connected pairs of viewpoints, each once."""
     routes: Sequence[Route]
@@ -237,7 +237,7 @@ class EpisodeMap:
         return len(self.levels(self.visited)) > 1
 
     def is_off_level(self, legs: IntArray) -> BoolArray:
-        """Shape (n_legs,): whether a leg has an end on another storey than the start."""
+        """Shape (n_legs,): whether an end of a leg is not on the storey of the start."""
         off_level: BoolArray = (self.storey[legs] != self.storey[self.start]).any(axis=1)
         return off_level
 

@@ -1,4 +1,4 @@
-"""The panorama around a person who walks, as SVG: objects and ways on are links."""
+"""The panorama around a person who plays an episode, as SVG with links to objects and moves."""
 
 from collections.abc import Iterator, Sequence
 from html import escape
@@ -23,18 +23,18 @@ _RADIUS = 4
 
 
 class ObjectLink(NamedTuple):
-    """An object, and where pointing at it leads."""
+    """An object, and the address to which its link leads."""
 
     seen: VisibleObject
     name: str
-    """Written at it."""
+    """Shown above it."""
     label: str
-    """Tells it from others of the same name."""
+    """Distinguishes it from other objects of the same name."""
     href: str
 
 
 class WayLink(NamedTuple):
-    """A viewpoint that can be walked to, and where that leads."""
+    """A viewpoint that the person can move to, and the address to which its link leads."""
 
     heading: float
     """Degrees."""
@@ -57,9 +57,9 @@ def panorama_svg(
     objects, ways
         What is drawn, as links.
     heading : float
-        Of the middle, degrees.
+        The heading in the middle, degrees.
     skybox : Skybox, optional
-        The photographs below, if there are any.
+        The photographs under the links, if there are any.
     """
     height = STRIP_HEIGHT + TICKS_HEIGHT
     photograph = skybox.panorama(heading, HIGHEST) if skybox else ""

@@ -1,6 +1,6 @@
 """The HTML report: one file that opens without a network, to read or to send to a colleague.
 
-Needs Jinja2. Whatever is inserted as markup was escaped where it was made; the template escapes
+Needs Jinja2. Markup that is inserted was escaped where it was built; the template escapes
 everything else.
 """
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _TEMPLATE = "report.html.jinja"
 _SHOWN_GROUPS = 10
-"""Rows of a breakdown; the others are folded."""
+"""Rows of a breakdown that are shown; the others are folded."""
 _LISTED_CHANGES = 50
 
 
@@ -47,9 +47,9 @@ class Card:
     """Name of the submission, picture and caption of each."""
     map: EpisodeMap
     episode: Episode
-    """Of the first submission."""
+    """The first submission's episode."""
     captions: Mapping[str, str]
-    """By submission."""
+    """Captions by submission."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Change:
     title: str
     total: int
     listed: Sequence[tuple[Episode, Episode]]
-    """The first few of them, of both submissions."""
+    """The first few of them, each as scored for both submissions."""
     cards: Sequence[Card]
 
 
@@ -71,8 +71,8 @@ def report_html(scores: Mapping[str, Scores], cluster: Clustering = "target") ->
     scores : mapping of Scores
         One or two by name; the report is about the first. With intervals, the report shows them.
     cluster : "target" or "scan"
-        What episodes share that are not independent, for the comparison. If all episodes share
-        one, the report says that they are not compared.
+        Episodes with the same one are not treated as independent in the comparison. If all
+        episodes have the same one, the report says that they are not compared.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def _context(scores: Mapping[str, Scores], cluster: Clustering) -> dict[str, Any
 
 
 def _outcomes(scores: Mapping[str, Scores]) -> dict[str, Any]:
-    """Return what a report says about outcomes, which take navigation and answers."""
+    """Return what a report says about outcomes, which need navigation and answers."""
     (name, first), *_ = scores.items()
     misses = [
         (failure, OUTCOMES[failure], [_card({name: first}, each) for each in instr_ids])

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 BEST_OUTCOME_FIRST: Mapping[str, str] = MappingProxyType(dict(reversed(list(OUTCOMES.items()))))
 """The outcomes with their meanings, in the order of a report."""
 FEW_EPISODES = 10
-"""Scans with fewer are listed last: a low score may be chance."""
+"""Scans with fewer episodes are listed last: a low score may be chance."""
 
 Submissions = Mapping[str, Scores]
 """The submissions of a report by name; the report is about the first."""
@@ -66,9 +66,9 @@ class Share:
 
     count: int
     percent: float
-    """Of all episodes."""
+    """Percent of all episodes."""
     of_previous: str = ""
-    """Percent of the funnel's previous stage, in words."""
+    """Percent of the funnel's previous stage, as text."""
 
     @property
     def bar(self) -> Bar:
@@ -83,12 +83,12 @@ class CountRow:
     name: str
     meaning: str
     shares: Sequence[Share]
-    """By submission."""
+    """The shares by submission."""
 
 
 @dataclass(frozen=True, slots=True)
 class GroupRow:
-    """A group of episodes: its size, the first submission's success, each one's primary metric.
+    """A group of episodes: its size, the first submission's success, and each primary metric.
 
     Success is missing if the track does not score it.
     """
@@ -97,7 +97,7 @@ class GroupRow:
     episodes: int
     success: str | None
     bars: Sequence[Bar | None]
-    """By submission; None where it has no episode in the group."""
+    """The primary metric by submission; None if the submission has no episode in the group."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
 
 
 def shared_primary(scores: Submissions) -> Metric:
-    """Return the metric that submissions are ranked by, of those that all of them have."""
+    """Return the metric to rank submissions by, among those that all of them have."""
     first, *others = scores.values()
     shared = [key for key in first if all(key in other for other in others)]
     return first.ground_truth.task.primary_metric(shared)
@@ -150,7 +150,7 @@ def has_walks(scores: Submissions) -> bool:
 
 
 def has_outcomes(scores: Submissions) -> bool:
-    """Whether episodes have outcomes, which take both navigation and an answer."""
+    """Whether episodes have outcomes, which need both navigation and an answer."""
     return has_walks(scores) and all("rgs" in each for each in scores.values())
 
 
@@ -233,7 +233,7 @@ def breakdowns(scores: Submissions) -> tuple[Sequence[Breakdown], Sequence[str]]
     Returns
     -------
     breakdowns, notes
-        Groupings with a single group are left out; a note says why one is missing otherwise.
+        Groupings with a single group are left out; for any other that is missing, a note says why.
     """
     tables, notes = [], []
     for grouping in GROUPINGS.values():
@@ -292,7 +292,7 @@ def scans_worst_first(scores: Submissions) -> Breakdown:
 
 
 def charts(scores: Submissions) -> Iterator[Chart]:
-    """Draw lengths and distances of walks, and overlaps of boxes, of those that there are."""
+    """Draw lengths and distances of walks, and overlaps of boxes, if they are scored."""
     if has_walks(scores):
         yield from _walk_charts(scores)
     yield from _box_charts(scores)

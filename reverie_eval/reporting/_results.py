@@ -81,7 +81,7 @@ def methods_table(
     metrics : sequence of Metric
         The columns of each group.
     caption : str
-        What the numbers depend on, so that a reader can repeat them.
+        What the numbers depend on, so that a reader can reproduce them.
     """
     columns = [
         _column(metric, [groups_of_one[number] for groups_of_one in methods.values()])
@@ -100,7 +100,7 @@ def methods_table(
 def _column(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[str]:
     """Return the cells of a column, the best in bold, means over runs with their intervals.
 
-    Digits that are not shown decide nothing: equal cells are bold together.
+    Digits that are not shown do not count: of equal best cells, all are bold.
     """
     widths = [_half_width(metric, it) for it in values]
     return [
@@ -110,7 +110,7 @@ def _column(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[s
 
 
 def _half_width(metric: Metric, values: Mapping[str, float]) -> str:
-    """Return half the width of a mean's interval over runs, as it stands behind the mean."""
+    """Return half the width of a mean's interval over runs, as it is shown after the mean."""
     if not isinstance(values, Runs) or metric.key not in values:
         return ""
     half = values.intervals[metric.key].high - values[metric.key]

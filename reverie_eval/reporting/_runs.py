@@ -1,4 +1,4 @@
-"""Several runs of a method: each run, their mean, its interval, and where its variance is from."""
+"""Several runs of a method: each run, their mean, its interval, and the sources of its variance."""
 
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType

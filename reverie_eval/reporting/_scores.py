@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 _WATCH_WIDTH = 7
-"""Letters of a column, such as ``RGSPL %`` and ``100.00``."""
+"""Characters in a column, such as ``RGSPL %`` and ``100.00``."""
 
 
 def score_table(results: Sequence[Scores]) -> Table:
@@ -86,7 +86,7 @@ FORMATS: Mapping[str, Callable[[Sequence[Scores]], str]] = MappingProxyType(
 
 
 def ranking_table(scored: ScoredFiles) -> Table:
-    """Return a row per file, best first, by as much of its path as tells it from the others."""
+    """Return a row per file, best first, named by the part of its path that identifies it."""
     first = next(iter(scored.values()))
     names = dict(zip(scored, submission_names(list(scored)), strict=True))
     rows = [
@@ -256,7 +256,7 @@ def _mean(metric: Metric, scores: Scores, first: Scores) -> str:
 
 
 def _notes(results: Sequence[Scores]) -> Iterable[str]:
-    """Return the notes on every protocol once; those on another reading would be ambiguous."""
+    """Return each note once; notes on other readings than the first result's would be ambiguous."""
     alike = (scores for scores in results if scores.qualifier == results[0].qualifier)
     return dict.fromkeys(note for scores in alike for note in scores.notes)
 

@@ -1,9 +1,9 @@
-"""Photographs under pictures of answers: Matterport3D's, or those drawn of the demo world.
+"""Photographs under pictures of answers: Matterport3D's, or drawn ones of the demo world.
 
 The environment variable ``REVERIE_EVAL_PANORAMAS`` names the folder of the scans, as
 Matterport3DSimulator lays it out. A panorama there is a skybox: the six faces of a cube around the
 camera, side by side in one file [1]_. Photographs that cannot be used are left out, and the log
-says why. Without the variable, the demo world has those that were drawn of it.
+says why. Without the variable, only the demo world has pictures, those drawn of it.
 
 References
 ----------
@@ -32,11 +32,11 @@ DEMO_PANORAMAS = DEMO_BUNDLES / "panoramas"
 """The skyboxes of the demo world, by scan and viewpoint."""
 _FACES = 6
 _FACE_OF_AXIS = np.array([(2, 4), (0, 5), (1, 3)])
-"""Which face the positive and the negative direction of each axis of the cube map look at [1]_."""
+"""The faces in the positive and the negative direction of each axis of the cube map [1]_."""
 _SHRINK = 0.625
 """Pixels of a photograph for each pixel of a view."""
 _QUALITY = 70
-"""Of JPEG: two answers and a target with many details leave a page below 300 kB."""
+"""Quality of JPEG: a page with two answers and a target, all with many details, is below 300 kB."""
 _log = logging.getLogger(__name__)
 
 
@@ -48,13 +48,13 @@ class Skybox(NamedTuple):
     """Shape (3, 3): from the camera's frame (right, down, forward) to the scan's."""
 
     def view(self, view: int) -> str:
-        """Return what a view shows as a ``data:`` address; empty if the file cannot be used."""
+        """Return what a view shows as a ``data:`` URL; empty if the file cannot be used."""
         columns, rows = round(_SHRINK * WIDTH), round(_SHRINK * HEIGHT)
         x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
         return self._picture(rays_of(np.stack([x, y], axis=-1) / _SHRINK) @ VIEW_AXES[view])
 
     def panorama(self, middle: float, highest: float) -> str:
-        """Return the panorama as a ``data:`` address; empty if the file cannot be used.
+        """Return the panorama as a ``data:`` URL; empty if the file cannot be used.
 
         Parameters
         ----------
@@ -73,7 +73,7 @@ class Skybox(NamedTuple):
         return self._picture(np.stack(parts, axis=-1))
 
     def _picture(self, direction: FloatArray) -> str:
-        """Return the picture whose pixels look in directions of shape (rows, columns, 3)."""
+        """Return the picture whose pixels show directions of shape (rows, columns, 3)."""
         from PIL import Image
 
         try:
@@ -142,5 +142,5 @@ def pixels_of_skybox(direction: FloatArray, size: int) -> tuple[Array, Array]:
 
 @cache
 def warn_once(text: str) -> None:
-    """Say something once."""
+    """Log a warning once."""
     _log.warning(text)

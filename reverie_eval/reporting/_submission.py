@@ -16,9 +16,9 @@ _LENGTHS = {"day": "24 hours", "month": "30 days", "year": "365 days"}
 
 
 def headline_of(signature: str, scored: Collection[str]) -> Sequence[Metric]:
-    """Return the headline metrics of a result that has a value for some.
+    """Return the headline metrics that a result has values for.
 
-    Those of its task; if that is not installed here, all metrics that are known.
+    The task decides which they are; if it is not installed here, all known metrics are returned.
     """
     task = known_task(signature)
     if task is None:
@@ -61,7 +61,7 @@ def submission_table(report: ScoreReport, server: str) -> Table:
 
 
 def result_tables(submission: SubmissionReport, server: str) -> Mapping[str, Table]:
-    """Return the scores on each leaderboard of the split by its name; none while held back.
+    """Return the scores on each leaderboard of the split by its name; empty while held back.
 
     The name of the split's own leaderboard is "".
     """

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 MISSING = "-"
-"""Stands for a value that there is not."""
+"""Shown in place of a missing value."""
 MARK = "*"
-"""Ends a value that a note below the table explains."""
+"""Follows a value that a note below the table explains."""
 
 _REVERIE = find_task(DEFAULT_TASK)
 _ANY_WIDTH = 1000
 _NARROWEST_TEXT = 12
-"""Letters: a terminal does not wrap a column to fewer."""
+"""Characters: on a terminal, a wrapped column is not narrower."""
 
 
 class Bold(str):
@@ -49,13 +49,13 @@ class Table:
     text_columns: frozenset[int] = frozenset()
     """Columns aligned to the left; the others hold numbers and are aligned to the right."""
     groups: Sequence[str] = ()
-    """Headings above the headings: each spans as many of the columns after the first."""
+    """Headings above the headings; each spans the same number of the columns after the first."""
     caption: str = ""
-    """As below a table in a paper. With one, LaTeX gets a floating ``table``."""
+    """The caption, as in a paper; with a caption, LaTeX gets a floating ``table``."""
     notes: Sequence[str] = ()
-    """Lines below the table, the signature first; in LaTeX comments above it."""
+    """Lines below the table, the signature first; in LaTeX, comments above it."""
     task: Task = _REVERIE
-    """What the metrics in the headings are of."""
+    """The task of the metrics in the headings."""
 
     def __repr__(self) -> str:
         return self.to_markdown()
@@ -203,7 +203,7 @@ class Table:
 
 
 def _aligned(column: Sequence[str], *, is_text: bool) -> Sequence[str]:
-    """Pad a heading and its cells to one width; a mark moves no decimal point out of line."""
+    """Pad a heading and its cells to one width; decimal points stay in line despite marks."""
     heading, *cells = column
     is_marked = not is_text and any(cell.endswith(MARK) for cell in cells)
     if is_marked:
@@ -268,7 +268,7 @@ _SPECIAL = str.maketrans(
     | {letter: rf"\text{name}{{}}" for letter, name in _NAMED.items()}
     | dict.fromkeys("\n\r", " ")  # two of them would end a paragraph
 )
-"""What is a command in LaTeX, or another letter in its default font encoding."""
+"""Escapes of characters that LaTeX, or its default font encoding, takes for something else."""
 
 
 def latex_text(text: str) -> str:
@@ -352,7 +352,7 @@ def fits(console: "Console", table: Table) -> bool:
 
 
 def _fits_wrapped(console: "Console", table: Table) -> bool:
-    """Return whether a table fits a terminal with its last text column as narrow as may be."""
+    """Return whether a table fits a terminal with its last text column as narrow as allowed."""
     wrapped = max(table.text_columns, default=None)
     narrowest = [
         [cell[:_NARROWEST_TEXT] if number == wrapped else cell for number, cell in enumerate(row)]

@@ -110,12 +110,10 @@ class Evaluator:
             )
         if not records:  # the share of a process may be empty
             return
-        answers_only = self.track == "grounding"
-        task = self.ground_truth.task
-        predictions = read_predictions(records, task, answers_only=answers_only)
-        self._contents |= check_batch(
-            predictions, self.ground_truth, self._contents, answers_only=answers_only
+        predictions = read_predictions(
+            records, self.ground_truth.task, answers_only=self.track == "grounding"
         )
+        self._contents |= check_batch(predictions, self.ground_truth, self._contents)
         listed = list(_listed(records))
         for row, instr_id in enumerate(predictions.instr_ids):
             location = predictions.location(row)

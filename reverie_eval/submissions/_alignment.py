@@ -140,8 +140,6 @@ def check_batch(
     predictions: Predictions,
     ground_truth: GroundTruth,
     collected: Mapping[str, Content],
-    *,
-    answers_only: bool = False,
 ) -> Mapping[str, Content]:
     """Check predictions of some episodes, without looking at answers.
 
@@ -152,8 +150,6 @@ def check_batch(
         equal.
     collected : mapping
         The predictions of earlier batches, by instr_id.
-    answers_only : bool
-        Whether trajectories are ignored.
 
     Returns
     -------
@@ -171,7 +167,7 @@ def check_batch(
     _raise_problems(
         predictions.problems,
         _unknown_problems(predictions, episode, whole),
-        () if answers_only else _trajectory_problems(predictions, episode, viewpoint, whole),
+        _trajectory_problems(predictions, episode, viewpoint, whole),
         _changed_problems(predictions, contents, collected),
     )
     return dict(zip(map(str, predictions.instr_ids), contents, strict=True))

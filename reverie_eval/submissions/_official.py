@@ -180,7 +180,7 @@ def _is_faultless(part: _Part, numbering: Numbering) -> bool:
 
 def _predictions(part: _Part, numbering: Numbering, *, has_answers: bool) -> Predictions:
     log = ReadingLog()
-    log.differences["text ids"] += int(part.answer_is_text.sum())
+    log.differences.update({"text ids": int(part.answer_is_text.sum())})
     places = _places(part, log) if len(part.n_hops) else {}
     return Predictions(
         instr_ids=part.instr_ids,
@@ -204,10 +204,14 @@ def _places(part: _Part, log: ReadingLog) -> Mapping[str, Any]:
     first_poses = np.repeat(offsets_of(part.hop_lengths)[:-1], part.hop_lengths)
     steps = np.arange(len(part.viewpoints)) - first_poses
     are_other = part.hop_lengths != 1
-    log.differences["hops"] += int(np.logical_or.reduceat(are_other, first_hops).sum())
-    log.differences["empty hops"] += int((part.hop_lengths == 0).sum())
-    log.differences["long hops"] += int((part.hop_lengths > 1).sum())
-    log.differences["no angles"] += len(part.viewpoints)
+    log.differences.update(
+        {
+            "hops": int(np.logical_or.reduceat(are_other, first_hops).sum()),
+            "empty hops": int((part.hop_lengths == 0).sum()),
+            "long hops": int((part.hop_lengths > 1).sum()),
+            "no angles": len(part.viewpoints),
+        }
+    )
     paths = zip(np.repeat(hops, part.hop_lengths).tolist(), steps.tolist(), strict=True)
     return {"pose_paths": list(paths), "continues_hop": steps > 0}
 

@@ -243,7 +243,7 @@ class RecordLocation(NamedTuple):
         record = f"[{self.row}]" if self.key is None else f'["{self.key}"]'
         if self.place is None or field == ".instr_id":
             return f"{record}{field}"
-        return f"{record}.trajectory[{self.place}]{field.replace('.trajectory', '.path', 1)}"
+        return f"{record}.trajectory[{self.place}]{field.replace('.trajectory', '.path')}"
 
 
 def record_form(task: Task) -> str:

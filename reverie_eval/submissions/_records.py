@@ -87,9 +87,11 @@ def read_predictions(
     """
     if not are_records(submission):
         return parse_predictions(read_bytes(submission), task, answers_only=answers_only)
-    predictions = None
-    if not (answers_only or task.has_items):
-        predictions = convert_official(submission, has_answers=task.has_targets)
+    predictions = (
+        None
+        if answers_only or task.has_items
+        else convert_official(submission, has_answers=task.has_targets)
+    )
     return predictions or read_carefully(submission, ReadingLog(), task, answers_only=answers_only)
 
 
@@ -97,9 +99,7 @@ def parse_predictions(
     content: bytes, task: Task = REVERIE, *, answers_only: bool = False
 ) -> Predictions:
     """Read the unpacked JSON text of a submission, as :func:`read_predictions` does."""
-    predictions = None
-    if not task.has_items:
-        predictions = decode_official(content, has_answers=task.has_targets)
+    predictions = None if task.has_items else decode_official(content, has_answers=task.has_targets)
     if predictions is not None:
         return predictions.without_trajectories() if answers_only else predictions
     log = ReadingLog()

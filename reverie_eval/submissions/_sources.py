@@ -26,6 +26,8 @@ MAX_MEBIBYTES_VARIABLE = "REVERIE_EVAL_MAX_MEBIBYTES"
 MAX_MEBIBYTES = 128
 """Enough for 3,521 trajectories of a thousand poses. It limits the unpacked size too."""
 
+_PIECE = 1 << 20
+"""Bytes to unpack at a time: Python reserves memory for as many, and since 3.12 twice for gzip."""
 _JSON_BRACKETS = (("[", "]"), ("{", "}"))
 _ENDINGS = (".json", ".json.gz", ".zip")
 RECEIPT_ENDING = ".receipt.json"
@@ -140,10 +142,9 @@ def unpack(content: bytes, limit: int, variable: str | None = None) -> bytes:
 def _unpack_gzip(content: bytes, limit: int) -> bytes:
     import gzip
 
-    # Reading one byte more than the limit tells that a file is too large without unpacking it all.
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
-            return file.read(limit + 1)
+            return _read_pieces(file.read, limit)
     except (EOFError, OSError, zlib.error) as error:
         raise SubmissionError([problems.damaged_gzip(str(error))]) from error
 
@@ -158,9 +159,17 @@ def _unpack_zip(content: bytes, limit: int) -> bytes:
             ZipFile(io.BytesIO(content)) as archive,
             archive.open(_only_file(archive)) as file,
         ):
-            return file.read(limit + 1)
+            return _read_pieces(file.read, limit)
     except _DAMAGED_ZIP as error:
         raise SubmissionError([problems.damaged_zip(str(error))]) from error
+
+
+def _read_pieces(read: Callable[[int], bytes], limit: int) -> bytes:
+    """Return a file's content; one byte more than the limit tells that it is too large."""
+    unpacked = io.BytesIO()
+    while piece := read(min(_PIECE, limit + 1 - unpacked.tell())):
+        unpacked.write(piece)
+    return unpacked.getvalue()
 
 
 def _only_file(archive: ZipFile) -> ZipInfo:

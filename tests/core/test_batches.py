@@ -197,6 +197,7 @@ def test_an_invalid_batch_is_refused_as_a_whole(
 
 def test_the_next_epoch_without_a_reset(evaluator: rv.Evaluator, records: list[Record]) -> None:
     evaluator.update(records[:10])
+    evaluator.update(records[10:20])
     changed = records[3] | {"predObjId": 77}
     with pytest.raises(rv.SubmissionError) as rejected:
         evaluator.update([records[2], changed])
@@ -214,14 +215,35 @@ def test_two_predictions_in_a_batch(evaluator: rv.Evaluator, records: list[Recor
         evaluator.update([records[0], changed])
 
 
+def test_another_point_is_another_prediction() -> None:
+    """Of a task whose agents point at the target."""
+    item = json.loads((SAMPLES / "soon.json").read_bytes())[0]
+    evaluator = rv.Evaluator(split=SPLIT, task="soon")
+    evaluator.update([item])
+    evaluator.update([item])
+    (first, *others) = item["trajectory"]
+    changed = first | {"obj_heading": first["obj_heading"] + 0.25}
+    with pytest.raises(rv.SubmissionError, match="already has a different prediction"):
+        evaluator.update([item | {"trajectory": [changed, *others]}])
+
+
 @pytest.mark.parametrize(
-    "given",
-    [GOOD, str(GOOD), b"[]", None, iter(())],
-    ids=["a path", "its text", "a file's bytes", "nothing", "an iterator"],
+    ("given", "kind"),
+    [
+        pytest.param(GOOD, type(GOOD).__name__, id="a path"),
+        pytest.param(str(GOOD), "str", id="its text"),
+        pytest.param(b"[]", "bytes", id="a file's bytes"),
+        pytest.param(None, "NoneType", id="nothing"),
+        pytest.param(iter(()), "tuple_iterator", id="an iterator"),
+    ],
 )
-def test_what_is_no_batch(given: Any, evaluator: rv.Evaluator) -> None:
-    with pytest.raises(TypeError, match="update takes a list of records"):
+def test_what_is_no_batch(given: Any, kind: str, evaluator: rv.Evaluator) -> None:
+    with pytest.raises(TypeError) as refused:
         evaluator.update(given)
+    assert str(refused.value) == (
+        f"update takes a list of records, got {kind}; to score a file, call the evaluator with its "
+        "path"
+    )
 
 
 def test_an_empty_share(evaluator: rv.Evaluator) -> None:

@@ -162,11 +162,25 @@ def test_a_condition_on_the_instruction(frame: pd.DataFrame) -> None:
 def test_a_series_needs_one_group_for_each_episode(frame: pd.DataFrame) -> None:
     scores = evaluate(SAMPLES / "good.json", split="val_unseen")
     outcome = frame["outcome"]
-    for wrong in (outcome[:-1], outcome.reset_index(drop=True), pd.concat([outcome, outcome[:1]])):
-        with pytest.raises(ProtocolError, match="does not have one group for each episode"):
+    for wrong, shown in (
+        (outcome[:-1], outcome.index[-1]),
+        (outcome.reset_index(drop=True), f"{', '.join(sorted(outcome.index)[:3])} and 81 more"),
+        (pd.concat([outcome, outcome[:1]]), outcome.index[0]),
+    ):
+        with pytest.raises(ProtocolError) as refused:
             scores.breakdown(by=wrong)
+        assert str(refused.value) == (
+            f"the Series does not have one group for each episode, such as {shown}; index it by "
+            "instr_id, as scores.to_pandas() is"
+        )
     with pytest.raises(ProtocolError, match="break scores down by something, such as scan"):
         scores.breakdown(by=[])
+
+
+@pytest.mark.parametrize(("name", "shown"), [("outcome", "outcome"), (None, "group")])
+def test_a_series_names_its_groups(name: str | None, shown: str, frame: pd.DataFrame) -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    assert scores.breakdown(by=frame["outcome"].rename(name)).index.name == shown
 
 
 def test_words_of_the_instruction(frame: pd.DataFrame) -> None:
@@ -201,6 +215,17 @@ def test_groups_with_few_targets_have_no_intervals() -> None:
         part: bool(known) for part, known in found["spl_low"].notna().items()
     }
     assert set(targets.values()) & {4, 5}
+    assert found["spl_low"].dtype == np.float64
+
+
+def test_five_targets_have_intervals_and_four_have_none() -> None:
+    scores = evaluate(SAMPLES / "good.json", split="val_unseen")
+    _, target = np.unique(clusters_of(scores.ground_truth, "target"), return_inverse=True)
+    groups = np.select([target < 5, target < 9], ["five", "four"], "others")
+    found = scores.breakdown(
+        pd.Series(groups.tolist(), index=list(scores.instr_ids)), intervals=True
+    )
+    assert found["spl_low"].notna().to_dict() == {"five": True, "four": False, "others": True}
 
 
 def test_groups_by_words_and_category_in_the_demo_world(demo: GroundTruth) -> None:
@@ -255,6 +280,8 @@ def test_the_level_that_an_instruction_gives(instruction: str, level: str) -> No
 def test_groupings_that_are_not_possible(scores: Scores) -> None:
     with pytest.raises(ProtocolError, match="unknown grouping 'room'; choose one of: scan, length"):
         scores.breakdown("room")
+    with pytest.raises(ProtocolError, match="unknown grouping 'words2'; did you mean words"):
+        scores.breakdown("words2")
     bundle = Bundle.load(DEMO_BUNDLES / "val_unseen.npz")
     without = GroundTruth.from_bundle(Bundle(bundle.header, bundle.arrays))
     old = evaluate(SAMPLES / "good.json", split="val_unseen", ground_truth=without)
@@ -263,5 +290,7 @@ def test_groupings_that_are_not_possible(scores: Scores) -> None:
     with pytest.raises(GroundTruthError, match="compiled without instructions"):
         old.breakdown("words")
     grounding = evaluate(SAMPLES / "good.json", split="val_unseen", track="grounding")
-    with pytest.raises(ProtocolError, match="jumps"):
+    with pytest.raises(
+        ProtocolError, match=r"^this track ignores trajectories, so there are no jumps$"
+    ):
         grounding.breakdown("jumps")

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,8 +22,9 @@ from reverie_eval import (
     compare,
     evaluate,
 )
-from reverie_eval.analysis import p_text
+from reverie_eval.analysis import ComparedSubmissionsError, p_text
 from reverie_eval.ground_truth import NavigationGraph
+from reverie_eval.metrics import METRICS
 from reverie_eval.metrics.uncertainty import holm, mcnemar_p, randomisation_p
 from reverie_eval.scoring import Interval, Intervals, clusters_of
 from tests.conftest import SAMPLES
@@ -88,6 +90,11 @@ def test_differences_are_of_paired_values() -> None:
             assert (found.mcnemar_p is not None) == (key in BINARY_METRICS)
 
 
+def test_the_seed_is_also_that_of_the_swaps() -> None:
+    found = [compare(GOOD, DRAWN, split=SPLIT, seed=seed)["drawn"]["rgs"] for seed in (1, 2)]
+    assert found[0].p_value != found[1].p_value
+
+
 def test_p_values_are_corrected_for_the_number_of_comparisons() -> None:
     pair = compare(MEDIOCRE, DRAWN, split=SPLIT)["drawn"]["rgs"]
     among_three = compare(MEDIOCRE, DRAWN, MEDIOCRE, split=SPLIT, names=["m", "drawn", "same"])
@@ -118,6 +125,64 @@ def test_metrics_that_some_submissions_lack_are_left_out() -> None:
     comparison = compare(GOOD, DRAWN, split=SPLIT)
     assert "iou" in comparison.scores["drawn"]
     assert "iou" not in comparison["drawn"]
+
+
+def test_metrics_of_some_episodes_only_are_left_out() -> None:
+    """Those of points exist where the target is seen, which may be in other episodes."""
+    soon = str(SAMPLES / "soon.json")
+    comparison = compare(soon, soon, split=SPLIT, task="soon", names=["a", "b"])
+    partial = {key for key in comparison.scores["b"] if METRICS[key].is_partial}
+    assert partial
+    assert partial.isdisjoint(comparison["b"])
+
+
+def test_a_submission_without_answers_is_compared_in_navigation() -> None:
+    records = json.loads(Path(GOOD).read_bytes())
+    walks = [{key: each[key] for key in ("instr_id", "trajectory")} for each in records]
+    comparison = compare(GOOD, walks, split=SPLIT, names=["good", "walks"])
+    assert "rgs" not in comparison["walks"]
+    assert comparison.primary("walks").key == "spl"
+    assert comparison.sentence("walks") == "walks and good navigate the same in every episode"
+    best = compare(walks, GOOD, split=SPLIT, names=["walks", "good"], baseline="best")
+    assert best.first == "good"
+
+
+def test_a_comparison_shows_its_sentences() -> None:
+    first = scores_of(GOOD)
+    comparison = Comparison.of({"a": first, "b": first, "c": first})
+    assert list(comparison) == ["b", "c"]
+    assert len(comparison) == 2
+    assert repr(comparison) == (
+        "<Comparison: b and a score the same in every episode; c and a score the same in every "
+        "episode>"
+    )
+
+
+def test_what_is_given_to_score_by(demo: GroundTruth) -> None:
+    """By names, protocol, subset and ground truth; all of them are in the signature."""
+    answers = demo.require_answers()
+    others = replace(answers, target_object=answers.target_object + 1)
+    how: dict[str, Any] = {
+        "ground_truth": replace(demo, answers=others),
+        "protocol": "duet",
+        "subset": demo.episodes.instr_ids[:40],
+    }
+    comparison = compare(GOOD, MEDIOCRE, split=SPLIT, baseline="mediocre", **how)
+    assert comparison.first == "mediocre"
+    expected = evaluate(MEDIOCRE, split=SPLIT, **how)
+    assert comparison.scores["mediocre"].signature == expected.signature
+    assert comparison.scores["mediocre"].episodes["rgs"].tolist() == (
+        expected.episodes["rgs"].tolist()
+    )
+
+
+def test_invalid_submissions_are_reported_together() -> None:
+    with pytest.raises(ComparedSubmissionsError) as rejected:
+        compare(BROKEN, GOOD, [], split=SPLIT, names=["broken", "good", "empty"])
+    error = rejected.value
+    assert list(error.errors) == ["broken", "empty"]
+    assert str(error) == f"broken: {error.errors['broken']}\nempty: {error.errors['empty']}"
+    assert len(error.problems) == len(error.errors["broken"].problems) + 1
 
 
 def test_better_and_worse_submissions_have_positive_differences_in_the_verdict() -> None:
@@ -241,8 +306,11 @@ def test_significance_needs_both_interval_and_test() -> None:
     comparison = compare(MEDIOCRE, GOOD, split=SPLIT)
     difference = comparison["good"]["rgspl"]
     assert comparison.is_significant("good")
-    low = replace(difference.interval, low=0.0)
-    for changed in (replace(difference, p_value=0.05), replace(difference, interval=low)):
+    for changed in (
+        replace(difference, p_value=0.05),
+        replace(difference, interval=replace(difference.interval, low=0.0)),
+        replace(difference, interval=Interval(-0.1, 0.0)),
+    ):
         other = replace(comparison, differences={"good": {"rgspl": changed}})
         assert not other.is_significant("good")
 
@@ -251,6 +319,7 @@ def test_episodes_with_different_values() -> None:
     comparison = compare(GOOD, MEDIOCRE, split=SPLIT)
     frame, difference = comparison.episodes("success"), comparison["mediocre"]["success"]
     assert list(frame.columns) == ["good", "mediocre"]
+    assert frame.index.name == "instr_id"
     assert len(frame) == difference.higher + difference.lower
     assert (frame["good"] - frame["mediocre"]).abs().eq(1).all()
     assert frame.attrs["units"] == {"good": "fraction", "mediocre": "fraction"}
@@ -271,6 +340,11 @@ def test_episodes_are_compared_by_correctness_by_default(how: dict[str, str], ke
 
 def test_a_frame_has_a_row_per_submission_and_metric() -> None:
     frame = compare(GOOD, MEDIOCRE, DRAWN, split=SPLIT).to_pandas()
+    assert list(frame.index.names) == ["submission", "metric"]
+    assert list(frame.columns) == [
+        *("first", "value", "difference", "low", "high", "p_value", "higher", "lower"),
+        "mcnemar_p",
+    ]
     row = frame.xs("drawn").loc["rgs"].to_dict()
     assert row["value"] - row["first"] == pytest.approx(row["difference"])
     assert row["low"] < row["difference"] < row["high"]
@@ -281,9 +355,14 @@ def test_a_frame_has_a_row_per_submission_and_metric() -> None:
 
 def test_submissions_that_are_not_comparable() -> None:
     official, other = scores_of(GOOD), scores_of(GOOD, protocol="duet")
-    with pytest.raises(ProtocolError, match=r"not comparable: .*protocol:duet.*protocol:official"):
+    with pytest.raises(ProtocolError) as refused:
         compare(official, other)
-    with pytest.raises(ProtocolError, match="two or more submissions"):
+    assert str(refused.value) == (
+        f"these scores are not comparable: {other.signature}, {official.signature}"
+    )
+    with pytest.raises(
+        ProtocolError, match=r"^a comparison needs two or more submissions with different names$"
+    ):
         compare(official)
     with pytest.raises(ProtocolError, match="a name of its own; got x, x"):
         compare(official, official, names=["x", "x"])
@@ -291,7 +370,7 @@ def test_submissions_that_are_not_comparable() -> None:
         compare(official, official, names=[1])  # type: ignore[list-item]
     with pytest.raises(ProtocolError, match="names of submissions must be text; got 2"):
         compare(official, official, names=["1", 2])  # type: ignore[list-item]
-    with pytest.raises(ProtocolError, match="give the split"):
+    with pytest.raises(ProtocolError, match=r"^give the split of the submissions: split=\.\.\.$"):
         compare(official, GOOD)
     with pytest.raises(ProtocolError, match="choose one of: target, scan"):
         compare(GOOD, GOOD, split=SPLIT, cluster="room")  # type: ignore[arg-type]
@@ -376,6 +455,10 @@ def test_of_a_folder_the_best_is_the_baseline(run: Run, tmp_path: Path) -> None:
     named = compare(DRAWN, MEDIOCRE, GOOD, split=SPLIT, baseline="good")
     chosen = compare(DRAWN, MEDIOCRE, GOOD, split=SPLIT, baseline="best")
     assert (named.first, chosen.first) == ("good", "good")
+    assert (named.pairs, chosen.pairs) == (None, 3)
+    # The smallest of the p-values, times two comparisons or three pairs.
+    smallest = [each["mediocre"]["success"].mcnemar_p for each in (named, chosen)]
+    assert smallest[1] == pytest.approx(1.5 * float(smallest[0] or 0))
     p_values = [each["drawn"]["rgs"].p_value for each in (named, chosen)]
     assert p_values[1] == pytest.approx(p_values[0] * 3 / 2, rel=0.5)
     assert p_values[1] > p_values[0]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import reverie_eval as rv
+from reverie_eval.geometry import view_angles
 from tests.conftest import SAMPLES
 from tests.support.home import HOME, LAMP, SOFA, WALKS, home_scores, records
 from tests.support.worlds import ground_truth_by_hand, random_case, records_of
@@ -115,12 +116,61 @@ def test_a_stop_is_a_success_exactly_at_goal_viewpoints(seed: int) -> None:
             assert scores.episodes["oracle_success"][row] == came
 
 
+def test_the_objects_that_are_visible(scores: rv.Scores) -> None:
+    episode = scores.episode("1_3_0")
+    seen = {
+        place: [(each.object_id, each.view.tolist()) for each in episode.visible_objects(place)]
+        for place in ("cellar", "hall", "room", "porch")
+    }
+    assert seen == {
+        "cellar": [],
+        "hall": [(SOFA, [12])],
+        "room": [(LAMP, [12]), (SOFA, [12])],
+        "porch": [(LAMP, [13])],
+    }
+    for each in episode.visible_objects("room"):
+        assert each.xywh.shape == (1, 4)
+        assert each.name == episode.object_name(each.object_id)
+
+
+def test_objects_have_the_names_of_their_own_scan() -> None:
+    """Ids are numbered within each building: object 0 is in both of the demo world's."""
+    scores = rv.evaluate(SAMPLES / "good.json", split="val_unseen")
+    truth = scores.ground_truth
+    answers = truth.require_answers()
+    scans = truth.graph.viewpoint_scan[answers.candidate_viewpoint]
+    for scan in set(truth.scans):
+        episode = scores.episode(truth.episodes.instr_ids[truth.scans.index(scan)])
+        rows = np.flatnonzero(scans == truth.graph.scan_ids.index(scan)).tolist()
+        named = {
+            int(answers.candidate_object[row]): answers.candidate_categories[row] for row in rows
+        }
+        assert {each: episode.object_name(each) for each in named} == {
+            each: f"{name.replace('#', ' ')} {each}" for each, name in named.items()
+        }
+        assert episode.object_name(99_999) == "object 99999"
+        (first, *_) = episode.visible_objects(
+            truth.graph.viewpoint_ids[answers.candidate_viewpoint[rows[0]]]
+        )
+        assert first.name == episode.object_name(first.object_id)
+
+
+def test_an_episode_of_a_task_without_objects() -> None:
+    scores = rv.evaluate(SAMPLES / "r2r.json", split="val_unseen", task="r2r")
+    episode = scores.episode(scores.instr_ids[0])
+    assert (episode.target_object, episode.target_category) == (None, "")
+    assert episode.caption.startswith(("walked ", f"{episode.outcome}; walked "))
+
+
 def test_an_unknown_episode(scores: rv.Scores) -> None:
     with pytest.raises(rv.ReverieEvalError) as error:
         scores.episode("1_3_00")
     assert str(error.value) == (
         "no episode '1_3_00' among the 5 episodes of val_unseen; did you mean 1_3_0, 1_3_2, 1_3_1?"
     )
+    with pytest.raises(rv.ReverieEvalError) as error:
+        scores.episode("x")
+    assert str(error.value).endswith("of val_unseen; such as 1_3_0, 1_3_1, 1_3_2 and 2 more")
 
 
 @pytest.mark.parametrize(
@@ -158,6 +208,14 @@ def test_an_episode_with_a_box() -> None:
     episode = scores.episode(scores.instr_ids[row])
     assert (episode.predicted_object, episode.box_outcome) == (None, "wrong view")
     assert "predicted a box (wrong view), the target is " in episode.caption
+    records = json.loads((SAMPLES / "drawn.json").read_bytes())
+    (record,) = [each for each in records if each["instr_id"] == episode.instr_id]
+    box = episode.predicted_box
+    assert box is not None
+    assert box.xywh.tolist() == pytest.approx(record["predBox"])
+    assert box.view == record["predView"]
+    assert box.camera.tolist() == view_angles(np.array([box.view])).tolist()[0]
+    assert episode.answers is scores.ground_truth.answers
 
 
 def test_the_grounding_track_has_no_outcome() -> None:

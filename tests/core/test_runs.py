@@ -140,12 +140,31 @@ def test_runs_are_compared_with_runs_and_with_single_files(runs: rv.Runs) -> Non
     turned = rv.Runs.of({name: runs.runs[name] for name in reversed(SEEDS)})
     comparison = rv.compare(runs, turned, SAMPLES / "good.json", names=["a", "b", "c"], split=SPLIT)
     same, single = comparison["b"]["rgspl"], comparison["c"]["rgspl"]
-    assert same.mean == 0
-    assert same.p_value == 1
+    assert (same.mean, same.p_value, same.higher, same.lower) == (0, 1, 0, 0)
+    metres = runs.runs["good"].episodes["path_length"] - runs.episodes["path_length"]
+    walked = comparison["c"]["path_length"]
+    assert (walked.higher, walked.lower) == ((metres > 1e-9).sum(), (metres < -1e-9).sum())
     assert single.mean == pytest.approx(runs.runs["good"]["rgspl"] - runs["rgspl"])
     assert single.interval.low < 0 < single.mean < single.interval.high
     assert single.mcnemar_p is None
     assert not comparison.is_significant("c")
+    assert comparison.intervals["c"].method == (
+        "95 % intervals: Student's t, by the variance among 1 and 3 runs and among 29 targets"
+    )
+    # Student's t needs no swaps, and its p-values may be as small as they come.
+    assert (comparison.pairs, comparison.swaps, comparison.smallest_p) == (None, 0, 0.0)
+
+
+def test_the_best_of_several_methods_is_tested_for_all_pairs(runs: rv.Runs) -> None:
+    given = (runs, SAMPLES / "mediocre.json", SAMPLES / "good.json")
+    named, chosen = (
+        rv.compare(*given, names=["a", "b", "c"], split=SPLIT, baseline=baseline)
+        for baseline in ("c", "best")
+    )
+    assert (chosen.first, chosen.pairs) == ("c", 3)
+    p_values = [(named["a"][key].p_value, chosen["a"][key].p_value) for key in named["a"]]
+    assert all(p <= corrected for p, corrected in p_values)
+    assert any(p < corrected for p, corrected in p_values)
 
 
 def test_a_results_table_has_the_intervals(runs: rv.Runs) -> None:

@@ -87,10 +87,22 @@ def test_a_file_of_another_kind(drawn: rv.Scores, tmp_path: Path) -> None:
     drawn.save(cut)
     cut.write_bytes(cut.read_bytes()[:-100])
     for file in (GOOD, DEMO_BUNDLES / f"{SPLIT}.npz", cut):
-        with pytest.raises(rv.ReverieEvalError, match="has no saved scores, or is damaged"):
+        with pytest.raises(rv.ReverieEvalError) as refused:
             rv.Scores.load(file)
+        assert str(refused.value) == (
+            f"{file} has no saved scores, or is damaged; `Scores.save` writes such files, and "
+            "`rv.evaluate` scores a result file"
+        )
     with pytest.raises(FileNotFoundError):
         rv.Scores.load(tmp_path / "none.npz")
+
+
+def test_scores_without_answers(tmp_path: Path) -> None:
+    walks = rv.evaluate(NAVIGATION_ONLY.bytes(), split=SPLIT)
+    walks.save(tmp_path / "scores.npz")
+    loaded = rv.Scores.load(tmp_path / "scores.npz")
+    assert loaded.require_submission().is_navigation_only is True
+    assert "rgs" not in loaded
 
 
 def test_a_damaged_file(drawn: rv.Scores, tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from reverie_eval_cli.commands.serve import serve
 from tests.conftest import REPOSITORY
 from tests.support.processes import COMMAND, Laptop
 from tests.support.serving import GOOD, NO_TLS, OPEN, OWNER, PEOPLE, Serving, populate
-from tests.support.waiting import wait_until
+from tests.support.waiting import PATIENCE, wait_until
 
 PAGE = (REPOSITORY / "docs" / "how-to" / "deploy.md").read_text()
 
@@ -103,9 +103,9 @@ def test_participants_submit_below_a_path_of_nginx(folder: Path, tmp_path: Path)
             assert "Walker" in laptop.run("leaderboard", "--split", OPEN).out
             receipt = "submit.json.receipt.json"
             assert "genuine" in laptop.run("verify", receipt, "--submission", "submit.json").out
-            page = httpx.get(f"{address}/boards/{OPEN}", verify=NO_TLS)
+            page = httpx.get(f"{address}/boards/{OPEN}", timeout=PATIENCE, verify=NO_TLS)
             assert 'href="/reverie/guide"' in page.text
-            bare = httpx.get(address, verify=NO_TLS, follow_redirects=True)
+            bare = httpx.get(address, timeout=PATIENCE, verify=NO_TLS, follow_redirects=True)
             assert str(bare.url).startswith(f"{address}/")
 
 

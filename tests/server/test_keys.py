@@ -4,6 +4,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
@@ -254,14 +255,18 @@ def test_a_key_that_was_changed_without_an_entry_is_found(
 
 
 @pytest.fixture(scope="module")
-def once_rotated(made_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> ServerState:
+def once_rotated(
+    made_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ServerState]:
     """Return a server whose key was rotated."""
     folder = shutil.copytree(made_folder, tmp_path_factory.mktemp("rotated") / "server")
     settings = load_settings(folder)
     with acting(settings, "test") as transaction:
         add_team(transaction, "Blue")
     rotate_key(settings, "test", "the yearly change")
-    return ServerState.open(settings)
+    state = ServerState.open(settings)
+    with closing(state.database):
+        yield state
 
 
 def test_the_list_of_keys_says_which_is_in_use(after: Serving, folder: Path, run: Run) -> None:

@@ -237,7 +237,9 @@ class Lab:
         for who in SENDERS:
             used = sum(row.team == PEOPLE[who] for row in rows)
             headers = {"Authorization": f"Bearer {self.tokens[who]}"}
-            reply = httpx.get(f"{url}/api/v1/splits/{OPEN}", headers=headers, verify=NO_TLS)
+            reply = httpx.get(
+                f"{url}/api/v1/splits/{OPEN}", headers=headers, timeout=PATIENCE, verify=NO_TLS
+            )
             assert reply.json()["quota"]["remaining"] == QUOTA - used
 
     def check(self) -> None:

@@ -338,7 +338,8 @@ def test_a_connection_sends_what_it_has_at_once() -> None:
 
 
 def test_a_connection_goes_on_after_head(small: Small) -> None:
-    with httpx.Client(base_url=f"http://127.0.0.1:{small.port}") as client:
+    url = f"http://127.0.0.1:{small.port}"
+    with httpx.Client(base_url=url, timeout=PATIENCE, verify=NO_TLS) as client:
         statuses = [
             client.request(method, path).status_code
             for path in ("/healthz", "/api/v1/openapi.json", "/api/v1/me")

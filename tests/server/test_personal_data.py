@@ -3,6 +3,7 @@
 import hashlib
 import json
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from datetime import timedelta
 
@@ -132,7 +133,7 @@ def test_a_deletion_ends_sessions_and_reaches_messages_about_submissions(server:
 
 def database_text(server: Serving) -> str:
     """Return all that the rows of the database hold."""
-    with sqlite3.connect(server.state.settings.folder / "server.db") as connection:
+    with closing(sqlite3.connect(server.state.settings.folder / "server.db")) as connection:
         return "\n".join(connection.iterdump())
 
 

@@ -15,9 +15,12 @@ from reverie_eval.server.errors import ConflictError, KeyReplacedError, NotFound
 from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.service.keys import (
     all_keys,
+    audit_key_of,
     audit_keys,
     current_key,
     file_of_key,
+    forget_audit_keys,
+    hand_over_audit_keys,
     list_keys,
     open_key,
 )
@@ -125,6 +128,20 @@ def test_the_keys_of_entries_are_gone_with_a_key_that_is_lost(sqlite: Database) 
         assert entries(session)[-1].details["lost"] is True
 
 
+def test_a_key_that_cannot_be_decrypted_is_not_handed_over(sqlite: Database) -> None:
+    with acting(sqlite) as transaction:
+        replace_key(transaction, SECOND, "one")
+        first, _ = all_keys(transaction.session)
+        first.audit_key = "00"
+    with transactions(sqlite, SECOND).begin("test") as transaction:
+        hand_over_audit_keys(transaction.session, SECOND, THIRD)
+        first, second = all_keys(transaction.session)
+        assert first.audit_key is None
+        assert audit_keys(transaction.session, THIRD)[second.key_id] == audit_key_of(SECOND)
+        forget_audit_keys(transaction.session)
+        assert (first.audit_key, second.audit_key) == (None, None)
+
+
 def new_key(path: Path) -> str:
     """Write a key, and return its id."""
     make_key(path)
@@ -163,6 +180,23 @@ def test_a_rotation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
         "here, from the machine on which the key was rotated or from a backup; or, if it was "
         "rotated a moment ago, try again"
     )
+
+
+def test_a_rotation_that_another_process_finishes_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, pending = tmp_path / "key.pem", tmp_path / "key.pem.new"
+    new_key(path)
+    row = SigningKey(key_id=new_key(pending))
+    rename = Path.rename
+
+    def be_second(file: Path, target: Path) -> None:
+        rename(file, target)
+        file.unlink()
+
+    monkeypatch.setattr(Path, "replace", be_second)
+    assert Signer(open_key(path, row), "").key_id == row.key_id
+    assert file_of_key(path, row.key_id) == path
 
 
 def refusal(transaction: Transaction, key_id: str, hours: int) -> str:

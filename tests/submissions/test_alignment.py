@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fixtures.demo_world.broken import FOREIGN, SPOILED
@@ -16,6 +17,7 @@ from fixtures.demo_world.episodes import Answer, Record, episodes_of, submitted
 from reverie_eval import GroundTruth, Problem, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES, Bundle
 from reverie_eval.submissions import (
+    AlignedSubmission,
     Submission,
     align,
     align_answers_only,
@@ -116,6 +118,13 @@ faults = pytest.mark.parametrize(
             "[3].instr_id",
             "7_1_0 already has a prediction in [0]; keep one per episode",
             id="episode given twice",
+        ),
+        pytest.param(
+            [*SOUND, SECOND],
+            "duplicate-episode",
+            "[3].instr_id",
+            "has the same trajectory and answer as an earlier record, such as '7_1_1'; remove",
+            id="record given twice",
         ),
         pytest.param(
             [record("7_1_0", "hall", "cellar"), SECOND, THIRD],
@@ -258,6 +267,13 @@ def test_a_real_submission_against_the_demo_world(demo: GroundTruth) -> None:
     assert "--ground-truth val_unseen.npz" in problem.message
 
 
+def test_a_submission_for_another_task(demo: GroundTruth) -> None:
+    (problem,) = problems_of([record("4332_0", "c1"), record("2_3", "c1")], demo)
+    assert (problem.code, problem.where) == ("other-task", "file")
+    assert problem.message.startswith("2 ids look like ")
+    assert "; the first is '4332_0': score the file with --task " in problem.message
+
+
 def test_checking_stops_after_too_many_problems(
     farm: GroundTruth, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -330,7 +346,10 @@ def test_validating_reports_jumps_and_abstentions(farm: GroundTruth) -> None:
     silent, elsewhere, jumps = checked.notes
     assert silent == "2 of 3 answers predict no object"
     assert elsewhere.startswith("no predicted object is visible where its agent stops")
-    assert "counted at shortest-path distance" in jumps
+    assert jumps == (
+        "1 jump in 1 episode: moves between unconnected viewpoints, counted at shortest-path "
+        "distance"
+    )
 
 
 @pytest.mark.parametrize(
@@ -381,3 +400,68 @@ def test_problems_of_answers_alone_are_all_listed(farm: GroundTruth) -> None:
         align_answers_only(read_predictions(answers, answers_only=True), farm)
     codes = [problem.code for problem in refused.value.problems]
     assert sorted(codes) == ["missing-episode", "wrong-type"]
+    answers.append({"instr_id": "7_1_0", "predObjId": 5})
+    with pytest.raises(SubmissionError, match="7_1_0 already has a prediction in"):
+        align_answers_only(read_predictions(answers, answers_only=True), farm)
+
+
+def test_answers_of_a_subset_are_aligned_alone(farm: GroundTruth) -> None:
+    answers = [
+        {"instr_id": each["instr_id"], "predObjId": 7 + row} for row, each in enumerate(SOUND)
+    ]
+    predictions = read_predictions(answers[::-1], answers_only=True)
+    aligned = align_answers_only(predictions, farm.subset(["8_2_0", "7_1_1"]))
+    assert aligned.predicted_object.tolist() == [8, 9]
+    assert [farm.graph.viewpoint_ids[stop] for stop in aligned.viewpoint] == ["pantry", "loft"]
+
+
+def drawing(instr_id: str, *viewpoint_ids: str, x: int) -> Record:
+    """Return the record of an agent that predicts a box."""
+    walk = record(instr_id, *viewpoint_ids)
+    return {**walk, "predObjId": -1, "predBox": [x, 0, 10, 10], "predView": 12}
+
+
+@pytest.mark.parametrize(
+    ("x", "message"),
+    [
+        pytest.param(1, "has the same trajectory and answer as an earlier record", id="equal"),
+        pytest.param(2, "7_1_0 already has a prediction in [0]", id="another box"),
+    ],
+)
+def test_boxes_tell_whether_a_record_is_given_twice(
+    x: int, message: str, farm: GroundTruth
+) -> None:
+    records = [drawing("7_1_0", "hall", x=1), drawing("7_1_0", "hall", x=x), SECOND, THIRD]
+    (problem,) = problems_of(records, farm)
+    assert (problem.code, problem.where) == ("duplicate-episode", "[1].instr_id")
+    assert problem.message.startswith(message)
+
+
+def test_parts_of_aligned_submissions(farm: GroundTruth) -> None:
+    """Taken in any order, and put together again."""
+    drawn = [drawing("7_1_0", "hall", x=1), SECOND, drawing("8_2_0", "stall", "loft", x=3)]
+    whole = align(read_predictions(drawn), farm)
+    turned = whole.take(np.array([2, 1]))
+    assert [farm.graph.viewpoint_ids[each] for each in turned.viewpoint] == [
+        "stall",
+        "loft",
+        "hall",
+    ]
+    assert turned.offsets.tolist() == [0, 2, 3]
+    assert turned.predicted_object.tolist() == [-1, 7]
+    assert (turned.boxes.row.tolist(), turned.boxes.xywh[:, 0].tolist()) == ([0], [3.0])
+    assert turned.abstained.tolist() == [False, False]
+    both = AlignedSubmission.concatenate([turned, whole])
+    assert both.offsets.tolist() == [0, 2, 3, 4, 5, 7]
+    assert both.predicted_object.tolist() == [-1, 7, -1, 7, -1]
+    assert (both.boxes.row.tolist(), both.boxes.xywh[:, 0].tolist()) == ([0, 2, 4], [3.0, 1.0, 3.0])
+    assert both.point is None
+    assert whole.is_navigation_only is turned.is_navigation_only is both.is_navigation_only is False
+
+
+def test_parts_of_a_submission_without_answers(farm: GroundTruth) -> None:
+    walks = [{key: each[key] for key in ("instr_id", "trajectory")} for each in SOUND]
+    alone, answered = (align(read_predictions(each), farm) for each in (walks, SOUND))
+    assert alone.take(np.array([1])).is_navigation_only is True
+    assert AlignedSubmission.concatenate([alone, alone]).is_navigation_only is True
+    assert AlignedSubmission.concatenate([alone, answered]).is_navigation_only is False

@@ -209,7 +209,11 @@ def test_a_repeated_field() -> None:
     assert (problem.code, problem.where) == ("repeated-field", "[0]")
 
 
-@pytest.mark.parametrize("trajectory", [[], 7, WITHOUT], ids=["empty", "a number", "missing"])
+@pytest.mark.parametrize(
+    "trajectory",
+    [[], 7, WITHOUT, [7], [[7, 0, 0]], ["hall", {"a": 1}], [["hall", math.inf, 0]]],
+    ids=["empty", "a number", "missing", "numbers", "numbered", "objects", "infinite"],
+)
 def test_a_box_without_a_trajectory_has_one_problem(trajectory: object) -> None:
     """The missing camera is not reported again."""
     (problem,) = problems_of([answer(predView=WITHOUT, trajectory=trajectory)])

@@ -13,7 +13,9 @@ import pytest
 from reverie_eval import GroundTruth, validate
 from reverie_eval.geometry import view_angles
 from reverie_eval.scoring import PreparedSubmission, find_protocol
-from reverie_eval.submissions import read_predictions
+from reverie_eval.submissions import BoxAnswers, read_predictions
+from reverie_eval.submissions._box_hints import _READINGS, box_hints, box_scale_problems
+from reverie_eval.submissions._hints import _point_hints
 from tests.support.worlds import SPLIT
 
 Box = list[float]
@@ -211,3 +213,166 @@ def test_a_hint_from_answers_is_left_out_where_they_are_private(demo: GroundTrut
     assert hint in prepared.score(rules).notes
     notes = prepared.without_answer_hints().score(rules).notes
     assert notes == [note for note in prepared.score(rules).notes if note != hint]
+
+
+# Boxes by themselves.
+
+
+def predicted(*given: Box, uncut: Sequence[Box] = (), cut: int = 0, turned: int = 0) -> BoxAnswers:
+    """Return boxes of which the first so many were cut, or are in the next view to the right."""
+    count = len(given)
+    views = np.where(np.arange(count) < turned, 13, 12)
+    return BoxAnswers(
+        row=np.arange(count),
+        xywh=np.array(given, dtype=float),
+        camera=view_angles(views),
+        is_cut=np.arange(count) < cut,
+        uncut_xywh=np.array(uncut or given, dtype=float),
+        stop_angles=np.zeros((count, 2)),
+    )
+
+
+WHOLE = [0.0, 0.0, 640.0, 480.0]
+OUTSIDE, NARROW, FLAT = [640.0, 0.0, 0.0, 9.0], [9.0, 9.0, 0.0, 9.0], [9.0, 480.0, 9.0, 0.0]
+TINY, LARGER = [9.0, 9.0, 2.0, 2.0], [9.0, 9.0, 2.0, 2.5]
+ALL_OUTSIDE = (
+    " boxes lie entirely outside the 640 x 480 image; predBox is [x, y, width, height] in pixels "
+    "of that image, or of one with the size in predImageSize"
+)
+ALL_TINY = (
+    " boxes are at most two pixels wide and high; if they are fractions of the image, add "
+    '"predImageSize": [1, 1]'
+)
+
+
+@pytest.mark.parametrize(
+    ("boxes", "messages"),
+    [
+        pytest.param(predicted(*[WHOLE] * 20), [], id="whole images"),
+        pytest.param(predicted(*[OUTSIDE] * 19), [], id="19 outside"),
+        pytest.param(predicted(*[OUTSIDE] * 20), [f"20 of its 20{ALL_OUTSIDE}"], id="20 outside"),
+        pytest.param(predicted(*[OUTSIDE] * 10, *[WHOLE] * 10), [], id="half outside"),
+        pytest.param(
+            predicted(*[NARROW] * 6, *[FLAT] * 5, *[WHOLE] * 9, uncut=[WHOLE] * 20),
+            [f"11 of its 20{ALL_OUTSIDE}"],
+            id="over half without area",
+        ),
+        pytest.param(predicted(*[TINY] * 10, *[WHOLE] * 10), [], id="half tiny"),
+        pytest.param(
+            predicted(*[TINY] * 11, *[WHOLE] * 9), [f"11 of its 20{ALL_TINY}"], id="over half tiny"
+        ),
+        pytest.param(predicted(*[LARGER] * 20), [], id="more than two pixels high"),
+        pytest.param(predicted(*[LARGER[:2] + LARGER[:1:-1]] * 20), [], id="more than two wide"),
+        pytest.param(
+            predicted(*[OUTSIDE] * 20, uncut=[TINY] * 20),
+            [f"20 of its 20{ALL_OUTSIDE}"],
+            id="outside and tiny",
+        ),
+    ],
+)
+def test_boxes_of_a_wrong_scale(boxes: BoxAnswers, messages: list[str]) -> None:
+    assert [problem.message for problem in box_scale_problems(boxes)] == messages
+
+
+CORNER = [0.0, 0.0, 2.0, 2.0]
+FRACTIONS = (
+    "most boxes lie within two pixels of the upper left corner; if they are fractions of the "
+    'image, add "predImageSize": [1, 1]; predBox is [x, y, width, height], not two corners'
+)
+CUT = (
+    "most boxes reach beyond the image; predBox is [x, y, width, height], not two corners, in an "
+    "image of 640 x 480 unless predImageSize says otherwise"
+)
+SMALL = (
+    "no box reaches beyond 384 pixels of an image of 640 x 480; if the images were smaller, give "
+    "their size in predImageSize"
+)
+ONE_VIEW = (
+    "all 20 boxes are in view 12; predView is the view that the box is in, and without it the last "
+    "pose has to look there"
+)
+
+
+@pytest.mark.parametrize(
+    ("boxes", "hints"),
+    [
+        pytest.param(predicted(*[WHOLE] * 4), [], id="a few whole images"),
+        pytest.param(predicted(*[CORNER] * 2, *[WHOLE] * 2), [], id="half in the corner"),
+        pytest.param(predicted(*[CORNER] * 3, *[WHOLE] * 2), [FRACTIONS], id="most in the corner"),
+        pytest.param(predicted([0, 0, 2.5, 1], [0.75, 0, 1, 2.5], WHOLE), [], id="near the corner"),
+        pytest.param(predicted([2, 0, 1, 1], [0, 2, 1, 1]), [], id="beside the corner"),
+        pytest.param(predicted(*[WHOLE] * 4, cut=2), [], id="half cut"),
+        pytest.param(predicted(*[WHOLE] * 4, cut=3), [CUT], id="most cut"),
+        pytest.param(predicted(*[WHOLE] * 20), [ONE_VIEW], id="one view"),
+        pytest.param(predicted(*[WHOLE] * 20, turned=1), [], id="two views"),
+        pytest.param(predicted(*[WHOLE] * 19), [], id="19 boxes"),
+        pytest.param(
+            predicted(*[[84.0, 0.0, 300.0, 9.0]] * 20, turned=1), [SMALL], id="up to 384 wide"
+        ),
+        pytest.param(
+            predicted(*[[0.0, 84.0, 9.0, 300.0]] * 20, turned=1), [SMALL], id="up to 384 high"
+        ),
+        pytest.param(predicted(*[[84.0, 0.0, 300.0, 9.0]] * 19, turned=1), [], id="19 up to 384"),
+        pytest.param(predicted(*[[85.0, 0.0, 300.0, 9.0]] * 20, turned=1), [], id="up to 385"),
+    ],
+)
+def test_what_boxes_say_by_themselves(boxes: BoxAnswers, hints: list[str]) -> None:
+    assert list(box_hints(boxes)) == hints
+
+
+@pytest.mark.parametrize(
+    ("reading", "box", "view"),
+    [
+        ("[left, top, right, bottom]", [10, 20, 20, 30], 13),
+        ("[centre x, centre y, width, height]", [-5, -5, 30, 50], 13),
+        ("[y, x, height, width]", [20, 10, 50, 30], 13),
+        ("x measured from the right edge", [600, 20, 30, 50], 13),
+        ("y measured from the lower edge", [10, 410, 30, 50], 13),
+        ("boxes of 1000 x 1000 images", [6.4, 9.6, 19.2, 24], 13),
+        ("views counted from 1", [10, 20, 30, 50], 12),
+        ("views one too low", [10, 20, 30, 50], 14),
+    ],
+)
+def test_another_reading_worked_by_hand(reading: str, box: Box, view: int) -> None:
+    given = np.array([[10.0, 20.0, 30.0, 50.0]]), np.array([13])
+    boxes, views = _READINGS[reading](given)
+    assert boxes[0].tolist() == pytest.approx(box)
+    assert views.tolist() == [view]
+
+
+def test_views_at_the_ends_of_their_rows() -> None:
+    boxes, views = np.zeros((4, 4)), np.array([0, 11, 12, 35])
+    read = {
+        name: _READINGS[name]((boxes, views))[1].tolist()
+        for name in ("views counted from 1", "views one too low", "views whose first row looks up")
+    }
+    assert read == {
+        "views counted from 1": [11, 10, 23, 34],
+        "views one too low": [1, 0, 13, 24],
+        "views whose first row looks up": [24, 35, 12, 11],
+    }
+
+
+# Points.
+
+SCALED = (
+    "most points are not within 0 and 1: obj_heading is heading / (2 pi), obj_elevation "
+    "(elevation + pi) / (2 pi), of angles in radians"
+)
+NO_POINT = [np.nan, np.nan]
+
+
+@pytest.mark.parametrize(
+    ("points", "hints"),
+    [
+        pytest.param([NO_POINT] * 2, ["no trajectory has a point: SFPL will be 0"], id="none"),
+        pytest.param([[0.0, 1.0], [1.0, 0.0], NO_POINT], [], id="fractions of a turn"),
+        pytest.param([[1.5, 0.5], [0.5, 0.5]], [], id="half beyond"),
+        pytest.param([[1.5, 0.5], [0.5, -0.5], [0.5, 0.5]], [SCALED], id="most beyond"),
+        pytest.param([[1.5, 0.5], NO_POINT, NO_POINT], [SCALED], id="all that there are"),
+        pytest.param([[0.5, 0.5], NO_POINT, NO_POINT], [], id="one, and none beyond"),
+    ],
+)
+def test_what_points_say(points: list[list[float]], hints: list[str]) -> None:
+    assert list(_point_hints(np.array(points))) == hints
+    assert list(_point_hints(None)) == []

@@ -505,8 +505,11 @@ def in_degrees(heading: float, elevation: float) -> tuple[float, float]:
 
 
 HALF = len(OFFICIAL) // 2
-NONE = "no answer predicts an object"
-ZERO = "most answers predict object 0, which is an object like any other; write -1"
+NONE = "no answer predicts an object: RGS will be 0"
+ZERO = (
+    "most answers predict object 0, which is an object like any other; write -1 where the agent "
+    "predicts no object"
+)
 NOWHERE = "no predicted object is visible where its agent stops"
 STILL = "every trajectory has a single pose: no agent moves"
 DEGREES = "most headings or elevations exceed a full turn: angles are radians, not degrees"

@@ -7,6 +7,7 @@ there twice, a number beyond the range of floats.
 import gzip
 import io
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +30,7 @@ from reverie_eval.submissions._document import check_value_count, parse_document
 from reverie_eval.submissions._official import decode_official
 from reverie_eval.submissions._reading_log import ReadingLog
 from reverie_eval.submissions._records import read_carefully
+from reverie_eval.submissions._tables import rows_of_table
 from reverie_eval.tasks import find_task
 from tests.conftest import SAMPLES
 
@@ -776,6 +778,180 @@ def test_the_careful_lane_reads_common_forms_as_it_reads_others(content: bytes) 
     ]
 
 
+@pytest.mark.parametrize("chunk", [1, 1 << 16])
+def test_the_fast_lane_reads_hops(chunk: int) -> None:
+    content = document(
+        record(trajectory='[["hall"], [], ["bath", "loft"]]', predObjId='"3"'),
+        record(instr_id='"7_1_1"', trajectory='[["hall"], ["bath"]]'),
+        record(instr_id='"7_1_2"', trajectory='[["loft"]]', predObjId="4"),
+    )
+    with patch("reverie_eval.submissions._official._CHUNK", chunk):
+        predictions = decode_official(content)
+    assert predictions is not None
+    assert columns_of(predictions) == Columns(
+        ["7_1_0", "7_1_1", "7_1_2"],
+        ["hall", "bath", "loft", "hall", "bath", "loft"],
+        [0, 3, 5, 6],
+        [3, 3, 4],
+        has_degrees=False,
+    )
+    assert places_of(predictions) == [
+        ("[0]", [(0, 0), (2, 0), (2, 1)]),
+        ("[1]", [(0, 0), (1, 0)]),
+        ("[2]", [(0, 0)]),
+    ]
+    assert hops_of(predictions) == [False, False, True, False, False, False]
+    assert predictions.answer_is_text.tolist() == [True, False, False]
+    assert predictions.has_leading_zeros.tolist() == [False] * 3
+    assert not predictions.is_navigation_only
+    assert predictions.differences == {
+        "text ids": 1,
+        "hops": 1,
+        "empty hops": 1,
+        "long hops": 1,
+        "no angles": 6,
+    }
+    assert predictions.read_as == [
+        "1 trajectories of nested hops",
+        "1 hops with more than one viewpoint, every viewpoint counted",
+        "6 poses without heading and elevation",
+        "1 object ids written as text",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "is_taken"),
+    [
+        pytest.param(record(predObjId=f'"{2**31 - 1}"'), True, id="largest object as text"),
+        pytest.param(record(predObjId=f'"{2**31}"'), False, id="larger object as text"),
+        pytest.param(record(predObjId='"03"'), False, id="leading zero"),
+        pytest.param(record(trajectory='[["7", 1.5, 0]]'), True, id="digits for a viewpoint"),
+        pytest.param(record(trajectory='[["hall", "7"]]'), False, id="hop, or angle as text"),
+        pytest.param(record(trajectory='[["hall"], []]'), True, id="empty hop"),
+        pytest.param(record(trajectory="[[]]"), False, id="empty hop only"),
+        pytest.param(record(trajectory="[]"), False, id="no pose"),
+        pytest.param(record(instr_id='"reverie_7_1_0"'), False, id="prefix"),
+        pytest.param(record(instr_id='"7:1"'), False, id="colon"),
+    ],
+)
+def test_what_the_fast_lane_takes(text: str, *, is_taken: bool) -> None:
+    assert (decode_official(document(text)) is not None) == is_taken
+
+
+def test_the_longest_trajectory_of_the_fast_lane(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reverie_eval.submissions._official.MAX_POSES", 2)
+    two, three = (record(trajectory=f'[{", ".join(["""["hall", 1, 0]"""] * n)}]') for n in (2, 3))
+    assert decode_official(document(record(), two)) is not None
+    assert decode_official(document(record(), three)) is None
+
+
+@pytest.mark.parametrize("form", [list, tuple])
+@pytest.mark.parametrize(
+    ("trajectory", "viewpoint_ids", "paths", "continues_hop", "differences"),
+    [
+        pytest.param([["a", 1, 2]], "a", [(0, 0)], [False], {}, id="poses"),
+        pytest.param(
+            [["a"], [], ["b", "c"]],
+            "abc",
+            [(0, 0), (2, 0), (2, 1)],
+            [False, False, True],
+            {"hops": 2, "empty hops": 2, "long hops": 2, "no angles": 6},
+            id="hops",
+        ),
+        pytest.param([["a"], ["b"]], "ab", [(0, 0), (1, 0)], [False] * 2, {"no angles": 4}, id="1"),
+        pytest.param(
+            [["a", 0, 0], [], ["b", "c", "d"]],
+            "abcd",
+            [(0, 0), (2, 0), (2, 1), (2, 2)],
+            [False, False, True, True],
+            {"hops": 2, "empty hops": 2, "long hops": 2, "no angles": 6},
+            id="a pose and hops",
+        ),
+        pytest.param(
+            ["a", ["b"], ["c", 1, 2, 3]],
+            "abc",
+            [(0,), (1, 0), (2, 0)],
+            [False] * 3,
+            {"bare viewpoints": 2, "no angles": 2, "extra numbers": 2},
+            id="every form of a pose",
+        ),
+        pytest.param(
+            ["a", ["b", "c"]],
+            "abc",
+            [(0,), (1, 0), (1, 1)],
+            [False, False, True],
+            {"bare viewpoints": 2, "hops": 2, "long hops": 2, "no angles": 4},
+            id="a hop of two behind a bare viewpoint",
+        ),
+    ],
+)
+def test_the_careful_lane_reads_a_trajectory(
+    trajectory: list[Any],
+    viewpoint_ids: str,
+    paths: list[tuple[int, ...]],
+    *,
+    continues_hop: list[bool],
+    differences: dict[str, int],
+    form: Callable[[list[Any]], Any],
+) -> None:
+    """In two records, so that what differs from the official form is counted twice."""
+    log = ReadingLog()
+    records = [
+        {"instr_id": name, "trajectory": form(trajectory), "predObjId": 3} for name in ("x", "y")
+    ]
+    predictions = read_carefully(records, log)
+    assert list(predictions.viewpoint_ids) == [*viewpoint_ids, *viewpoint_ids]
+    assert places_of(predictions) == [("[0]", paths), ("[1]", paths)]
+    assert hops_of(predictions) == continues_hop * 2
+    assert {key: count for key, count in log.differences.items() if count} == differences
+    assert predictions.differences is log.differences
+    assert predictions.predicted_object.dtype == np.int64
+    assert predictions.answer_is_text.dtype == predictions.has_leading_zeros.dtype == np.bool_
+
+
+@pytest.mark.parametrize(
+    ("answer", "object_id", "is_text", "has_leading_zeros", "differences"),
+    [
+        pytest.param(3, 3, False, False, {}, id="number"),
+        pytest.param(2**31 - 1, 2**31 - 1, False, False, {}, id="largest"),
+        pytest.param(-1, -1, False, False, {}, id="none"),
+        pytest.param(None, -1, False, False, {"abstentions": 2}, id="null"),
+        pytest.param("-1", -1, False, False, {"abstentions": 2}, id="none as text"),
+        pytest.param("3", 3, True, False, {"text ids": 2}, id="text"),
+        pytest.param("0", 0, True, False, {"text ids": 2}, id="0 as text"),
+        pytest.param(str(2**31 - 1), 2**31 - 1, True, False, {"text ids": 2}, id="largest text"),
+        pytest.param("03", 3, True, True, {"text ids": 2, "leading zeros": 2}, id="leading zero"),
+        pytest.param(
+            "0000000003", 3, True, True, {"text ids": 2, "leading zeros": 2}, id="ten digits"
+        ),
+    ],
+)
+def test_the_careful_lane_reads_an_answer(
+    answer: object,
+    object_id: int,
+    *,
+    is_text: bool,
+    has_leading_zeros: bool,
+    differences: dict[str, int],
+) -> None:
+    """In two records, so that what differs from the official form is counted twice."""
+    log = ReadingLog()
+    records = [
+        {"instr_id": name, "trajectory": [["a", 0, 0]], "predObjId": answer} for name in "xy"
+    ]
+    predictions = read_carefully(records, log)
+    assert not predictions.problems
+    assert predictions.predicted_object.tolist() == [object_id] * 2
+    assert predictions.answer_is_text.tolist() == [is_text] * 2
+    assert predictions.has_leading_zeros.tolist() == [has_leading_zeros] * 2
+    assert {key: count for key, count in log.differences.items() if count} == differences
+
+
+def test_an_id_of_eleven_digits_is_not_one() -> None:
+    (problem,) = problems_of([{**RECORDS[0], "predObjId": "0" * 10 + "3"}])
+    assert problem.message.startswith("got '00000000003'; expected an object id")
+
+
 @pytest.mark.parametrize("name", ["good.json", "mediocre.json"])
 def test_the_fast_lane_accepts_what_agents_write(name: str) -> None:
     assert decode_official((SAMPLES / name).read_bytes()) is not None
@@ -795,6 +971,57 @@ def test_the_fast_lane_reads_a_task_without_objects(name: str, chunk: int) -> No
     assert carefully.is_navigation_only
     assert decode_official(content) is None
     assert decode_official((SAMPLES / "good.json").read_bytes(), has_answers=False) is None
+
+
+@pytest.mark.parametrize("name", ["good", "r2r"])
+@pytest.mark.parametrize("load", [bytes, json.loads], ids=["text", "objects"])
+def test_the_official_form_takes_the_fast_lane(load: Callable[[bytes], Any], name: str) -> None:
+    """The careful one notes where every record is."""
+    submission = load((SAMPLES / f"{name}.json").read_bytes())
+    task = find_task("r2r" if name == "r2r" else "reverie")
+    assert read_predictions(submission, task).locations is None
+
+
+@pytest.mark.parametrize("load", [bytes, json.loads], ids=["text", "objects"])
+@pytest.mark.parametrize("answer", ["3", "3.5"], ids=["right", "wrong"])
+def test_answers_alone(load: Callable[[bytes], Any], answer: str) -> None:
+    submission = load(document(record(), record(predObjId=answer, trajectory='[["hall", 99, 0]]')))
+    predictions = read_predictions(submission, answers_only=True)
+    assert list(predictions.instr_ids) == ["7_1_0", "7_1_0"]
+    assert list(predictions.viewpoint_ids) == []
+    assert predictions.offsets.tolist() == [0, 0, 0]
+    assert predictions.predicted_object.tolist() == [3, 3 if answer == "3" else -1]
+    assert not predictions.has_degrees
+    assert len(predictions.problems) == (answer != "3")
+
+
+def test_only_the_first_viewpoints_of_hops() -> None:
+    trajectory = '[["hall"], ["bath", "loft"], ["hall", "bath"]]'
+    whole = read_predictions(document(record(trajectory=trajectory), record(trajectory='[["a"]]')))
+    cut = whole.first_of_hops()
+    assert list(cut.viewpoint_ids) == ["hall", "bath", "hall", "a"]
+    assert cut.offsets.tolist() == [0, 3, 4]
+    assert places_of(cut) == [("[0]", [(0, 0), (1, 0), (2, 0)]), ("[1]", [(0, 0)])]
+    assert hops_of(cut) == [False] * 4
+    assert (whole.has_long_hops, cut.has_long_hops) == (True, False)
+    poses = read_predictions(document(record()))
+    assert poses.first_of_hops() is poses
+
+
+def test_answers_alone_need_no_trajectory() -> None:
+    content = document(without("trajectory"))
+    assert not read_predictions(content, answers_only=True).problems
+    assert [problem.message for problem in read_predictions(content).problems] == [
+        "has no trajectory; add it"
+    ]
+
+
+@pytest.mark.parametrize("field", ["predObjID", "bbox"])
+def test_a_task_without_objects_ignores_fields_that_resemble_an_answer(field: str) -> None:
+    text = without("predObjId")[:-1] + f', "{field}": 3}}'
+    predictions = read_predictions(document(text), find_task("r2r"))
+    assert not predictions.problems
+    assert predictions.ignored_fields == {field: 1}
 
 
 @pytest.mark.parametrize("content", [b"[{}, {}, {}]", b"{}\n{}\n{}", b"{} {} {} and more"])
@@ -856,6 +1083,79 @@ def test_reading_stops_after_too_many_problems(monkeypatch: pytest.MonkeyPatch) 
         assert found[-1].code == "too-many-problems"
         assert "has more than 3 problems; fix these" in found[-1].message
     assert len(problems_of(b"[1, 2, 3]")) == 3
+
+
+X, Y = {"instr_id": "x", "predObjId": 3}, {"instr_id": "y", "predObjId": 4}
+
+
+@pytest.mark.parametrize(
+    ("document", "rows"),
+    [
+        pytest.param({"instr_id": ["x", "y"], "predObjId": [3, 4]}, [X, Y], id="lists"),
+        pytest.param({"instr_id": ["x"], "predObjId": [3, 4]}, None, id="lists of other lengths"),
+        pytest.param({"instr_id": ["x"], "predObjId": 3}, None, id="a list and a number"),
+        pytest.param({"instr_id": ["x", "y"]}, None, id="one column"),
+        pytest.param({"x": [1], "y": [2]}, None, id="columns of something else"),
+        pytest.param(
+            {"instr_id": {"1": "y", "0": "x"}, "predObjId": {"0": 3, "1": 4}},
+            [Y, X],
+            id="in the order of the first column",
+        ),
+        pytest.param({"instr_id": {"0": "x"}, "predObjId": {"1": 3}}, None, id="other rows"),
+        pytest.param(
+            {"columns": ["instr_id", "predObjId"], "data": [["x", 3], ["y", 4]]}, [X, Y], id="split"
+        ),
+        pytest.param({"columns": ["instr_id"], "data": ["x"]}, None, id="rows that are not lists"),
+        pytest.param({"columns": ["instr_id"], "data": [["x", 3]]}, None, id="too long a row"),
+        pytest.param({"columns": [7], "data": [["x"]]}, None, id="a name that is not text"),
+    ],
+)
+def test_the_rows_of_a_table(document: dict[str, Any], rows: list[dict[str, Any]] | None) -> None:
+    assert rows_of_table(document) == rows
+
+
+@pytest.mark.parametrize(
+    ("element", "message"),
+    [
+        pytest.param(
+            ["hall", "1.5", "0.0"],
+            "has angles written as text, such as ['hall', '1.5', ",
+            id="text",
+        ),
+        pytest.param(
+            {"viewpoint": "hall", "heading": 1.5, "elevation": 0},
+            "has poses written as objects, such as {'elevation': 0, 'heading': 1.5, ",
+            id="object",
+        ),
+        pytest.param(
+            [7, 1.5, 0], "has viewpoints given as numbers, such as [7, 1.5, 0]; write", id="number"
+        ),
+    ],
+)
+def test_a_mistake_in_a_pose_is_shown(element: object, message: str) -> None:
+    written = {**RECORDS[0], "trajectory": [["bath"], element]}
+    predictions = read_predictions([written])
+    (problem,) = predictions.problems
+    assert problem.where == "[0].trajectory[1]"
+    assert problem.message.startswith(message)
+    expected = [None if element == [7, 1.5, 0] else "hall"]
+    assert list(predictions.viewpoint_ids) == ["bath", *expected]
+
+
+def test_a_pose_that_cannot_be_read_has_its_place() -> None:
+    for element in (7, None, ["hall", math.nan, 0]):
+        written = {**RECORDS[0], "trajectory": [["bath"], element]}
+        predictions = read_predictions([written])
+        assert predictions.pose_path(0, 1)[0] == 1
+        assert len(predictions.problems) == 1
+
+
+def test_poses_without_angles_are_counted_whatever_their_form() -> None:
+    """Also the third part of a hop of three that looks like a heading."""
+    log = ReadingLog()
+    poses = [("bath", 1, 0), {"viewpoint": "hall"}, ["a", "b", "1"]]
+    read_carefully([{**RECORDS[0], "trajectory": poses}], log)
+    assert log.differences["no angles"] == 4
 
 
 def test_the_angles_of_a_pose_written_as_an_object_are_its_own() -> None:

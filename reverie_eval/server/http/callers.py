@@ -76,9 +76,9 @@ class Call:
     server: ServerState
     token: str | None
     session_id: str | None
-    """Of a browser session, which may have ended."""
+    """The id of a browser session, which may have ended."""
     csrf_token: str | None = None
-    """From the header; None if the request is a form with a field for it."""
+    """The CSRF token in the header; None if the request is a form with a field for it."""
     required: Role | None = None
     """The role that the caller must have; None if anyone may call."""
 
@@ -93,7 +93,7 @@ class Call:
         NotAllowedError
             If only organisers may call.
         ForgedError
-            If a browser would change something without the session's CSRF token.
+            If a browser's request would change something and lacks the session's CSRF token.
         """
         with self.server.database.reading() as session:
             browser, caller = self._sender(session)
@@ -248,7 +248,7 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
     Raises
     ------
     NotSignedInError
-        If nobody is signed in; the form is not read then.
+        If nobody is signed in; the form is then not read.
     ForgedError
         If the form has no valid CSRF token.
     """

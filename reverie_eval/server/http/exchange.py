@@ -1,6 +1,6 @@
 """What the log, the metrics and problem documents need to know about a request and its reply.
 
-Of what its sender chose, they contain few values: a route, a method, an address, a token's hint.
+They contain few values that its sender chose: a route, a method, an address, a token's hint.
 """
 
 import secrets
@@ -32,7 +32,7 @@ class Exchange:
     """Notes about a request, taken while it is answered."""
 
     id: str = field(default_factory=lambda: secrets.token_hex(8))
-    """Lets a participant report a request that the organiser can find in the log."""
+    """By this, the organiser finds a request in the log when a participant reports it."""
     began: float = field(default_factory=time.perf_counter)
     received: int = 0
     """Bytes of the request's body."""
@@ -41,7 +41,7 @@ class Exchange:
     status: int | None = None
     """None until the reply has begun."""
     outcome: str = OK
-    """Or the code of the problem document."""
+    """``ok``, or the code of the problem document."""
     uploaded_to: str | None = None
     """For an upload to be scored, the requested split; empty until it is known."""
     is_repeat: bool = False
@@ -104,6 +104,6 @@ def session_of(scope: Scope) -> str:
 
 
 def hint_of(scope: Scope) -> str:
-    """Return the first characters of a token, by which the organiser knows it; never more."""
+    """Return the first characters of a token, which identify it to the organiser; never more."""
     token = token_of(scope)
     return token[:HINT_LENGTH] if token.startswith(PREFIX) else ""

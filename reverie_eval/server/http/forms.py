@@ -1,8 +1,8 @@
 """Parsing a form that contains a file: one search for the boundary, whatever the file contains.
 
-The framework's parser works on the event loop and calls a function wherever the content looks like
-a boundary for a while: 32 MiB of that took seconds, in which nobody was answered. Here, the work is
-one pass of ``bytes.find``, in a thread, in pieces between which other threads go on.
+The framework's parser runs on the event loop and calls a function wherever the content begins like
+a boundary: 32 MiB of that took seconds, during which nobody was answered. Here, the work is one
+pass of ``bytes.find`` in a thread, in pieces between which other threads can run.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,12 +14,12 @@ from starlette.datastructures import Headers
 from reverie_eval.server.errors import MalformedError
 
 _PIECE = 1 << 20
-"""Bytes that are searched before another thread may go on."""
+"""Bytes that are searched before another thread may run."""
 _MOST_FIELDS = 20
 _LONGEST_HEAD = 8 << 10
-"""Bytes of the lines before the content of a field."""
+"""Bytes of the lines before the content of a field, at most."""
 _LONGEST_PADDING = 256
-"""Spaces that may follow a boundary."""
+"""Spaces that may follow a boundary, at most."""
 
 
 class File(NamedTuple):
@@ -48,8 +48,8 @@ def parse_form(headers: Headers, body: bytes) -> Form:
 
     References
     ----------
-    RFC 2046, section 5.1.1: whatever line begins with the boundary is one, so a file that contains
-    such a line needs another boundary. RFC 7578: names and file names.
+    RFC 2046, section 5.1.1: every line that begins with the boundary is one, so a file that
+    contains such a line needs another boundary. RFC 7578: names and file names.
     """
     boundary = parse_options_header(headers.get("content-type"))[1].get(b"boundary", b"")
     if not boundary:
@@ -91,7 +91,7 @@ def _parts(body: bytes, mark: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _find(body: bytes, what: bytes, begin: int) -> int:
-    """Find bytes, and let other threads go on between pieces; -1 if they are not there."""
+    """Find bytes, and let other threads run between pieces; -1 if they are not there."""
     for start in range(begin, len(body), _PIECE):
         found = body.find(what, start, start + _PIECE + len(what) - 1)
         if found >= 0:

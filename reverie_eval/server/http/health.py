@@ -2,7 +2,7 @@
 
 For every split, a known submission is read, scored, rounded and signed; the signing key is the one
 in use; the rules of all splits are those of the server that started last on the database; the
-database writes the rows that an upload writes, and undoes them; the folder or store of uploads is
+database writes the rows of an upload, and rolls them back; the folder or store of uploads is
 accessed. The result is cached for some seconds, so frequent checks cost nothing. The reply names
 what failed; the log says why.
 """
@@ -37,7 +37,7 @@ from reverie_eval.server.store.tables import Attempt, AuditEntry, Person, Submis
 
 SECONDS_KEPT = 10
 SECONDS_TO_ANSWER = 20
-"""What takes longer counts as failed."""
+"""A check that takes longer has failed."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 _AGENT = "stop"
@@ -49,7 +49,7 @@ _EMPTY: Mapping[str, Any] = {
     **dict.fromkeys(("size", "problems", "milliseconds"), 0),
     **{name: {} for name in ("method", "report", "receipt", "also", "details")},
 }
-"""Values of columns that say nothing here."""
+"""Values of columns that do not matter here."""
 
 
 class UnhealthyError(Exception):
@@ -94,7 +94,7 @@ class Health:
         return HealthReport(status="unhealthy" if failed else "ok", failed=failed)
 
     def _tell(self, failed: Sequence[str]) -> None:
-        """Tell the organiser, unless that is what failed."""
+        """Notify the organiser, unless the fault prevents it."""
         with (
             suppress(SQLAlchemyError, RequestError),
             self._server.transactions.begin("server") as transaction,
@@ -102,7 +102,7 @@ class Health:
             announce_fault(transaction, f"the server is unhealthy: {', '.join(failed)}")
 
     def _run_checks(self, passed: MutableMapping[str, bool]) -> None:
-        """Run all checks and note each result at once, as a later one may hang."""
+        """Run all checks and record each result at once, because a later check may hang."""
         for name, check in self._checks.items():
             try:
                 check()
@@ -134,7 +134,7 @@ class Canary:
         """
         report = self._board.scored(self._content).report
         scores = report.scores
-        # Of an agent that stays where it starts; in the grounding track nobody walks.
+        # The agent stays where it starts; in the grounding track, no agent moves.
         if scores.get("path_length") or scores.get("success") != scores.get("oracle_success"):
             raise UnhealthyError
         rounded = {key: METRICS[key].rounded(value) for key, value in scores.items()}
@@ -158,14 +158,14 @@ class Canary:
 
 
 def _compare_key(server: ServerState) -> None:
-    """Look whether the signing key was replaced since this server started.
+    """Check whether the signing key was replaced since this server started.
 
     A database that cannot be read is reported by another check.
 
     Raises
     ------
     UnhealthyError
-        If it was.
+        If it was replaced.
     """
     try:
         with server.database.reading() as session:
@@ -181,14 +181,14 @@ def _compare_key(server: ServerState) -> None:
 
 
 def _compare_rules(server: ServerState, last: LastRules) -> None:
-    """Look whether another server of the database has started with other rules.
+    """Check whether another server of the database has started with other rules.
 
     A database that cannot be read is not reported here; the next check does that.
 
     Raises
     ------
     UnhealthyError
-        If one has.
+        If another server has.
     """
     rules = rules_of(server.boards)
     try:
@@ -205,9 +205,9 @@ def _compare_rules(server: ServerState, last: LastRules) -> None:
 
 
 def _write(server: ServerState) -> None:
-    """Write the rows of an upload, and of what it refers to, in a transaction that is undone.
+    """Write the rows of an upload, and of what it refers to, in a transaction that is rolled back.
 
-    The numbers are negative: PostgreSQL does not take back those that it has given.
+    The numbers are negative: PostgreSQL does not reuse numbers after a rollback.
     """
     now, unique = server.clock(), secrets.token_hex(16)
     someone = {"id": _NOBODY, "name": unique, "created_at": now}

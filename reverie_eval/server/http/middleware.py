@@ -35,7 +35,7 @@ _SMALL_FORM = 64 << 10
 """Bytes of a form without a file, which the framework parses on the event loop."""
 
 SECONDS_OF_GRACE = 10
-"""Before a body has to have a speed: connections begin slowly."""
+"""Time before a body has to reach the lowest speed: connections begin slowly."""
 
 _KEY = "reverie_eval.allowance"
 _MULTIPART = b"multipart/form-data"
@@ -45,8 +45,8 @@ _NAMES_OF_UTF_8 = frozenset({_UTF_8, b"utf8", b"us-ascii"})
 """ASCII is a subset of UTF-8."""
 
 FAILED_COST = 10
-"""One in this many requests may show a wrong token or invitation. Expired sessions are not counted:
-browsers send them without being asked, and they cannot be guessed, because they are signed."""
+"""One in this many requests may have a wrong token or invitation. Expired sessions are not counted:
+browsers send them by themselves, and they cannot be guessed, because they are signed."""
 EXEMPT = ("/healthz", "/static/")
 """Monitoring must never be refused, and its result is cached for some seconds; static files are
 cached by browsers."""
@@ -68,11 +68,11 @@ ALWAYS = {
     "X-Frame-Options": "DENY",
     "Cache-Control": "no-store",
 }
-"""Defaults; a route may set its own."""
+"""Default headers; a route may set its own."""
 
 
 class Middleware(ABC):
-    """Answers HTTP requests; whatever else reaches the application passes unchanged."""
+    """Answers HTTP requests; everything else that reaches the application passes unchanged."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -126,8 +126,9 @@ class HeadRequests(Middleware):
 class RateLimits(Middleware):
     """Refuses requests over the limit.
 
-    Wrong tokens throttle only those who guess: that token, and further wrong ones of the same
-    address. Valid tokens of the address and its requests without one are counted as always.
+    Wrong tokens count only against those who guess: against that token, and against further wrong
+    ones from the same address. Valid tokens from the address, and its requests without a token, are
+    counted as usual.
     """
 
     def __init__(self, app: ASGIApp, per_minute: int, counts: Storage) -> None:
@@ -142,7 +143,7 @@ class RateLimits(Middleware):
         Raises
         ------
         TooManyError
-            If it exceeds one.
+            If it exceeds a limit.
         """
         if scope["path"].startswith(EXEMPT):
             await self.app(scope, receive, send)
@@ -182,7 +183,7 @@ class RateLimits(Middleware):
 
 
 def _digest(shown: str) -> str:
-    """Return what a token or a session is counted by; empty for none."""
+    """Return the key to count a token or a session by; empty if there is none."""
     return hashlib.sha256(shown.encode()).hexdigest() if shown else ""
 
 
@@ -197,7 +198,7 @@ class PathPrefix(Middleware):
         self._prefix = prefix
 
     async def answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request without the prefix; redirects get it again."""
+        """Answer a request without the prefix, and put it back into redirects."""
 
         async def prefixing(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -213,9 +214,9 @@ class PathPrefix(Middleware):
 
 
 class UntrustedProxies(Middleware):
-    """Warns once of a proxy that the settings do not name: all its visitors are one to the server.
+    """Warns once about a proxy that the settings do not name: its visitors share one rate limit.
 
-    Of clients, that header is often made up, so it is only warned of those nearby.
+    Clients often make up the header of proxies, so only private addresses cause the warning.
     """
 
     def __init__(self, app: ASGIApp, trusted: Sequence[Network]) -> None:
@@ -263,13 +264,13 @@ class Allowance:
     """Bytes."""
     seconds: float
     kibibytes_per_second: float
-    """The slowest that it may be sent on average, after the first seconds."""
+    """The lowest average speed at which it may be sent, after the first seconds."""
     began: float = field(default_factory=time.monotonic)
-    """When it was first waited for, on the monotonic clock."""
+    """When the server began to wait for it, on the monotonic clock."""
 
     @property
     def until(self) -> float:
-        """The deadline of all of it."""
+        """The deadline of the whole body."""
         return self.began + self.seconds
 
     def next_until(self, received: int) -> float:
@@ -328,7 +329,7 @@ class FormCharsets(Middleware):
         Raises
         ------
         MalformedError
-            If it is a form whose content type names another charset than UTF-8.
+            If it is a form whose content type names a charset other than UTF-8.
         """
         media_type, options = _content_type(Headers(scope=scope))
         charset = options.get(b"charset", _UTF_8).lower()

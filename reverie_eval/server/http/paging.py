@@ -54,7 +54,7 @@ async def known_query(request: Request) -> None:
     Raises
     ------
     MalformedError
-        Naming each, with the closest known parameter.
+        If there are any; it names each, with the closest known parameter.
     """
     route = request.scope["route"]
     known = set(_parameters(route.dependant))

@@ -13,7 +13,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 SECONDS_FOR_HEADERS = 10
 SECONDS_FOR_REPLY = 60
-"""For a reply, or a piece of a file, to leave the server."""
+"""Time for a reply, or a piece of a file, to leave the server."""
 
 
 class PatientProtocol(H11Protocol):
@@ -66,7 +66,7 @@ class PatientProtocol(H11Protocol):
 
 
 class _Deadline:
-    """A timer that can be called off; at most one runs at a time."""
+    """A timer that can be cancelled; at most one runs at a time."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop

@@ -1,4 +1,4 @@
-"""From errors to replies.
+"""Turning errors into replies.
 
 Every error is a problem document (RFC 9457) with a stable ``code``; pages show the same as HTML.
 Each error's class has its status and code.
@@ -51,12 +51,12 @@ def add_error_handlers(app: FastAPI, fault_page: FaultPage) -> None:
 
 
 def read_model(model: type[Model], fields: Mapping[str, Any]) -> Model:
-    """Return what fields of a form or a query say, as the body of a request says it.
+    """Return the model that the fields of a form or a query describe, as if they were a JSON body.
 
     Raises
     ------
     RequestValidationError
-        Naming each field that is wrong.
+        If fields are wrong; it names each of them.
     """
     try:
         return model.model_validate(fields)

@@ -1,4 +1,4 @@
-"""Work that a running server does again and again, each in a thread of its own."""
+"""Work that a running server repeats, each kind in a thread of its own."""
 
 import logging
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ _LOGGER = logging.getLogger("reverie_eval.server")
 
 @contextmanager
 def repeatedly(work: Callable[[], object], seconds: float) -> Iterator[None]:
-    """Do some work now and every so often until the end; if it fails, log that and try again."""
+    """Do some work now and at intervals until the context ends; log failures and try again."""
     is_over = Event()
 
     def repeat() -> None:

@@ -1,7 +1,7 @@
 """The state of one running application: admission of uploads, requests to join, metrics, health.
 
-Admission limits how many uploads are held in memory, and how many are scored, at once; of several
-worker processes, each has its part of both.
+Admission limits how many uploads are held in memory, and how many are scored, at once; several
+worker processes divide both among them.
 
 Waiting uploads are not read yet: their bytes are still with the sender. So five hundred uploads at
 once need no more memory than the first few. The people of a team may together hold only a share of
@@ -50,9 +50,9 @@ class Admission:
     Parameters
     ----------
     at_once : int
-        Uploads in memory.
+        Uploads in memory, at most.
     waiting : int
-        Uploads waiting to be read.
+        Uploads waiting to be read, at most.
     seconds : float
         The longest that an upload waits.
     workers : Workers
@@ -145,7 +145,7 @@ class Joining:
         Raises
         ------
         TooManyError
-            If the address has sent as many as it may.
+            If the address has already sent as many as it may.
         """
         address = site_of(address_of(scope)).encode()
         sender = hmac.digest(self._key, address, hashlib.sha256).hex()
@@ -170,7 +170,7 @@ class RuntimeState:
 
     @classmethod
     def of(cls, server: ServerState, workers: Workers) -> Self:
-        """Create them for one of the worker processes of a server."""
+        """Create the state of one of the worker processes of a server."""
         limits, metrics = server.settings.limits, Metrics(server.boards)
         admission = Admission(
             limits.uploads_at_once,

@@ -1,8 +1,9 @@
 """The outermost layer of every request: its id, its line in the log, the metrics.
 
 No metric reveals a team, a person or a score: labels are routes, statuses, splits and codes. The
-worker processes of a server count in files, by prometheus_client's multiprocess mode, and each
-returns the sums of all.
+worker processes of a server count in files, in prometheus_client's multiprocess mode, and each
+returns the sums over all of them.
+
 Exceptions end here as problem documents; none reaches uvicorn. The reply to an error is rendered in
 a thread of its own, so refusing one request never delays another.
 """
@@ -34,7 +35,7 @@ from reverie_eval.server.http.middleware import Middleware
 from reverie_eval.server.http.problems import log_fault, reply_to
 
 MEDIA_TYPE = CONTENT_TYPE_LATEST
-"""Of the metrics."""
+"""The media type of the metrics."""
 REQUEST_ID = "X-Request-ID"
 COUNTING_TOGETHER = "PROMETHEUS_MULTIPROC_DIR"
 """The environment variable that prometheus_client reads when it is imported: the folder in which

@@ -29,12 +29,12 @@ from reverie_eval.server.store.tables import Person
 from reverie_eval.submissions._sources import unpack
 
 _FORM_OVERHEAD = 64 << 10
-"""Bytes of a form besides the file."""
+"""Bytes that a form may have besides the file."""
 _PACKED = {"schema": {"type": "string", "format": "binary"}}
 
 
 def parameters_of(model: type[BaseModel], otherwise: str) -> list[dict[str, Any]]:
-    """Describe a model's fields as query parameters; one without a description gets another."""
+    """Describe a model's fields as query parameters; a field may lack a description of its own."""
     return [
         {
             "name": name,
@@ -92,7 +92,7 @@ class Upload(NamedTuple):
 
     packed: bytes
     arrived: datetime
-    """When all of it was there."""
+    """When its last byte arrived."""
     fields: Mapping[str, Any]
     """The form's other fields."""
     filename: str = ""
@@ -100,7 +100,7 @@ class Upload(NamedTuple):
 
 
 async def receive(request: Request, limits: Limits, clock: Clock) -> Upload:
-    """Read an upload, and look at the clock as soon as its last byte is there.
+    """Read an upload, and record the time at which its last byte arrived.
 
     Raises
     ------
@@ -135,7 +135,7 @@ Counted = Annotated[Exchange, Depends(counted)]
 
 
 async def began(server: Server) -> datetime:
-    """Return when a request began, before anything is waited for."""
+    """Return when a request began, before it waits for anything."""
     return server.clock()
 
 
@@ -156,8 +156,8 @@ async def taken(
 ) -> AsyncIterator[Upload]:
     """Read a person's upload as soon as there is room for it, and hold its slot.
 
-    An upload that waits for a slot is not read meanwhile, so its arrival is dated back by the time
-    it waited: a queue makes nobody late.
+    An upload is not read while it waits for a slot, so its arrival is dated back by that time: a
+    queue makes nobody late.
     """
     async with runtime.admission.hold(person.team_id):
         waited = max(server.clock() - began, timedelta())
@@ -241,7 +241,7 @@ def method_from(given: Mapping[str, Any]) -> Method:
     Raises
     ------
     RequestValidationError
-        Naming each field that is wrong.
+        If fields are wrong; it names each of them.
     """
     return read_model(Method, {name: value for name, value in given.items() if value != ""})
 

@@ -8,15 +8,16 @@ prometheus_client's multiprocess mode.
 
 import sqlite3
 import time
+import weakref
 from dataclasses import dataclass
 from pathlib import Path
 
 from limits.storage import MemoryStorage, Storage
 
 _FILE = "requests.sqlite"
-"""In the same folder, prometheus_client reads all files that end in ``.db``."""
+"""Not ``.db``: prometheus_client reads all files of the folder that end in this."""
 SECONDS_TO_COUNT = 10
-"""How long a worker may wait for others to count; each takes some microseconds."""
+"""Time that a worker may wait while others count; each takes some microseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class Workers:
         return min(total, max(1, total // self.number))
 
     def counts(self) -> Storage:
-        """Return where requests are counted."""
+        """Return the storage in which requests are counted."""
         return MemoryStorage() if self.folder is None else FileCounts(self.folder / _FILE)
 
 
@@ -64,6 +65,7 @@ class FileCounts(Storage):
             CREATE INDEX IF NOT EXISTS by_end ON counted (until);
             """
         )
+        weakref.finalize(self, self._database.close)  # limits never closes a storage
 
     @property
     def base_exceptions(self) -> type[Exception]:

@@ -46,7 +46,7 @@ UPLOADS = "uploads/"
 FORMAT = 1
 _SIGNING_KEY = "signing_key"
 _PIECE = 1 << 20
-"""Bytes of a file in memory."""
+"""Bytes of a file that are in memory at a time."""
 
 
 class Manifest(BaseModel):
@@ -56,7 +56,7 @@ class Manifest(BaseModel):
 
     format: int
     version: str
-    """Of reverie-eval."""
+    """The version of reverie-eval."""
     made_at: datetime
     """When the rows were read."""
     revision: str
@@ -66,7 +66,7 @@ class Manifest(BaseModel):
     lacking: tuple[str, ...]
     """The SHA-256 of uploads that were missing or damaged."""
     sha256: dict[str, str]
-    """Of every other file in the archive."""
+    """The SHA-256 of every other file in the archive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ def write_backup(folder: Path, output: Path) -> BackupReport:
     ReverieEvalError
         If the archive would be in the server's folder, overwrite a file of the server, or be in a
         folder that does not exist; if the database is empty or was made by a later version; or if
-        its signing key is missing, or was rotated while the backup was made.
+        the server's signing key is missing, or was rotated while the backup was made.
     """
     settings = load_settings(folder)
     if output.resolve().is_relative_to(settings.folder):
@@ -141,7 +141,7 @@ def _write(settings: Settings, archive: tarfile.TarFile, place: Path) -> Manifes
 def _dump(
     settings: Settings, lines: IO[bytes], uploads: set[str], counts: Counter[str]
 ) -> tuple[str, str | None]:
-    """Write all rows as lines of JSON, note uploads and counts.
+    """Write all rows as lines of JSON; collect the uploads that they refer to, and their counts.
 
     Returns
     -------
@@ -204,7 +204,7 @@ class _Contents:
 
 
 def restored(settings: Settings) -> Settings:
-    """Return the settings of an unpacked archive, with the places that its files have in it."""
+    """Return the settings of an unpacked archive, with the paths of its own files."""
     names = {setting: Path(name) for setting, (name, _) in _files(settings).items()}
     splits = {
         name: split.model_copy(update={"bundle": names[f"splits.{name}.bundle"]})

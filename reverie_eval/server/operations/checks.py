@@ -42,7 +42,7 @@ from reverie_eval.version import __version__
 
 _DEFAULT_PASSWORDS = frozenset({"postgres", "password", "secret", "changeme", "change-me", "admin"})
 REFUSALS = (SQLAlchemyError, ModuleNotFoundError, ValueError)
-"""Errors of using a database; a stored value that cannot be read is a ValueError."""
+"""Errors from using a database; a stored value that cannot be read is a ValueError."""
 _OTHERS_MAY_READ = 0o077
 _FEW_EPISODES = 1000
 _LATER_VERSION = f"was made by a later version than {__version__}; install the latest reverie-eval"
@@ -92,7 +92,7 @@ def check_sound(folder: Path, note: Callable[[str], None]) -> Settings:
     Raises
     ------
     FolderError
-        Listing all faults.
+        If there are faults; it lists all of them.
     """
     findings = check_folder(folder)
     faults = [finding for finding in findings if finding.kind == "fault"]
@@ -178,7 +178,7 @@ def opened(settings: Settings) -> Iterator[Database]:
 
 @contextmanager
 def opened_server(settings: Settings) -> Iterator[ServerState]:
-    """Open all of a server; it may be running.
+    """Open a server, not only its database; it may be running.
 
     Raises
     ------
@@ -200,9 +200,9 @@ def acting(
     Raises
     ------
     FolderError
-        If the database is not of this version.
+        If this version cannot use the database.
     ReceiptError
-        If the signing key, which the audit log's is derived from, is not the one in use.
+        If the signing key, from which the audit log's key is derived, is not the one in use.
     """
     with opened(settings) as database:
         snapshots = Snapshots(lambda: load_boards(settings), Schedules(settings.splits))
@@ -293,7 +293,7 @@ def _at_ground_truth(settings: Settings) -> Iterator[Finding]:
 
 
 def _told_by_further(board: Board, episodes: int) -> str:
-    """Return a sentence on what further leaderboards of a private split give away."""
+    """Return a sentence on what further leaderboards of a private split reveal."""
     own, all_counts = (
         sum(metric.is_binary for each in boards for metric in each.headline)
         for boards in ([board], board.all)
@@ -344,7 +344,7 @@ def _at_database(settings: Settings) -> Iterator[Finding]:
 
 
 def _at_rules(settings: Settings) -> Iterator[Finding]:
-    """Look whether the last server on the database had other rules, such as another bundle."""
+    """Check whether the last server on the database had other rules, such as another bundle."""
     for boards, session in _boards_and_data(settings):
         rules, last = rules_of(boards), LastRules().read(session)
         for board in different(rules, last):
@@ -358,7 +358,7 @@ def _at_rules(settings: Settings) -> Iterator[Finding]:
 
 
 def _at_schedules(settings: Settings) -> Iterator[Finding]:
-    """Look for splits whose phases or pauses the desk has set."""
+    """Look for splits whose phases or pauses were set at the desk."""
     if database_fault(settings) is not None:
         return
     with closing(Database(settings.database_url)) as database, database.reading() as session:
@@ -395,7 +395,7 @@ def _at_results(settings: Settings) -> Iterator[Finding]:
 
 
 def _boards_and_data(settings: Settings) -> Iterator[tuple[Mapping[str, Board], Session]]:
-    """Yield the splits and a view of the database, or nothing if one of them has a fault."""
+    """Yield the splits and a view of the database, or nothing if they cannot be read."""
     if database_fault(settings) is not None:
         return
     try:

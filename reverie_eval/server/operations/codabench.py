@@ -1,4 +1,4 @@
-"""Write a split of a server as a competition for Codabench, which its organisers upload there.
+"""Write a split of a server as a competition on Codabench, for the organisers to upload there.
 
 References
 ----------
@@ -27,21 +27,21 @@ _IMAGE = "logo.png"
 _COMMAND = "python3 /app/program/scoring.py /app/input/ /app/output/"
 _SECONDS_TO_SCORE = 600
 _OWNER_ALONE = 0o600
-"""Permissions of the file: it has the answers."""
+"""Permissions of the file: it contains the answers."""
 
 
 def export_codabench(settings: Settings, split: str, image: str, output: Path) -> Sequence[str]:
-    """Write a competition bundle, and return what Codabench cannot hold, a sentence each.
+    """Write a competition bundle, and return a sentence on each thing that Codabench cannot do.
 
     Parameters
     ----------
     settings : Settings
-        Of the server.
+        Settings of the server.
     split : str
     image : str
         A container image that has reverie-eval.
     output : Path
-        The zip archive to write. It has the answers of the split.
+        The zip archive to write. It contains the answers of the split.
 
     Raises
     ------
@@ -179,7 +179,7 @@ file is kept by the platform and can be seen by the organisers.
 
 
 def _left_out(board: Board, schedule: Schedule) -> Iterator[str]:
-    """Yield what a competition on Codabench does not keep of the rules, a sentence each."""
+    """Yield a sentence on each rule that a competition on Codabench does not have."""
     quota = board.split.effective_quota
     yield f"the limit of {quota.month:,} submissions in 30 days"
     yield f"the window of 365 days: {quota.year:,} submissions are the limit of each phase"

@@ -1,6 +1,6 @@
 """The scoring program of a Codabench competition: scores the file that a participant sent.
 
-It is copied into the bundle as it stands, and runs in a container that has reverie-eval.
+It is copied into the bundle unchanged, and runs in a container that has reverie-eval.
 """
 
 import json
@@ -12,7 +12,7 @@ from reverie_eval.server.operations.platforms import displayed_scores
 
 
 def main(given: Path, output: Path) -> None:
-    """Write ``scores.json``, as the leaderboard displays them, or end with what is wrong."""
+    """Write ``scores.json`` with the digits that the leaderboard shows, or exit with the reason."""
     reference = given / "ref"
     rules = json.loads((reference / "rules.json").read_bytes())
     try:

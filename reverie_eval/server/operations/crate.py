@@ -20,9 +20,9 @@ from reverie_eval.version import __version__
 METADATA = "ro-crate-metadata.json"
 _SPECIFICATION = "https://w3id.org/ro/crate/1.1"
 _SOFTWARE = "#reverie-eval"
-"""Made the files."""
+"""The id of the software that made the files."""
 _FIRST_PAGE = "index.html"
-"""By this and the software, an earlier site is known."""
+"""Together with the software, this identifies an earlier site."""
 _KINDS = {
     "text/html": "Page",
     "text/csv": "Leaderboard as a table, one row for each result",
@@ -48,19 +48,19 @@ class File:
     size: int
     """Bytes."""
     address: str = ""
-    """Of a page: path and query on the server."""
+    """For a page, its path and query on the server."""
     title: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Crate:
-    """What archives are told about a folder of files."""
+    """The description of a folder of files, for archives."""
 
     contents: str
     """What the files are: ``The public pages``."""
     title: str
     address: str
-    """Of the server; maybe empty."""
+    """The server's address; may be empty."""
     date: datetime
     files: Sequence[File]
     papers: Mapping[str, str]
@@ -149,7 +149,7 @@ def _benchmark(task: Task) -> Mapping[str, Any]:
 
 
 def is_crate_of_ours(file: Path) -> bool:
-    """Whether a file is the description of a site that this module wrote."""
+    """Return whether a file is the description of a site that this module wrote."""
     try:
         graph = json.loads(file.read_bytes())["@graph"]
         return {_SOFTWARE, _FIRST_PAGE} <= {entity["@id"] for entity in graph}

@@ -28,16 +28,16 @@ from reverie_eval.server.store.tables import Message
 from reverie_eval.text import count_text
 
 SECONDS_BETWEEN = 10
-"""Between two looks for messages."""
+"""Seconds between two checks for messages that are due."""
 SECONDS_TO_SEND = 10
 SIGNATURE = "X-Reverie-Signature"
 """The header with the HMAC-SHA256 of the body, under the webhook's secret."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 _STOPPING = 5
-"""Seconds that a server waits at its end for a message that is being sent."""
+"""Seconds that a stopping server waits for a message that is being sent."""
 _REFUSALS = (OSError, smtplib.SMTPException, httpx.HTTPError, ReverieEvalError, ValueError)
-"""Errors of the network, the other server, or a text that no header can carry."""
+"""Errors of the network or the other server, or from text that a header cannot contain."""
 
 Send = Callable[[Sequence[Message]], None]
 
@@ -47,7 +47,7 @@ class DeliveryError(ReverieEvalError):
 
 
 def senders(settings: Settings) -> Mapping[str, Send]:
-    """Return what sends the messages of each channel."""
+    """Return the function that sends messages through each channel."""
     found: dict[str, Send] = {}
     if settings.mail is not None:
         mail = settings.mail
@@ -59,7 +59,7 @@ def senders(settings: Settings) -> Mapping[str, Send]:
 
 
 def send_test(settings: Settings) -> Iterator[tuple[str, str]]:
-    """Send a test message by each channel; yield its name and an error, empty if it was sent."""
+    """Send a test message by each channel; yield the channel and an error, empty if it was sent."""
     now = utc_now()
     for name, send in senders(settings).items():
         text = "This is a test; the server can send you messages."
@@ -88,7 +88,7 @@ def deliver(database: Database, settings: Settings, now: datetime) -> None:
 
 @contextmanager
 def delivering(settings: Settings) -> Iterator[None]:
-    """Send messages in a thread meanwhile, if the settings name a channel."""
+    """Send messages in another thread during the context, if the settings name a channel."""
     if not settings.channels:
         yield
         return
@@ -107,14 +107,14 @@ def _deliver_until(settings: Settings, is_over: Signal) -> None:
         while True:
             try:
                 deliver(database, settings, utc_now())
-            except Exception:  # the database is away for a moment, or full
+            except Exception:  # the database is unavailable for a moment, or full
                 _LOGGER.exception("messages not read")
             if is_over.wait(SECONDS_BETWEEN):
                 return
 
 
 def _parcels(channel: str, messages: Sequence[Message]) -> Sequence[Sequence[Message]]:
-    """Return the messages as they are sent: as one mail, or one by one."""
+    """Group messages as they are sent: all in one mail, or one by one."""
     if channel == "mail":
         return [messages] if messages else []
     return [[message] for message in messages]

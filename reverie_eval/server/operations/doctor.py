@@ -68,7 +68,7 @@ def examine(folder: Path, track: Track = lambda items, *_: items) -> Iterator[Fi
 def tell_of_faults(folder: Path, findings: Iterable[Finding], actor: str) -> None:
     """Notify the organiser of faults by mail and webhook, if these are set up.
 
-    Does nothing if the server's own files or database are what is at fault.
+    Does nothing if the fault is in the server's own files or its database.
     """
     faults = [finding for finding in findings if finding.kind == "fault"]
     with suppress(ReverieEvalError):
@@ -81,7 +81,7 @@ def tell_of_faults(folder: Path, findings: Iterable[Finding], actor: str) -> Non
 
 
 def _guarded(check: str, findings: Iterator[Finding]) -> Iterator[Finding]:
-    """Yield findings until the database fails, and then that failure."""
+    """Yield findings; if the database fails, yield that as the last one."""
     try:
         yield from findings
     except REFUSALS as error:
@@ -120,7 +120,7 @@ def _at_submissions(session: Session, state: ServerState, track: Track) -> Itera
 
 
 def _read(session: Session, names: Sequence[str]) -> Iterator[tuple[str, SubmissionReport | None]]:
-    """Read submissions, together if they can be read; None for each that cannot."""
+    """Read submissions, in one query if all can be read; None for each that cannot."""
     chosen = select(Submission).where(Submission.id.in_(names))
     try:
         rows = {row.id: row for row in session.scalars(chosen)}
@@ -181,7 +181,7 @@ def _at_strays(session: Session, uploads: Uploads) -> Iterator[Finding]:
 
 
 def _others(names: Iterable[str], known: Iterable[str]) -> Iterator[str]:
-    """Yield the names that are not known; both come in order, and neither is kept in memory."""
+    """Yield the names that are not known; both are sorted, and neither is held in memory."""
     rest = iter(known)
     least = next(rest, None)
     for name in names:
@@ -227,7 +227,7 @@ class _Receipts:
     def __init__(self, keys: Sequence[KeyReport], names: Mapping[str, Collection[str]]) -> None:
         self._keys = keys
         self._names = names
-        """That each team has had, by its current one."""
+        """All names that each team has had, by its current name."""
         self._sound = 0
 
     def check(self, submission: SubmissionReport) -> Iterator[Finding]:

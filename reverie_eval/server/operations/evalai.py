@@ -17,23 +17,23 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.settings import Settings
 
 _ONLY_HOSTS, _EVERYBODY = 1, 3
-"""Who sees a leaderboard."""
+"""EvalAI's values for who sees a leaderboard."""
 _NO_END = datetime(2099, 12, 31, 23, 59, 59, tzinfo=UTC)
-"""The end of a phase without one, which EvalAI demands."""
+"""The end of a phase that has none here, because EvalAI requires one."""
 _FILES = ".json, .gz, .zip"
 
 
 class ChallengeConfig(NamedTuple):
-    """What a server's splits are in the configuration of a challenge."""
+    """A server's splits in the configuration of a challenge."""
 
     text: str
     """YAML, for ``challenge_config.yaml``."""
     left_out: Sequence[str]
-    """What EvalAI cannot hold, a sentence each."""
+    """A sentence on each thing that EvalAI cannot do."""
 
 
 def export_evalai(settings: Settings) -> ChallengeConfig:
-    """Write phases, splits and leaderboards, in which the worker's results have a place.
+    """Write the phases, splits and leaderboards that the worker reports results for.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def _phase_split(phase: int, split: int, board: Board, schedule: Schedule) -> Ma
 
 
 def _left_out(board: Board, schedule: Schedule) -> Iterator[str]:
-    """Yield what a challenge on EvalAI does not keep of a split's rules, a sentence each."""
+    """Yield a sentence on each of a split's rules that a challenge on EvalAI does not have."""
     quota = board.split.effective_quota
     yield (
         f"{board.name}: quotas for any 24 hours, 30 and 365 days; EvalAI counts by calendar day "
@@ -133,5 +133,5 @@ def _left_out(board: Board, schedule: Schedule) -> Iterator[str]:
 
 
 def _time(moment: datetime) -> datetime:
-    """Return a time in UTC without its zone, as EvalAI's files have it."""
+    """Return a time in UTC without its zone, as in EvalAI's files."""
     return moment.astimezone(UTC).replace(tzinfo=None, microsecond=0)

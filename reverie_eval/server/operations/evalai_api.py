@@ -1,4 +1,4 @@
-"""What a remote worker asks EvalAI and tells it.
+"""The requests of a remote worker to EvalAI.
 
 References
 ----------
@@ -27,7 +27,7 @@ _REFUSED = frozenset({HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN})
 _BUSY = frozenset({HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.TOO_MANY_REQUESTS})
 _GONE = frozenset({HTTPStatus.NOT_FOUND, HTTPStatus.GONE})
 _LONGEST_QUOTE = 500
-"""Characters of what EvalAI says."""
+"""Characters that are quoted of a reply."""
 
 
 class EvalAIError(ReverieEvalError):
@@ -35,33 +35,33 @@ class EvalAIError(ReverieEvalError):
 
 
 class MismatchError(EvalAIError):
-    """The settings here do not fit the challenge at EvalAI."""
+    """The settings here do not match the challenge on EvalAI."""
 
 
 class UnavailableError(ReverieEvalError):
-    """EvalAI does not answer as it should; it may later."""
+    """EvalAI does not answer as expected; it may do so later."""
 
     def __init__(self, message: str, retry_after: float | None = None) -> None:
         self.retry_after = retry_after
-        """Seconds, if EvalAI asks for a pause."""
+        """Seconds to wait, if EvalAI asks for a pause."""
         super().__init__(message)
 
 
 class _Reply(BaseModel):
-    """What EvalAI replies with, which has further fields."""
+    """A reply of EvalAI, which may have further fields."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
 
 class Message(_Reply):
-    """The reply to a look into the queue; without a handle, nothing was there."""
+    """The next message of the queue; without a handle, the queue was empty."""
 
     body: Any = None
     receipt_handle: str | None = None
 
     @property
     def submission(self) -> int | None:
-        """The number of the submission that waits; None if the body does not tell."""
+        """The number of the submission that waits; None if the body does not have it."""
         if isinstance(self.body, Mapping):
             with suppress(ValidationError):
                 number: int = TypeAdapter(PositiveInt).validate_python(
@@ -83,23 +83,23 @@ class EvalAISubmission(_Reply):
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing is to be reported of it any more."""
+        """Whether nothing more is to be reported about it."""
         return self.status in _OVER or self.ignore_submission
 
 
 @dataclass(frozen=True)
 class End:
-    """How a submission ends."""
+    """The outcome of a submission."""
 
     submission_status: Literal["FINISHED", "FAILED"]
     stdout: str = ""
-    """Which the participant may read."""
+    """Shown to the participant."""
     stderr: str = ""
-    """Which the participant may read, too."""
+    """Shown to the participant, too."""
     result: str = ""
     """JSON: the values of the leaderboard's labels."""
     metadata: str = ""
-    """JSON that only hosts may read."""
+    """JSON, shown to hosts only."""
 
 
 class EvalAIClient:
@@ -108,16 +108,16 @@ class EvalAIClient:
     Parameters
     ----------
     settings : EvalAI
-        Of the challenge.
+        Settings of the challenge.
     token : str
-        Of one of its hosts.
+        A token of one of its hosts.
 
     Raises
     ------
     ServiceError
         If the environment's proxies or certificates cannot be used.
     EvalAIError
-        If no header can carry the token. All methods: if EvalAI refuses it.
+        If a header cannot contain the token. All methods: if EvalAI refuses it.
     MismatchError
         All methods: if EvalAI refuses the request for another reason.
     UnavailableError
@@ -131,7 +131,7 @@ class EvalAIClient:
                 "there is no usable token for EvalAI; set REVERIE_EVAL_EVALAI__TOKEN, or "
                 "evalai.token_file to a file with the token that your profile at EvalAI shows"
             )
-        # With each request, not of the client: files are in a store that must not see it.
+        # Set for each request, not for the client: the store that has the files must not see it.
         self._headers = {"Authorization": f"Bearer {token}"}
         self._url = str(settings.url).rstrip("/")
         self._http = http_client(self._url, USER_AGENT)
@@ -143,15 +143,15 @@ class EvalAIClient:
         self._http.close()
 
     def receive(self) -> Message | None:
-        """Take a message from the queue, which nobody else gets for some time; None if it is empty.
+        """Take a message from the queue, hidden from others for some time; None if it is empty.
 
-        It comes again unless it is removed meanwhile: EvalAI's queues do so after 30 seconds.
+        Unless it is removed, it comes again: from EvalAI's queues, after 30 seconds.
         """
         message = self._read(Message, self._ask("GET", f"challenge/queues/{self.settings.queue}/"))
         return message if message.receipt_handle else None
 
     def remove(self, message: Message) -> None:
-        """Remove a message from the queue for ever."""
+        """Remove a message from the queue for good."""
         handle = str(message.receipt_handle)
         self._ask("POST", f"queues/{self.settings.queue}/", receipt_handle=handle)
 
@@ -177,7 +177,7 @@ class EvalAIClient:
         self._ask(method, path, submission=str(submission.id), **form)
 
     def download(self, submission: EvalAISubmission, most_bytes: int) -> bytes:
-        """Fetch a submission's file; without the token, as any store may have it.
+        """Fetch a submission's file, without the token because it may be in any store.
 
         Raises
         ------
@@ -192,7 +192,7 @@ class EvalAIClient:
                 if reply.status_code in _GONE:
                     raise _rejected("missing-file", "EvalAI does not have it; submit it again")
                 if not reply.is_success:
-                    # Not a participant's fault, whatever it is: a proxy or a store in trouble.
+                    # Not the participant's fault: a proxy or the store has a problem.
                     raise UnavailableError(f"{_host(reply)} answered {_status(reply)} for a file")
                 for piece in reply.iter_raw():
                     content += piece
@@ -217,7 +217,7 @@ class EvalAIClient:
             raise UnavailableError(f"{self._url}: {reason_of(error)}") from error
 
     def _content(self, reply: httpx.Response) -> Any:
-        """Return the JSON of a success."""
+        """Return the JSON of a successful reply."""
         if reply.is_success:
             try:
                 return reply.json()
@@ -248,7 +248,7 @@ def _rejected(code: str, message: str) -> SubmissionError:
 
 
 def _host(reply: httpx.Response) -> str:
-    """Name who replied; the rest of a file's address may be a key to it."""
+    """Return the host that replied; the rest of a file's URL may be what gives access to it."""
     return reply.url.host
 
 
@@ -257,7 +257,7 @@ def _status(reply: httpx.Response) -> str:
 
 
 def _quote(reply: httpx.Response) -> str:
-    """Quote the reason that EvalAI gives, or Django REST framework for it."""
+    """Quote the reason that EvalAI, or its Django REST framework, gives."""
     try:
         document = reply.json()
     except ValueError:

@@ -1,9 +1,9 @@
 """A remote worker for EvalAI: scores the submissions of a challenge on the organiser's machine.
 
-EvalAI delivers each message of its queue again until it is removed. So the worker asks first what
-the state of the submission is, and removes the message last: after a crash, a kill or a lost reply
-at any step, the message comes again, and the submission is finished once. One that a worker left
-running is finished by the next.
+EvalAI delivers each message of its queue again until it is removed. So the worker first asks for
+the state of the submission, and removes the message last: after a crash, a kill or a lost reply at
+any step, the message comes again, and the submission is finished once. A submission that a worker
+left running is finished by the next worker.
 """
 
 import hashlib
@@ -36,11 +36,11 @@ from reverie_eval.server.state import ServerState
 from reverie_eval.submissions._sources import unpack
 
 SECONDS_BETWEEN = 10
-"""Between two looks into an empty queue; EvalAI allows 60 requests a minute."""
+"""Seconds between two requests to an empty queue; EvalAI allows 60 requests a minute."""
 LONGEST_PAUSE = 60
-"""Seconds after which EvalAI is tried again, unless it asks for more."""
+"""Seconds, at most, until a request is repeated, unless EvalAI asks for more."""
 LONGEST_RETRY_AFTER = 600
-"""Seconds that EvalAI may ask for."""
+"""Seconds that EvalAI may ask for, at most."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 _FAULT = (
@@ -55,7 +55,7 @@ def run_worker(settings: Settings, announce: Callable[[str], None]) -> None:
     Parameters
     ----------
     settings : Settings
-        Of the server, with a challenge on EvalAI.
+        Settings of the server, with a challenge on EvalAI.
     announce : callable
         Called with a line about what is scored.
 
@@ -89,7 +89,7 @@ class EvalAIWorker:
     stopping: Event = field(default_factory=Event)
 
     def run(self) -> None:
-        """Score submissions until it is to stop; an EvalAI that does not answer is tried again."""
+        """Score submissions until told to stop; if EvalAI does not answer, try again."""
         from tenacity import (
             Retrying,
             retry_if_exception_type,
@@ -110,12 +110,12 @@ class EvalAIWorker:
                 self.stopping.wait(SECONDS_BETWEEN)
 
     def take_one(self) -> bool:
-        """Handle a message of the queue; whether there was one.
+        """Handle a message of the queue; return whether there was one.
 
         Raises
         ------
         EvalAIError, UnavailableError
-            As :class:`EvalAIClient`. Whatever was begun goes on when the message comes again.
+            As :class:`EvalAIClient`. Unfinished work continues when the message comes again.
         """
         message = self.client.receive()
         if message is None:
@@ -132,7 +132,7 @@ class EvalAIWorker:
         return True
 
     def _handle(self, number: int) -> None:
-        """Bring a submission to its end, from whatever state an earlier worker left it in."""
+        """Finish a submission, whatever state an earlier worker left it in."""
         submission = self.client.submission(number)
         if submission is None or submission.is_over:
             why = "does not exist" if submission is None else submission.status
@@ -182,7 +182,7 @@ def _scored(board: Board, content: bytes, *, is_shown: bool) -> End:
     Raises
     ------
     SubmissionError
-        Listing all problems.
+        If it is rejected; lists all problems.
     """
     report = board.scored(content).report
     scores = displayed_scores(report, [metric.key for metric in board.headline])
@@ -226,7 +226,7 @@ def pause_after(attempt: Any) -> float:
 
 @contextmanager
 def _stopping() -> Iterator[Event]:
-    """Give what the first SIGTERM or SIGINT sets; a second one ends the process."""
+    """Yield an event that the first SIGTERM or SIGINT sets; a second one ends the process."""
     event = Event()
     before: dict[int, Any] = {}
 

@@ -159,7 +159,7 @@ _CORRECTION = dict.fromkeys(("split", "board", "created_at", "reason", "signatur
 
 
 def _table(name: str, rows: Sequence[Row], columns: Mapping[str, str]) -> ExportedTable:
-    """Return a table; what its rows have besides, the bounds of intervals, are numbers."""
+    """Return a table; any further columns of its rows, the bounds of intervals, are numbers."""
     further = dict.fromkeys((key for row in rows for key in row if key not in columns), "number")
     return ExportedTable(name, {**columns, **further}, rows)
 

@@ -4,7 +4,7 @@
 
     reverie-eval.toml     the organiser's settings
     signing-key.pem       signs receipts
-    bundles/              ground truth, readable by its owner alone
+    bundles/              ground truth, readable only by its owner
     server.db             the SQLite file, unless the database is elsewhere
     uploads/              every accepted file, by its SHA-256
 """
@@ -106,7 +106,7 @@ def check_empty(settings: Settings) -> None:
     Raises
     ------
     SettingsError
-        If it is not.
+        If the database is not empty.
     """
     with closing(Database(settings.database_url)) as database:
         if database.revision() is not None:
@@ -129,7 +129,7 @@ def building(folder: Path) -> Iterator[Path]:
         kind = "already contains a server" if is_server else "is not empty"
         remedy = f"{kind}; choose a new or an empty folder"
         raise SettingsError([Problem("folder-taken", str(folder), remedy)])
-    # The settings file is written last: it is what makes a folder a server's.
+    # The settings file is written last: a folder that has it is a server's.
     with staged_folder(folder, mode=0o700, last=SETTINGS_FILE) as aside:
         yield aside
         if place.exists():

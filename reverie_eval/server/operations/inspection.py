@@ -1,7 +1,7 @@
 """Look at the episodes of one submission, on the server's own machine.
 
-Values of single episodes of a private split never leave the server by the network. Here they are
-given to a user who can read the ground truth anyway, and the audit log records it.
+Values of single episodes of a private split are never sent over the network. Here they are shown to
+a user who can read the ground truth anyway, and the audit log records it.
 """
 
 from reverie_eval.schemas.service import SubmissionReport
@@ -29,7 +29,7 @@ def inspect(
     UploadsError
         If its upload is missing or damaged.
     ConflictError
-        If the means are not the stored scores, or the file was deleted for its age.
+        If the means are not the stored scores, or the file was deleted because of its age.
     """
     with opened_server(settings) as state:
         with state.database.reading() as session:

@@ -1,8 +1,8 @@
 """Rotating the signing key: the new file and the database change together.
 
 The new key is written beside the old one, then the database names it as the key in use, then the
-file takes the old one's place. Killed before the second step, nothing has changed; killed after it,
-the next process that opens the server takes the third (:func:`open_key`).
+file takes the old one's place. If the process is killed before the second step, nothing has
+changed; if after it, the next process that opens the server takes the third (:func:`open_key`).
 """
 
 from pathlib import Path
@@ -20,14 +20,14 @@ from reverie_eval.server.state import signer_of, utc_now
 
 
 def rotate_key(settings: Settings, actor: str, reason: str) -> KeyReport:
-    """Replace the signing key by a new one, and return that.
+    """Replace the signing key with a new one, and return the new one.
 
     Raises
     ------
     ReceiptError
         If the key in use cannot be read.
     OSError
-        If the new one cannot be written beside it.
+        If the new key cannot be written beside it.
     """
     with acting(settings, actor) as transaction:
         new = _make_pending(settings)
@@ -37,12 +37,12 @@ def rotate_key(settings: Settings, actor: str, reason: str) -> KeyReport:
 
 
 def replace_lost_key(settings: Settings, actor: str, reason: str) -> KeyReport:
-    """Replace a signing key whose file is lost by a new one, and return that.
+    """Replace a signing key whose file is lost, and return the new one.
 
     Raises
     ------
     ReceiptError
-        If its file is there, but cannot be used as it is.
+        If its file exists, but cannot be used as it is.
     ReverieEvalError
         If the key is not lost, or another key is in its place.
     """

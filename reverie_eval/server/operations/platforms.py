@@ -1,4 +1,4 @@
-"""What a submission gets on the leaderboards of other platforms: the digits that ours show."""
+"""A submission's scores for leaderboards on other platforms: the digits that ours show."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,7 +14,7 @@ def displayed_scores(report: ScoreReport, metrics: Sequence[str]) -> Mapping[str
     ------
     SubmissionError
         If the file has no answers and a metric needs them. Other platforms would show a missing
-        value in the first place of the leaderboard.
+        value at the top of the leaderboard.
     """
     missing = [METRICS[key].label for key in metrics if key not in report.scores]
     if missing:

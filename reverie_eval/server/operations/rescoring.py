@@ -32,7 +32,7 @@ def preview(
 
     Those on the split's own leaderboard come first, then those on each further one.
 
-    With a bundle, this is the ground truth in place of the one that the settings name.
+    If a bundle is given, it replaces the ground truth that the settings name.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def rescore(
 ) -> Sequence[ResultChange]:
     """Score all submissions again that were scored with other ground truth or rules.
 
-    Returns how results changed, also those that an interrupted run replaced.
+    Returns how results changed, including those that an interrupted run replaced.
 
     Raises
     ------

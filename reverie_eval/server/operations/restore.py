@@ -39,7 +39,7 @@ class BackupError(RejectedError):
 
 @contextmanager
 def unpacked(archive: Path) -> Iterator[tuple[Settings, Manifest, Iterator[Row]]]:
-    """Give the settings, the manifest and the rows of a backup, for as long as they are needed.
+    """Unpack a backup temporarily; yield its settings, its manifest and its rows.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def restore_backup(archive: Path, folder: Path) -> Manifest:
 
 
 def _keep_uploads(settings: Settings, folder: Path) -> None:
-    """Store the uploads; storing them again, if loading the database fails, changes nothing."""
+    """Store the uploads; if loading the database fails later, storing them again is harmless."""
     uploads = open_uploads(settings.uploads, settings.folder)
     for file in sorted(folder.glob("*.json")):
         uploads.put(file.stem, file.read_bytes())

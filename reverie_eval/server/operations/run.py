@@ -5,7 +5,7 @@ import signal
 import socket
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,7 +32,7 @@ from reverie_eval.server.settings import Settings
 from reverie_eval.server.state import ServerState
 
 SECONDS_TO_FINISH = 90
-"""How long requests that have begun may take to finish when the server is stopped."""
+"""Seconds that requests that have begun may take to finish when the server is stopped."""
 
 
 def run_server(
@@ -48,7 +48,7 @@ def run_server(
     Parameters
     ----------
     settings : Settings
-        Of the server.
+        Settings of the server.
     host : str
         The address to listen at; ``0.0.0.0`` for all.
     port : int
@@ -66,9 +66,10 @@ def run_server(
         If the address is in use or not this machine's, or a worker does not start.
     """
     state = ServerState.open(settings)
-    listening = listen(host, port)
-    with database_errors():
-        record_rules(state.transactions, rules_of(state.boards))
+    with closing(state.database):  # the application opens it again
+        listening = listen(host, port)
+        with database_errors():
+            record_rules(state.transactions, rules_of(state.boards))
     with delivering(settings):
         if workers > 1:
             _run_workers(state, listening, workers, announce)
@@ -84,7 +85,6 @@ def _run_workers(
     state: ServerState, listening: socket.socket, number: int, announce: Callable[[str], None]
 ) -> None:
     url = url_of(listening)
-    state.database.close()
     with TemporaryDirectory(prefix="reverie-eval-") as name:
         os.environ[COUNTING_TOGETHER] = name  # read when the workers import prometheus_client
         folder = Path(name)

@@ -35,7 +35,7 @@ from reverie_eval.server.store.dump import Row, dump, load
 from reverie_eval.server.store.tables import AuditEntry
 
 _ORIGIN = "http://copy.invalid"
-"""Where the application seems to be; the name cannot exist (RFC 6761)."""
+"""The address that the application appears to have; the name cannot exist (RFC 6761)."""
 _LEFT_OUT = ("/episodes", "/play")
 """Thousands of pages about the dataset, not about results."""
 _EXAMPLE = "/submissions/ID"
@@ -56,7 +56,7 @@ class SiteReport:
     """Bytes."""
     copied_at: datetime
     address: str
-    """Of the server; empty if its settings do not have it."""
+    """The server's address; empty if its settings do not have it."""
 
 
 def export_site(source: Path, output: Path, date: datetime | None = None) -> SiteReport:
@@ -118,7 +118,7 @@ def _copied(source: Path, date: datetime | None) -> Iterator[ServerState]:
 
 @contextmanager
 def _opened(source: Path) -> Iterator[tuple[Settings, datetime, str, Iterator[Row]]]:
-    """Give the settings, the time, the migration and the rows of a folder or a backup."""
+    """Yield the settings, the time, the migration and the rows of a folder or a backup."""
     if not source.is_dir():
         with unpacked(source) as (settings, manifest, rows):
             yield settings, manifest.made_at, manifest.revision, rows
@@ -151,13 +151,13 @@ def _moment(database: Database, date: datetime | None, made_at: datetime) -> dat
 
 @dataclass(frozen=True, slots=True)
 class _Visited:
-    """A page or a file that was asked for and written."""
+    """A page or a file that was requested and written."""
 
     url: str
     """Where it was found, after redirects."""
     media_type: str
     name: str
-    """Of the file."""
+    """The name of the file."""
 
 
 async def _visit(state: ServerState, folder: Path) -> Mapping[str, _Visited]:

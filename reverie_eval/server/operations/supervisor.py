@@ -29,12 +29,12 @@ from reverie_eval.server.state import ServerState
 
 SECONDS_TO_START = 120
 SECONDS_TO_ANSWER = 60
-"""A worker that does not answer its supervisor for so long is replaced."""
+"""A worker that does not answer its supervisor for this long is replaced."""
 
 _TOP_PAD = -2
 """glibc's ``M_TOP_PAD``: https://man7.org/linux/man-pages/man3/mallopt.3.html"""
 _BYTES_KEPT = 16 << 20
-"""Of freed memory, by each of glibc's arenas."""
+"""Bytes of freed memory that each of glibc's arenas keeps."""
 
 _LOGGER = logging.getLogger("reverie_eval.server")
 
@@ -49,7 +49,7 @@ class Supervisor(Multiprocess):
     listening : socket
         Where the workers listen.
     folder : Path
-        Where they count.
+        Where they store their metrics.
     announce : callable
         Called once all of them accept requests.
     """
@@ -108,8 +108,8 @@ def worker_app(
 ) -> FastAPI:
     """Make the application of a worker process; exits if that is impossible.
 
-    Settings and rules are the supervisor's: a worker that is started later does what the others do,
-    or nothing, if a bundle was replaced meanwhile.
+    Settings and rules are the supervisor's: a worker that is started later behaves like the others,
+    or exits if a bundle was replaced meanwhile.
     """
     Thread(target=_end_with_parent, daemon=True).start()
     try:
@@ -127,9 +127,9 @@ def worker_app(
 def settle_memory() -> None:
     """Tell the garbage collector and glibc that this process has started, and that uploads follow.
 
-    Collecting the ground truth, which stays in memory, would only cost time. And glibc, which else
-    returns what a thread has freed to the system and asks for it again, array by array, keeps some
-    of it for the next upload: that takes a tenth less of the processor.
+    Collecting the ground truth, which stays in memory, would only cost time. And glibc, which would
+    otherwise return the memory of each freed array to the system and ask for it again, keeps some
+    of it for the next upload, which then takes a tenth less of the processor.
     """
     gc.freeze()
     with suppress(AttributeError):  # another C library

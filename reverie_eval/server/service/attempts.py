@@ -47,7 +47,7 @@ FAILURES = (
 HOURS = 24
 _SUCCESSES = frozenset({"scored", "repeat"})
 
-# Made here, because to make it takes longer than to run it. No old row is in memory.
+# Built here, because building it takes longer than running it. No old row is in memory.
 _DELETE_OLD = (
     delete(Attempt)
     .where((Attempt.at < bindparam("before")) | (Attempt.id <= bindparam("last")))
@@ -66,7 +66,7 @@ class Attempts:
 
     @contextmanager
     def recording(self, person: Person, split: str, size: int) -> Iterator[Attempt]:
-        """Record the outcome of the upload that is handled inside, and how long that takes."""
+        """Record the outcome of the upload that is handled in the context, and how long it took."""
         attempt = Attempt(person_id=person.id, split=split, size=size, outcome="scored", problems=0)
         began = time.perf_counter()
         try:
@@ -170,9 +170,9 @@ def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
     # Two statements, as each has an index.
     published = select(Submission.split, func.count()).where(is_published)
     shown = dict(session.execute(published.group_by(Submission.split)).all())
-    every = select(Submission.split, func.count().label("number"))
+    every = select(Submission.split, func.count())
     counted = every.group_by(Submission.split).subquery()
-    # The latest of a split is at an end of the index; beside the count, each row would be compared.
+    # The latest of a split is at an end of the index; with the count, each row would be compared.
     latest = select(func.max(Submission.received_at)).where(Submission.split == counted.c.split)
     rows = session.execute(select(counted, latest.scalar_subquery()))
     return {split: SplitCounts(number, shown.get(split, 0), last) for split, number, last in rows}
@@ -198,8 +198,7 @@ def last_day(session: Session, now: datetime) -> Day:
     """Count the outcomes of the uploads of the last 24 hours, by full hours."""
     this_hour = now.replace(minute=0, second=0, microsecond=0)
     begins = [this_hour - timedelta(hours=ago) for ago in reversed(range(HOURS))]
-    chosen = select(Attempt).where(Attempt.at >= begins[0]).order_by(Attempt.id.desc())
-    attempts = session.scalars(chosen).all()
+    attempts = session.scalars(select(Attempt).where(Attempt.at >= begins[0])).all()
     times = [each.milliseconds for each in attempts]
     return Day(
         hours=[_hour(begin, attempts) for begin in begins],

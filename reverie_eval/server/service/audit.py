@@ -4,15 +4,15 @@ Each entry's digest is an HMAC-SHA256 over the entry and the digest before it, u
 derived from the signing key in use. So anyone who can write to the database, but does not have
 that key, cannot change, insert or remove an entry without breaking the chain. Only the owner of the
 signing key could rewrite the log. After a key was replaced, the links of later entries protect the
-earlier ones from anyone who has only the old key.
+earlier ones from anyone who only has the old key.
 
 Entries refer to persons by their rows, ``person:3``, never by name: a person's name and address can
-be deleted without a change of the log. Names are looked up when the log is read. So that nobody can
-swap the names of persons behind the server's back, each entry that gives one a name has the
-keyed digest of that name.
+be deleted without changing the log. Names are looked up when the log is read. To reveal names that
+were swapped behind the server's back, each entry that gives a person a name has the keyed digest of
+that name.
 
 The chain does not show that entries were removed at its end. :func:`mismatches` does: every action
-in the log must be visible in a row of the database, and the other way round. It also finds rows
+in the log must be visible in a row of the database, and vice versa. It also finds rows
 that were changed without the server.
 """
 
@@ -106,7 +106,7 @@ class AuditLog:
     Parameters
     ----------
     signer : Signer
-        With the signing key in use, the same for all processes of a server.
+        Has the signing key in use, the same in all processes of a server.
     """
 
     def __init__(self, signer: Signer) -> None:
@@ -156,7 +156,7 @@ class AuditLog:
     def broken_links(self, session: Session) -> Iterator[int]:
         """Return the ids of entries that were changed, or that follow a missing entry.
 
-        Of entries whose key was lost, only the links are checked.
+        If the key of an entry was lost, only its links are checked.
         """
         keys, previous = audit_keys(session, self.signer), _BEFORE_THE_FIRST
         chosen = select(AuditEntry).order_by(AuditEntry.id).execution_options(yield_per=AT_ONCE)
@@ -244,7 +244,7 @@ def audit_reports(session: Session, entries: Sequence[AuditEntry]) -> list[Audit
 
 
 def names_in(session: Session, entries: Iterable[AuditEntry]) -> Mapping[str, str]:
-    """Return the present names of the persons that entries refer to, by row."""
+    """Return the current names of the persons that entries refer to, by row."""
     found = {name for entry in entries for name in (entry.actor, entry.subject)}
     numbers = {int(match[1]) for name in found if (match := _PERSON.fullmatch(name))}
     people = session.execute(select(Person.id, Person.name).where(Person.id.in_(numbers)))
@@ -252,14 +252,14 @@ def names_in(session: Session, entries: Iterable[AuditEntry]) -> Mapping[str, st
 
 
 def _rows_called(session: Session, name: str) -> Iterator[str]:
-    """Return the persons with a name, as entries refer to them."""
+    """Yield the persons with a name, as entries refer to them."""
     for key in session.scalars(select(Person.id).where(Person.name == name)):
         yield f"{Person.__tablename__}:{key}"
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An action, as the history of a submission shows it."""
+    """An action in the history of a submission."""
 
     at: datetime
     actor: str
@@ -305,7 +305,7 @@ class Action(NamedTuple):
 
     name: str
     row: str
-    """As entries refer to it: ``team:3``."""
+    """The row as entries refer to it: ``team:3``."""
     at: datetime | None
     """None for `submitted`, whose entry is written some time after the submission arrived."""
 
@@ -343,9 +343,9 @@ def _difference(session: Session, some: _Actions, others: _Actions) -> Sequence[
 
 
 def swapped_names(session: Session, audit_log: AuditLog) -> Iterator[str]:
-    """Describe every person with another name than the audit log records.
+    """Describe every person whose name is not the one that the audit log records.
 
-    Names that were recorded with a key that was lost cannot be checked.
+    Names that were recorded with a lost key cannot be checked.
     """
     keys = audit_keys(session, audit_log.signer)
     recorded = {row: (key_id, digest) for row, key_id, digest in _recorded_name_digests(session)}
@@ -362,7 +362,7 @@ def _name_digest(person: Person, key: bytes) -> str:
 
 
 def _mismatched_keys(session: Session) -> Iterator[str]:
-    """Describe every signing key that is not what its name or the audit log says."""
+    """Describe every signing key that disagrees with its name or the audit log."""
     keys = all_keys(session)
     ends: dict[str, Mapping[str, Any]] = {}
     chosen = select(AuditEntry).where(AuditEntry.action.in_(_ENDS_OF_KEYS)).order_by(AuditEntry.id)
@@ -397,14 +397,14 @@ def all_names_of_teams(session: Session) -> Mapping[str, frozenset[str]]:
 
 
 def _recorded_names(session: Session) -> Iterator[tuple[str, str]]:
-    """Return each recorded name of a team, with its row, the earliest first."""
+    """Yield each recorded name of a team, with its row, the earliest first."""
     named = AuditEntry.action.in_(["team added", "team renamed"])
     for entry in session.scalars(select(AuditEntry).where(named).order_by(AuditEntry.id)):
         yield entry.row, entry.details.get("after", entry.subject)
 
 
 def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str, str]]:
-    """Return row, key and digest of each name that was given to a person, the earliest first."""
+    """Yield row, key and digest of each name that was given to a person, the earliest first."""
     named = AuditEntry.action.in_(_NAMING)
     for entry in session.scalars(select(AuditEntry).where(named).order_by(AuditEntry.id)):
         if "name_digest" in entry.details:
@@ -412,7 +412,7 @@ def _recorded_name_digests(session: Session) -> Iterator[tuple[str, str, str]]:
 
 
 def _time(action: SQLColumnExpression[Any], at: SQLColumnExpression[Any]) -> ColumnElement[Any]:
-    """Return when an action happened; None for one that is logged some time after it did."""
+    """Return when an action happened; None for one that is logged some time after it happened."""
     return case((action != _SUBMITTED, at))
 
 

@@ -1,6 +1,6 @@
 """The splits that a server scores, with their ground truth in memory.
 
-A split has a leaderboard, and perhaps further ones, which rank the same submissions under other
+A split has a leaderboard, and may have further ones, which rank the same submissions under other
 rules. Each of them is a :class:`Board`.
 """
 
@@ -37,14 +37,14 @@ from reverie_eval.tasks import DEFAULT_TASK, Protocol, Task, find_task, name_on_
 from reverie_eval.version import __version__
 
 MAX_VALUES = 5_000_000
-"""JSON values in an upload: about thirty times as many as in a usual file for the largest split,
-and a sixth of the limit outside the server."""
+"""JSON values in an upload, at most: about thirty times as many as in a usual file for the largest
+split, and a sixth of the limit outside the server."""
 
 _OTHERS_MAY_READ = 0o077
 
 
 class Scored(NamedTuple):
-    """What a submission scores on a leaderboard."""
+    """The result of a submission on a leaderboard."""
 
     report: ScoreReport
     scores: Scores | None
@@ -56,13 +56,13 @@ class Board:
     """A leaderboard: the settings and the ground truth of its split, and its own rules."""
 
     name: str
-    """Of the split on this server: ``test``, or ``r2r-test``."""
+    """The split's name on this server: ``test``, or ``r2r-test``."""
     split: Split
-    """With the protocol and the track of this leaderboard."""
+    """The split's settings, with the protocol and the track of this leaderboard."""
     truth: GroundTruth
-    """Of the episodes and annotated paths that the protocol scores by."""
+    """The ground truth, with the episodes and annotated paths that the protocol uses."""
     public_fingerprint: str
-    """Of the bundle without its answers, which participants may have."""
+    """Fingerprint of the bundle without its answers, which participants may have."""
     further: str = ""
     """The name of a further leaderboard; empty for the split's own."""
     also: Mapping[str, "Board"] = field(default_factory=dict)
@@ -72,7 +72,7 @@ class Board:
 
     @property
     def label(self) -> str:
-        """How people call it: the split, or the split and the further leaderboard."""
+        """Its name for people: the split, or the split and the further leaderboard."""
         return f"{self.name}, {self.further}" if self.further else self.name
 
     @property
@@ -101,7 +101,7 @@ class Board:
 
     @property
     def task(self) -> Task:
-        """What the split is of."""
+        """The task that the split is of."""
         return self.truth.task
 
     @property
@@ -121,12 +121,12 @@ class Board:
 
     @property
     def headline(self) -> Sequence[Metric]:
-        """Those of them that a score table shows, in its order."""
+        """The metrics among them that a score table shows, in its order."""
         return self.task.headline_metrics(self.metrics)
 
     @property
     def primary(self) -> Metric:
-        """The metric that submissions are ranked by unless another is asked for."""
+        """The metric that submissions are ranked by, unless another one is requested."""
         return self.task.primary_metric(self.metrics)
 
     @property
@@ -135,7 +135,7 @@ class Board:
         return [key for key in self.task.metrics if METRICS[key].better != "neither"]
 
     def is_on(self, dataset: str) -> bool:
-        """Whether a dataset's version may be that of the split: the same, or empty for unknown.
+        """Whether a dataset's version may be that of the split: the same one, or unknown (empty).
 
         ``v2`` and ``reverie-v2`` are ``REVERIE v2``.
         """
@@ -151,7 +151,7 @@ class Board:
         Raises
         ------
         SubmissionError
-            Listing all problems; they reveal nothing about the answers.
+            If it is rejected; lists all problems, which reveal nothing about the answers.
         """
         reading = self._prepare(content, self.truth)
         return reading.without_answer_hints() if self.is_private else reading
@@ -170,7 +170,7 @@ class Board:
             raise SubmissionError([self._named_here(each) for each in error.problems]) from None
 
     def _named_here(self, problem: Problem) -> Problem:
-        """Return a problem with the split that the file seems to be for as the server names it."""
+        """Return a problem in which the split that the file seems to be for has its name here."""
         if problem.split is None:
             return problem
         return replace(problem, split=name_on_server(self.task.name, problem.split))
@@ -180,7 +180,7 @@ class Board:
         return reading.score(self.rules)
 
     def reports(self, content: bytes, reading: PreparedSubmission) -> Mapping[str, ScoreReport]:
-        """Return what a submission that was read scores on each leaderboard of the split, by name.
+        """Return the reports on a submission that was read, by leaderboard of the split.
 
         It is read again only for another track, or for other episodes or annotated paths.
         """
@@ -203,10 +203,10 @@ class Board:
         *,
         has_intervals: bool = False,
     ) -> "Scored":
-        """Score a submission's JSON text, which is read unless it was before.
+        """Score a submission's JSON text, which is read unless a reading is given.
 
-        On a further leaderboard, a file without what is scored there gets a report without scores,
-        whose note says why.
+        On a further leaderboard, a file without the predictions that it scores gets a report
+        without scores, whose note says why.
 
         Raises
         ------
@@ -245,7 +245,7 @@ class Board:
         return self.is_current(report.signature, report.fingerprint)
 
     def is_current(self, signature: str, fingerprint: str) -> bool:
-        """Whether these are of the current ground truth, protocol and track."""
+        """Whether a report's signature and fingerprint are those of the current rules and data."""
         # The signature has the track, and only the beginning of the fingerprint.
         return fingerprint == self.truth.fingerprint and (
             without_version(signature) == without_version(self.signature)
@@ -288,7 +288,7 @@ def _rounded(report: ScoreReport, notes: Iterable[str]) -> ScoreReport:
 
 
 def without_version(signature: str) -> str:
-    """Return what scores compare by: a released protocol's numbers are those of every version."""
+    """Return a signature without the version: a released protocol scores alike in all versions."""
     return signature.rpartition("|version:")[0]
 
 
@@ -298,7 +298,7 @@ def load_boards(settings: Settings) -> Mapping[str, Board]:
     Raises
     ------
     SettingsError
-        Naming each split that cannot be scored, and why.
+        If splits cannot be scored; it names each of them, and why.
     """
     boards, problems = {}, []
     for name, split in settings.splits.items():
@@ -378,7 +378,7 @@ def load_board(name: str, split: Split, path: Path) -> Board:
     GroundTruthError
         If the split cannot be scored with it.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     bundle = Bundle.load(path)
     truth = GroundTruth.from_bundle(bundle, origin=str(path))

@@ -1,9 +1,9 @@
 """All submissions to a split as one tar archive, for the organiser.
 
 Its first member, ``metadata.csv``, has a row per submission; the others are the submitted files,
-unpacked, named by the submission's id, unless they were deleted for their age. The archive is
-written piece by piece, and its length is known before it begins: a download that is cut short ends
-with an error, because bytes are missing.
+unpacked, named by the submission's id, unless they were deleted because of their age. The archive
+is written piece by piece, and its length is known before it begins: a download that is cut short
+ends with an error, because bytes are missing.
 """
 
 import csv
@@ -34,12 +34,12 @@ _END = bytes(2 * tarfile.BLOCKSIZE)
 
 @dataclass(frozen=True, slots=True)
 class Archive:
-    """A tar archive that is made while it is read."""
+    """A tar archive that is written while it is read."""
 
     length: int
-    """Bytes."""
+    """Bytes of the archive."""
     files: int
-    """Submissions."""
+    """The number of submissions, including those whose files were deleted."""
     metadata: TextIO
     """The first member, which also lists the others; closed at the end."""
     uploads: Uploads

@@ -17,9 +17,9 @@ def chart_of(ranking: Ranking, rows: Sequence[Row], x: str, y: str) -> Mapping[s
 
     ``points`` are the results scored here that have both metrics, and ``front`` the indices of
     their Pareto front, the best by ``x`` first; empty if a metric has no better direction.
-    ``reported`` are those of others, and ``lines`` are for comparison: the best of people, and the
-    best that is reported of methods. ``progress`` contains the results that were better than all
-    earlier ones by the metric of the ranking, in the order of publication.
+    ``reported`` are the reported results, and ``lines`` are for comparison: the best human result,
+    and the best reported result of a method. ``progress`` contains the results that were better
+    than all earlier ones by the metric of the ranking, in the order of publication.
     """
     scored = [row for row in rows if row.entry.standing == "ranked"]
     reported = [row for row in rows if row.entry.standing == "reported"]
@@ -50,7 +50,7 @@ def _front(points: Mapping[str, Any], x: str, y: str) -> Sequence[int]:
 def _lines(
     scored: Sequence[Row], reported: Sequence[Row], metric: Metric
 ) -> Sequence[Mapping[str, Any]]:
-    """Return values to compare with: the best of people, and the best reported of methods."""
+    """Return values to compare with: the best human result, and the best reported one."""
     if metric.better == "neither":
         return []
     people = [row for row in (*scored, *reported) if row.entry.method.get("human")]

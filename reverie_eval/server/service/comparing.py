@@ -1,8 +1,8 @@
-"""Two results of a leaderboard side by side: by how much they differ, and whether by chance.
+"""Two results of a leaderboard side by side: how much they differ, and whether significantly.
 
 On an open split, they are compared on the same episodes, as ``reverie-eval compare`` does with
-their files. On a private split, nothing is computed but the differences of the values that everyone
-sees: an interval of a difference would reveal more about the episodes than these digits do.
+their files. On a private split, only the differences of the values that everyone sees are computed:
+an interval of a difference would reveal more about the episodes than these digits do.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ from reverie_eval.server.service.submissions import (
 from reverie_eval.server.store.tables import Submission
 
 _COMPARED = 2
-"""Results at a time."""
+"""Results that are compared at a time."""
 Outcomes: TypeAlias = Mapping[str, Mapping[str, int]]
 """Number of episodes, by the outcome of the first result and by that of the second."""
 
@@ -42,7 +42,7 @@ class ComparedPair:
     ranking: Ranking
     rows: Sequence[Row]
     names: Sequence[str]
-    """Of their methods, made distinct."""
+    """The names of their methods, made distinct."""
     comparison: Comparison | None
     """The first result minus the second; None if they cannot be compared on the same episodes."""
     why_not: str
@@ -52,7 +52,7 @@ class ComparedPair:
 
     @property
     def metrics(self) -> Sequence[Metric]:
-        """Those that both results have: headline metrics first."""
+        """The metrics that both results have, headline metrics first."""
         first, second = (row.entry.scores for row in self.rows)
         both = [metric for key, metric in METRICS.items() if key in first and key in second]
         headline = self.ranking.board.task.headline
@@ -86,9 +86,9 @@ def compare_results(
     Raises
     ------
     MalformedError
-        If these are not two.
+        If these are not two results.
     NotFoundError
-        If one is not ranked.
+        If one of them is not ranked.
     """
     if len(set(ids)) != _COMPARED:
         raise MalformedError(f"tick two results to compare, not {len(set(ids))}")
@@ -107,7 +107,7 @@ def compare_results(
     comparison, why_not = None, _why_not(ranking, rows)
     if not why_not:
         try:
-            # Differences are from the first that the core is given.
+            # The core computes differences from the first result that it is given.
             second_first = dict(zip(reversed(names), reversed(ids), strict=True))
             comparison = _paired(session, submissions, ranking.board, second_first)
         except (NotFoundError, ProtocolError) as error:
@@ -141,9 +141,9 @@ def _paired(
 
 
 def _show_episodes(session: Session, ranking: Ranking, ids: Sequence[str]) -> bool:
-    """Whether everyone may look at all of these results' episodes, which the browser shows.
+    """Whether everyone may look at all of these results' episodes on the pages of episodes.
 
-    It shows them as the split's own leaderboard scores them.
+    These pages show them as the split's own leaderboard scores them.
     """
     public = with_public_episodes(ranking.board.name).where(Submission.id.in_(ids))
     return not ranking.board.further and len(session.scalars(public).all()) == len(ids)

@@ -17,7 +17,7 @@ class CsvRow(NamedTuple):
     """The cells of a row, in the order of the columns."""
 
     where: str
-    """For people: ``line 5``."""
+    """The row's place in the file, for people: ``line 5``."""
     cells: Sequence[Any]
 
 
@@ -52,7 +52,7 @@ def read_csv(text: str) -> CsvTable:
 
 
 def _delimiter(text: str) -> str:
-    """Return what separates the columns in the first line: spreadsheets also use ; and tabs."""
+    """Return the separator of the columns in the first line: spreadsheets also use ; and tabs."""
     first_line = text.lstrip().partition("\n")[0]
     return max(_DELIMITERS, key=first_line.count)
 

@@ -1,6 +1,6 @@
-"""Files that people sent to the organiser, by e-mail for example: submitted for them.
+"""Submitting files for people who sent them to the organiser, by e-mail for example.
 
-Each gets a reply to its sender, as text; a refused one too.
+For each file there is a reply to its sender, as text, even if it is refused.
 """
 
 from collections.abc import Iterator
@@ -33,8 +33,8 @@ class EmailedFiles:
     ) -> EmailedFileReport:
         """Score a file as if its sender had uploaded it when it was received.
 
-        A pause does not matter. A file that was submitted before gets its earlier result. The reply
-        names the file, if it has a name.
+        This is possible during a pause. A file that was submitted before gets its earlier result.
+        The reply names the file, if it has a name.
 
         Raises
         ------
@@ -43,7 +43,7 @@ class EmailedFiles:
         MalformedError
             If the time is in the future.
         RequestError
-            If the file is refused as an upload would be; it has the reply to the sender.
+            If the file is refused, as an upload would be; the error has the reply to the sender.
         """
         board_named(self.intake.boards, file.split)
         with self.intake.database.reading() as session:
@@ -72,7 +72,7 @@ class EmailedFiles:
             opening = f"{about} not scored, and no submission was used."
             refusal.reply = _letter(file, opening, _reason(error))
             raise refusal from error
-        # A withdrawn one stays so until its team restores it.
+        # A withdrawn submission stays withdrawn until its team restores it.
         if file.publish and accepted.submission.status == "unpublished":
             accepted = self._published(organiser, sender, accepted)
         reply = _letter(file, f"{about} scored on {file.split}.", *_result(accepted))

@@ -1,9 +1,9 @@
 """Scores that are held back until a phase ends.
 
-They are computed and kept when a submission arrives, as always. Until they are released, everything
-that leaves the server is worded without them, the receipt included, which is signed without scores
-each time. If a phase is extended before it ends, scores are held back for as long. Scores that were
-shown stay visible.
+They are computed and stored when a submission arrives, as usual. Until they are released, nothing
+that leaves the server contains them, including the receipt, which is signed without scores each
+time. If a phase is extended before it ends, scores are held back until its new end. Scores that
+were shown stay visible.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from reverie_eval.server.store.tables import Submission
 
 @dataclass(frozen=True, slots=True)
 class Embargo:
-    """Words submissions for their teams and for readers, without scores held back at a moment."""
+    """Describes submissions for teams and for readers, without scores held back at a moment."""
 
     timetables: Mapping[str, Timetable]
     signer: Signer
@@ -32,7 +32,7 @@ class Embargo:
         return None if timetable is None else timetable.held_until(row.received_at, self.now)
 
     def report(self, row: Submission) -> ScoreReport:
-        """Return what a submission scored, as far as it may be seen."""
+        """Return a submission's report, with its scores unless they are held back."""
         known = ScoreReport.model_validate(row.report)
         return known if self.until(row) is None else without_scores(known)
 
@@ -52,7 +52,7 @@ class Embargo:
         )
 
     def also(self, row: Submission) -> Mapping[str, BoardResult]:
-        """Return what a submission scored on further leaderboards, as far as it may be seen."""
+        """Return a submission's results on further leaderboards, unless scores are held back."""
         known = {name: result for name, result in results_of(row).items() if name}
         if self.until(row) is None:
             return known
@@ -66,5 +66,5 @@ class Embargo:
 
 
 def without_scores(report: ScoreReport) -> ScoreReport:
-    """Return what a private split's report says besides its scores."""
+    """Return a private split's report without its scores."""
     return report.model_copy(update={"scores": {}})

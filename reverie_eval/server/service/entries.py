@@ -32,7 +32,7 @@ from reverie_eval.server.store.tables import (
 
 _SUBMITTED = literal("submitted", literal_execute=True)
 """The most frequent action; it changes no leaderboard, because it publishes nothing. It is written
-into the statements, so that databases see which index has all others."""
+into the statements, so that databases recognise the index that has all other actions."""
 _NUMBERS = "last recorded"
 """Where a session that only reads keeps what :func:`_last_recorded` returns."""
 _LISTED: frozenset[Standing] = frozenset({"ranked", "reported"})
@@ -54,7 +54,7 @@ class Entry:
     """A result on a leaderboard."""
 
     submission_id: str | None
-    """None for a result that is reported."""
+    """None for a reported result."""
     team_id: int | None
     team: str
     method: Mapping[str, Any]
@@ -63,7 +63,7 @@ class Entry:
     anonymous_until: datetime | None
     scores: Mapping[str, float]
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Low and high, for headline metrics only."""
+    """Lower and upper bounds, for headline metrics only."""
     scores_held_until: datetime | None = None
     """When its scores are released, if they are held back."""
     signature: str = ""
@@ -123,7 +123,7 @@ class BoardEntries:
     """The entries of a leaderboard as of an entry of the audit log."""
 
     number: int
-    """Of the last entry in the audit log."""
+    """The number of the last entry in the audit log."""
     entries: Sequence[Entry]
     """The ranked entries in the order of publication, then the reported ones."""
     apart: Sequence[Row]
@@ -150,11 +150,11 @@ class EntriesCache:
     def __init__(self, schedules: Schedules) -> None:
         self._schedules = schedules
         self._cached: dict[str, BoardEntries] = {}
-        """By the place of the leaderboard."""
+        """By the path of the leaderboard."""
         self._counts: tuple[int, Mapping[str, Counter[int]]] = (0, {})
         """As of an entry of the audit log: the submissions of each team, by split."""
         self._lock = Lock()
-        """So that concurrent requests read the entries only once."""
+        """Makes concurrent requests read the entries only once."""
 
     def entries(self, session: Session, board: Board, now: datetime) -> BoardEntries:
         """Return the entries of a leaderboard."""
@@ -170,15 +170,15 @@ class EntriesCache:
     def submissions_of_teams(self, session: Session, split: str) -> Mapping[int, int]:
         """Count the submissions of each team to a split, published or not.
 
-        None is ever deleted, so only new ones have to be counted after the first time, unless teams
-        were merged.
+        Submissions are never deleted, so only new ones have to be counted after the first time,
+        unless teams were merged.
         """
         _, number = _last_recorded(session)
         known, counts = self._counts
         if known and known < number and _were_teams_merged(session, known):
             known, counts = 0, {}
         if known < number:
-            # Of all splits: asked for one, SQLite would look through all of its submissions.
+            # For all splits: for a single one, SQLite would read all of its submissions.
             chosen = select(Submission.split, Submission.team_id, func.count())
             chosen = chosen.where(Submission.repeat == "")
             counts = defaultdict(Counter, {each: Counter(of) for each, of in counts.items()})
@@ -202,7 +202,7 @@ def _were_teams_merged(session: Session, since: int) -> bool:
 def _read_entries(
     session: Session, board: Board, timetable: Timetable, number: int, now: datetime
 ) -> BoardEntries:
-    # Results of papers are by the split's own rules, as far as anybody knows.
+    # Results in papers are assumed to be under the split's own rules.
     reported = [] if board.further else _reported(session, board)
     entries = [*_scored(session, board, timetable, now), *reported]
     listed = [entry for entry in entries if entry.standing in _LISTED]
@@ -287,7 +287,7 @@ def _scored(session: Session, board: Board, timetable: Timetable, now: datetime)
 
 
 def _report_on(board: Board, stored: str) -> _Report | None:
-    """Return the report on a leaderboard; None if the file is not, or cannot be, ranked there."""
+    """Return the report on a leaderboard; None if the file is not or cannot be ranked there."""
     if not board.further:
         return _REPORT.decode(stored)
     result = _FURTHER.decode(stored).get(board.further)

@@ -42,7 +42,7 @@ from reverie_eval.submissions import NO_BOXES, AlignedSubmission
 from reverie_eval.tasks import Task, name_on_server
 
 MOST_LISTED = 200
-"""Submissions to choose from; older ones can be opened by their links."""
+"""Submissions to choose from, at most; older ones can be opened by their links."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class EpisodeFilter:
     """The episodes to show; empty means any."""
 
     outcome: str = ""
-    """Of the first submission: one of :data:`reverie_eval.scoring.OUTCOMES`."""
+    """The first submission's outcome: one of :data:`reverie_eval.scoring.OUTCOMES`."""
     other_outcome: str = ""
-    """Of the second submission."""
+    """The second submission's outcome."""
     scan: str = ""
     category: str = ""
     """The category of the target, in lower case."""
@@ -62,7 +62,7 @@ class EpisodeFilter:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A submission or a reference agent whose walks somebody may look at."""
+    """A submission or a reference agent whose walks a person may look at."""
 
     id: str
     method: str
@@ -97,12 +97,12 @@ class Annotations:
     """What is known about a split's episodes without a submission."""
 
     scores: Scores
-    """Of an agent that stays at the start and predicts nothing."""
+    """The scores of an agent that stays at the start and predicts nothing."""
     scan: Sequence[str]
     category: Sequence[str]
-    """Empty if the ground truth does not have them, or the task has no targets."""
+    """Empty if the ground truth has no categories, or the task has no targets."""
     instruction: Sequence[str]
-    """Empty if the ground truth does not have them."""
+    """Empty if the ground truth has no instructions."""
 
     @classmethod
     def of(cls, board: Board) -> "Annotations":
@@ -184,7 +184,7 @@ class EpisodeService:
     def __init__(self, boards: Mapping[str, Board], submissions: SubmissionService) -> None:
         self._first_task, *_ = tasks_of(boards)
         self.boards: Sequence[Board] = [board for board in boards.values() if not board.is_private]
-        """Of the open splits."""
+        """The leaderboards of the open splits."""
         self._submissions = submissions
         self._annotations = lru_cache(len(boards))(lambda split: Annotations.of(self._board(split)))
         self._walked = lru_cache(len(boards) * len(AGENTS))(
@@ -193,9 +193,9 @@ class EpisodeService:
 
     @cached_property
     def example(self) -> tuple[Board, Episode] | None:
-        """An episode to show what the first task is, and its split: an open one, else a demo.
+        """An example of the first task, and its split: an open one, otherwise that of the demo.
 
-        Of all episodes, its shortest length is the median. None if there is no such split.
+        Its shortest length is the median of all episodes. None if there is no such split.
         """
         own = [board for board in self.boards if board.task is self._first_task]
         unseen_first = sorted(own, key=lambda board: board.truth.split != "val_unseen")
@@ -207,9 +207,9 @@ class EpisodeService:
         return board, episode(scores, scores.instr_ids[by_length[len(by_length) // 2]])
 
     def references(self, board: Board) -> Mapping[str, Scores]:
-        """Return what the reference agents score on a split, the best first; none on a private one.
+        """Return the reference agents' scores on a split, the best first; none on a private one.
 
-        There, the scores of the random agent would say something about the answers.
+        There, the scores of the random agent would reveal something about the answers.
         """
         if board.is_private:
             return {}
@@ -227,7 +227,7 @@ class EpisodeService:
         ----------
         session : Session
         person : Person or None
-            Who is asking; None if nobody is signed in.
+            The person who is signed in, if any.
         split : str
         submissions : sequence of str
             Ids of the submissions, or names of reference agents.
@@ -328,7 +328,7 @@ def _scores_of_agent(board: Board, agent: str) -> Scores:
 def align_walks(
     truth: GroundTruth, walks: Mapping[int, tuple[Sequence[int], int]]
 ) -> AlignedSubmission:
-    """Return a submission with some walks; in all other episodes, it stays and predicts nothing.
+    """Return a submission with some walks; elsewhere, the agent stays and predicts nothing.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Evidence about submissions: numbers for the organiser, not a verdict.
 
 None of it may be in a reply to participants, on a public page, or in an export: anyone who knew
-how they look to the organiser, or which half of the episodes is secret, could work around it.
+these numbers, or which half of the episodes is secret, could work around them.
 """
 
 import hashlib
@@ -49,12 +49,12 @@ from reverie_eval.server.store.tables import Submission, Team
 from reverie_eval.server.store.uploads import Uploads
 
 AT_ONCE = 100
-"""Submissions that are read in a request; the next request continues."""
+"""Submissions that a request reads, at most; the next request continues."""
 PAIRS = 10
-"""Pairs of teams that are listed."""
+"""Pairs of teams that are listed, at most."""
 
 _rounded = METRICS["success"].rounded
-"""Rounds a mean as scores of private splits are: an exact one could tell of single episodes."""
+"""Rounds a mean like scores of private splits: an exact one could reveal single episodes."""
 
 
 class _Sent(NamedTuple):
@@ -81,14 +81,14 @@ class EvidenceService:
     def report(
         self, split: str, team: str | None = None, *, most: int | None = AT_ONCE
     ) -> EvidenceReport:
-        """Report the evidence about a split, after reading at most so many further submissions.
+        """Report the evidence about a split, after reading at most ``most`` further submissions.
 
-        With a team, also about each of its submissions.
+        If a team is given, the report also covers each of its submissions.
 
         Raises
         ------
         NotFoundError
-            If the server has no such split, or no submission of such a team to it.
+            If the server has no such split, or the split no submission of this team.
         """
         board = board_named(self.boards, split)
         fingerprints = Fingerprints(board, self.database, self.uploads)
@@ -151,7 +151,7 @@ def _same_files(sent: Sequence[_Sent]) -> list[SameFile]:
 
 @dataclass(frozen=True)
 class _Examined:
-    """A split, as far as the evidence needs it."""
+    """The data of a split that the evidence needs."""
 
     board: Board
     cluster: IntArray
@@ -161,7 +161,7 @@ class _Examined:
 
     @classmethod
     def of(cls, board: Board, signer: Signer) -> "_Examined":
-        """Draw the secret half by a key that only the server has; a target is in one half."""
+        """Draw the secret half with a key that only the server has; each target is in one half."""
         cluster = clusters_of(board.truth, "target")
         _, first, index = np.unique(cluster, return_index=True, return_inverse=True)
         key, names = signer.secret_for("secret half"), board.truth.episodes.instr_ids
@@ -171,7 +171,7 @@ class _Examined:
     def compare(
         self, session: Session, fingerprints: Fingerprints, sent: Sequence[_Sent], team: str | None
     ) -> Mapping[str, Any]:
-        """Return the parts of the report that need the files, of which one team's are in memory."""
+        """Return the parts of the report that need the files, reading one team's at a time."""
         episodes = len(self.cluster)
         sample = np.random.default_rng(0).permutation(episodes)[:SAMPLED_EPISODES]
         sampled, teams, history = [], [], []

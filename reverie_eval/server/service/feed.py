@@ -1,7 +1,7 @@
-"""What the Atom feeds tell: published results, disqualifications, corrections, and news.
+"""The items of Atom feeds: published results, disqualifications, corrections, and news.
 
-It is worked out from what the leaderboards show now, so that a feed never has more than they have:
-no scores that are held back, no team that is anonymous, nothing that was withdrawn.
+They are derived from what the leaderboards show now, so that a feed never contains more: no scores
+that are held back, no anonymous team, nothing that was withdrawn.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,15 +27,15 @@ class Item:
     title: str
     text: str
     path: str
-    """Of the page with more about it."""
+    """The path of the page with more about it."""
     author: str = ""
     """A team; empty for the organiser."""
 
 
 def items_of(ranking: Ranking) -> Iterator[Item]:
-    """Yield what happened on a leaderboard lately, in no order."""
+    """Yield the recent events of a leaderboard, in no particular order."""
     board, entries = ranking.board, [row.entry for row in (*ranking.rows, *ranking.apart)]
-    # Only what a feed may have is worded: there may be thousands of results.
+    # Only items that a feed may have are formatted: there may be thousands of results.
     published = [entry for entry in entries if entry.submission_id is not None]
     for entry in nlargest(MOST_ITEMS, published, key=lambda entry: entry.published_at):
         yield _published(entry, ranking)

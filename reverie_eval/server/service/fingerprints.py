@@ -1,7 +1,7 @@
-"""Fingerprints: what an upload predicts in each episode, in numbers that are quick to compare.
+"""Fingerprints: an upload's predictions in each episode as numbers that are quick to compare.
 
-They are computed without the answers, and contain nothing but what the upload itself says. Each is
-stored when it is first needed, so an upload takes no longer because of them.
+They are computed without the answers, from the upload alone. Each is stored when it is first
+needed, so they do not make uploads slower.
 """
 
 import gzip
@@ -37,14 +37,14 @@ _EPISODE = np.dtype(
     ]
 )
 _MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
-"""An odd number without a pattern: 2^64 divided by the golden ratio."""
+"""An odd number whose bits have no pattern: 2^64 divided by the golden ratio."""
 
 
 class Walks(NamedTuple):
     """What is unusual in the trajectories of a submission."""
 
     jumps: int
-    """Moves between viewpoints without an edge between them."""
+    """Moves between unconnected viewpoints."""
     episodes_with_jumps: int
     longest_jump: float
     """Metres along the graph."""
@@ -60,7 +60,7 @@ class Fingerprint:
     """The predictions of an upload."""
 
     episodes: Array
-    """Shape (n_episodes,): the answer, the stop and the path of each, as numbers."""
+    """Shape (n_episodes,): the answer, the stop and the path of each episode, as numbers."""
     walks: Walks
 
     @classmethod
@@ -102,7 +102,7 @@ class Fingerprint:
 
     @property
     def codes(self) -> IntArray:
-        """Shape (n_episodes,): equal if answer and stop are equal."""
+        """Shape (n_episodes,): numbers that are equal if answer and stop are equal."""
         mixed = self.episodes["answer"].astype(np.uint64) * _MULTIPLIER
         mixed = (mixed ^ self.episodes["stop"].astype(np.uint64)) * _MULTIPLIER
         return (mixed >> np.uint64(32)).astype(np.uint32)
@@ -131,7 +131,7 @@ class Fingerprint:
 
 
 def _path_codes(aligned: AlignedSubmission) -> IntArray:
-    """Return a number for each trajectory; different ones have different numbers, nearly always."""
+    """Return a number for each trajectory; numbers of different ones nearly always differ."""
     begin = aligned.offsets[:-1]
     step = np.arange(len(aligned.viewpoint)) - begin[row_of(aligned.offsets)]
     mixed = (aligned.viewpoint.astype(np.uint64) + np.uint64(1)) * _MULTIPLIER
@@ -178,7 +178,7 @@ class Fingerprints:
         return [sha256 for sha256 in dict.fromkeys(digests) if sha256 not in known]
 
     def compute(self, sha256: str) -> str:
-        """Compute and store the fingerprint of an upload; return why not, or an empty text."""
+        """Compute and store the fingerprint of an upload; return why that failed, or empty text."""
         try:
             content = Fingerprint.of(self.board, stored_upload(self.uploads, sha256)).to_bytes()
         except SubmissionError as error:

@@ -2,8 +2,8 @@
 
 Scoring comes before the transaction and needs no lock. Whether a submission is a repeat, and
 whether the quota allows it, is checked again inside the transaction, when no other can interfere.
-Whether the split is open, and when a submission was received, is decided by the time at which all
-of the upload had arrived: scoring may end later.
+A submission is received when the last byte of its upload has arrived, and the split must be open
+at that time: scoring may end later.
 """
 
 import hashlib
@@ -45,7 +45,7 @@ from reverie_eval.submissions._sources import unpack
 
 Clock = Callable[[], datetime]
 
-# Made here, because to make them takes longer than to run them, which each upload does twice.
+# Built here, because building them takes longer than running them, which each upload does twice.
 _IS_SAME_FILE = and_(
     Submission.team_id == bindparam("team"),
     Submission.repeat == "",
@@ -86,7 +86,7 @@ class Intake:
         Raises
         ------
         SubmissionError
-            Listing all problems.
+            If it is rejected; lists all problems.
         """
         board = board_named(self.boards, split)
         notes = board.check(content).validation().notes
@@ -127,13 +127,13 @@ class Intake:
         Raises
         ------
         SubmissionError
-            Listing all problems. No submission is used.
+            If it is rejected; lists all problems. No submission is used.
         QuotaSpentError
             If no submissions are left.
         BytesSpentError
             If the team has sent too many bytes in the last 24 hours.
         NotOpenError
-            If the split accepted no submissions when all of it had arrived.
+            If the split did not accept submissions when the upload had arrived.
         ConflictError
             If the key was used for another file.
         MalformedError
@@ -250,8 +250,8 @@ class Intake:
 
     def _check_open(self, board: Board, schedule: Schedule, now: datetime) -> None:
         if not schedule.is_open(now):
-            opening = [p.opens for p in schedule.phases if p.opens and p.opens > now]
-            after = f"; the next phase opens {min(opening).isoformat()}" if opening else ""
+            opens = schedule.opens_at(now)
+            after = f"; the next phase opens {opens.isoformat()}" if opens else ""
             raise NotOpenError(f"{board.name} accepts no submissions now{after}")
 
     def _check_quota(

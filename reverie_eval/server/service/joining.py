@@ -1,8 +1,8 @@
 """Requests to join: anyone may send one, and an organiser accepts or rejects it.
 
-Receiving one reveals nothing about teams and people, and stores little: identical requests are one,
-texts have bounded lengths, and only so many wait for an answer. Once a request was answered, its
-names, addresses and texts are removed.
+Receiving one reveals nothing about teams and people, and stores little: identical requests are
+stored once, texts have bounded lengths, and the number of open requests is limited. Once a request
+is answered, its names, addresses and texts are removed.
 """
 
 import hashlib
@@ -31,9 +31,9 @@ from reverie_eval.server.store.tables import JoinRequest, Team
 from reverie_eval.text import count_text
 
 MOST_OPEN = 200
-"""Requests that may wait for an answer."""
+"""Requests that may wait for an answer, at most."""
 _STRANGER = ""
-"""Who sends a request: nobody who is known."""
+"""The actor who sends a request: nobody that the server knows."""
 RECEIVED = JoinReply(message="Your request was received. The organiser will answer by e-mail.")
 
 
@@ -44,10 +44,10 @@ def receive_request(
     are_accepted: bool,
     count: Callable[[], None],
 ) -> JoinReply:
-    """Keep a request for the organiser; the same one again changes nothing.
+    """Store a request for the organiser; repeating the same request changes nothing.
 
-    ``count`` is called before one is kept, and may refuse it. The audit log has no entry of a
-    request before it is answered, so that strangers cannot fill the log.
+    ``count`` is called before a request is stored, and may refuse it. The audit log has no entry
+    about a request before it is answered, so that strangers cannot fill the log.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def accept_request(transaction: Transaction, request_id: int) -> AcceptedRequest
     NotFoundError
         If there is no such open request.
     ConflictError
-        If the team has a person of one of these names.
+        If the team already has a person with one of these names.
     """
     request = _open_request(transaction.session, request_id)
     team = request.team
@@ -128,7 +128,7 @@ def accept_request(transaction: Transaction, request_id: int) -> AcceptedRequest
 def accept_requests(
     transaction: Transaction, request_ids: Iterable[int]
 ) -> Sequence[AcceptedRequest]:
-    """Accept several requests, as :func:`accept_request` does; after an error, none."""
+    """Accept several requests, as :func:`accept_request` does; after an error, none is accepted."""
     return [accept_request(transaction, each) for each in dict.fromkeys(request_ids)]
 
 
@@ -141,7 +141,7 @@ def reject_request(transaction: Transaction, request_id: int, rejection: Rejecti
 def reject_requests(
     transaction: Transaction, request_ids: Iterable[int], rejection: Rejection
 ) -> None:
-    """Reject several requests; with an unknown one, none."""
+    """Reject several requests; if one is unknown, none is rejected."""
     for each in dict.fromkeys(request_ids):
         reject_request(transaction, each, rejection)
 
@@ -166,7 +166,7 @@ def _open_request(session: Session, request_id: int) -> JoinRequest:
 def _answer(
     transaction: Transaction, request: JoinRequest, decision: str, **details: object
 ) -> None:
-    """Log an answer, and remove what is not needed any more."""
+    """Log an answer, and remove the data that is no longer needed."""
     request.decision, request.decided_at = decision, transaction.now
     request.people, request.institution, request.purpose = [], "", ""
     transaction.record(decision, request, request.team, **details)

@@ -1,8 +1,8 @@
 """The server's signing keys: the one in use, and those before it.
 
-A private key is a file. The database has what everyone may know of it: the public key, from when
-and until when it counts, and why it ended. So receipts can be verified for ever, and a server whose
-file is not the key of the database is noticed.
+A private key is a file. The database has what everyone may know about it: the public key, from when
+until when its signatures count, and why it was replaced. So receipts can be verified for ever, and
+a server whose file is not the key in the database is noticed.
 
 The audit log's digests are made with a key derived from the signing key. When a signing key is
 replaced, that derived key is stored, encrypted under the new signing key [1]_. So the log can be
@@ -32,10 +32,10 @@ from reverie_eval.server.store.tables import SigningKey
 _AUDIT_LOG = "audit log"
 _EARLIER_AUDIT_KEYS = "audit keys of earlier signing keys"
 _UNREADABLE = b""
-"""In place of a stored key that cannot be decrypted: no digest matches it."""
+"""Used in place of a stored key that cannot be decrypted: no digest matches it."""
 
 
-# Made here, because each change runs it, and to make it takes as long.
+# Built here, because each change runs it, and building it takes as long as running it.
 _IN_USE = select(SigningKey).where(SigningKey.replaced_at.is_(None))
 
 
@@ -55,12 +55,12 @@ def list_keys(session: Session) -> list[KeyReport]:
 
 
 def admit(session: Session, signer: Signer, now: datetime) -> None:
-    """Make sure that changes are made with the key in use; the first key is that of the first one.
+    """Make sure that a change is made with the key in use; the first change admits the first key.
 
     Raises
     ------
     KeyReplacedError
-        If another one is in use.
+        If another key is in use.
     """
     current = current_key(session)
     if current is None:
@@ -75,7 +75,7 @@ def new_row(signer: Signer, now: datetime) -> SigningKey:
 
 
 def audit_key_of(signer: Signer) -> bytes:
-    """Return the key of audit entries that are written while a signing key is in use."""
+    """Return the key for audit entries that are written while a signing key is in use."""
     return signer.secret_for(_AUDIT_LOG)
 
 
@@ -106,7 +106,7 @@ def open_key(path: Path, current: SigningKey | None) -> Ed25519PrivateKey:
     Raises
     ------
     ReceiptError
-        If there is no usable key, other users can read it, or another one is in use.
+        If there is no usable key, other users can read it, or another key is in use.
     """
     file = file_of_key(path, None if current is None else current.key_id)
     key = load_key(file)
@@ -117,12 +117,12 @@ def open_key(path: Path, current: SigningKey | None) -> Ed25519PrivateKey:
 
 
 def file_of_key(path: Path, key_id: str | None) -> Path:
-    """Return the file of a key: as the settings have it, or not yet put in its place.
+    """Return the file of a key: the one that the settings name, or the new key beside it.
 
     Raises
     ------
     ReceiptError
-        If neither is that key.
+        If neither file has that key.
     """
     if key_id is None:
         return path

@@ -44,7 +44,7 @@ _PAPER = r"""@inproceedings{qi2020reverie,
 """
 """What to cite for REVERIE, in BibTeX."""
 ANONYMOUS = "Anonymous"
-"""In place of a team's name, where some name is needed."""
+"""Used in place of a team's name where a name is needed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +80,8 @@ class Ranking:
     def submissions(self, entry: Entry) -> int | None:
         """Return the number of submissions that an entry's team has made to the split.
 
-        Also while it is anonymous, or it would hide that a result is the best of many. None for
-        reported results.
+        This is shown even while the team is anonymous, or it could hide that a result is the best
+        of many. None for reported results.
         """
         return None if entry.team_id is None else self.counts[entry.team_id]
 
@@ -94,10 +94,10 @@ class Filter:
     """Which rows are shown; their ranks are those on the whole leaderboard."""
 
     flags: Mapping[str, bool]
-    """Required values of a method's flags; flags that are left out may have any value."""
+    """Required values of a method's flags; other flags may have any value."""
     since: date | None = None
     until: date | None = None
-    """Days in UTC; both are included, and all months and years with such a day."""
+    """Days in UTC; both are included, and so are dated months and years that include such a day."""
     text: str = ""
     """Part of the name of the method or the team; case is ignored."""
 
@@ -108,7 +108,7 @@ class Filter:
     def _admits(self, row: Row, ranking: Ranking) -> bool:
         method, wanted = row.entry.method, self.text.casefold()
         return (
-            # A flag that nobody has declared, None, is neither.
+            # A flag that was not declared, None, matches neither value.
             all(method.get(flag, False) is asked for flag, asked in self.flags.items())
             and self._admits_date(row.entry.date)
             and (
@@ -127,13 +127,13 @@ class Filter:
 def leaderboard(
     session: Session, cache: EntriesCache, board: Board, metric: str, now: datetime
 ) -> Ranking:
-    """Rank the published submissions of a split, and sort reported results in among them.
+    """Rank the published submissions of a split, and sort reported results among them.
 
-    On a further leaderboard there are only submissions that have a result there.
+    A further leaderboard has only the submissions that have a result there.
 
     Equal values share a rank, and the next rank counts all submissions before it: 1, 2, 2, 4.
     Results without a value for the metric have no rank and come last. Equal results are in the
-    order of publication, reported ones after submissions; these never have a rank.
+    order of publication, reported ones after submissions. Reported results never have a rank.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def _ranked(entries: Sequence[Entry], metric: Metric) -> Sequence[Row]:
 
 
 def ranks(values: Sequence[float | None], metric: Metric) -> Sequence[int | None]:
-    """Return the rank of each value, as :func:`leaderboard` ranks; None for no value."""
+    """Return the rank of each value, as in :func:`leaderboard`; None for a missing value."""
     ordered = sorted(_cost(value, metric) for value in values)
     return [
         None if value is None else 1 + bisect_left(ordered, _cost(value, metric))
@@ -179,7 +179,7 @@ def ranks(values: Sequence[float | None], metric: Metric) -> Sequence[int | None
 
 
 def _cost(value: float | None, metric: Metric) -> float:
-    """Return what is lowest for the best value, and highest for no value."""
+    """Return a number that is lowest for the best value, and highest for a missing one."""
     if value is None:
         return inf
     return -value if metric.better == "higher" else value
@@ -201,7 +201,7 @@ def _content(ranking: Ranking) -> Mapping[str, Any]:
         "signature": board.signature,
         "rows": [_row_json(ranking, row) for row in ranking.rows],
         "apart": [_row_json(ranking, row) for row in ranking.apart],
-        "corrections": [each.model_dump(mode="json") for each in ranking.corrections],
+        "corrections": [each.model_dump() for each in ranking.corrections],
     }
 
 
@@ -272,7 +272,7 @@ def csv_of(leaderboard: Mapping[str, Any]) -> str:
 def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], address: str) -> str:
     """Return the rows as a table for LaTeX's booktabs package, the best of each column in bold.
 
-    Without rows or metrics, there is only a comment: LaTeX does not allow tables without columns.
+    Without rows or metrics, it is only a comment: LaTeX does not allow tables without columns.
     """
     board = ranking.board
     if not metrics:
@@ -287,7 +287,7 @@ def as_latex(ranking: Ranking, rows: Sequence[Row], metrics: Sequence[Metric], a
 
 
 def method_names(ranking: Ranking, rows: Sequence[Row]) -> Sequence[str]:
-    """Return distinct names: the method, if necessary with its team, then with its id."""
+    """Return distinct names: the method, with its team and then its id added if necessary."""
     methods = [row.entry.method["name"] for row in rows]
     named = _made_distinct(methods, [ranking.team(row.entry) or ANONYMOUS.lower() for row in rows])
     return _made_distinct(named, [row.entry.submission_id or str(row.rank) for row in rows])
@@ -304,7 +304,7 @@ def _made_distinct(names: Sequence[str], by: Sequence[str]) -> Sequence[str]:
 def as_bibtex(ranking: Ranking, rows: Sequence[Row], title: str, site: str, address: str) -> str:
     """Return the dataset's paper, an entry for the leaderboard as it is now, and one for each row.
 
-    That of a row leads to the method's paper, and in its note to the result; without a paper, to
+    The entry for a row links the method's paper and, in its note, the result; without a paper, only
     the result. ``title`` and ``site`` are those of the server, ``address`` is the leaderboard's.
     """
     board, today = ranking.board, ranking.now.astimezone(UTC)
@@ -349,7 +349,7 @@ def paper_of(task: Task) -> str:
 def _bibtex_entry(
     key: str, *, author: str, title: str, address: str, at: datetime, note: str, result: str = ""
 ) -> str:
-    """Write an entry; ``result`` is where the numbers are, if the address is that of a paper."""
+    """Write an entry; ``result`` is the address of the numbers, if ``address`` is a paper's."""
     numbers = f", \\url{{{result}}}" if result not in ("", address) else ""
     lines = [
         f"@misc{{{_bibtex_key(key)},",

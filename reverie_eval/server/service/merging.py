@@ -16,15 +16,15 @@ from reverie_eval.server.store.tables import Grant, Person, Submission, Team
 def merge_teams(transaction: Transaction, new: NewMerge) -> MergeReport:
     """Give one team's people, submissions and grants to another.
 
-    Quotas count the submissions of both from then on. Of a file that both have submitted, only the
-    earlier submission counts. Receipts keep the name under which they were signed.
+    Quotas count the submissions of both from then on. If both have submitted the same file, only
+    the earlier submission counts. Receipts keep the name under which they were signed.
 
     Raises
     ------
     NotFoundError
         If there is no such team.
     ConflictError
-        If the teams are the same, or have people of the same name.
+        If the teams are the same, or have people with the same name.
     """
     session = transaction.session
     team, into = team_named(session, new.team), team_named(session, new.into)

@@ -21,7 +21,7 @@ class Notices:
         self.of_settings = NoticeReport(
             banner=banner, paused=paused, posted_by=None, created_at=None
         )
-        """What the settings say; used where the database is not read."""
+        """The notice of the settings; used where the database is not read."""
 
     def current(self, session: Session) -> NoticeReport:
         """Return the current notice."""
@@ -55,7 +55,7 @@ class Notices:
 
 
 def latest_notice(session: Session, until: datetime | None = None) -> Notice | None:
-    """Return the notice that was posted last, of all or of those until a moment; or None."""
+    """Return the latest notice, of all or of those posted until a moment; None without one."""
     posted = select(Notice).order_by(Notice.id.desc()).limit(1)
     if until is not None:
         posted = posted.where(Notice.created_at <= until)

@@ -1,10 +1,10 @@
 """Messages to the organiser, by mail and to a webhook.
 
 An event is written as a row for each channel, in the transaction that it is about, so a message is
-sent if and only if the event happened. Sending is left to a thread of the server: a mail server
-that is slow or dead delays nothing. It claims rows before it sends them, so of several servers on
-a database one does. A row whose server was killed meanwhile is claimed again later, so a message
-may come twice, but is not lost.
+sent if and only if the event happened. A thread of the server sends the messages: a mail server
+that is slow or dead delays nothing. It claims rows before it sends them, so if several servers use
+a database, only one sends each. If that server is killed meanwhile, the row is claimed again later,
+so a message may arrive twice, but is not lost.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,26 +22,26 @@ from reverie_eval.server.store.tables import Message
 LEASE = timedelta(hours=1)
 """How long other servers leave a claimed message alone."""
 PATIENCE = timedelta(days=3)
-"""After that, a message is given up."""
+"""How long a message is retried before it is given up."""
 KEPT = timedelta(days=30)
 """How long messages stay in the database after they were sent or given up."""
 _FIRST_DELAY = timedelta(minutes=1)
 _LONGEST_DELAY = timedelta(hours=6)
 _NEWS = timedelta(days=1)
-"""For how long the end of a phase is told, by a server that was off when it came."""
+"""How long after a phase a server that was off at its end still announces the end."""
 _QUIET = timedelta(hours=1)
-"""In which a fault is not told again."""
+"""How long a fault is not reported again."""
 _AT_ONCE = 200
 _LONGEST_LINE = 500
 
 
 def announce(transaction: Transaction, event: Event, text: str, path: str = "/") -> None:
-    """Tell the organiser of an event, if the settings ask for it and the transaction is committed.
+    """Notify the organiser of an event, if the settings say so and the transaction is committed.
 
     Parameters
     ----------
     transaction : Transaction
-        In which the event happens.
+        The transaction in which the event happens.
     event : Event
         The kind of event.
     text : str
@@ -54,7 +54,7 @@ def announce(transaction: Transaction, event: Event, text: str, path: str = "/")
 
 
 def announce_fault(transaction: Transaction, text: str) -> None:
-    """Tell the organiser that the server is unhealthy, at most once an hour."""
+    """Notify the organiser that the server is unhealthy, at most once an hour."""
     recent = select(Message.id).where(
         Message.event == "unhealthy", Message.created_at > transaction.now - _QUIET
     )
@@ -67,7 +67,7 @@ def untold_ends(
 ) -> Mapping[str, str]:
     """Return the messages about phases that ended in the last day, each with its split.
 
-    A phase ends without anybody's doing, so there is no transaction that could announce it.
+    A phase ends by itself, so there is no transaction that could announce it.
     """
     if not any(channel.wants("phase-end") for channel in channels.values()):
         return {}
@@ -86,7 +86,7 @@ def untold_ends(
 def announce_ends(
     session: Session, schedules: Schedules, channels: Mapping[str, Channel], now: datetime
 ) -> None:
-    """Tell the organiser of phases that have ended."""
+    """Notify the organiser of phases that have ended."""
     for text, split in untold_ends(session, schedules, channels, now).items():
         path = f"/boards/{quote(split)}"
         session.add_all(_messages(channels, now, "phase-end", text, path))
@@ -109,7 +109,7 @@ def claim(session: Session, now: datetime) -> Sequence[Message]:
 
 
 def settle(session: Session, messages: Sequence[Message], now: datetime, error: str) -> None:
-    """Note that messages were sent, or why not; then they are due later, or given up."""
+    """Record that messages were sent, or why not; in that case, retry later or give up."""
     for message in messages:
         row = session.merge(message)
         if not error:
@@ -131,7 +131,7 @@ def given_up(session: Session) -> Sequence[tuple[str, int, str]]:
 def _messages(
     channels: Mapping[str, Channel], now: datetime, event: Event, text: str, path: str
 ) -> Iterator[Message]:
-    """Yield a message for each channel that tells of an event."""
+    """Yield a message for each channel that reports an event of this kind."""
     for name, channel in channels.items():
         if channel.wants(event):
             yield Message(

@@ -1,4 +1,4 @@
-"""Paged lists, in the order of a unique key; a cursor is the last key of the page before."""
+"""Paged lists, in the order of a unique key; a cursor is the last key of the previous page."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Page(NamedTuple):
 
     limit: int = 100
     cursor: str | None = None
-    """From the page before; None for the first page."""
+    """The cursor from the previous page; None for the first page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Listed(Generic[Report]):
 
     rows: list[Report]
     next_cursor: str | None
-    """For the next page; None if this is the last."""
+    """The cursor for the next page; None if this is the last."""
 
 
 def list_page(
@@ -79,7 +79,7 @@ def cut(
     report: Callable[[Row], Report],
     key: Callable[[Row], object],
 ) -> Listed[Report]:
-    """Return a page, given one row more than it has if there is a next page."""
+    """Return a page, given its rows and, if there is a next page, one more row."""
     shown = rows[: page.limit]
     next_cursor = str(key(shown[-1])) if len(rows) > page.limit else None
     return Listed([report(row) for row in shown], next_cursor)

@@ -1,4 +1,4 @@
-"""Teams and people: adding, changing and listing them, and the page of one's own team."""
+"""Teams and people: adding, changing and listing them, and a person's view of their team."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -129,7 +129,7 @@ def everybody(session: Session) -> Sequence[PersonReport]:
     """Return all people by name, and by team if several have it."""
     # Columns only: thousands of rows of the ORM, each with its team, take twice as long.
     columns = (Person.id, Person.name, Person.email, Team.name.label("team"), Person.role)
-    people = select(*columns, Person.created_at).join(Team, Person.team_id == Team.id)
+    people = select(*columns, Person.created_at).join(Team)
     current = people.where(Person.deleted_at.is_(None)).order_by(Person.name, Team.name)
     return [PersonReport.model_validate(row) for row in session.execute(current)]
 
@@ -144,7 +144,7 @@ class TeamView:
     submitted: int
     """The number of all submissions."""
     tokens: Sequence[Token]
-    """Those of the person who asks; the newest first."""
+    """The tokens of the person who asks, the newest first."""
 
 
 def team_of(session: Session, person: Person, most: int, view: View) -> TeamView:
@@ -173,14 +173,14 @@ def team_named(session: Session, name: str) -> Team:
 
 
 def person_named(session: Session, name: str, team: str | None = None) -> Person:
-    """Return a person by name; without a team, only one may have a person of that name.
+    """Return a person by name; if no team is given, the name must be unique among all teams.
 
     Raises
     ------
     NotFoundError
         If there is no such person.
     ConflictError
-        If several teams have one; names them.
+        If several teams have one; it names them.
     """
     chosen = select(Person).where(Person.name == name, Person.deleted_at.is_(None))
     if team is not None:
@@ -230,7 +230,7 @@ def _name_is_taken(name: str) -> str:
 
 
 def _write(transaction: Transaction, row: Team | Person, taken: str) -> None:
-    """Insert or change a row; ConflictError with a message if its name is taken."""
+    """Insert or change a row; raise ConflictError with a given message if its name is taken."""
     try:
         with transaction.session.begin_nested():
             transaction.add(row)

@@ -23,19 +23,19 @@ from reverie_eval.server.wrong_values import wrong_value
 from reverie_eval.text import did_you_mean
 
 _FIELDS: Mapping[str, str] = {"team": "team", "person": "name", "email": "email", "role": "role"}
-"""The field of a person that a column holds."""
+"""The field of a person that each column contains."""
 _REQUIRED = ("team", "person")
 
 
 def import_people(transaction: Transaction, new: NewPeopleImport) -> PeopleImportReport:
-    """Add the people of a file, and their teams; all or, with a problem, none.
+    """Add the people of a file, and their teams; if there is a problem, add none.
 
-    People who are there already stay as they are, so importing a file again changes nothing.
+    People who already exist stay as they are, so importing a file again changes nothing.
 
     Raises
     ------
     TableError
-        Listing everything that is wrong with the file.
+        If anything is wrong with the file; lists everything.
     """
     session = transaction.session
     table = read_csv(new.text.removeprefix("\ufeff"))
@@ -119,7 +119,7 @@ def _read(columns: Sequence[str], row: CsvRow) -> tuple[NewPerson | None, Sequen
 
 
 def _conflicts(new: NewPerson, known: PersonReport | None, earlier: str | None) -> Iterator[str]:
-    """Say how a row disagrees with an earlier one, or with a person who is there already."""
+    """Say how a row disagrees with an earlier one, or with a person who already exists."""
     if earlier is not None:
         yield f"repeats the person of {earlier}; remove one"
     if known is not None and new.email not in {None, known.email}:

@@ -38,11 +38,11 @@ _SIGNED: tuple[tuple[type[Base], InstrumentedAttribute[int], InstrumentedAttribu
     (News, News.id, News.posted_by),
     (SetSchedule, SetSchedule.id, SetSchedule.set_by),
 )
-"""The rows that have the name of the organiser who wrote them: their keys, and where it stands."""
+"""Tables whose rows have the name of the organiser who wrote them: key and column of the name."""
 
 
 def personal_data(session: Session, person_id: int) -> PersonalData:
-    """Return all that is stored about a person; NotFoundError if there is no such person."""
+    """Return everything stored about a person; raise NotFoundError if there is no such person."""
     person = find_person(session, person_id)
     tokens = session.scalars(
         select(Token).where(Token.person_id == person.id).order_by(Token.id)
@@ -69,7 +69,7 @@ def personal_data(session: Session, person_id: int) -> PersonalData:
 
 
 def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
-    """Replace a person's name by a neutral one, remove their address, and revoke their tokens.
+    """Replace a person's name with a neutral one, remove their address, and revoke their tokens.
 
     Results and the audit log stay.
 
@@ -96,7 +96,7 @@ def delete_person(transaction: Transaction, person_id: int) -> PersonReport:
 
 
 def _sign_anew(session: Session, person: Person) -> None:
-    """Put a person's present name below what they wrote, which the audit log tells."""
+    """Put a person's current name on the rows that they wrote, according to the audit log."""
     for table, key, signature in _SIGNED:
         rows = AuditEntry.row.startswith(f"{table.__tablename__}:", autoescape=True)
         written = select(AuditEntry.row).where(AuditEntry.actor == row_name(person), rows)

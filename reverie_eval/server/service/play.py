@@ -1,7 +1,8 @@
-"""Episodes that a person walks: where they can go, what they can point at, and what it scores.
+"""Episodes that a person plays: where they can go, what they can point at, and what it scores.
 
-A person sees what an agent sees: the instruction, the ways on, and the objects that are visible,
-but not which of them is the target. The walk is in the address of the page, so nothing is stored.
+A person sees what an agent sees: the instruction, the connected viewpoints, and the visible
+objects, but not which of them is the target. The walk is in the address of the page, so nothing is
+stored.
 """
 
 import random
@@ -9,6 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,15 +24,15 @@ from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.episodes import Browsing, align_walks
 
 MOST_STEPS = 200
-"""Of a walk; twenty times as many as annotated paths have."""
+"""Steps of a walk, at most; twenty times as many as annotated paths have."""
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """A viewpoint that can be walked to from where a person is."""
+    """A viewpoint that a person can move to from where they are."""
 
     number: int
-    """Of the viewpoint, among those of its scan."""
+    """The viewpoint's number in its scan."""
     heading: float
     """Radians."""
     elevation: float
@@ -45,16 +47,16 @@ class HumanWalk:
     board: Board
     annotated: Episode
     steps: Sequence[int]
-    """Numbers of viewpoints after the start, among those of the scan."""
+    """The viewpoints after the start, by their numbers in the scan."""
 
     @classmethod
     def of(cls, browsing: Browsing, seed: int, number: int, steps: Sequence[int]) -> "HumanWalk":
-        """Follow the steps of a person through an episode: that of a number, from 1, in a sample.
+        """Follow a person's steps through an episode, given by its number from 1 in a sample.
 
         Raises
         ------
         NotFoundError
-            If the split has fewer episodes, or answers alone.
+            If the split has fewer episodes, or scores only answers.
         MalformedError
             If a step is not one of the ways on, or there are too many.
         """
@@ -66,7 +68,7 @@ class HumanWalk:
         walk = cls(browsing.board, browsing.episode(drawn[-1]), steps)
         if len(steps) > MOST_STEPS:
             raise MalformedError(f"a walk has at most {MOST_STEPS} steps")
-        for here, there in zip(walk.viewpoints, walk.viewpoints[1:], strict=False):
+        for here, there in pairwise(walk.viewpoints):
             if there not in walk._surroundings.neighbours(here):
                 raise MalformedError("the walk has a step to a viewpoint that is not connected")
         return walk
@@ -88,18 +90,18 @@ class HumanWalk:
 
     @property
     def heading(self) -> float:
-        """Of the last move, radians; 0 at the start."""
+        """The heading of the last move, radians; 0 at the start."""
         return float(self._surroundings.poses(self.viewpoints)[-1][1])
 
     @property
     def metres(self) -> float:
-        """How far the person has walked."""
+        """The length of the walk so far."""
         walked = np.array(self.viewpoints)
         return float(self.board.truth.graph.distance_between(walked[:-1], walked[1:]).sum())
 
     @property
     def ways(self) -> Sequence[Way]:
-        """The viewpoints that can be walked to, by heading."""
+        """The viewpoints that the person can move to, by heading."""
         graph, here = self.board.truth.graph, self.viewpoints[-1]
         first = int(np.searchsorted(graph.viewpoint_scan, graph.viewpoint_scan[here]))
         found = []
@@ -117,7 +119,7 @@ class HumanWalk:
         return self.annotated.visible_objects(self.here)
 
     def answered(self, object_id: int | None) -> Episode:
-        """Return the episode as the person ended it, scored by the rules of the split.
+        """Return the episode as the person ended it, scored under the rules of the split.
 
         Raises
         ------
@@ -151,9 +153,9 @@ class HumanWalk:
 
 
 def sample(board: Board, seed: int, size: int) -> Sequence[str]:
-    """Draw episodes at random, each at most once; the same seed draws the same ones in one order.
+    """Draw distinct episodes at random; the same seed draws the same ones in the same order.
 
-    Of all tasks, one instruction each before any has a second: who has seen a target knows it.
+    Every task has one instruction before any has a second, because a target is known once seen.
     """
     ids, tasks = board.truth.episodes.instr_ids, board.truth.episodes.task.tolist()
     shuffled = random.Random(seed).sample(range(len(ids)), len(ids))  # noqa: S311

@@ -32,9 +32,9 @@ WINDOWS: Mapping[WindowName, timedelta] = {
 }
 
 
-# Of all splits, or SQLite looks through everybody's submissions to the one that is asked for. In
-# one statement, because an upload asks twice, and many pages once. Made here, because to make it
-# takes longer than to run it.
+# For all splits, or SQLite would read everybody's submissions to the requested one. In one
+# statement, because each upload runs it twice, and many pages once. Built here, because building it
+# takes longer than running it.
 _SENT_AND_GRANTED = (
     select(
         Submission.split,
@@ -87,7 +87,7 @@ class Usage:
     team_id: int
     person_id: int
     submissions: Sequence[Row[*tuple[Any, ...]]]
-    """Of the team or the person, the oldest first."""
+    """The submissions of the team or the person, the oldest first."""
     grants: Sequence[Row[*tuple[Any, ...]]]
 
     def of_split(self, split: str, quota: Quota) -> "QuotaUsage":
@@ -103,12 +103,12 @@ class Usage:
         )
 
     def check_bytes(self, size: int, mebibytes: int, now: datetime) -> None:
-        """Make sure that the team may send so many bytes more in 24 hours, to all splits together.
+        """Make sure that the team may send an upload of a size now, given its limit in 24 hours.
 
         Raises
         ------
         BytesSpentError
-            If it may not; says when it may.
+            If it may not; says when it may. The limit is on uploads to all splits together.
         """
         day = WINDOWS["day"]
         sent = [
@@ -130,7 +130,7 @@ class Usage:
 
 @dataclass(frozen=True, slots=True)
 class QuotaUsage:
-    """The limits and the submissions so far: what is needed to compute what is left at any time."""
+    """The limits and the submissions so far, to compute the submissions left at any time."""
 
     quota: Quota
     received: Sequence[Sequence[datetime]]
@@ -143,7 +143,7 @@ class QuotaUsage:
         return replace(self, received=[sorted([*times, now]) for times in self.received])
 
     def state(self, now: datetime) -> QuotaReport:
-        """Return what is left now: the smallest remainder of all windows."""
+        """Return the submissions left now: the smallest remainder of all windows."""
         windows = [
             QuotaWindow(
                 name=name,
@@ -165,8 +165,8 @@ class QuotaUsage:
     def had_room(self, then: datetime) -> bool:
         """Whether one more submission at a time in the past keeps every window within its limit.
 
-        :meth:`state` counts all that came later, because clocks may run back. Here only the windows
-        count that hold the time.
+        :meth:`state` counts all later submissions, because clocks may run back. Here, only windows
+        that include the time count.
         """
         return all(
             self._count(times, name, end) < self._limit(name, end)
@@ -181,7 +181,7 @@ class QuotaUsage:
     def _first_rise(self, windows: Collection[WindowName], now: datetime) -> datetime | None:
         """Return when the windows together will allow more submissions than now.
 
-        Only what leaves a window can bring that about; until then grants may expire.
+        Only a submission that leaves a window can allow more; grants may expire before that.
         """
         allowed = min(self._left(name, now) for name in windows)
         leaving = merge(*(each for name in windows for each in self._leaving(name, now)))
@@ -198,7 +198,7 @@ class QuotaUsage:
         return max(self._limit(window, at) - used, 0)
 
     def _leaving(self, window: WindowName, now: datetime) -> Iterator[Iterator[datetime]]:
-        """Return when the team's and the person's submissions leave the window, in order."""
+        """Yield when the team's and the person's submissions leave the window, each in order."""
         for times in self.received:
             counted = bisect_right(times, now - WINDOWS[window])
             yield (at + WINDOWS[window] for at in times[counted:])

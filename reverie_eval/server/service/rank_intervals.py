@@ -1,8 +1,8 @@
 """Which ranks published results may have, and which of them form a group.
 
-On an open split, results are compared on the same episodes: what that needs of each result, its
-sums over clusters of episodes, is stored when it is published. On a private split, only the shown
-means are used and how many tasks there are, which the public instructions tell.
+On an open split, results are compared on the same episodes: for this, the sums of each result over
+clusters of episodes are stored when it is published. On a private split, only the shown means are
+used, and the number of tasks, which is known from the public instructions.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,13 +23,13 @@ from reverie_eval.server.service.entries import Row
 from reverie_eval.server.store.tables import ClusterSums
 
 MOST_COMPARED = 100
-"""Results of a leaderboard; if there are more, none are compared."""
+"""Results of a leaderboard, at most; if there are more, none are compared."""
 _FEWEST_COMPARED = 2
-"""Results, and clusters that they are compared on."""
+"""Results, and clusters that they are compared on, at least."""
 _DIGITS = 6
-"""Of the stored sums, after the point."""
+"""Digits of the stored sums after the decimal point."""
 Sums: TypeAlias = dict[str, list[float]]
-"""Of a result over each cluster of episodes, by metric."""
+"""Sums of a result over each cluster of episodes, by metric."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class RankInterval:
     best: int
     worst: int
     group: int
-    """From 1; equal for results that follow each other and are not significantly worse than the
-    first of them."""
+    """The group's number, from 1. A group is a first result and those that follow it and are not
+    significantly worse than it."""
 
 
 _Compared: TypeAlias = tuple[Sequence[tuple[str, float]], Mapping[str, RankInterval]]
@@ -60,7 +60,7 @@ def cluster_sums(scores: Scores) -> Sums:
 
 
 def store_sums(session: Session, submission_id: str, board: Board, sums: Sums) -> None:
-    """Store what a published result is compared by on a leaderboard."""
+    """Store the sums by which a published result is compared on a leaderboard."""
     session.merge(ClusterSums(submission_id=submission_id, board=board.further, sums=sums))
 
 
@@ -69,9 +69,9 @@ class RankIntervals:
     """The rank intervals of all results, computed again only when the results have changed."""
 
     _cached: dict[tuple[str, str], _Compared] = field(default_factory=dict)
-    """By leaderboard and metric: the values that were compared, and what came of it."""
+    """By leaderboard and metric: the values that were compared, and their intervals."""
     _lock: Lock = field(default_factory=Lock)
-    """So that concurrent requests compute them only once."""
+    """Makes concurrent requests compute them only once."""
 
     def compute(
         self, session: Session, board: Board, metric: str, rows: Iterable[Row]
@@ -99,7 +99,7 @@ class RankIntervals:
 def _is_compared(board: Board, metric: Metric) -> bool:
     """Whether results are compared by a metric.
 
-    On a private split, only by shares: a mean in metres does not tell how much it varies.
+    On a private split, only by rates: a mean in metres does not show how much its values vary.
     """
     return (
         metric.key in board.task.headline
@@ -141,9 +141,10 @@ def _computed(
 def _of_shown_means(board: Board, means: FloatArray) -> FloatArray:
     """Bound the covariance of means between 0 and 1 by what everyone can see.
 
-    A mean of values between 0 and 1 varies at most as much as a share. The instructions of a task
-    count as one, as if all had the same outcome, and results as independent: those on the same
-    episodes rather succeed and fail together, which makes differences more certain.
+    A mean of values between 0 and 1 varies at most as much as a rate with the same mean. The
+    instructions of a task count as one, as if all had the same outcome, and results count as
+    independent: in fact, results on the same episodes tend to succeed and fail together, which
+    makes differences more certain.
     """
     n_tasks = len(np.unique(board.truth.episodes.task))
     return np.diag(means * (1 - means) / n_tasks)

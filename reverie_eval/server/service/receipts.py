@@ -41,7 +41,7 @@ Signed = TypeVar("Signed", Receipt, Snapshot)
 
 
 class KeyMissingError(ReceiptError):
-    """The file of the signing key is not there, or is another key."""
+    """The file of the signing key does not exist, or contains another key."""
 
 
 class Signer:
@@ -92,7 +92,7 @@ class Signer:
         return self._signed(unsigned)
 
     def sign_result(self, row: Submission, report: ScoreReport, quota: QuotaReport) -> Receipt:
-        """Return a signed receipt of what a submission scores on a leaderboard of its split."""
+        """Return a signed receipt of a submission's result on a leaderboard of its split."""
         return self.sign(
             submission_id=row.id,
             team=row.team.name,

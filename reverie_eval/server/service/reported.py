@@ -32,11 +32,11 @@ from reverie_eval.tasks import Task, name_on_server
 from reverie_eval.text import did_you_mean
 
 _SHOWN = 60
-"""The most characters of a wrong value that an error shows."""
+"""Characters of a wrong value that an error shows, at most."""
 
 
 class _Identity(NamedTuple):
-    """What tells a reported result of a split from the others."""
+    """The fields that identify a reported result of a split."""
 
     team: str
     method: str
@@ -70,14 +70,14 @@ def add_reported(
 def change_reported(
     transaction: Transaction, result_id: int, change: ReportedChange, tasks: Mapping[str, Task]
 ) -> ReportedEntry:
-    """Change a reported result in place; the audit log keeps what was there before.
+    """Change a reported result in place; the audit log keeps the earlier values.
 
     Raises
     ------
     NotFoundError
         If it is not on a leaderboard.
     MalformedError
-        As for :func:`add_reported`, or if no score would be left.
+        As for :func:`add_reported`, or if it would have no score.
     ConflictError
         If another result has that team, method and date.
     """
@@ -109,18 +109,18 @@ def remove_reported(transaction: Transaction, result_id: int) -> ReportedEntry:
 def import_reported(
     transaction: Transaction, new: NewImport, tasks: Mapping[str, Task]
 ) -> ImportReport:
-    """Add the results of a file to the leaderboard of a split; all or, with a problem, none.
+    """Add the results of a file to the leaderboard of a split; if there is a problem, add none.
 
-    Results that are on the leaderboard with the same scores are left as they are, so importing a
-    file again changes nothing.
+    Results that are on the leaderboard with the same scores stay as they are, so importing a file
+    again changes nothing.
 
     Raises
     ------
     NotFoundError
         If there is no such split.
     TableError
-        Listing everything that is wrong with the file, and results that the file or the leaderboard
-        also has with other scores.
+        If anything is wrong with the file, or the file or the leaderboard also has a result with
+        other scores; lists everything.
     """
     task = _task_of(new.split, tasks)
     # A file of another server names the split without the task.
@@ -205,7 +205,7 @@ def _known(session: Session, split: str) -> Mapping[_Identity, ReportedEntry]:
 
 
 def _merged(before: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all fields of a result after a change of some."""
+    """Return all fields of a result after some were changed."""
     scores = {**before["scores"], **changed.get("scores", {})}
     return {
         **before,
@@ -216,7 +216,7 @@ def _merged(before: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, 
 
 
 def _only_different(values: Mapping[str, Any], others: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values that others do not have, also inside mappings."""
+    """Return the values that differ from others, also inside mappings."""
     return {
         name: _only_different(value, others[name]) if isinstance(value, dict) else value
         for name, value in values.items()
@@ -255,10 +255,10 @@ def _check_is_only(session: Session, new: NewReported, but: int | None = None) -
 
 
 def _checked(row: FileRow, new: NewImport) -> tuple[NewReported | None, Sequence[str]]:
-    """Return a row of a file as a request to add it, or all that is wrong with it.
+    """Return a row of a file as a request to add it, or everything that is wrong with it.
 
-    A row without a method or without a team has one name for both, as on leaderboards that have a
-    single column for it.
+    If a row lacks the method or the team, the other name stands for both, as on leaderboards that
+    have a single column for both.
     """
     about: dict[str, Any] = dict(row.about)
     team, name = about.pop("team", None), about.pop("method", None)
@@ -276,7 +276,7 @@ def _checked(row: FileRow, new: NewImport) -> tuple[NewReported | None, Sequence
     try:
         return NewReported.model_validate(fields), ()
     except ValidationError as error:
-        # Scores were checked as they are printed in the file.
+        # Scores were already checked as printed in the file.
         return None, [_wrong(each) for each in error.errors() if each["loc"] != ("scores",)]
 
 

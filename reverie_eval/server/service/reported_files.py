@@ -1,8 +1,8 @@
 """Files of reported results: tables as papers and other leaderboards print them.
 
 A file is CSV with a heading for each column, or JSON: a list of objects, or columns and methods as
-in ``{"columns": ["SR", "SPL"], "methods": {"Walker": {"test": [59.6, 39.0]}}}``. A column holds a
-metric or says something about the result, and has one of the names in ``_COLUMNS``.
+in ``{"columns": ["SR", "SPL"], "methods": {"Walker": {"test": [59.6, 39.0]}}}``. A column contains
+a metric or a field of the result, and has one of the names in ``_COLUMNS``.
 """
 
 import json
@@ -25,7 +25,7 @@ _PER_CENT = 100
 _ABOUT = ("team", "method", "date", "source", "dataset")
 _OF_METHOD = tuple(name for name in MethodDescription.model_fields if name != "name")
 _TEXTS = frozenset({"team", "method", "source", "dataset", "description"})
-"""Fields that are an empty text, not null, where they say nothing."""
+"""Fields that are an empty text, not null, if they have no value."""
 _COLUMNS: Mapping[str, str] = MappingProxyType(
     {
         **{name: name for name in (*_ABOUT, *_OF_METHOD)},
@@ -46,7 +46,7 @@ _COLUMNS: Mapping[str, str] = MappingProxyType(
         "reverie_success": "rgs",
     }
 )
-"""The metric or field that a column holds, by the column's name in lower case without a unit."""
+"""The metric or field of a column, by the column's name in lower case without a unit."""
 _UNIT = re.compile(r"(\s*%|\s*\(%\)|\s+m|\s*\(m\))$")
 _NO_VALUE = (None, "", "-")
 
@@ -59,7 +59,7 @@ class FileRow(NamedTuple):
     where: str
     """The same for people: ``line 5``, ``[3]`` or ``methods.Walker.test``."""
     about: Mapping[str, Any]
-    """What else the row says, by field."""
+    """Everything else in the row, by field."""
     scores: Mapping[str, float]
     """Fractions or metres, by metric."""
 
@@ -70,7 +70,7 @@ class ResultsFile(NamedTuple):
     rows: Sequence[FileRow]
     problems: Sequence[Problem]
     unread: Sequence[str]
-    """Parts of a JSON file that hold no results."""
+    """Parts of a JSON file that contain no results."""
 
 
 class _Table(NamedTuple):
@@ -80,12 +80,12 @@ class _Table(NamedTuple):
 
 
 def printed_value(metric: Metric, text: str, rates: Rates = "percent") -> float:
-    """Return a value that is printed in a table, as a fraction or in metres.
+    """Return a value as printed in a table, converted to a fraction or metres.
 
     Raises
     ------
     ValueError
-        If it is not a number, or not one that the metric can have.
+        If it is not a number, or is out of the metric's bounds.
 
     Examples
     --------
@@ -119,9 +119,9 @@ def as_printed(metric: Metric, value: float) -> str:
 def read_results(
     text: str, split: str, rates: Rates, metrics: Collection[str] = METRICS
 ) -> ResultsFile:
-    """Read a file of results; if it has those of several splits, of one of them.
+    """Read a file of results; if it covers several splits, the results of one of them.
 
-    ``metrics`` are the keys of those that the split's task has; by default of all.
+    ``metrics`` are the keys of the metrics that the split's task has; by default, all metrics.
 
     Raises
     ------
@@ -151,17 +151,17 @@ def read_results(
 
 
 def read_change(cells: Mapping[str, str]) -> Mapping[str, Any]:
-    """Return changes of a result, given as in a file, as fields of a request.
+    """Return changes of a result, given as cells of a file, as fields of a request.
 
     Parameters
     ----------
     cells : mapping of str to str
-        New values by column; an empty one removes what was there.
+        New values by column; an empty one removes the earlier value.
 
     Raises
     ------
     TableError
-        Listing unknown columns, or values that a metric cannot have.
+        If columns are unknown, or values out of a metric's bounds; lists them.
 
     Examples
     --------
@@ -199,7 +199,7 @@ def _read_row(
 def _read_scores(
     cells: Mapping[str, Any], rates: Rates
 ) -> tuple[Mapping[str, float], Sequence[str]]:
-    """Return the scores among the cells of a row, and what is wrong with others."""
+    """Return the scores among the cells of a row, and what is wrong with other scores."""
     scores, wrong = {}, []
     for metric in METRICS.values():
         cell = cells.get(metric.key)
@@ -212,7 +212,7 @@ def _read_scores(
 
 
 def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
-    """Report rates that are fractions, by all appearances."""
+    """Report rates that seem to be fractions."""
     values = [
         value
         for row in rows
@@ -225,12 +225,12 @@ def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
 
 
 def _fields_of(columns: Sequence[str], metrics: Collection[str]) -> Sequence[str]:
-    """Return the metric, of those there are, or the field of each column.
+    """Return the metric, if it is one of those given, or the field of each column.
 
     Raises
     ------
     TableError
-        Naming each column that is unknown or says the same as another.
+        If a column is unknown or has the same meaning as another; names each of them.
     """
     fields: dict[str, str] = {}
     problems = []
@@ -256,7 +256,7 @@ def _fields_of(columns: Sequence[str], metrics: Collection[str]) -> Sequence[str
 
 def _read_json(text: str, split: str) -> _Table:
     try:
-        # Numbers stay texts, so that they are read by the same rule as those of CSV.
+        # Numbers stay text, so that they are read by the same rule as those of CSV.
         content = json.loads(text, parse_float=str, parse_int=str, parse_constant=str)
     except json.JSONDecodeError as error:
         reason = f"invalid JSON at column {error.colno}: {error.msg}"

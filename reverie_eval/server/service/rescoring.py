@@ -2,8 +2,8 @@
 
 Each submission is scored from its upload, on one leaderboard of its split after the other. The new
 result replaces the old one in a transaction of its own; the old one stays on record with its
-receipt. So an interrupted run is continued by the next one, which finds only what is left. When a
-submission was received, what it used of the quota, and how it was reviewed do not change.
+receipt. So the next run continues an interrupted one: it finds only the remaining submissions. The
+time at which a submission was received, its use of the quota, and its reviews do not change.
 
 A further leaderboard that was added to a split gets its results in the same way.
 """
@@ -37,7 +37,7 @@ from reverie_eval.server.store.tables import Correction, Review, Submission
 from reverie_eval.server.store.uploads import Uploads, UploadsError, stored_upload
 
 AT_ONCE = 20
-"""Submissions that are scored in a request; the next request continues."""
+"""Submissions that a request scores, at most; the next request continues."""
 
 
 class Job(NamedTuple):
@@ -48,19 +48,19 @@ class Job(NamedTuple):
     has_intervals: bool
     upload_deleted_at: datetime | None
     was_scored: bool
-    """Whether it has a result, by other ground truth or rules."""
+    """Whether it has a result under other ground truth or rules."""
 
 
 class Rescored(NamedTuple):
-    """What scoring a submission again gives."""
+    """The result of scoring a submission again."""
 
     report: ScoreReport
     sums: Sums | None
-    """What its rank is compared by; None for what has no intervals either."""
+    """The sums by which it is compared for ranks; None for a result without intervals."""
 
 
 Outcome: TypeAlias = Rescored | str
-"""What scoring again gives, or why a submission cannot be scored again."""
+"""The result of scoring again, or why a submission cannot be scored again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ class Rescoring:
         NotFoundError
             If the server has no such split.
         ConflictError
-            If all were scored with the current ones.
+            If all were scored with the current ground truth and rules.
         """
         own = board_named(self.boards, new.split)
         with self.database.reading() as session:
@@ -145,8 +145,8 @@ class Rescoring:
     ) -> Iterator[tuple[Job, Outcome]]:
         """Announce the correction and replace results one by one; without jobs, do nothing.
 
-        ``outcomes`` are those of the jobs, in their order. Results where there were none correct
-        nothing, and are not announced.
+        ``outcomes`` are those of the jobs, in their order. First results correct nothing, so they
+        are not announced.
         """
         if any(job.was_scored for job in jobs):
             with self.transactions.begin(actor) as transaction:
@@ -191,9 +191,9 @@ def _replaced(known: BoardResult, transaction: Transaction, reason: str) -> Earl
 
 
 def outdated(session: Session, board: Board) -> Sequence[Job]:
-    """Return the submissions without a result by current ground truth and rules, the oldest first.
+    """Return the submissions without a result under current data and rules, the oldest first.
 
-    Those that are published come with intervals, if the split is open.
+    The published ones are to be scored with intervals, if the split is open.
     """
     chosen = (
         select(
@@ -253,8 +253,8 @@ def changes(
 ) -> Sequence[ResultChange]:
     """Compare a leaderboard's results before and after a correction, the largest changes first.
 
-    ``outcomes`` are those of submissions whose results were not replaced, by submission.
-    ``first_results`` are submissions that had no result before.
+    ``outcomes`` has the submissions whose results were not replaced. ``first_results`` are
+    submissions that had no result before.
     """
     correction = _current_correction(session, board)
     chosen = select(Submission).where(Submission.split == board.name)
@@ -299,7 +299,7 @@ def _current_correction(session: Session, board: Board) -> CorrectionReport | No
 def _announced(transaction: Transaction, board: Board, reason: str) -> str:
     """Announce a correction to the current ground truth and rules, and return its reason.
 
-    If one was announced already, it is continued for its own reason.
+    If one was already announced, it continues with the reason given then.
     """
     known = _current_correction(transaction.session, board)
     if known is not None:
@@ -327,7 +327,7 @@ def _before(known: BoardResult | None, correction: CorrectionReport | None) -> M
 
 
 def _after(known: BoardResult | None, board: Board, outcome: Outcome | None) -> Mapping[str, float]:
-    """Return the scores by the current ground truth and rules; empty if there are none."""
+    """Return the scores under the current ground truth and rules; empty if there are none."""
     if isinstance(outcome, Rescored):
         return outcome.report.scores
     return known.report.scores if known and board.measures_as(known.report) else {}
@@ -348,6 +348,6 @@ def _problem(outcome: Outcome | None) -> str:
 
 
 def _is_ranked(row: Submission, reviews: Mapping[str, Sequence[Review]]) -> bool:
-    """Whether a leaderboard ranks a submission that is scored by its rules."""
+    """Whether a leaderboard ranks a submission that is scored under its rules."""
     is_disqualified = any(review.verdict == "disqualified" for review in reviews.get(row.id, ()))
     return row.published_at is not None and row.withdrawn_at is None and not is_disqualified

@@ -1,7 +1,7 @@
 """The results of a submission as they are stored: one on each leaderboard of its split.
 
-The split's own leaderboard has the name "". On a further one, a submission that was received before
-it was added has no result until it is scored again.
+The split's own leaderboard has the name "". On a further leaderboard, a submission that was
+received before the leaderboard was added has no result until it is scored again.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ def results_of(row: Submission) -> Mapping[str, BoardResult]:
 
 
 def store_result(row: Submission, further: str, result: BoardResult) -> None:
-    """Put a result in place of the one that a submission has on a leaderboard, if any."""
+    """Store a submission's result on a leaderboard, in place of an earlier one."""
     stored = result.model_dump(mode="json")
     if further:
         row.also = {**row.also, further: stored}
@@ -32,7 +32,7 @@ def store_result(row: Submission, further: str, result: BoardResult) -> None:
 
 
 def stored_in_report(further: str, name: str) -> ColumnElement[str | None]:
-    """Return a field of the reports on a leaderboard for a statement; None without a result."""
+    """Return a field of a leaderboard's reports for an SQL statement; NULL without a result."""
     field: ColumnElement[str | None] = (
         Submission.also[(further, "report", name)] if further else Submission.report[name]
     ).as_string()

@@ -18,10 +18,10 @@ from reverie_eval.server.store.uploads import Uploads
 
 @dataclass(frozen=True, slots=True)
 class Tidied:
-    """What was deleted, or would be."""
+    """The files that were deleted, or would be."""
 
     submissions: Sequence[str]
-    """Whose files these were, the oldest first."""
+    """The submissions with these files, the oldest first."""
     files: int
 
 
@@ -37,7 +37,7 @@ class Retention:
     def tidy(self, actor: Actor, *, dry_run: bool = False) -> Tidied:
         """Delete the files of submissions that are old and not published.
 
-        A file that several submissions have is deleted once this holds for all of them.
+        A file of several submissions is deleted once all of them are old and not published.
         """
         if self.days is None:
             return Tidied([], 0)
@@ -73,7 +73,7 @@ class Retention:
 
 
 def _expired(session: Session, before: datetime, sha256: str | None = None) -> Sequence[str]:
-    """Return the files of which all submissions came until a time and are not published."""
+    """Return the files whose submissions were all received until a time and are not published."""
     is_published = and_(Submission.published_at.is_not(None), Submission.withdrawn_at.is_(None))
     chosen = select(Submission.sha256).where(Submission.upload_deleted_at.is_(None))
     if sha256 is not None:

@@ -71,14 +71,14 @@ def standing_reviews(session: Session, submission_id: str) -> Sequence[Review]:
 
 
 def is_disqualified(session: Session, submission_id: str) -> bool:
-    """Whether the organiser has disqualified a submission, and not lifted that."""
+    """Whether a submission is disqualified, and the verdict was not lifted."""
     standing = standing_reviews(session, submission_id)
     return any(review.verdict == "disqualified" for review in standing)
 
 
 def reviews_of(session: Session, split: str) -> Mapping[str, Sequence[Review]]:
     """Return the current reviews of a split's submissions by id, the earliest first."""
-    # Not a join, which databases may begin with all submissions: there are few reviews.
+    # Not a join, for which databases may read all submissions first: there are few reviews.
     its_split = select(Submission.split).where(Submission.id == Review.submission_id)
     chosen = select(Review).where(Review.lifted_at.is_(None), its_split.scalar_subquery() == split)
     chosen = chosen.order_by(Review.id)
@@ -103,7 +103,7 @@ def latest_submissions(session: Session, limit: int) -> Sequence[Submission]:
 
 def find_submission(session: Session, submission_id: str) -> Submission | None:
     """Return a submission of any team, or None."""
-    # PostgreSQL cannot look for texts with a zero byte.
+    # PostgreSQL cannot search for text with a zero byte.
     return session.get(Submission, submission_id) if submission_id.isalnum() else None
 
 

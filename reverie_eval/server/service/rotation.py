@@ -24,9 +24,9 @@ from reverie_eval.server.store.tables import SigningKey, StoredSnapshot, Submiss
 def replace_key(
     transaction: Transaction, new: Signer, reason: str, *, is_lost: bool = False
 ) -> KeyReport:
-    """Make a new key the one in use, and return it; its first audit entry says so.
+    """Make a new key the one in use, and return it; its first audit entry records this.
 
-    With a lost key, nobody can check any longer whether entries up to now were changed.
+    After a key was lost, nobody can check whether entries up to now were changed.
 
     Raises
     ------
@@ -59,17 +59,17 @@ def replace_key(
 
 
 def revoke_key(transaction: Transaction, key_id: str, revocation: KeyRevocation) -> int:
-    """Let a replaced key's signatures of later submissions not count.
+    """Stop counting a replaced key's signatures of submissions received after a given time.
 
-    Their stored receipts, and later snapshots, are signed again with the key in use. The number of
-    these is returned.
+    The stored receipts of these submissions, and later snapshots, are signed again with the key in
+    use. The number of new signatures is returned.
 
     Raises
     ------
     NotFoundError
         If there is no such key.
     ConflictError
-        If it is in use, or its signatures stopped to count before that time.
+        If it is in use, or its signatures stopped counting before that time.
     """
     session, since = transaction.session, revocation.since
     key = session.scalars(select(SigningKey).where(SigningKey.key_id == key_id)).first()

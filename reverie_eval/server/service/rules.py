@@ -1,7 +1,7 @@
-"""The rules that the servers of a database score by: each split's protocol, track, ground truth.
+"""The rules by which the servers of a database score: each split's protocol, track, ground truth.
 
 A server that starts records its rules in the audit log, unless the last server had the same. So
-each server can tell whether another one started with other rules since, from another bundle for
+each server can tell whether another one has since started with other rules, with another bundle for
 example: it would score the same file differently.
 """
 
@@ -24,7 +24,7 @@ def rules_of(boards: Mapping[str, Board]) -> Mapping[str, str]:
 
 
 def record_rules(transactions: Transactions, rules: Mapping[str, str]) -> None:
-    """Record the rules of a server that starts, if the last one had others."""
+    """Record the rules of a server that starts, if those of the last one were different."""
     with transactions.database.reading() as session:
         if LastRules().read(session) == rules:
             return
@@ -41,7 +41,7 @@ def record_rules(transactions: Transactions, rules: Mapping[str, str]) -> None:
 
 
 class LastRules:
-    """The rules of the server that started last; of the audit log, only what is new is read."""
+    """The rules of the server that started last; only new entries of the audit log are read."""
 
     def __init__(self) -> None:
         self.rules: Mapping[str, str] = {}
@@ -61,6 +61,6 @@ class LastRules:
 
 
 def different(rules: Mapping[str, str], last: Mapping[str, str]) -> Sequence[str]:
-    """Return the leaderboards with other rules than at the server that started last, if any did."""
+    """Return the leaderboards whose rules differ from those of the server that started last."""
     names = {**rules, **last} if last else {}
     return [name for name in names if rules.get(name) != last.get(name)]

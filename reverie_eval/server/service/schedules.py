@@ -1,8 +1,9 @@
 """When splits accept submissions and show scores: by the settings, or as set at the desk.
 
-What is set at the desk applies at once on all workers and machines, because each request reads it
-with everything else. The latest setting of a split applies. The earlier ones tell what applied when
-a submission arrived, and whether its scores have been shown since: what was shown stays visible.
+A schedule that is set at the desk applies at once on all workers and machines, because each request
+reads it from the database. The latest schedule of a split applies. The earlier ones show what
+applied when a submission arrived, and whether its scores have been shown since: scores that were
+shown stay visible.
 """
 
 from collections import defaultdict
@@ -24,7 +25,7 @@ from reverie_eval.server.store.tables import SetSchedule, Submission
 
 _SECOND = timedelta(seconds=1)
 _ROWS = "schedules"
-"""Where a session keeps what it has read."""
+"""Where a database session keeps the schedules that it has read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class Timetable:
     """All schedules that a split has had, the earliest first."""
 
     settings: Schedule
-    """That of the settings, before any was set."""
+    """The schedule of the settings, which applied before any was set."""
     rows: Sequence[SetSchedule]
 
     def at(self, moment: datetime) -> Schedule:
@@ -47,7 +48,7 @@ class Timetable:
 
     @property
     def desk(self) -> NewSchedule:
-        """What the desk has set."""
+        """The schedule that was set at the desk."""
         return NewSchedule.model_validate(self.rows[-1]) if self.rows else NewSchedule()
 
     def held_until(self, received_at: datetime, now: datetime) -> datetime | None:
@@ -63,17 +64,17 @@ class Timetable:
         return until
 
     def _periods(self, since: datetime, now: datetime) -> Iterator[tuple[Schedule, datetime]]:
-        """Yield each schedule that has applied since a moment, and until when it did."""
+        """Yield each schedule that has applied since a moment, and when it ended."""
         changes = [row.created_at for row in self.rows if since < row.created_at <= now]
         for begins, ends in pairwise([since, *changes, now]):
             yield self.at(begins), ends
 
     def with_one_more(self, row: SetSchedule) -> "Timetable":
-        """Return what the timetable would be."""
+        """Return the timetable with one more schedule."""
         return Timetable(self.settings, [*self.rows, row])
 
     def report(self, split: str) -> ScheduleReport:
-        """Compare what the settings and the desk say, and what is in effect."""
+        """Report the schedules of the settings and of the desk, and the one in effect."""
         row = self.rows[-1] if self.rows else None
         return ScheduleReport(
             split=split,
@@ -115,7 +116,7 @@ class Schedules:
         return {name: timetable.latest for name, timetable in self.read(session).items()}
 
     def list_all(self, session: Session) -> list[ScheduleReport]:
-        """Compare settings, desk and what is in effect, for every split."""
+        """Report the schedules of the settings, of the desk, and in effect, for every split."""
         return [timetable.report(name) for name, timetable in self.read(session).items()]
 
     def of(self, session: Session, split: str) -> Timetable:
@@ -133,26 +134,26 @@ class Schedules:
         return timetable
 
     def set(self, transaction: Transaction, split: str, new: NewSchedule) -> ScheduleReport:
-        """Set when a split accepts submissions and shows scores; or use the settings again.
+        """Set when a split accepts submissions and shows scores, or return to the settings.
 
         Raises
         ------
         NotFoundError
             If the server has no such split.
         ConflictError
-            If scores would be held back for ever, or those of public answers.
+            If scores would be held back for ever, or on a split whose answers are public.
         """
         timetable = self.of(transaction.session, split)
         row = self._row(split, new, transaction.actor, transaction.now)
         transaction.add(row)
-        transaction.session.info.pop(_ROWS, None)
+        del transaction.session.info[_ROWS]
         transaction.record("schedule set", row, split, **new.model_dump(mode="json"))
         return timetable.with_one_more(row).report(split)
 
     def if_set(
         self, session: Session, split: str, new: NewSchedule, now: datetime
     ) -> tuple[Schedule, int]:
-        """Return what would be in effect, and of how many submissions scores would be shown by it.
+        """Return what would be in effect, and the number of submissions whose scores it would show.
 
         Raises the errors of :meth:`set`.
         """

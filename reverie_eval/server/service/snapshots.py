@@ -1,9 +1,9 @@
 """Snapshots: numbered, signed states of a leaderboard, which never change.
 
-The organiser takes one at any time. When a phase has ended, one is taken by the server before
-anything else is written, so it has the leaderboard exactly as it was when the phase ended, whenever
-that is. A phase in which nothing had been received leaves none, nor does a phase whose end was set
-afterwards: the leaderboard has changed since.
+The organiser can take one at any time. When a phase has ended, the server takes one before it
+writes anything else, so it shows the leaderboard exactly as it was when the phase ended, even if it
+is taken much later. There is none for a phase in which nothing was received, nor for a phase whose
+end was set afterwards: the leaderboard has changed since.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,10 +24,10 @@ from reverie_eval.server.service.transactions import Transaction, Transactions
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot, Submission
 
 SERVER = "server"
-"""Who takes a snapshot when a phase has ended."""
+"""The actor who takes a snapshot when a phase has ended."""
 _SECOND = timedelta(seconds=1)
 _CHANGES_NOTHING = ("submitted", "snapshot taken")
-"""Actions that leave what leaderboards show as it is."""
+"""Actions that do not change what leaderboards show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Snapshots:
     """Takes and finds snapshots."""
 
     boards: Callable[[], Mapping[str, Board]]
-    """Loads the ground truth, if it is needed at all."""
+    """Loads the ground truth, if it is needed."""
     schedules: Schedules
     _done: set[Closing] = field(default_factory=set, init=False)
     """Closings whose snapshots are stored, or will never be taken."""
@@ -143,7 +143,7 @@ def _taken(session: Session) -> set[Closing]:
 
 
 def _last_change(session: Session) -> datetime | None:
-    """Return when something was last changed that leaderboards may show."""
+    """Return the time of the last change that leaderboards may show."""
     changes = select(AuditEntry.at).where(AuditEntry.action.not_in(_CHANGES_NOTHING))
     return session.scalar(changes.order_by(AuditEntry.id.desc()).limit(1))
 
@@ -161,7 +161,7 @@ def snapshot_of(session: Session, split: str, number: int) -> Snapshot:
     Raises
     ------
     NotFoundError
-        If there is none of this number.
+        If there is none with this number.
     """
     chosen = select(StoredSnapshot.content).where(
         StoredSnapshot.split == split, StoredSnapshot.number == number

@@ -39,7 +39,7 @@ from reverie_eval.server.store.tables import Person, Review, Submission
 from reverie_eval.server.store.uploads import Uploads
 
 RECENT = 8
-"""Submissions whose episodes are cached, because people look at one after the other."""
+"""Submissions whose episodes are cached, because people look at one episode after the other."""
 
 
 def list_submissions(
@@ -47,7 +47,7 @@ def list_submissions(
 ) -> Listed[SubmissionReport]:
     """List the submissions of a person's team, the newest first; the organiser sees all teams'.
 
-    For one split, if it is given.
+    If a split is given, only those to it.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def list_submissions(
 def all_submissions(
     session: Session, *, split: str | None, team: str | None
 ) -> Iterator[Submission]:
-    """Yield the submissions of all teams, the latest first; only those to a split or of a team."""
+    """Yield all submissions, the latest first; only those to a split or of a team, if given."""
     rows = select(Submission).order_by(Submission.received_at.desc(), Submission.id.desc())
     if split is not None:
         rows = rows.where(Submission.split == split)
@@ -101,7 +101,7 @@ def result_on(further: str, submission: SubmissionReport) -> BoardResult:
     Raises
     ------
     NotFoundError
-        If it has none.
+        If it has no result there.
     """
     if further not in submission.also:
         raise NotFoundError(
@@ -118,12 +118,12 @@ class View:
     embargo: Embargo
 
     def report(self, row: Submission) -> SubmissionReport:
-        """Word a submission for its team."""
+        """Return a submission as its team may see it."""
         return self.embargo.word(submission_report(row), row)
 
 
 def submission_report(row: Submission) -> SubmissionReport:
-    """Return all that is stored of a submission, including what its team may not see yet."""
+    """Return everything stored about a submission, including what its team may not see yet."""
     also = dict(results_of(row))
     own = also.pop("")
     return SubmissionReport(
@@ -173,7 +173,7 @@ class Publication:
     earlier: Sequence[EarlierResult]
     """Empty while scores are held back."""
     also: Mapping[str, BoardResult]
-    """On the further leaderboards of the split, by name."""
+    """The results on the further leaderboards of the split, by name."""
 
 
 def publication(session: Session, submission_id: str, view: View) -> Publication:
@@ -238,7 +238,7 @@ def check_metadata(method: Method, required: Collection[str]) -> None:
     Raises
     ------
     MalformedError
-        Naming what is missing.
+        If any is missing; it says what.
     """
     given = {name for name in method.model_fields_set if getattr(method, name) not in {"", None}}
     missing = [name for name in required if name not in given]
@@ -250,7 +250,7 @@ def check_metadata(method: Method, required: Collection[str]) -> None:
 
 @dataclass
 class SubmissionService:
-    """What needs more than the database: files, episodes and changes of submissions."""
+    """Access to submissions that needs more than the database: files, episodes and changes."""
 
     boards: Mapping[str, Board]
     database: Database
@@ -283,7 +283,8 @@ class SubmissionService:
     def episodes(self, submission: SubmissionReport, further: str = "") -> Scores:
         """Return the scores of every episode, computed again from the upload.
 
-        By the rules of the split's own leaderboard, or of a further one that has the submission.
+        They are scored under the rules of the split's own leaderboard, or of a further one that has
+        the submission.
 
         Raises
         ------
@@ -433,11 +434,10 @@ class SubmissionService:
         return method
 
     def _intervals(self, known: SubmissionReport) -> Mapping[str, tuple[IntervalReport, Sums]]:
-        """Compute missing intervals, and what ranks are compared by; by leaderboard.
+        """Compute missing intervals, and the sums by which ranks are compared, by leaderboard.
 
-        For open splits only.
-
-        They take longer than scoring, so they are only computed for published submissions.
+        This is done for open splits only. It takes longer than scoring, so it is only done for
+        published submissions.
         """
         own = board_named(self.boards, known.split)
         waiting = [

@@ -41,9 +41,9 @@ TOKEN_NAMES: Mapping[TokenKind, str] = {"access": "token", "invite": "invitation
 """Names for people, by kind."""
 
 INVITATION_LIFETIME = timedelta(days=14)
-"""Of an invitation, unless the organiser chooses another."""
+"""Lifetime of an invitation, unless the organiser chooses another."""
 LIFETIME = timedelta(hours=12)
-"""Of a session; using it does not extend it."""
+"""Lifetime of a session; using the session does not extend it."""
 
 
 def create_token(transaction: Transaction, new: NewToken) -> NewTokenReport:
@@ -54,7 +54,7 @@ def create_token(transaction: Transaction, new: NewToken) -> NewTokenReport:
     NotFoundError
         If there is no such person.
     ConflictError
-        If several teams have a person of that name, and none is given.
+        If several teams have a person of that name, and no team is given.
     MalformedError
         If it would already be expired.
     """
@@ -68,7 +68,7 @@ def accept_invitation(transaction: Transaction, invitation: str) -> Welcome:
     Raises
     ------
     NotSignedInError
-        If it is unknown, used, revoked or expired.
+        If the invitation is unknown, used, revoked or expired.
     """
     used = valid_token(transaction.session, invitation, "invite", transaction.now)
     used.revoked_at = transaction.now
@@ -78,7 +78,7 @@ def accept_invitation(transaction: Transaction, invitation: str) -> Welcome:
 
 
 def revoke_token(transaction: Transaction, hint: str) -> TokenReport:
-    """Revoke a token, by its first characters, with the browser sessions that began with it.
+    """Revoke a token, given its first characters, and the browser sessions that began with it.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def revoke_all(transaction: Transaction, person: Person) -> list[TokenReport]:
 def has_organiser(session: Session, now: datetime) -> bool:
     """Whether an organiser has a valid token."""
     is_valid = Token.revoked_at.is_(None) & (Token.expires_at.is_(None) | (Token.expires_at > now))
-    tokens = select(Token.id).join(Person, Token.person_id == Person.id)
+    tokens = select(Token.id).join(Person)
     tokens = tokens.where(Person.role == "organiser", Token.kind == "access", is_valid)
     return session.scalar(select(tokens.exists())) or False
 
@@ -161,7 +161,7 @@ def valid_token(session: Session, text: str, kind: TokenKind, now: datetime) -> 
     """
     digest = _digest(text)
     token = session.scalars(select(Token).where(Token.digest == digest)).first()
-    # The index compared digests, whose timing reveals nothing about the text; compare them fully.
+    # The index compares digests, whose timing reveals nothing about the text; compare them fully.
     is_known = token is not None and secrets.compare_digest(token.digest, digest)
     if token is None or not is_known or token.kind != kind:
         raise NotSignedInError(f"unknown {TOKEN_NAMES[kind]}; ask the organiser for another")
@@ -170,12 +170,12 @@ def valid_token(session: Session, text: str, kind: TokenKind, now: datetime) -> 
 
 
 def check_valid(token: Token, now: datetime) -> None:
-    """Refuse a token that is revoked, used or expired; it expires at the very time stated.
+    """Refuse a token that is revoked, used or expired; at its time of expiry, it is expired.
 
     Raises
     ------
     NotSignedInError
-        Naming the reason.
+        If it is refused; says why.
     """
     this = f"this {TOKEN_NAMES[token.kind]}"
     if token.revoked_at is not None:
@@ -200,7 +200,7 @@ class Sessions:
     Parameters
     ----------
     secret : bytes
-        For signatures; the same in all processes of a server.
+        Used for signatures; the same in all processes of a server.
     """
 
     def __init__(self, secret: bytes) -> None:

@@ -36,7 +36,7 @@ class Transaction:
 
     @property
     def actor(self) -> str:
-        """The name of who makes the change."""
+        """The name of the person or program that makes the change."""
         return self.acting.name if isinstance(self.acting, Person) else self.acting
 
     def as_actor(self, acting: Actor) -> Self:
@@ -49,10 +49,10 @@ class Transaction:
         self.session.flush()
 
     def record(self, action: str, row: Base, subject: Person | str, **details: Any) -> None:
-        """Append an action on a row to the audit log; ``subject`` is whom or what it is about.
+        """Append an action on a row to the audit log; ``subject`` is what or who it is about.
 
-        Persons are logged by their row, so that nothing in the log has to change for one who is to
-        be forgotten. So ``details`` must not name any.
+        Persons are logged by their row, so that the log need not change when a person is deleted.
+        So ``details`` must not name any person.
         """
         self.session.flush()
         self.audit_log.append(

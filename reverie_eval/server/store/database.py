@@ -7,7 +7,7 @@ audit log, cannot be outdated when it is committed. Scoring comes before, so tra
 
 import errno
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Lock
@@ -206,23 +206,25 @@ def _connect_sqlite(dialect: Dialect, _: Any, given: Any, named: Any) -> Any:
     Then no other connection can use the file, but what is in it can still be read. If a server is
     running, the index is there.
     """
-    connection: Any = dialect.connect(*given, **named)
     try:
-        _prepare_sqlite(connection)
+        return _prepared(dialect.connect(*given, **named), _SQLITE_PRAGMAS)
     except sqlite3.DatabaseError as error:
-        connection.close()
         if error.sqlite_errorcode != _NO_SPACE_FOR_INDEX:
             raise
-        connection = dialect.connect(*given, **named)
-        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
-        _prepare_sqlite(connection)
+    pragmas = ("locking_mode = EXCLUSIVE", *_SQLITE_PRAGMAS)
+    return _prepared(dialect.connect(*given, **named), pragmas)
+
+
+def _prepared(connection: Any, pragmas: Sequence[str]) -> Any:
+    """Return an SQLite connection with these settings; it is closed if one of them fails."""
+    try:
+        connection.isolation_level = None  # _begin_sqlite begins transactions, not the driver
+        for pragma in pragmas:
+            connection.execute(f"PRAGMA {pragma}")
+    except BaseException:
+        connection.close()
+        raise
     return connection
-
-
-def _prepare_sqlite(connection: sqlite3.Connection) -> None:
-    connection.isolation_level = None  # the driver must not begin transactions; _begin_sqlite does
-    for pragma in _SQLITE_PRAGMAS:
-        connection.execute(f"PRAGMA {pragma}")
 
 
 def _check_foreign_keys(connection: Connection) -> None:

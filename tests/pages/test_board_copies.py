@@ -1,10 +1,17 @@
 """What a board's charts draw, and copies of it for papers."""
 
-from datetime import UTC, datetime
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import pytest
 
-from reverie_eval.server.service.charts import front, records
+from reverie_eval import CATALOGUE
+from reverie_eval.schemas.service import SubmissionReport
+from reverie_eval.server.service.charts import chart_of, front, progress_of, records
+from reverie_eval.server.service.entries import Entry, Row
+from reverie_eval.server.service.leaderboard import Ranking
+from tests.support.acting import NOON
 from tests.support.entries import BOARD, entered, get, named, report_result
 from tests.support.serving import OPEN, OTHER, OWNER, Serving
 
@@ -82,6 +89,117 @@ def test_a_chart_does_not_tell_who_is_anonymous(server: Serving) -> None:
         text = get(server, path=f"{BOARD}/{part}").text
         assert "Blue" not in text
         assert OWNER not in text
+
+
+DAY = timedelta(days=1)
+AT_NOON = 1_772_452_800_000
+A_DAY = 86_400_000
+"""Milliseconds: noon since 1970, and a day."""
+
+
+def row(
+    name: str, scores: Mapping[str, float], rank: int | None = None, day: int = 0, **more: Any
+) -> Row:
+    """Return a row of a leaderboard, ranked if it has a rank, else reported."""
+    about: dict[str, Any] = {
+        "submission_id": None if rank is None else name.lower(),
+        "team_id": 1,
+        "team": f"Team {name}",
+        "method": {"name": name, "human": name in {"Cat", "Elk"}},
+        "published_at": NOON + day * DAY,
+        "anonymous_until": None,
+        "standing": "reported" if rank is None else "ranked",
+    }
+    return Row(rank, Entry(**{**about, "scores": scores, **more}))
+
+
+def test_whatever_a_chart_draws(server: Serving) -> None:
+    gnu = {"navigation_error": 5.0, "success": 0.125, "rgspl": 0.375}
+    rows = [
+        row("Ant", {"navigation_error": 4.0, "success": 0.5, "rgspl": 0.25}, 1, 2),
+        row("Bee", {"navigation_error": 2.0, "success": 0.25, "rgspl": 0.125}, 2, 1),
+        row("Cat", {"navigation_error": 1.5, "rgspl": 0.5}, 4, 3),
+        row("Dog", {"navigation_error": 3.0, "success": 0.75}),
+        row("Elk", {"success": 0.875}),
+        row("Fox", {"success": 1.0, "navigation_error": 0.5}, 5, standing="disqualified"),
+        row("Gnu", gnu, 3, 4, anonymous_until=NOON + 10 * DAY),
+        row("Hen", {"navigation_error": 3.5, "success": 0.625}),
+    ]
+    board, now = server.state.boards[OPEN], NOON + 9 * DAY
+    ranking = Ranking(board, "rgspl", rows, (), frozenset(), now, {})
+    success = {"heading": "SR %", "name": "success rate", "most": 100.0}
+    distance = {"heading": "NE m", "name": "navigation error", "most": None}
+    assert chart_of(ranking, rows, "navigation_error", "success") == {
+        "x": distance,
+        "y": success,
+        "points": {
+            "x": [4.0, 2.0, 5.0],
+            "y": [50.0, 25.0, 12.5],
+            "rank": [1, 2, 3],
+            "method": ["Ant", "Bee", "Gnu"],
+            "team": ["Team Ant", "Team Bee", "anonymous"],
+            "submission": ["ant", "bee", "gnu"],
+        },
+        "front": [1, 0],
+        "reported": {
+            "x": [3.0, 3.5],
+            "y": [75.0, 62.5],
+            "rank": [None, None],
+            "method": ["Dog", "Hen"],
+            "team": ["Team Dog", "Team Hen"],
+            "submission": [None, None],
+        },
+        "lines": [{"name": "Human", "y": 87.5}, {"name": "Best reported", "y": 75.0}],
+        "progress": {
+            "y": {"heading": "RGSPL %", "name": CATALOGUE["rgspl"].name, "most": 100.0},
+            "points": {
+                "y": [12.5, 25.0, 50.0],
+                "at": [AT_NOON + A_DAY, AT_NOON + 2 * A_DAY, AT_NOON + 3 * A_DAY],
+                "rank": [2, 1, 4],
+                "method": ["Bee", "Ant", "Cat"],
+                "team": ["Team Bee", "Team Ant", "Team Cat"],
+                "submission": ["bee", "ant", "cat"],
+            },
+            "best": [0, 1, 2],
+            "until": AT_NOON + 9 * A_DAY,
+        },
+    }
+    turned = chart_of(ranking, rows, "success", "navigation_error")
+    assert (turned["x"], turned["y"], turned["front"]) == (success, distance, [0, 1])
+    assert turned["lines"] == [{"name": "Human", "y": 1.5}, {"name": "Best reported", "y": 3.0}]
+    walked = [row("Ant", {"success": 0.5, "path_length": 9.0}, 1), row("Bee", {"path_length": 8.0})]
+    for x, y in (("path_length", "success"), ("success", "path_length")):
+        chart = chart_of(ranking, walked, x, y)
+        assert (len(chart["points"]["x"]), chart["front"], chart["lines"]) == (1, [], [])
+
+
+def test_whatever_a_team_s_chart_draws(server: Serving) -> None:
+    known = SubmissionReport.model_validate(server.upload(OWNER).json()["submission"])
+    values = {"late": (3, 0.5), "early": (1, 0.25), "worse": (2, 0.125), "none": (0, None)}
+    submissions = [
+        known.model_copy(
+            update={
+                "id": name,
+                "method": known.method.model_copy(update={"name": name.title()}),
+                "received_at": NOON + day * DAY,
+                "report": known.report.model_copy(
+                    update={"scores": {} if value is None else {"rgspl": value}}
+                ),
+            }
+        )
+        for name, (day, value) in values.items()
+    ]
+    assert progress_of(submissions, CATALOGUE["rgspl"], NOON) == {
+        "y": {"heading": "RGSPL %", "name": CATALOGUE["rgspl"].name, "most": 100.0},
+        "points": {
+            "y": [50.0, 25.0, 12.5],
+            "at": [AT_NOON + 3 * A_DAY, AT_NOON + A_DAY, AT_NOON + 2 * A_DAY],
+            "method": ["Late", "Early", "Worse"],
+            "submission": ["late", "early", "worse"],
+        },
+        "best": [1, 0],
+        "until": AT_NOON,
+    }
 
 
 FRONTS = [

@@ -7,10 +7,15 @@ from html import unescape
 from pathlib import Path
 from urllib.parse import urlencode
 
+import pytest
+
 import reverie_eval as rv
 from reverie_eval import CATALOGUE
 from reverie_eval.reporting._comparison import signed
 from reverie_eval.schemas.service import Phase
+from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.comparing import ComparedPair, compare_results
 from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON, review
@@ -168,3 +173,81 @@ def test_what_cannot_be_compared(server: Serving) -> None:
         ([first, bad], 404, "scored under other rules cannot be compared"),
     ):
         assert says in said(get(server, "", place(*ticked), status))
+
+
+# What the page shows, in numbers.
+
+
+def pair_of(server: Serving, *ids: str, board: Board | None = None) -> ComparedPair:
+    with server.state.database.reading() as session:
+        ranking = server.state.ranking(session, board or server.state.boards[OPEN])
+        return compare_results(session, server.state.submissions, ranking, ids)
+
+
+def test_a_pair_has_differences_and_outcomes_of_the_first_minus_the_second(
+    several: Serving,
+) -> None:
+    good, mediocre = publish_two(several)
+    pair = pair_of(several, good, mediocre)
+    scores = {name: rv.evaluate(file, split=OPEN) for name, file in FILES.items()}
+    assert (list(pair.names), pair.why_not, pair.outcomes) == (["Good", "Mediocre"], "", {})
+    assert [row.entry.submission_id for row in pair.rows] == [good, mediocre]
+    headline = ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
+    assert [metric.key for metric in pair.metrics][:7] == [*headline, "navigation_error"]
+    for metric in pair.metrics:
+        difference = scores["Good"][metric.key] - scores["Mediocre"][metric.key]
+        assert pair.difference(metric) == pytest.approx(difference, abs=1e-12)
+        found = pair.paired(metric)
+        assert found is None or found.mean == pair.difference(metric)
+    assert pair.paired(CATALOGUE["rgspl"]) is not None
+
+    change(several, OWNER, good, shows_episodes=True)
+    pair = pair_of(several, good, mediocre)
+    outcomes = list(
+        zip(*(outcomes_of(name).values() for name in ("Good", "Mediocre")), strict=True)
+    )
+    for first, row in pair.outcomes.items():
+        assert list(row) == list(pair.outcomes)
+        for second, count in row.items():
+            assert count == outcomes.count((first, second))
+    gained = sum(first == "correct" != second for first, second in outcomes)
+    lost = sum(first != "correct" == second for first, second in outcomes)
+    assert list(pair.won) == [gained, lost]
+    assert gained != lost
+    turned = pair_of(several, mediocre, good)
+    assert list(turned.won) == [lost, gained]
+    for further in several.state.boards[OPEN].also.values():
+        assert pair_of(several, good, mediocre, board=further).outcomes == {}
+
+
+def test_a_private_pair_has_what_everyone_sees_and_no_more(server: Serving) -> None:
+    values = {"spl": 0.5, "path_length": 9.0, "rgspl": 0.5}
+    one, two = (
+        entered(server, {**values, "spl": spl}, who, PRIVATE, **named("Ant"))
+        for who, spl in ((OWNER, 0.5), (OTHER, 0.625))
+    )
+    pair = pair_of(server, one, two, board=server.state.boards[PRIVATE])
+    assert (pair.comparison, pair.outcomes) == (None, {})
+    assert list(pair.names) == ["Ant (Blue)", "Ant (Red)"]
+    assert pair.why_not == (
+        "this split is private, and an interval of a difference would reveal more about its "
+        "episodes than the digits that everyone sees"
+    )
+    assert pair.difference(CATALOGUE["spl"]) == -0.125
+    assert pair.paired(CATALOGUE["spl"]) is None
+    with pytest.raises(NotFoundError) as missing:
+        pair_of(server, one, two)
+    assert str(missing.value) == (
+        f"{OPEN} has no ranked result {one!r}; results that are reported, disqualified or scored "
+        "under other rules cannot be compared"
+    )
+
+
+def test_a_pair_whose_scores_are_held_back_says_so(folder: Path, open_server: OpenServer) -> None:
+    phases = (Phase(name="first", closes=NOON + timedelta(days=1)),)
+    held = adjusted(settings_of(folder), PRIVATE, phases=phases, release_scores="phase-end")
+    server = open_server(held)
+    one, two = (entered(server, None, who, PRIVATE) for who in (OWNER, OTHER))
+    pair = pair_of(server, one, two, board=server.state.boards[PRIVATE])
+    assert pair.why_not == "scores are held back until the phase ends"
+    assert (list(pair.metrics), pair.comparison) == ([], None)

@@ -1,13 +1,20 @@
 """The Atom feeds: valid, absolute, lasting, and never more than the leaderboards show."""
 
 import re
+from dataclasses import replace
+from datetime import timedelta
 from typing import Any
+from uuid import NAMESPACE_URL, uuid5
 from xml.etree import ElementTree as ET
 
 import feedparser
 import pytest
 
-from tests.support.acting import review
+from reverie_eval.schemas.service import CorrectionReport, NewsReport
+from reverie_eval.server.service.entries import PublishedReview, Row
+from reverie_eval.server.service.feed import Item, items_of, items_of_news, latest
+from tests.support.acting import NOON, review
+from tests.support.entries import demo_board, entry, ranking_of
 from tests.support.serving import (
     OPEN,
     ORGANISER,
@@ -129,3 +136,100 @@ def test_pages_lead_to_the_feeds(site: Serving) -> None:
     assert found == ["/feed.atom", f"/boards/{OPEN}/feed.atom"]
     assert f'<a href="/boards/{OPEN}/feed.atom">Atom feed</a>' in page
     assert site.client.get("/boards/nowhere/feed.atom").status_code == 404
+
+
+# Without a server.
+
+SECOND = timedelta(seconds=1)
+
+
+def urn(text: str) -> str:
+    """Return an id as feeds have them: a UUID of what it is about."""
+    return f"urn:uuid:{uuid5(NAMESPACE_URL, text)}"
+
+
+def test_what_a_result_is_called_and_where_it_is() -> None:
+    scored = entry(scores={"rgspl": 0.5, "spl": 0.25, "ndtw": 0.75})
+    hidden = entry("Cat", published_at=NOON + SECOND, anonymous_until=NOON + SECOND)
+    paper = entry("Paper", submission_id=None, team_id=None)
+    rows = Row(1, scored), Row(None, paper)
+    ranking = ranking_of(*rows, apart=[Row(None, hidden)])
+    first = Item(
+        id=urn("published/cat"),
+        at=NOON + SECOND,
+        title="val_unseen: Cat, Anonymous",
+        text="Its scores are published when the phase ends.",
+        path="/submissions/cat",
+        author="Anonymous",
+    )
+    second = Item(
+        id=urn("published/walker"),
+        at=NOON,
+        title="val_unseen: Walker, Blue: RGSPL % 50.00",
+        text="SPL % 25.00, RGSPL % 50.00",
+        path="/submissions/walker",
+        author="Blue",
+    )
+    assert list(items_of(ranking)) == [first, second]
+    strict = replace(demo_board(), further="strict")
+    items = items_of(replace(ranking, board=strict))
+    assert [each.id for each in items] == [
+        urn("published/cat/strict"),
+        urn("published/walker/strict"),
+    ]
+
+
+def test_what_the_organiser_did_is_of_the_organiser() -> None:
+    at = NOON + SECOND
+    flagged = PublishedReview("flagged", "a doubt", "Olga", NOON)
+    disqualified = PublishedReview("disqualified", "trained on it", "Olga", at)
+    judged = entry(reviews=[flagged, disqualified])
+    corrected = CorrectionReport(split=OPEN, created_at=at, reason="Targets.", signature="new")
+    strict = replace(demo_board(), further="strict")
+    ranking = ranking_of(apart=[Row(None, judged)], corrections=[corrected], board=strict)
+    assert list(items_of(ranking))[1:] == [
+        Item(
+            id=urn("disqualified/walker/strict/2026-03-02T12:00:01+00:00"),
+            at=at,
+            title="val_unseen, strict: Walker, Blue: disqualified",
+            text="trained on it",
+            path="/submissions/walker",
+        ),
+        Item(
+            id=urn("correction/val_unseen/strict/2026-03-02T12:00:01+00:00"),
+            at=at,
+            title="val_unseen, strict: results corrected",
+            text="Targets.",
+            path="/boards/val_unseen/also/strict#corrections",
+        ),
+    ]
+    news = NewsReport(id=3, text="Soon over", created_at=at, posted_by="Olga")
+    assert list(items_of_news([news])) == [
+        Item(
+            id=urn("news/3/2026-03-02T12:00:01+00:00"),
+            at=at,
+            title="Soon over",
+            text="Soon over",
+            path="/",
+        )
+    ]
+
+
+def test_a_feed_has_the_latest_fifty() -> None:
+    rows = [
+        Row(
+            None,
+            entry(
+                f"M{age}",
+                published_at=NOON - age * SECOND,
+                reviews=[PublishedReview("disqualified", f"R{age}", "Olga", NOON + age * SECOND)],
+            ),
+        )
+        for age in range(51)
+    ]
+    items = list(items_of(ranking_of(*rows)))
+    assert [each.path for each in items[:50]] == [f"/submissions/m{age}" for age in range(50)]
+    assert [each.text for each in items[50:]] == [f"R{age}" for age in range(50, 0, -1)]
+    same_time = [Item(id=name, at=NOON, title="", text="", path="/") for name in "bca"]
+    assert [each.id for each in latest(same_time)] == ["c", "b", "a"]
+    assert latest(items) == items[50:]

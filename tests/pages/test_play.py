@@ -2,6 +2,8 @@
 
 import json
 import re
+from dataclasses import replace
+from functools import partial
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,11 @@ import reverie_eval as rv
 from reverie_eval import CATALOGUE, GroundTruth
 from reverie_eval.agents import run_agent
 from reverie_eval.ground_truth import DEMO_BUNDLES
-from reverie_eval.server.service.play import sample
+from reverie_eval.server.errors import MalformedError, NotFoundError
+from reverie_eval.server.service.boards import load_board
+from reverie_eval.server.service.episodes import Annotations, Browsing
+from reverie_eval.server.service.play import HumanWalk, sample
+from reverie_eval.server.settings import Split
 from tests.support.serving import (
     OPEN,
     PRIVATE,
@@ -124,5 +130,74 @@ def test_a_sample_is_the_same_for_everyone_and_repeats_targets_last(server: Serv
     targets = len(set(tasks))
     assert sorted(drawn) == sorted(episodes.instr_ids)
     assert len(set(tasks[:targets])) == targets
+    second = tasks[targets : 2 * targets]
+    assert len(set(second)) == len(second), "no target comes a third time before all came twice"
     assert sample(board, 7, 5) == drawn[:5]
     assert sample(board, 8, everything) != drawn
+
+
+def browsing(server: Serving) -> Browsing:
+    with server.state.database.reading() as session:
+        return server.state.episodes.browse(session, None, OPEN, [])
+
+
+def refused(error: type[Exception], action: Any, *given: Any) -> str:
+    with pytest.raises(error) as told:
+        action(*given)
+    return str(told.value)
+
+
+def test_what_cannot_be_walked_says_why(server: Serving) -> None:
+    seen = browsing(server)
+    of = partial(HumanWalk.of, seen, 0)
+    start = of(1, [])
+    (way, *_) = start.ways
+    home = int(np.flatnonzero(numbers_of_scan(start) == start.viewpoints[0])[0])
+    there_and_back = [way.number, home] * 100
+    assert len(of(1, there_and_back).viewpoints) == 201
+    told = "a walk has at most 200 steps"
+    assert refused(MalformedError, of, 1, [*there_and_back, way.number]) == told
+    far = next(
+        number
+        for number in range(len(numbers_of_scan(start)))
+        if number not in {each.number for each in start.ways} | {home}
+    )
+    unconnected = "the walk has a step to a viewpoint that is not connected"
+    assert refused(MalformedError, of, 1, [way.number, home, far]) == unconnected
+    assert refused(NotFoundError, of, 85, []) == "val_unseen has 84 episodes"
+    assert of(84, []).annotated.instr_id == sample(seen.board, 0, 84)[-1]
+    hidden = "object 99999 is not visible from where the walk ends"
+    for action in (start.answered, start.record):
+        assert refused(MalformedError, action, 99999) == hidden
+    split = seen.board.split.model_copy(update={"track": "grounding"})
+    answers = replace(seen, board=replace(seen.board, split=split))
+    assert refused(NotFoundError, HumanWalk.of, answers, 0, 1, []) == (
+        "val_unseen scores answers alone; there are no walks"
+    )
+
+
+def numbers_of_scan(walk: HumanWalk) -> Any:
+    """Return the viewpoints of the scan of a walk."""
+    graph = walk.board.truth.graph
+    return np.flatnonzero(graph.viewpoint_scan == graph.viewpoint_scan[walk.viewpoints[0]])
+
+
+def test_a_walk_and_its_answer_are_scored_as_they_are(server: Serving) -> None:
+    seen = browsing(server)
+    instr_id = sample(seen.board, 0, 1)[0]
+    record = RECORDS[instr_id]
+    walk = HumanWalk.of(seen, 0, 1, numbers(TRUTH, record))
+    right = walk.answered(record["predObjId"])
+    assert (right.instr_id, right.predicted_object) == (instr_id, record["predObjId"])
+    assert [right.values[key] for key in ("success", "rgs")] == [1, 1]
+    assert [walk.answered(None).values[key] for key in ("success", "rgs")] == [1, 0]
+    assert walk.record(record["predObjId"]) == record
+    assert walk.record(None) == {**record, "predObjId": -1}
+
+
+def test_a_walk_without_a_target_has_no_answer() -> None:
+    path = DEMO_BUNDLES / "r2r" / "val_unseen.npz"
+    split = Split(visibility="open", bundle=path, task="r2r")
+    board = load_board("r2r-val_unseen", split, path)
+    walk = HumanWalk.of(Browsing(board, Annotations.of(board), [], []), 0, 1, [])
+    assert walk.record(None).keys() == {"instr_id", "trajectory"}

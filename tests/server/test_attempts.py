@@ -1,27 +1,39 @@
 """What uploads came to: noted after they were dealt with, and never in their way."""
 
+import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import timedelta
 from typing import Never
 
 import pytest
 from sqlalchemy.exc import OperationalError
 
+from reverie_eval.errors import Problem, SubmissionError
+from reverie_eval.schemas.joining import Rejection
+from reverie_eval.schemas.organising import NewMerge
+from reverie_eval.server.errors import MalformedError, NotFoundError
 from reverie_eval.server.service import attempts
 from reverie_eval.server.service.attempts import (
     Attempts,
     SplitCounts,
+    Totals,
     counts_of_splits,
     last_day,
     list_attempts,
+    totals,
 )
 from reverie_eval.server.service.boards import Board
+from reverie_eval.server.service.joining import reject_request
+from reverie_eval.server.service.merging import merge_teams
 from reverie_eval.server.service.paging import Page
+from reverie_eval.server.service.personal_data import delete_person
 from reverie_eval.server.store.tables import Attempt
-from tests.support.acting import NOON
+from tests.support.acting import NOON, ask_to_join
 from tests.support.serving import (
     BROKEN,
     GOOD,
+    MATE,
     OPEN,
     ORGANISER,
     OTHER,
@@ -132,7 +144,7 @@ def test_what_cannot_be_noted_fails_no_upload(
     assert server.upload(OWNER).status_code == 201
     assert server.upload(OWNER, BROKEN).status_code == 422
     assert noted(server) == []
-    assert "not recorded" in caplog.text
+    assert "an upload was handled, but not recorded" in caplog.messages
 
 
 def test_what_is_older_than_ninety_days_is_forgotten(server: Serving) -> None:
@@ -199,6 +211,77 @@ def test_a_day_in_hours(server: Serving) -> None:
     assert (day.median_milliseconds, day.slowest_milliseconds) == (25, 60)
 
 
+def test_a_day_without_uploads(server: Serving) -> None:
+    now = NOON + timedelta(minutes=59, seconds=59, microseconds=9)
+    with server.state.database.reading() as session:
+        day = last_day(session, now)
+    assert [hour.begins for hour in day.hours] == [
+        NOON - timedelta(hours=ago) for ago in range(23, -1, -1)
+    ]
+    assert (day.uploads, day.refused, day.busiest) == (0, 0, 0)
+    assert (day.median_milliseconds, day.slowest_milliseconds) == (None, None)
+
+
+def test_totals_leave_out_who_is_no_longer_there(server: Serving) -> None:
+    def counted() -> Totals:
+        with server.state.database.reading() as session:
+            return totals(session)
+
+    empty = Totals(teams=3, people=4, upload_bytes=0, open_requests=0)
+    assert counted() == empty
+    server.upload(OWNER, GOOD)
+    server.upload(OTHER, GOOD)
+    ask_to_join(server.state.transactions, "Green")
+    full = replace(empty, upload_bytes=2 * len(GOOD), open_requests=1)
+    assert counted() == full
+    with server.acting() as transaction:
+        delete_person(transaction, server.person(MATE).id)
+        merge_teams(transaction, NewMerge(team="Red", into="Blue"))
+        reject_request(transaction, 1, Rejection(reason="full"))
+    assert counted() == replace(full, teams=2, people=3, open_requests=0)
+
+
+def test_how_long_an_upload_took(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter([7.0, 7.2506])
+    monkeypatch.setattr(time, "perf_counter", lambda: next(times))
+    with server.state.intake.attempts.recording(server.person(OWNER), OPEN, 5):
+        server.clock.turn(seconds=1)
+    monkeypatch.undo()
+    with server.state.database.reading() as session:
+        (report,) = list_attempts(session, Page()).rows
+    assert report.model_dump() == {
+        "id": 1,
+        "at": NOON + timedelta(seconds=1),
+        "person": OWNER,
+        "team": "Blue",
+        "split": OPEN,
+        "outcome": "scored",
+        "problems": 0,
+        "size": 5,
+        "milliseconds": 251,
+    }
+
+
+@pytest.mark.parametrize(
+    ("error", "outcome", "problems"),
+    [
+        pytest.param(
+            SubmissionError([Problem("c", "w", "m")] * 2), "submission-rejected", 2, id="2"
+        ),
+        pytest.param(MalformedError("x"), "malformed-request", 0, id="malformed"),
+        pytest.param(NotFoundError("x"), "internal", 0, id="no outcome of uploads"),
+        pytest.param(RuntimeError("x"), "internal", 0, id="a fault"),
+    ],
+)
+def test_what_an_upload_that_failed_came_to(
+    error: Exception, outcome: str, problems: int, server: Serving
+) -> None:
+    person = server.person(OWNER)
+    with pytest.raises(type(error)), server.state.intake.attempts.recording(person, OPEN, 5):
+        raise error
+    assert noted(server) == [(outcome, problems, 5)]
+
+
 def test_submissions_of_each_split_are_counted_with_the_latest(server_on: Serving) -> None:
     def upload(split: str, hour: int) -> str:
         server_on.clock.now = NOON + timedelta(hours=hour)
@@ -206,7 +289,7 @@ def test_submissions_of_each_split_are_counted_with_the_latest(server_on: Servin
         return f"/submissions/{reply['submission']['id']}"
 
     upload(OPEN, 0)
-    upload(OPEN, 2)
+    other = upload(OPEN, 2)
     path = upload(PRIVATE, 1)
     assert server_on.ask(OWNER, "PATCH", path, json={"published": True}).status_code == 200
     with server_on.state.database.reading() as session:
@@ -214,3 +297,7 @@ def test_submissions_of_each_split_are_counted_with_the_latest(server_on: Servin
             OPEN: SplitCounts(2, 0, NOON + timedelta(hours=2)),
             PRIVATE: SplitCounts(1, 1, NOON + timedelta(hours=1)),
         }
+    assert server_on.ask(OWNER, "PATCH", other, json={"published": True}).status_code == 200
+    with server_on.state.database.reading() as session:
+        published = {split: counts.published for split, counts in counts_of_splits(session).items()}
+    assert published == {OPEN: 1, PRIVATE: 1}

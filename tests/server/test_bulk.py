@@ -175,3 +175,54 @@ def test_files_that_were_deleted_for_their_age_are_left_out(server: Serving) -> 
     files = members(server.ask(ORGANISER, "GET", PATH).content)
     assert [row["file"] for row in metadata(files)] == ["", f"{kept}.json"]
     assert list(files) == ["metadata.csv", f"{kept}.json"]
+
+
+COLUMNS = [
+    *("file", "sha256", "size", "id", "team", "person", "received_at", "status", "published_at"),
+    *("withdrawn_at", "name", "description", "paper", "code", "extra_data", "pre_exploration"),
+    *("ground_truth_objects", "ensemble", "navigation_only", "human", "signature"),
+]
+
+
+def test_what_the_archive_says_of_each_submission(server: Serving) -> None:
+    first = sent(server, OWNER, name="Ünt {漢}", description="walks, a lot", extra_data="true")
+    path = f"/submissions/{first}"
+    server.ask(OWNER, "PATCH", path, json={"published": True})
+    server.clock.turn(hours=1)
+    server.ask(OWNER, "PATCH", path, json={"withdrawn": True})
+    others = sorted(
+        server.upload(OTHER, GOOD + b" " * (size + 1)).json()["submission"]["id"]
+        for size in range(4)
+    )
+    board = server.state.boards[OPEN]
+    made = archive(server)
+    content = b"".join(made.pieces())
+    assert (made.length, made.files) == (len(content), 5)
+    assert made.metadata.closed
+    with tarfile.open(fileobj=io.BytesIO(content), mode="r:") as tar:
+        assert {member.mode for member in tar} == {0o600}
+    text = members(content)["metadata.csv"].decode()
+    heading, row, *rest = csv.reader(io.StringIO(text))
+    assert heading == [*COLUMNS, *board.task.metrics]
+    assert [each[3] for each in rest] == others
+    digest = hashlib.sha256(GOOD).hexdigest()
+    times = "2026-03-02T12:00:01Z", "withdrawn", "2026-03-02T12:00:01Z", "2026-03-02T13:00:01Z"
+    assert row[: len(COLUMNS)] == [
+        *(f"{first}.json", digest, str(len(GOOD)), first, "Blue", OWNER, *times),
+        *("Ünt {漢}", "walks, a lot", "", "", "true", *5 * ["false"], board.signature),
+    ]
+    assert "\r" not in text
+
+
+def test_an_upload_of_another_length_is_cut_and_named(server: Serving, folder: Path) -> None:
+    sent(server, OWNER)
+    digest = hashlib.sha256(GOOD).hexdigest()
+    (folder / "uploads" / digest[:2] / f"{digest}.json.gz").unlink()
+    server.state.uploads.put(digest, GOOD + b" " * 9)
+    made, lengths = archive(server), list[int]()
+    with pytest.raises(UploadsError) as damaged:
+        lengths.extend(map(len, made.pieces()))
+    assert str(damaged.value) == (
+        f"the upload {digest} is damaged; run `reverie-eval server doctor`"
+    )
+    assert sum(lengths) <= made.length

@@ -11,18 +11,24 @@ from typing import Any
 import pytest
 
 from reverie_eval.reporting._leaderboard import METHOD_FLAGS
+from reverie_eval.schemas.organising import EmailedFile, EmailedFileReport
+from reverie_eval.schemas.service import Method
+from reverie_eval.server.errors import MalformedError, NotFoundError, RequestError
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.boards import Board
 from tests.support.acting import NOON
 from tests.support.flat import Outcome, Run
 from tests.support.serving import (
     BROKEN,
     GOOD,
+    GROUNDING,
     OPEN,
     ORGANISER,
     OTHER,
     OWNER,
     PRIVATE,
+    STRICT,
     OpenServer,
     Serving,
     settings_of,
@@ -201,6 +207,80 @@ def test_a_folder_without_files(office: Office, tmp_path: Path) -> None:
     assert (outcome.status, "submissions end in .json" in outcome.err) == (2, True)
 
 
+def test_the_letter_about_a_scored_file(several: Serving) -> None:
+    report = emailed(several, GOOD, publish=True)
+    submission = report.submission
+    assert (submission.status, submission.received_at, submission.person) == (
+        *("published", NOON),
+        OWNER,
+    )
+    signature = several.state.board(OPEN).signature
+    rules = "ground truth: the synthetic demo world, not REVERIE"
+    full = "TL m   SR %  OSR %  SPL %  RGS %  RGSPL %\n9.84  80.95  88.10  72.88"
+    grounding, paper = (several.state.board(OPEN, name).signature for name in (GROUNDING, STRICT))
+    assert report.reply.startswith(
+        "Dear Blue,\n\n"
+        "Your file answers.json, received 2026-03-02 12:00:00 UTC, was scored on val_unseen.\n\n"
+        f"{full}  65.48    57.22\n\n{signature}\n{rules}\n\n"
+        f"On the leaderboard grounding:\nRGS %\n65.48\n\n{grounding}\n{rules}\n\n"
+        f"On the leaderboard strict:\n{full}  64.29    56.21\n\n{paper}\n{rules}\n\n"
+        f"submission {submission.id} of Blue: Walker, received 2026-03-02 12:00:00 UTC\n"
+        "published\n"
+        "submissions left on val_unseen: 199\n"
+    )
+    assert report.reply.endswith(" UTC\n\nThe signed receipts are attached.")
+    again = emailed(several, GOOD)
+    assert (again.is_repeat, again.submission) == (True, submission)
+    assert "\nthis file was already scored; no submission was used\npublished\n" in again.reply
+
+
+def test_the_letter_about_a_file_with_mistakes(server: Serving) -> None:
+    with pytest.raises(RequestError) as refused:
+        emailed(server, b"[{}]", filename="")
+    assert refused.value.reply == (
+        "Dear Blue,\n\n"
+        "Your file, received 2026-03-02 12:00:00 UTC, was not scored, and no submission was "
+        "used.\n\n"
+        "submission rejected, 3 problems\n"
+        "file: has no prediction for any of the 84 episodes of val_unseen; each needs one\n"
+        "[0]: has no instr_id; add it\n"
+        "[0]: has no trajectory; add it\n\n"
+        "`reverie-eval validate` finds the same problems before you send a file."
+    )
+
+
+def test_the_letter_about_a_closed_split(server: Serving) -> None:
+    closed = {"phases": [{"name": "a", "closes": "2026-03-02T11:00:00Z"}]}
+    body = {**closed, "release_scores": "at-once"}
+    server.ask(ORGANISER, "PUT", f"/organiser/schedules/{OPEN}", json=body).raise_for_status()
+    with pytest.raises(RequestError) as refused:
+        emailed(server, GOOD)
+    assert (refused.value.reply or "").splitlines()[-1] == "val_unseen accepts no submissions now"
+
+
+def test_a_file_from_the_future_says_what_to_give(server: Serving) -> None:
+    later = NOON + timedelta(seconds=1)
+    with pytest.raises(MalformedError) as refused:
+        emailed(server, GOOD, received_at=later)
+    assert str(refused.value) == (
+        "the file was received at 2026-03-02 12:00:01 UTC, which is in the future; give the time "
+        "at which the e-mail arrived"
+    )
+    assert refused.value.reply is None
+    server.clock.now = later
+    assert emailed(server, GOOD, received_at=later).submission.status == "unpublished"
+
+
+def test_our_own_fault_is_no_letter(server: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise NotFoundError("gone")
+
+    monkeypatch.setattr(Board, "read", fail)
+    with pytest.raises(NotFoundError) as refused:
+        emailed(server, GOOD)
+    assert refused.value.reply is None
+
+
 # The other doors: the API and the desk.
 
 
@@ -302,3 +382,13 @@ def sent_to_the_desk(server: Serving, content: bytes, **more: Any) -> Any:
     """Send a file of the owner's with the form of the desk."""
     given = {"split": OPEN, "person": "1", "received_at": WHEN, "name": "Walker"}
     return signed_in(server, ORGANISER).send("/desk/emailed-files", {**given, **more}, file=content)
+
+
+def emailed(
+    server: Serving, content: bytes, filename: str = "answers.json", **changes: Any
+) -> EmailedFileReport:
+    """Submit a file of the owner's without a request."""
+    about = {"split": OPEN, "team": TEAM, "person": OWNER, "received_at": NOON, "publish": False}
+    file = EmailedFile.model_validate({**about, **changes})
+    method = Method(name="Walker")
+    return server.state.emailed_files.submit(ORGANISER, file, filename, content, method)

@@ -11,6 +11,7 @@ from reverie_eval.receipts import verify
 from reverie_eval.schemas.service import Phase, Receipt
 from reverie_eval.server.service.embargo import Embargo
 from reverie_eval.server.service.reviews import any_submission
+from reverie_eval.server.service.submissions import publication
 from reverie_eval.server.settings import Split
 from tests.support.acting import NOON
 from tests.support.serving import (
@@ -156,6 +157,23 @@ def test_what_was_released_or_is_of_a_split_that_is_gone_keeps_its_scores(held: 
         assert after.report(row).scores["success"] > 0
         row.split = "gone"
         assert embargo.until(row) is None
+
+
+def test_everyone_sees_a_result_without_scores_and_earlier_ones(held: Serving) -> None:
+    submission = submit(held)
+    with held.state.database.writing() as session:
+        row = any_submission(session, submission)
+        about = {"report": row.report, "receipt": row.receipt, "reason": "corrected"}
+        row.earlier = [{**about, "replaced_at": f"{NOON:%FT%TZ}"}]
+    seen = []
+    for now in (CLOSES, CLOSES + timedelta(seconds=1)):
+        with held.state.database.reading() as session:
+            view = held.state.submissions.view(session, now)
+            shown = publication(session, submission, view)
+        seen.append((shown.scores_held_until, bool(shown.report.scores), len(shown.earlier)))
+    assert seen == [(CLOSES, False, 0), (None, True, 1)]
+    told = held.ask(OWNER, "PATCH", f"/submissions/{submission}", json={}).json()
+    assert (told["report"]["scores"], told["earlier"]) == ({}, [])
 
 
 def test_a_later_phase_holds_back_its_own_submissions_alone(held: Serving) -> None:

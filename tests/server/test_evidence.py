@@ -3,14 +3,17 @@
 import hashlib
 import hmac
 import json
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from fixtures.answer_histories import random_halves
 from reverie_eval import GroundTruth, evaluate
+from reverie_eval.arrays import IntArray
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.scoring import clusters_of
 from reverie_eval.server.operations.backup import write_backup
@@ -18,9 +21,12 @@ from reverie_eval.server.operations.restore import restore_backup
 from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.evidence import EvidenceService
 from reverie_eval.server.service.fingerprints import Fingerprint
+from reverie_eval.server.service.receipts import Signer
 from reverie_eval.server.store.database import Database
 from reverie_eval.server.store.tables import Fingerprint as Row
+from reverie_eval.server.store.tables import Submission
 from tests.conftest import SAMPLES
+from tests.support.acting import NOON
 from tests.support.flat import Run
 from tests.support.serving import (
     GOOD,
@@ -69,7 +75,9 @@ def test_the_same_file_of_two_teams_is_listed(server: Serving) -> None:
     assert [each["id"] for each in found["submissions"]] == [first, second]
 
 
-def test_the_most_similar_files_are_compared_in_full(server: Serving) -> None:
+def test_the_most_similar_files_are_compared_in_full(
+    server: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sent(server, OWNER, MEDIOCRE)
     first = sent(server, OWNER)
     second = sent(server, OTHER, answering(dict.fromkeys(range(21), 9999)))
@@ -80,6 +88,8 @@ def test_the_most_similar_files_are_compared_in_full(server: Serving) -> None:
     assert pair["equal"] == pair["equal_answers"] == pytest.approx(1 - 21 / 84)
     assert report["usual_similarity"] == 0.75
     assert report["same_files"] == []
+    monkeypatch.setattr("reverie_eval.server.service.evidence.PAIRS", 0)
+    assert shown(server)["similar"] == []
 
 
 def test_a_team_s_files_are_compared_with_its_earlier_ones(server: Serving) -> None:
@@ -91,17 +101,25 @@ def test_a_team_s_files_are_compared_with_its_earlier_ones(server: Serving) -> N
     assert [each["id"] for each in (history[0], last)] == [first, third]
     assert (history[0]["nearest"], history[0]["changed"]) == (None, None)
     assert (last["nearest"], last["changed"]) == (first, 2)
+    assert [each["received_at"] for each in history] == [
+        f"2026-03-02T12:00:0{second}Z" for second in (1, 2, 4)
+    ]
+    blue, red = shown(server)["teams"]
+    assert blue["median_changed"] == (history[1]["changed"] + 2) / 2
+    assert red["median_changed"] is None
 
 
 def test_probing_shows_in_the_files_of_a_team(server: Serving) -> None:
     records, truth = json.loads(GOOD), server.state.boards[OPEN].truth
     answers = random_halves(truth.episodes.task, 24, np.random.default_rng(0))
+    sent(server, OWNER)
     for file in answers.tolist():
         for record, answer in zip(records, file, strict=True):
             record["predObjId"] = answer
-        sent(server, OWNER, json.dumps(records).encode())
-    (team,) = shown(server)["teams"]
-    assert team["submissions"] == 24
+        sent(server, OTHER, json.dumps(records).encode())
+    team, other = shown(server)["teams"]  # the least probable first
+    assert (other["team"], other["spread"]) == ("Blue", None)
+    assert (team["team"], team["submissions"]) == ("Red", 24)
     assert team["spread"]["files"] > 15
     assert team["spread"]["value"] < 1
     assert team["spread"]["p_value"] < 0.01
@@ -162,22 +180,79 @@ def test_stops_at_the_path_s_end_are_compared_with_chance(server: Serving) -> No
     assert walks["exact_by_chance"] == pytest.approx(np.mean(chances), abs=5e-5)
 
 
+def test_only_successful_episodes_say_how_exact_stops_are(server: Serving) -> None:
+    """Three of the random agent's episodes are, and none of an agent's that stays.
+
+    One of the three stops at the path's end; there are 4, 2 and 6 viewpoints for a success.
+    """
+    for agent in ("random", "stop"):
+        sent(server, OWNER, submission_for(PRIVATE, agent), PRIVATE)
+    random, stop = (each["walks"] for each in shown(server, PRIVATE, team="Blue")["history"])
+    assert (stop["exact_stops"], stop["exact_by_chance"]) == (None, None)
+    by_chance = (1 / 4 + 1 / 2 + 1 / 6) / 3
+    assert random["exact_stops"] == pytest.approx(1 / 3, abs=5e-5)
+    assert random["exact_by_chance"] == pytest.approx(by_chance, abs=5e-5)
+
+
+def first_bytes(signer: Signer, truth: GroundTruth) -> IntArray:
+    """Return the byte of each episode that says in which half its target is."""
+    key, names = signer.secret_for("secret half"), truth.episodes.instr_ids
+    first: dict[int, str] = {}
+    targets = [
+        first.setdefault(cluster, name)
+        for cluster, name in zip(clusters_of(truth, "target").tolist(), names, strict=True)
+    ]
+    return np.array([hmac.digest(key, name.encode(), "sha256")[0] for name in targets])
+
+
+def signer_of(seed: int) -> Signer:
+    return Signer(Ed25519PrivateKey.from_private_bytes(seed.to_bytes(32, "big")), "tests")
+
+
 def test_the_secret_half_follows_from_the_server_s_key(server: Serving) -> None:
     sent(server, OWNER)
-    truth = server.state.boards[OPEN].truth
-    key = server.state.signer.secret_for("secret half")
-    first: dict[int, str] = {}
-    cluster = clusters_of(truth, "target").tolist()
-    is_open = []
-    for each, instr_id in zip(cluster, truth.episodes.instr_ids, strict=True):
-        name = first.setdefault(each, instr_id)
-        is_open.append(hmac.digest(key, name.encode(), "sha256")[0] < 128)
+    state, truth = server.state, server.state.boards[OPEN].truth
+    at_the_border = next(
+        signer
+        for signer in map(signer_of, count())
+        if {127, 128} <= set(first_bytes(signer, truth).tolist())
+    )
     rgs = evaluate(GOOD, split=OPEN, ground_truth=truth).episodes["rgs"]
-    expected = rgs[np.array(is_open)].mean() - rgs[~np.array(is_open)].mean()
+    for signer in (state.signer, at_the_border):
+        service = EvidenceService(state.boards, state.database, state.uploads, signer)
+        (team,) = service.report(OPEN).teams
+        is_open = first_bytes(signer, truth) < 128
+        expected = rgs[is_open].mean() - rgs[~is_open].mean()
+        assert team.gap is not None
+        assert team.gap.metric == "rgs"
+        assert team.gap.value == pytest.approx(expected, abs=5e-5)
+        assert team.gap_growth is None
+
+
+def test_there_is_no_gap_if_all_targets_are_in_the_same_half(
+    server: Serving, folder: Path, open_server: OpenServer
+) -> None:
+    path = folder / "bundles" / f"{OPEN}.npz"
+    bundle = Bundle.load(path)
+    task_target = np.full_like(bundle.arrays["task_target"], bundle.arrays["task_target"][0])
+    with_arrays(bundle, task_target=task_target).save(path)
+    later = open_server(settings_of(folder), server.tokens)
+    sent(later, OWNER)
+    state, truth = later.state, later.state.boards[OPEN].truth
+    for is_open in (True, False):
+        signer = next(
+            signer
+            for signer in map(signer_of, count())
+            if set((first_bytes(signer, truth) < 128).tolist()) == {is_open}
+        )
+        service = EvidenceService(state.boards, state.database, state.uploads, signer)
+        assert service.report(OPEN).teams[0].gap is None
+
+
+def test_the_gap_of_boxes_is_in_success(server: Serving) -> None:
+    sent(server, OWNER, DRAWN)
     (team,) = shown(server)["teams"]
-    assert team["gap"]["metric"] == "rgs"
-    assert team["gap"]["value"] == pytest.approx(expected, abs=5e-5)
-    assert team["gap_growth"] is None
+    assert team["gap"]["metric"] == "success"
 
 
 def test_the_growth_of_the_gap_is_that_of_the_latest_file(server: Serving) -> None:
@@ -186,6 +261,7 @@ def test_the_growth_of_the_gap_is_that_of_the_latest_file(server: Serving) -> No
     report = shown(server, team="Blue")
     (team,), (before, after) = report["teams"], report["history"]
     growth = after["gap"]["value"] - before["gap"]["value"]
+    assert team["median_changed"] == after["changed"]
     assert team["gap"] == after["gap"]
     assert team["gap_growth"]["value"] == pytest.approx(growth, abs=2e-4)
 
@@ -272,7 +348,19 @@ def test_what_there_is_not_is_not_found(server: Serving, folder: Path, run: Run)
     assert reply.status_code == 404
     assert "no team 'Green' with submissions" in reply.json()["detail"]
     assert run("server", "evidence", str(folder), OPEN, "--team", "Green").status == 2
-    assert shown(server, PRIVATE)["teams"] == []
+    report = shown(server, PRIVATE)
+    assert (report["submissions"], report["teams"]) == (0, [])
+
+
+def test_files_that_were_deleted_are_left_out(server: Serving) -> None:
+    deleted = sent(server, OTHER, MEDIOCRE)
+    replies = [server.upload(OWNER, server.distinct()).json() for _ in range(4)]
+    with server.state.database.writing() as session:
+        session.get_one(Submission, deleted).upload_deleted_at = NOON
+    report = shown(server, team="Blue")
+    assert (report["submissions"], report["left"], len(report["teams"])) == (4, 0, 1)
+    same_moment = sorted(reply["submission"]["id"] for reply in replies)
+    assert [each["id"] for each in report["history"]] == same_moment
 
 
 def test_nobody_else_makes_the_server_read_uploads(server: Serving) -> None:
@@ -298,6 +386,11 @@ def test_it_works_on_each_database(server_on: Serving) -> None:
     sent(server_on, OTHER, MEDIOCRE)
     report = shown(server_on, team="Blue")
     assert (len(report["teams"]), len(report["history"]), len(report["similar"])) == (2, 1, 1)
+    # Of 84 episodes, 24 have the same answer, 30 the same stop, 14 both, and 16 the same path.
+    assert report["usual_similarity"] == 0.1667
+    (pair,) = report["similar"]
+    shares = [pair[name] for name in ("equal", "equal_answers", "equal_stops", "equal_paths")]
+    assert shares == pytest.approx([14 / 84, 24 / 84, 30 / 84, 16 / 84])
 
 
 def test_boxes_are_compared_by_where_they_are(server: Serving) -> None:

@@ -4,6 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import timedelta
 from html import unescape
 from ipaddress import ip_network
@@ -17,10 +18,13 @@ import time_machine
 from limits.storage import MemoryStorage
 from sqlalchemy import select
 
+from reverie_eval.schemas.joining import Rejection
+from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.http.runtime import Joining
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service import joining
-from reverie_eval.server.store.tables import JoinRequest
+from reverie_eval.server.settings import Channel
+from reverie_eval.server.store.tables import JoinRequest, Message
 from tests.support.acting import NOON, ask_to_join
 from tests.support.flat import Run
 from tests.support.serving import OPEN, ORGANISER, OWNER, OpenServer, Serving, settings_of
@@ -170,6 +174,54 @@ def test_an_answer_removes_what_the_request_said_of_people(server: Serving) -> N
     assert [(each["subject"], each["details"]) for each in log[-2:]] == [
         ("A", {"people": 1}),
         ("B", reason),
+    ]
+
+
+def test_an_accepted_request_is_answered_once_with_an_invitation_for_each(server: Serving) -> None:
+    emil = {"name": OWNER, "email": "another.ada@example.org"}  # as somebody of another team
+    ask(server, people=[DORA, emil])
+    ask(server, team="Spam")
+    server.clock.turn(hours=1)
+    with server.acting(ORGANISER) as transaction:
+        (accepted,) = joining.accept_requests(transaction, [1, 1])
+        joining.reject_requests(transaction, [2, 2], Rejection(reason="spam"))
+        rows = transaction.session.scalars(select(JoinRequest).order_by(JoinRequest.id)).all()
+        answers = [(row.decision, row.decided_at) for row in rows]
+        assert joining.count_open(transaction.session) == 0
+        with pytest.raises(NotFoundError) as unknown:
+            joining.accept_request(transaction, 1)
+    told = "there is no open request number 1; see the list of requests"
+    assert str(unknown.value) == told
+    now = server.clock()
+    assert answers == [("request accepted", now), ("request rejected", now)]
+    assert accepted.team == "Green"
+    assert [
+        (each.team, each.person, each.email, each.kind, each.expires_at)
+        for each in accepted.invitations
+    ] == [
+        ("Green", name, email, "invite", now + timedelta(days=14))
+        for name, email in (("Dora", DORA["email"]), (OWNER, emil["email"]))
+    ]
+    log = server.ask(ORGANISER, "GET", "/organiser/audit").json()
+    assert [
+        (each["action"], each["row"], each["subject"], each["details"]) for each in log[-2:]
+    ] == [
+        ("request accepted", "join_request:1", "Green", {"people": 2}),
+        ("request rejected", "join_request:2", "Spam", {"reason": "spam"}),
+    ]
+
+
+def test_the_organiser_is_told_of_a_new_request_once(server: Serving) -> None:
+    channels = {"webhook": Channel()}
+    transactions = replace(server.state.transactions, channels=channels)
+    for names in (["Dora"], ["Dora"], ["Dora", "Emil"]):
+        ask_to_join(transactions, "Green", *names)
+    with server.state.database.reading() as session:
+        told = [(each.event, each.text, each.path) for each in session.scalars(select(Message))]
+        assert joining.count_open(session) == 2
+    assert told == [
+        ("join-request", f"{people} of Somewhere asked to join as Green", "/desk/requests")
+        for people in ("1 person", "2 people")
     ]
 
 

@@ -3,14 +3,31 @@
 import csv
 import io
 from collections.abc import Sequence
+from dataclasses import replace
+from datetime import date, timedelta
 from typing import Any
 
+import msgspec
 import pytest
 
 from reverie_eval import CATALOGUE
+from reverie_eval.metrics import METRICS
+from reverie_eval.schemas.service import CorrectionReport
+from reverie_eval.server.service.entries import Entry, PublishedReview, Row
+from reverie_eval.server.service.leaderboard import (
+    Filter,
+    Ranking,
+    as_csv,
+    as_json,
+    method_names,
+    paper_of,
+    ranks,
+)
+from reverie_eval.server.service.rank_intervals import RankInterval
+from reverie_eval.tasks import find_task
 from tests.support.acting import NOON
 from tests.support.description import Description
-from tests.support.entries import entered
+from tests.support.entries import demo_board, entered, entry, ranking_of
 from tests.support.serving import (
     OPEN,
     OTHER,
@@ -72,7 +89,8 @@ def test_a_board_is_not_sorted_by_what_has_no_better(server: Serving, metric: st
         reply = server.ask(None, "GET", path, params={"metric": metric})
         Description(server).check(reply)
         assert (reply.status_code, reply.json()["code"]) == (400, "malformed-request")
-        assert "rgspl" in reply.json()["detail"]  # it says what there is
+        told = f"cannot sort by {metric!r}; choose one of: success, oracle_success, spl, rgs, "
+        assert reply.json()["detail"].startswith(told)
 
 
 def test_every_other_metric_sorts(server: Serving) -> None:
@@ -209,3 +227,222 @@ def test_a_negative_number_is_no_formula(server: Serving) -> None:
     entered(server, {"rgspl": -0.5})
     headings, row = table_of(server)
     assert row[headings.index("rgspl")] == "-0.5"
+
+
+# Without a server.
+
+
+def reported(name: str, day: str | None) -> Entry:
+    return entry(name, submission_id=None, team_id=None, reported_date=day)
+
+
+HIDDEN = NOON + timedelta(seconds=1)
+SHOWN = [
+    Row(1, entry("Ant", method={"name": "Ant", "human": None})),
+    Row(2, entry("Bee", method={"name": "Bee", "human": True}, team="Straße")),
+    Row(3, entry("Cat", anonymous_until=HIDDEN, published_at=NOON + timedelta(days=1))),
+    *(Row(None, reported(day or "unknown", day)) for day in ("2026-03-01", "2026-03", "2026", "")),
+]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "expected"),
+    [
+        pytest.param({"flags": {"human": True}}, ["Bee"], id="declared"),
+        pytest.param(
+            {"flags": {"human": False}},
+            ["Cat", "2026-03-01", "2026-03", "2026", "unknown"],
+            id="not so: what says nothing at all is nobody's",
+        ),
+        pytest.param({"flags": {"human": True, "ensemble": True}}, [], id="both"),
+        pytest.param({"since": date(2026, 3, 3)}, ["Cat", "2026-03", "2026"], id="since"),
+        pytest.param({"since": date(2026, 4, 1)}, ["2026"], id="since the next month"),
+        pytest.param(
+            {"until": date(2026, 3, 2)},
+            ["Ant", "Bee", "2026-03-01", "2026-03", "2026"],
+            id="until",
+        ),
+        pytest.param({"until": date(2026, 2, 28)}, ["2026"], id="until the month before"),
+        pytest.param({"until": date(2025, 12, 31)}, [], id="until the year before"),
+        pytest.param({"text": "ANT"}, ["Ant"], id="the method"),
+        pytest.param({"text": "strasse"}, ["Bee"], id="the team"),
+        pytest.param({"text": "t"}, ["Ant", "Bee", "Cat"], id="either"),
+        pytest.param(
+            {"text": "blue", "since": date(2026, 3, 2)}, ["Ant", "2026-03", "2026"], id="all"
+        ),
+    ],
+)
+def test_which_rows_a_filter_shows(wanted: Any, expected: list[str]) -> None:
+    ranking = ranking_of(*SHOWN)
+    shown = Filter(**{"flags": {}, **wanted}).of(ranking.rows, ranking)
+    assert [row.entry.method["name"] for row in shown] == expected
+    assert Filter({}).of(ranking.rows, ranking) is ranking.rows
+
+
+def test_ranks_of_values() -> None:
+    values = [0.5, None, 0.75, 0.5, 0.25]
+    assert ranks(values, METRICS["spl"]) == [2, None, 1, 2, 4]
+    assert ranks(values, METRICS["navigation_error"]) == [2, None, 4, 2, 1]
+
+
+def full() -> Ranking:
+    """Return a leaderboard with a result, a reported one, and one that is apart."""
+    review = PublishedReview("disqualified", "trained on it", "Olga", NOON)
+    again = PublishedReview("baseline", "ours", "Olga", NOON)
+    corrected = CorrectionReport(split=OPEN, created_at=NOON, reason="Targets.", signature="new")
+    first = entry(scores={"spl": 0.5}, intervals={"spl": (0.25, 0.75)}, signature="sig")
+    paper = reported("Paper", "2020")
+    return ranking_of(
+        Row(1, first),
+        Row(None, replace(paper, standing="reported", source="A table", dataset="v2")),
+        apart=[
+            Row(
+                None,
+                entry(
+                    "Cat",
+                    anonymous_until=HIDDEN,
+                    standing="disqualified",
+                    reviews=[review, again],
+                    scores={"rgs": 0.0},
+                ),
+            )
+        ],
+        corrections=[corrected],
+        rank_intervals={"walker": RankInterval(best=1, worst=2, group=1)},
+    )
+
+
+def test_a_leaderboard_as_json() -> None:
+    board = demo_board()
+    at = "2026-03-02T12:00:00Z"
+    same: dict[str, Any] = {
+        "rank_interval": None,
+        "group": None,
+        "published_at": at,
+        "submissions": 3,
+        "intervals": {},
+        "source": "",
+        "reported_date": None,
+        "dataset": "",
+        "reviews": [],
+    }
+    assert msgspec.json.decode(as_json(full())) == {
+        "split": OPEN,
+        "board": "",
+        "protocol": "official-v1",
+        "metric": "spl",
+        "fingerprint": board.truth.fingerprint,
+        "signature": board.signature,
+        "rows": [
+            {
+                **same,
+                "rank": 1,
+                "rank_interval": [1, 2],
+                "group": 1,
+                "submission_id": "walker",
+                "team": "Blue",
+                "method": {"name": "Walker"},
+                "scores": {"spl": 0.5},
+                "intervals": {"spl": [0.25, 0.75]},
+                "signature": "sig",
+                "standing": "ranked",
+            },
+            {
+                **same,
+                "rank": None,
+                "submission_id": None,
+                "team": "Blue",
+                "method": {"name": "Paper"},
+                "submissions": None,
+                "scores": {},
+                "signature": "",
+                "standing": "reported",
+                "source": "A table",
+                "reported_date": "2020",
+                "dataset": "v2",
+            },
+        ],
+        "apart": [
+            {
+                **same,
+                "rank": None,
+                "submission_id": "cat",
+                "team": "",
+                "method": {"name": "Cat"},
+                "scores": {"rgs": 0.0},
+                "signature": "",
+                "standing": "disqualified",
+                "reviews": [
+                    {
+                        "verdict": verdict,
+                        "reason": reason,
+                        "reviewer": "Olga",
+                        "created_at": at,
+                    }
+                    for verdict, reason in (("disqualified", "trained on it"), ("baseline", "ours"))
+                ],
+            }
+        ],
+        "corrections": [
+            {
+                "split": OPEN,
+                "board": "",
+                "created_at": at,
+                "reason": "Targets.",
+                "signature": "new",
+            }
+        ],
+    }
+
+
+def test_what_is_not_ranked_comes_last_in_csv() -> None:
+    text = as_csv(full())
+    assert "\r" not in text
+    headings, *rows = csv.reader(io.StringIO(text))
+    told = "disqualified: trained on it; baseline: ours"
+    assert headings[-7:] == [
+        *("spl", "rgs", "spl_low", "spl_high", "rank_low", "rank_high", "group")
+    ]
+    at, empty = "2026-03-02T12:00:00Z", [""] * 8
+    ranks_of_first = ("0.25", "0.75", "1", "2", "1")
+    assert rows == [
+        [
+            *("1", "walker", "Blue", at, "3", "Walker", *empty),
+            *("ranked", "", "", "", "", "sig", "0.5", "", *ranks_of_first),
+        ],
+        [
+            *("", "", "Blue", at, "", "Paper", *empty),
+            *("reported", "", "A table", "2020", "v2", *empty),
+        ],
+        [
+            *("", "cat", "", at, "3", "Cat", *empty),
+            *("disqualified", told, "", "", "", "", "", "0.0", *empty[:5]),
+        ],
+    ]
+
+
+def test_names_are_made_distinct_by_team_and_then_by_id() -> None:
+    hidden = {"method": {"name": "Ant"}, "anonymous_until": HIDDEN}
+    rows = [
+        Row(1, entry("Ant")),
+        Row(2, entry("Ant", submission_id="ant2")),
+        Row(3, entry("Ant", submission_id="ant3", team="Red")),
+        Row(4, entry("x", submission_id="ant4", **hidden)),
+        Row(5, entry("Bee")),
+        *(Row(rank, reported("Cat", None)) for rank in (6, 7)),
+    ]
+    assert method_names(ranking_of(), rows) == [
+        *("Ant (Blue) (ant)", "Ant (Blue) (ant2)", "Ant (Red)", "Ant (anonymous)", "Bee"),
+        *("Cat (Blue) (6)", "Cat (Blue) (7)"),
+    ]
+
+
+def test_what_to_cite_for_another_task() -> None:
+    assert paper_of(find_task("r2r")) == (
+        "@misc{r2r,\n"
+        "  title = {{R2R}},\n"
+        "  howpublished = {\\url{https://github.com/peteanderson80/Matterport3DSimulator}},\n"
+        "  note = {Anderson et al., Vision-and-Language Navigation: Interpreting "
+        "visually-grounded navigation instructions in real environments, CVPR 2018},\n"
+        "}\n"
+    )

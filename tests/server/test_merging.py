@@ -10,8 +10,8 @@ from reverie_eval.schemas.organising import NewMerge, NewTeam
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import all_names_of_teams
 from reverie_eval.server.service.merging import merge_teams
-from reverie_eval.server.service.people import rename_team
-from reverie_eval.server.store.tables import Submission
+from reverie_eval.server.service.people import person_named, rename_team, team_named
+from reverie_eval.server.store.tables import Submission, Team
 from tests.support.acting import add_person, add_team
 from tests.support.flat import Run
 from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, PRIVATE, Serving
@@ -85,6 +85,30 @@ def test_of_files_that_arrived_at_once_that_of_the_team_that_stays_counts(server
     with server.state.database.reading() as session:
         repeats = {row.id: row.repeat for row in session.scalars(select(Submission))}
     assert repeats == {first: "", second: second, third: third}
+
+
+def test_a_merge_is_logged_with_how_much_went_over(server: Serving) -> None:
+    content, early = server.distinct(), server.distinct()
+    for who, split in ((OWNER, OPEN), (OTHER, OPEN)):
+        server.upload(who, content, split)
+    theirs = server.upload(OTHER, early).json()["submission"]["id"]
+    server.clock.turn(hours=1)
+    mine = server.upload(OWNER, early).json()["submission"]["id"]
+    with server.acting() as transaction:
+        add_person(transaction, "Red", "Dora")
+        person_named(transaction.session, "Dora").deleted_at = transaction.now
+    server.clock.turn(hours=1)
+    report = merge(server).json()
+    assert report == {**MERGE, "people": 1, "submissions": 2, "repeats": 2}
+    last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
+    counts = {"into": "Blue", "people": 1, "submissions": 2, "repeats": 2}
+    assert (last["row"], last["subject"], last["details"]) == ("team:2", "Red", counts)
+    with server.state.database.reading() as session:
+        team, into = session.get_one(Team, 2), team_named(session, "Blue")
+        assert (team.merged_into, team.merged_at) == (into, server.clock())
+        repeats = {row.id: row.repeat for row in session.scalars(select(Submission))}
+    assert (repeats[theirs], repeats[mine]) == ("", mine)
+    assert sorted(repeats.values())[:2] == ["", ""]
 
 
 def test_grants_go_over(server: Serving) -> None:

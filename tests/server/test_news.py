@@ -4,7 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from reverie_eval.schemas.organising import NewNews
+from reverie_eval.server.errors import NotFoundError
+from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.news import add_news, remove_news
 from reverie_eval.server.settings import SettingsError, load_settings
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import News
+from tests.support.acting import NOON, acting
 from tests.support.flat import Run
 from tests.support.serving import OPEN, ORGANISER, OpenServer, Serving, settings_of
 from tests.support.visiting import said, signed_in
@@ -36,6 +43,30 @@ def test_news_are_posted_and_removed_by_three_doors(
     assert texts(server) == []
     assert server.ask(ORGANISER, "DELETE", "/organiser/news/2").status_code == 404
     assert "earliest" not in said(desk.get(f"/boards/{OPEN}"))
+
+
+def test_posting_and_removing_are_logged(sqlite: Database) -> None:
+    with acting(sqlite, "Olga") as transaction:
+        posted = add_news(transaction, NewNews(text="soon"))
+        assert posted.model_dump() == {
+            "id": 1,
+            "text": "soon",
+            "posted_by": "Olga",
+            "created_at": NOON,
+        }
+        assert remove_news(transaction, 1) == posted
+        session = transaction.session
+        assert session.get_one(News, 1).removed_at == NOON
+        for news_id in (1, 2):
+            with pytest.raises(NotFoundError) as refused:
+                remove_news(transaction, news_id)
+            told = f"there is no news entry {news_id}; `news list` shows all"
+            assert str(refused.value) == told
+        logged = [(each.action, each.row, each.subject, each.details) for each in entries(session)]
+    assert logged == [
+        ("news added", "news:1", "server", {"text": "soon"}),
+        ("news removed", "news:1", "server", {"text": "soon"}),
+    ]
 
 
 def test_a_news_entry_without_text_is_refused(server: Serving, folder: Path, run: Run) -> None:

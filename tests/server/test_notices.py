@@ -1,11 +1,17 @@
 """The banner and the pause, changed while the server runs."""
 
+from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import httpx
 import pytest
 
+from reverie_eval.schemas.organising import NewNotice
 from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.notices import Notices
+from reverie_eval.server.store.database import Database
+from tests.support.acting import NOON, acting
 from tests.support.serving import (
     GOOD,
     OPEN,
@@ -47,8 +53,34 @@ def test_the_latest_holds_at_once_and_is_written_down(server_on: Serving) -> Non
     post(server_on)
     assert shown(server_on) == ("", False)
     with server_on.state.database.reading() as session:
-        found = [entry.details for entry in entries(session) if entry.action == "notice posted"]
-    assert found == [{"banner": BANNER, "paused": True}, {"banner": "", "paused": False}]
+        found = [
+            (entry.row, entry.subject, entry.details)
+            for entry in entries(session)
+            if entry.action == "notice posted"
+        ]
+    assert found == [
+        ("notice:1", "server", {"banner": BANNER, "paused": True}),
+        ("notice:2", "server", {"banner": "", "paused": False}),
+    ]
+
+
+def test_an_earlier_notice_is_known_from_its_moment_on(sqlite: Database) -> None:
+    notices, second = Notices("Welcome", paused=False), timedelta(seconds=1)
+    with acting(sqlite, "Olga") as first:
+        assert notices.current(first.session) == notices.of_settings
+        notices.post(first, NewNotice(banner=BANNER, paused=True))
+        later = replace(first, now=NOON + second)
+        last = notices.post(later, NewNotice(banner="", paused=False))
+        assert notices.current(first.session) == last
+        assert last.model_dump() == {
+            "banner": "Welcome",
+            "paused": False,
+            "posted_by": "Olga",
+            "created_at": NOON + second,
+        }
+        shown = [notices.at(first.session, NOON + each * second) for each in (-1, 0, 1, 2)]
+    assert [each.paused for each in shown] == [False, True, False, False]
+    assert [each.created_at for each in shown] == [None, NOON, NOON + second, NOON + second]
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import event, select
 
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import MethodDescription
@@ -138,10 +138,17 @@ def test_a_page_begins_after_the_last_key_of_the_page_before(sqlite: Database) -
             rows, page = select(Team), Page(limit, cursor)
             return list_page(transaction.session, rows, Team.name, page, lambda row: row.name)
 
+        assert page(1) == Listed(["A"], "A")
         assert page(2) == Listed(["A", "B"], "B")
         assert page(2, "B") == Listed(["C", "D"], "D")
         assert page(2, "D") == Listed(["E"], None)
         assert page(5) == Listed(["A", "B", "C", "D", "E"], None)
+        parameters: list[Any] = []
+        event.listen(
+            sqlite.engine, "before_cursor_execute", lambda *said: parameters.append(said[3])
+        )
+        page(2, "B")
+        assert parameters == [("B", 3, 0)]  # one row more than the page has, from the first on
 
         def newest(limit: int, cursor: str | None = None) -> Listed[int]:
             page, key = Page(limit, cursor), Team.id

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from reverie_eval.schemas.joining import NewPeopleImport
+from reverie_eval.schemas.joining import NewPeopleImport, PersonInvitation
 from reverie_eval.server.errors import TableError
-from reverie_eval.server.service.people_files import import_people
+from reverie_eval.server.service.people_files import import_people, invitations_csv
+from tests.support.acting import NOON
 from tests.support.flat import Run
 from tests.support.serving import ORGANISER, Serving
 from tests.support.visiting import said, signed_in
@@ -117,6 +118,17 @@ def test_what_is_wrong_with_a_file_is_said_and_nothing_is_added(
     assert "Dora" not in server.ask(ORGANISER, "GET", "/organiser/people").text
 
 
+def test_all_problems_of_the_columns_are_listed(server: Serving) -> None:
+    with pytest.raises(TableError) as refused:
+        imported(server, "role,Role,nam\nx,x,Dora")
+    assert [(each.code, each.where) for each in refused.value.problems] == [
+        ("unknown-column", "column 'nam'"),
+        ("repeated-column", "column 'role'"),
+        ("no-column", "columns"),
+        ("no-column", "columns"),
+    ]
+
+
 def test_all_problems_are_listed(server: Serving) -> None:
     with pytest.raises(TableError, match="3 problems") as refused:
         imported(server, "team,person,email\n,Dora,x\nBlue,Emil,y")
@@ -125,6 +137,26 @@ def test_all_problems_are_listed(server: Serving) -> None:
         ("wrong-value", (0,)),
         ("wrong-value", (1,)),
     ]
+
+
+def test_invitations_as_a_file() -> None:
+    first = PersonInvitation(
+        hint="rvi_abcdefg",
+        kind="invite",
+        person="Dora",
+        team="Blue",
+        created_at=NOON,
+        expires_at=NOON,
+        revoked_at=None,
+        token="rvi_abcdefgh",
+        email="d@example.org",
+    )
+    changed = {"person": "Emil", "team": "=Red", "expires_at": None, "email": None}
+    assert invitations_csv([first, first.model_copy(update=changed)]) == (
+        "team,person,email,invitation,expires\n"
+        "Blue,Dora,d@example.org,rvi_abcdefgh,2026-03-02T12:00:00+00:00\n"
+        "'=Red,Emil,,rvi_abcdefgh,\n"
+    )
 
 
 def test_a_file_over_http(server: Serving) -> None:

@@ -1,14 +1,23 @@
 """Persons: their e-mail addresses, names that several teams share, new names, moves."""
 
+from collections.abc import Iterator
+from datetime import timedelta
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
-from reverie_eval.schemas.organising import NewPerson, PersonChange
+from reverie_eval.schemas.organising import NewMerge, NewPerson, NewTeam, PersonChange
 from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.service import people
+from reverie_eval.server.service.audit import audit_reports, entries
+from reverie_eval.server.service.merging import merge_teams
+from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.people import change_person, person_named
-from tests.support.acting import add_person, create_token
+from reverie_eval.server.service.personal_data import delete_person
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.store.database import Database
+from tests.support.acting import NOON, acting, add_person, add_team, create_token
 from tests.support.flat import Run
 from tests.support.serving import MATE, OPEN, ORGANISER, OTHER, OWNER, Serving
 
@@ -133,3 +142,168 @@ def test_a_person_who_does_not_exist_is_not_changed(server: Serving, number: int
     assert server.ask(ORGANISER, "PATCH", path, json={"name": "x"}).status_code in (400, 404)
     with server.acting() as transaction, pytest.raises(NotFoundError, match="no person number 99"):
         change_person(transaction, 99, PersonChange(name="x"))
+
+
+# In the database.
+
+
+@pytest.fixture
+def change_of(sqlite: Database) -> Iterator[Transaction]:
+    """Change a database with Carl and Ada of Red, Ada and Ben of Blue, and a merged team."""
+    with acting(sqlite, "Olga") as transaction:
+        for team, name in (("Red", "Carl"), ("Blue", "Ben"), ("Red", "Ada"), ("Blue", "Ada")):
+            if name in {"Carl", "Ben"}:
+                add_team(transaction, team)
+            add_person(transaction, team, name)
+        add_team(transaction, "Old")
+        merge_teams(transaction, NewMerge(team="Old", into="Blue"))
+        yield transaction
+
+
+def logged(change: Transaction) -> tuple[Any, ...]:
+    """Return the last entry of the audit log."""
+    *_, last = audit_reports(change.session, entries(change.session))
+    return last.actor, last.action, last.subject, last.details
+
+
+def told(error: type[Exception], action: Any, *given: Any) -> str:
+    """Return why an action is refused."""
+    with pytest.raises(error) as refused:
+        action(*given)
+    return str(refused.value)
+
+
+def test_what_is_added_is_reported_and_logged(change_of: Transaction) -> None:
+    team = people.add_team(change_of, NewTeam(name="Green"))
+    assert (team.name, team.people, team.created_at) == ("Green", [], NOON)
+    assert logged(change_of) == ("Olga", "team added", "Green", {})
+    new = NewPerson(team="Green", name="Dora", email=ADDRESS, role="organiser")
+    person = people.add_person(change_of, new)
+    row = people.find_person(change_of.session, person.id)
+    assert person.model_dump() == {
+        "id": row.id,
+        "name": "Dora",
+        "email": ADDRESS,
+        "team": "Green",
+        "role": "organiser",
+        "created_at": NOON,
+    }
+    digest = change_of.audit_log.name_digest(row)
+    details = {"team": "Green", "role": "organiser", "name_digest": digest}
+    assert logged(change_of) == ("Olga", "person added", "Dora", details)
+    assert people.rename_team(change_of, "Green", NewTeam(name="Lime")).people == ["Dora"]
+    assert logged(change_of) == (
+        *("Olga", "team renamed", "Green"),
+        {"before": "Green", "after": "Lime"},
+    )
+
+
+def test_a_change_is_logged_with_what_was_changed(change_of: Transaction) -> None:
+    carl = person_named(change_of.session, "Carl")
+    assert change_person(change_of, carl.id, PersonChange(name="Carl", team="Red")).name == "Carl"
+    assert logged(change_of)[1] == "team merged", "nothing was changed"
+    moved = change_person(change_of, carl.id, PersonChange(email=ADDRESS, team="Blue"))
+    assert (moved.email, moved.team) == (ADDRESS, "Blue")
+    assert logged(change_of) == (
+        "Olga",
+        "person changed",
+        "Carl",
+        {
+            "changed": ["email", "team"],
+            "moved_from": "Red",
+            "moved_to": "Blue",
+            "name_digest": change_of.audit_log.name_digest(carl),
+        },
+    )
+    change_person(change_of, carl.id, PersonChange(name="Karl"))
+    digest = change_of.audit_log.name_digest(carl)
+    assert logged(change_of)[2:] == ("Karl", {"changed": ["name"], "name_digest": digest})
+
+
+def test_what_is_refused_says_why(change_of: Transaction) -> None:
+    taken = "the name 'Blue' belongs to another team, or to one that was merged"
+    assert told(ConflictError, people.add_team, change_of, NewTeam(name="Blue")) == taken
+    red = NewTeam(name="Red")
+    assert told(NotFoundError, people.rename_team, change_of, "None", red) == (
+        "there is no team 'None'; see the list of teams"
+    )
+    assert told(NotFoundError, people.team_named, change_of.session, "Old") == (
+        "the team 'Old' was merged into 'Blue'"
+    )
+    new = NewPerson(team="Blue", name="Ada")
+    assert told(ConflictError, people.add_person, change_of, new) == (
+        "the team 'Blue' already has a person 'Ada'"
+    )
+    # This ends the transaction.
+    assert told(ConflictError, people.rename_team, change_of, "Red", NewTeam(name="Blue")) == taken
+
+
+def test_who_moves_to_a_team_that_has_the_name_is_refused(change_of: Transaction) -> None:
+    ada = person_named(change_of.session, "Ada", "Red")
+    assert told(ConflictError, change_person, change_of, ada.id, PersonChange(team="Blue")) == (
+        "the team 'Blue' already has a person 'Ada'"
+    )
+
+
+def test_a_person_is_found_by_name_unless_several_have_it(change_of: Transaction) -> None:
+    session = change_of.session
+    assert person_named(session, "Ada", "Blue").team.name == "Blue"
+    assert told(ConflictError, person_named, session, "Ada") == (
+        "several teams have a person 'Ada': 'Red', 'Blue'; name the team: --team on the command "
+        "line, `team` in a request"
+    )
+    assert told(NotFoundError, person_named, session, "Ben", "Red") == (
+        "the team 'Red' has no person 'Ben'; see the list of people"
+    )
+    delete_person(change_of, person_named(session, "Ada", "Red").id)
+    assert person_named(session, "Ada").team.name == "Blue"
+    delete_person(change_of, person_named(session, "Ben").id)
+    missing = "there is no person 'Ben'; see the list of people"
+    assert told(NotFoundError, person_named, session, "Ben") == missing
+    assert told(NotFoundError, people.find_person, session, 2) == (
+        "there is no person number 2; see the list of people"
+    )
+
+
+def test_lists_have_neither_merged_teams_nor_deleted_people(change_of: Transaction) -> None:
+    session = change_of.session
+
+    def names() -> list[tuple[str, str]]:
+        return [(each.name, each.team) for each in people.everybody(session)]
+
+    assert names() == [("Ada", "Blue"), ("Ada", "Red"), ("Ben", "Blue"), ("Carl", "Red")]
+    found = people.everybody(session)[0]
+    assert found == people.person_report(person_named(session, "Ada", "Blue"))
+    ben = person_named(session, "Ben")
+    delete_person(change_of, ben.id)
+    assert names() == [("Ada", "Blue"), ("Ada", "Red"), ("Carl", "Red")]
+    assert people.names_of_teams(session) == ["Blue", "Red"]
+    teams = people.list_teams(session, Page())
+    assert [(team.name, team.people) for team in teams.rows] == [
+        ("Blue", ["Ada"]),
+        ("Red", ["Ada", "Carl"]),
+    ]
+    assert [team.name for team in people.list_teams(session, Page(limit=1)).rows] == ["Blue"]
+    listed = people.list_people(session, Page()).rows
+    assert [(each.id, each.name) for each in listed] == [(1, "Carl"), (3, "Ada"), (4, "Ada")]
+    assert len(people.list_people(session, Page(limit=2)).rows) == 2
+
+
+def test_a_team_s_page_has_its_latest_submissions_and_one_s_own_tokens(server: Serving) -> None:
+    sent = []
+    for who, hours in ((OWNER, 0), (MATE, 1), (OTHER, 2)):
+        server.clock.now = NOON + timedelta(hours=hours)
+        sent.append(server.upload(who, server.distinct()).json()["submission"]["id"])
+    with server.acting() as transaction:
+        add_person(transaction, "Blue", "Aaron")
+        hint = create_token(transaction, OWNER).hint
+        add_person(transaction, "Blue", "Gone")
+        delete_person(transaction, person_named(transaction.session, "Gone").id)
+    with server.state.database.reading() as session:
+        view = server.state.submissions.view(session, NOON)
+        team = people.team_of(session, server.person(OWNER), 2, view)
+        latest = people.team_of(session, server.person(OWNER), 1, view)
+        assert [person.name for person in team.people] == ["Aaron", OWNER, MATE]
+        assert [token.hint for token in team.tokens] == [hint, server.tokens[OWNER][:11]]
+    assert [each.id for each in team.submissions] == [sent[1], sent[0]]
+    assert ([each.id for each in latest.submissions], latest.submitted) == ([sent[1]], 2)

@@ -1,6 +1,7 @@
 """Receipts: what a server signs, anybody can check, and nobody can change."""
 
 import base64
+import hmac
 import json
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime, timedelta, timezone
@@ -21,8 +22,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from reverie_eval.receipts import NotGenuineError, ReceiptError, canonical, key_id_of, verify
-from reverie_eval.schemas.service import QuotaReport, QuotaWindow, Receipt
-from reverie_eval.server.service.receipts import Signer, load_key, make_key, public_pem_of
+from reverie_eval.schemas.service import Leaderboard, QuotaReport, QuotaWindow, Receipt
+from reverie_eval.server.service.receipts import (
+    KeyMissingError,
+    Signer,
+    load_key,
+    make_key,
+    public_pem_of,
+)
 from tests.support.acting import NOON
 from tests.support.serving import (
     GOOD,
@@ -70,6 +77,33 @@ def test_each_purpose_and_each_key_has_a_secret_of_its_own() -> None:
     assert len(set(secrets)) == 4
     assert {len(secret) for secret in secrets} == {32}
     assert SIGNER.secret_for("cookies") == secrets[0]
+
+
+def test_a_secret_is_derived_as_rfc_5869_says() -> None:
+    """Pinned: the audit log and cookies of earlier versions depend on it."""
+    extracted = hmac.digest(bytes(32), bytes(range(32)), "sha256")
+    assert SIGNER.secret_for("cookies") == hmac.digest(extracted, b"cookies\x01", "sha256")
+
+
+def test_a_snapshot_says_everything_that_was_given_and_is_genuine() -> None:
+    leaderboard = Leaderboard(
+        split="test", protocol="official-v1", metric="rgspl", fingerprint="0123456789ab", rows=[]
+    )
+    about: dict[str, Any] = {"split": "test", "number": 3, "title": "2026", "as_of": NOON}
+    snapshot = SIGNER.sign_snapshot(**about, leaderboard=leaderboard)
+    assert {name: getattr(snapshot, name) for name in about} == about
+    assert (snapshot.server, snapshot.leaderboard) == (SIGNER.server, leaderboard)
+    verify(snapshot, SIGNER.public_pem)
+
+
+def test_a_receipt_is_changed_and_signed_again_with_another_key() -> None:
+    other = Signer(OTHER_KEY, "another name")
+    again = other.sign_again(RECEIPT, team="Red")
+    expected = RECEIPT.model_copy(
+        update={"team": "Red", "key_id": other.key_id, "proof": again.proof}
+    )
+    assert again == expected
+    verify(again, other.public_pem)
 
 
 def test_what_is_signed_is_canonical_json() -> None:
@@ -231,21 +265,35 @@ def pem(key: Any, encryption: Any) -> bytes:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        pytest.param(lambda path: path.unlink(), "is missing; restore it", id="missing"),
-        pytest.param(lambda path: path.chmod(0o640), "run `chmod 600", id="others can read it"),
-        pytest.param(lambda path: path.write_bytes(b"key"), "not a private key", id="no key"),
+        pytest.param(
+            lambda path: path.unlink(),
+            "{} is missing; restore it from the backup of the server",
+            id="missing",
+        ),
+        pytest.param(
+            lambda path: path.chmod(0o640),
+            "other users can read {0}; run `chmod 600 {0}`",
+            id="others can read it",
+        ),
+        pytest.param(
+            lambda path: path.write_bytes(b"key"),
+            "{} is not a private key in PEM format",
+            id="no key",
+        ),
         pytest.param(
             lambda path: path.write_bytes(pem(KEY, BestAvailableEncryption(b"secret"))),
-            "locked with a password",
+            "{} is locked with a password; store it without one",
             id="locked",
         ),
         pytest.param(
             lambda path: path.write_bytes(pem(generate_private_key(SECP256R1()), NoEncryption())),
-            "not an Ed25519 key",
+            "{} is not an Ed25519 key",
             id="another kind",
         ),
         pytest.param(
-            lambda path: (path.unlink(), path.mkdir(mode=0o700)), "cannot be read", id="a folder"
+            lambda path: (path.unlink(), path.mkdir(mode=0o700)),
+            "{} cannot be read: Is a directory",
+            id="a folder",
         ),
     ],
 )
@@ -255,5 +303,7 @@ def test_a_key_that_cannot_be_used_is_refused(
     path = tmp_path / "key.pem"
     make_key(path)
     spoil(path)
-    with pytest.raises(ReceiptError, match=message):
+    with pytest.raises(ReceiptError) as refused:
         load_key(path)
+    assert str(refused.value) == message.format(path)
+    assert isinstance(refused.value, KeyMissingError) == ("missing" in message)

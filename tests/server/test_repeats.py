@@ -74,6 +74,10 @@ def test_a_key_is_of_one_file_and_split(server: Serving, split: str) -> None:
     server.upload(OWNER, key="a")
     reply = server.upload(OWNER, server.distinct(split), split, key="a")
     assert (reply.status_code, reply.json()["code"]) == (409, "conflict")
+    assert reply.json()["detail"] == (
+        "the Idempotency-Key 'a' was used for another file or split; use a new one for each "
+        "submission"
+    )
     assert len(server.ask(OWNER, "GET", "/submissions").json()) == 1
 
 

@@ -1,17 +1,36 @@
 """Reported results by the file and one by one: what is the same, what changes, what is refused."""
 
+import json
 import re
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from sqlalchemy.orm import Session
 
 from fixtures.published import published_folder
+from reverie_eval.schemas.organising import ImportReport, NewImport, NewReported, ReportedChange
+from reverie_eval.server.errors import ConflictError, MalformedError, NotFoundError, TableError
 from reverie_eval.server.service.audit import entries
+from reverie_eval.server.service.paging import Page
+from reverie_eval.server.service.reported import (
+    add_reported,
+    change_reported,
+    find_reported,
+    import_reported,
+    list_reported,
+    remove_reported,
+    reported_of,
+)
+from reverie_eval.server.service.transactions import Transaction
+from reverie_eval.server.store.database import Database
+from reverie_eval.tasks import find_task
 from tests.conftest import REPOSITORY, unavailable
 from tests.server.test_reported_files import LEGACY
+from tests.support.acting import NOON, acting
 from tests.support.entries import entered, named
 from tests.support.processes import Laptop
 from tests.support.serving import OPEN, ORGANISER, PRIVATE, Serving
@@ -241,6 +260,235 @@ def test_changes_that_are_refused(
     assert server.ask(ORGANISER, "PATCH", f"{PAGE}/{number}", json=change).status_code == status
     assert server.ask(ORGANISER, "PATCH", f"{PAGE}/99", json={}).status_code == 404
     assert listed(server) == before
+
+
+REVERIE = find_task("reverie")
+TASKS = {"r2r-val_unseen": find_task("r2r"), "ndh-test": find_task("ndh"), OPEN: REVERIE}
+
+
+def entry(**changes: object) -> NewReported:
+    """Return a request to add a result, valid but for its scores."""
+    about = {"split": OPEN, "method": {"name": "Walker"}, "team": "Blue", "source": SOURCE}
+    return NewReported.model_validate({**about, "scores": {"success": 0.5}, **changes})
+
+
+def last_logged(session: Session) -> tuple[str, str, str, Mapping[str, Any]]:
+    last = entries(session)[-1]
+    return last.action, last.row, last.subject, last.details
+
+
+REFUSED = [
+    pytest.param({"scores": {"success": 1.5}}, "success is 1.5; expected a fraction from 0 to 1"),
+    pytest.param({"scores": {"path_length": -1.0}}, "path_length is -1.0; expected 0 or more"),
+    pytest.param({"scores": {"path_length": inf}}, "path_length is inf; expected 0 or more"),
+    pytest.param(
+        {"split": "ndh-test", "scores": {"goal_progress": -inf}},
+        "goal_progress is -inf; expected a number",
+    ),
+    pytest.param(
+        {"scores": {"spl": 1.0, "sucess": 0.5}},
+        "there is no metric 'sucess'; did you mean success? Choose one of: "
+        + ", ".join(REVERIE.metrics),
+    ),
+    pytest.param(
+        {"scores": {"goal_progress": 0.5}},
+        "there is no metric 'goal_progress'; choose one of: " + ", ".join(REVERIE.metrics),
+    ),
+    pytest.param(
+        {"split": "tset"}, "there is no split 'tset'; there are: r2r-val_unseen, ndh-test, " + OPEN
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "told"), REFUSED)
+def test_what_is_not_added_says_why(
+    changes: Mapping[str, object], told: str, sqlite: Database
+) -> None:
+    with acting(sqlite) as transaction:
+        with pytest.raises((MalformedError, NotFoundError)) as refused:
+            add_reported(transaction, entry().model_copy(update=changes), TASKS)
+        assert str(refused.value) == told
+        assert list_reported(transaction.session, Page()).rows == []
+
+
+def test_results_are_listed_from_the_latest_and_ranked_from_the_earliest(sqlite: Database) -> None:
+    with acting(sqlite, ORGANISER) as transaction:
+        session = transaction.session
+        first = add_reported(transaction, entry(date="2026"), TASKS)
+        details = {"split": OPEN, "source": SOURCE}
+        row = f"reported_result:{first.id}"
+        assert last_logged(session) == ("reported result added", row, "Walker", details)
+        second = add_reported(transaction, entry(scores={"success": 1, "path_length": 0}), TASKS)
+        other = add_reported(
+            transaction, entry(split="ndh-test", scores={"goal_progress": -2.5}), TASKS
+        )
+        third = add_reported(transaction, entry(team="Red"), TASKS)
+        removed = add_reported(transaction, entry(team="Green"), TASKS)
+        assert (first.added_by, first.created_at, first.scores) == (
+            ORGANISER,
+            NOON,
+            {"success": 0.5},
+        )
+        assert remove_reported(transaction, removed.id) == removed
+        assert last_logged(session) == (
+            "reported result removed",
+            f"reported_result:{removed.id}",
+            "Walker",
+            {"split": OPEN},
+        )
+        assert list_reported(session, Page()).rows == [third, other, second, first]
+        assert list_reported(session, Page(limit=1)).rows == [third]
+        assert [each.id for each in reported_of(session, OPEN)] == [first.id, second.id, third.id]
+        assert find_reported(session, other.id) == other
+        for missing in (removed.id, removed.id + 1):
+            with pytest.raises(NotFoundError) as unknown:
+                find_reported(session, missing)
+            assert str(unknown.value) == f"there is no reported result {missing} on any leaderboard"
+        for result, name in ((first, "'Walker', by 'Blue', 2026"), (second, "'Walker', by 'Blue'")):
+            with pytest.raises(ConflictError) as taken:
+                add_reported(transaction, NewReported.model_validate(result), TASKS)
+            assert str(taken.value) == (
+                f"{name} is already on the leaderboard of {OPEN}; change that result, or give this "
+                "one another date or name"
+            )
+
+
+def test_a_result_of_a_split_that_is_gone_can_be_changed(sqlite: Database) -> None:
+    with acting(sqlite) as transaction:
+        paper, code = "https://example.org/paper", "https://example.org/code"
+        method = {"name": "Walker", "paper": paper}
+        known = add_reported(transaction, entry(date="2026", method=method), TASKS)
+        change = ReportedChange.model_validate(
+            {
+                "method": {"name": "Runner", "code": code},
+                "date": None,
+                "scores": {"goal_progress": 1.5},
+            }
+        )
+        changed = change_reported(transaction, known.id, change, {})
+        assert changed == find_reported(transaction.session, known.id)
+        assert changed.scores == {"success": 0.5, "goal_progress": 1.5}
+        assert (changed.method.name, changed.date, changed.team) == ("Runner", None, "Blue")
+        assert (str(changed.method.paper), str(changed.method.code)) == (paper, code)
+        assert last_logged(transaction.session) == (
+            "reported result changed",
+            f"reported_result:{known.id}",
+            "Walker",
+            {
+                "before": {
+                    "method": {"name": "Walker", "code": None},
+                    "scores": {},
+                    "date": "2026",
+                },
+                "after": {
+                    "method": {"name": "Runner", "code": code},
+                    "scores": {"goal_progress": 1.5},
+                    "date": None,
+                },
+            },
+        )
+        same = ReportedChange.model_validate({"method": None})
+        assert change_reported(transaction, known.id, same, {}) == changed
+        gone = ReportedChange(scores={"success": None, "goal_progress": None})
+        with pytest.raises(MalformedError) as refused:
+            change_reported(transaction, known.id, gone, {})
+        assert str(refused.value) == "no score would be left; remove the result instead"
+        for tasks, told in ((TASKS, "'goal_progress'"), ({}, "'joy'")):
+            change = ReportedChange(scores={} if tasks else {"joy": 1.0})
+            with pytest.raises(MalformedError, match=f"^there is no metric {told}"):
+                change_reported(transaction, known.id, change, tasks)
+
+
+# What a file says, as an error and as a report.
+
+
+def imported(transaction: Transaction, text: str, **more: Any) -> ImportReport:
+    new = NewImport.model_validate({"split": OPEN, "source": SOURCE, "text": text, **more})
+    return import_reported(transaction, new, TASKS)
+
+
+def test_the_problems_of_a_file_have_their_kind_and_their_row(sqlite: Database) -> None:
+    text = (
+        "team,SR,date,code\n"
+        "Bad,500,13/2026,http://example.org\n"
+        ",5,,\n"
+        "Known,6,2026,\n"
+        "Good,5,,\n"
+        "Good,6,,\n"
+        f"Long,5,,http://example.org/{60 * 'x'}\n"
+    )
+    date = "must be a day, a month or a year: 2026-01-15, 2026-01, 01/2026 or 2026"
+    link = "must be a link that begins with https://"
+    with acting(sqlite) as transaction:
+        imported(transaction, "team,SR,date\nKnown,5,2026\n")
+        with pytest.raises(TableError) as refused:
+            imported(transaction, text)
+        assert len(list_reported(transaction.session, Page()).rows) == 1
+    found = [(each.code, str(each), each.position) for each in refused.value.problems]
+    assert sorted(found, key=lambda each: each[2]) == [
+        ("wrong-value", "line 2: SR %: 500 is not from 0 to 100", (0,)),
+        ("wrong-value", f"line 2: code: {link}; found 'http://example.org'", (0,)),
+        ("wrong-value", f"line 2: date: {date}; found '13/2026'", (0,)),
+        ("wrong-value", "line 3: has neither a team nor a method", (1,)),
+        (
+            "other-scores",
+            (
+                "line 4: 'Known', by 'Known', 2026 is on the leaderboard with other scores; change "
+                "it there"
+            ),
+            (2,),
+        ),
+        (
+            "other-scores",
+            "line 6: 'Good', by 'Good' has other scores in line 5; rename one or remove it",
+            (4,),
+        ),
+        ("wrong-value", f"line 7: code: {link}; found 'http://example.org/{40 * 'x'}", (5,)),
+    ]
+
+
+def test_the_report_of_an_import_says_what_became_of_each_row(sqlite: Database) -> None:
+    text = (
+        "team,method,SR,source,dataset,description\n"
+        "Blue,Walker,5,,,walks\n"
+        "Red,,10,Them,v1,\n"
+        "Blue,Walker,5,,,\n"
+        ",Runner,20,,,\n"
+    )
+    with acting(sqlite) as transaction:
+        imported(transaction, "team,SR\nRed,10\n")
+        report = imported(transaction, text, dataset="v2")
+        again = imported(transaction, text)
+        listed = list_reported(transaction.session, Page()).rows
+    assert (report.rows, report.known, report.unread) == (4, 1, [])
+    assert report.repeated == ["line 4 repeats line 2"]
+    assert report.added == [
+        entry(
+            method={"name": "Walker", "description": "walks"},
+            scores={"success": 0.05},
+            dataset="v2",
+        ),
+        entry(method={"name": "Runner"}, team="Runner", scores={"success": 0.2}, dataset="v2"),
+    ]
+    stored = [each.model_dump(exclude={"id", "added_by", "created_at"}) for each in listed[:2]]
+    assert stored == [each.model_dump() for each in report.added[::-1]]
+    assert (again.rows, again.added, again.known) == (4, [], 4)
+
+
+def test_a_file_of_another_task_names_the_split_without_it(sqlite: Database) -> None:
+    text = json.dumps(
+        {"columns": ["SR"], "methods": {"Walker": {"val_unseen": [50]}}, "source": "a table"}
+    )
+    with acting(sqlite) as transaction:
+        report = imported(transaction, text, split="r2r-val_unseen", rates="percent")
+        with pytest.raises(TableError, match="not a metric of this split"):
+            imported(transaction, "team,RGS\nBlue,5\n", split="r2r-val_unseen")
+        with pytest.raises(NotFoundError, match=r"^there is no split 'train'; there are: r2r-"):
+            imported(transaction, text, split="train")
+        fractions = imported(transaction, "team,SR\nRed,0.5\n", rates="fraction")
+    assert [each.scores for each in report.added] == [{"success": 0.5}]
+    assert (report.added[0].split, report.unread) == ("r2r-val_unseen", ["source"])
+    assert [each.scores for each in fractions.added] == [{"success": 0.5}]
 
 
 # The command line.

@@ -63,6 +63,7 @@ TABLES = [
     pytest.param("team,SR,SPL\nBlue,5,2.5", "percent", id="labels"),
     pytest.param("Team,Success,spl\nBlue,5,2.5\n", "percent", id="keys in any case"),
     pytest.param("team,SR %,SPL (%)\nBlue,5 %,2.5%\n", "percent", id="units"),
+    pytest.param("Method,Nav Success,nav-spl\nA,5,2.5\n", "percent", id="other separators"),
     pytest.param("team;SR;SPL\nBlue;5;2.5\n", "percent", id="semicolons"),
     pytest.param("team\tSR\tSPL\nBlue\t5\t2.5\n", "percent", id="tabs"),
     pytest.param("\ufeffteam,SR,SPL\r\nBlue,5,2.5\r\n", "percent", id="from a spreadsheet"),
@@ -85,6 +86,14 @@ def test_lines_are_those_of_an_editor() -> None:
     assert [row.where for row in read.rows] == ["line 3", "line 6"]
 
 
+def test_values_of_objects_stay_as_they_are_written() -> None:
+    text = '[{"team": 7, "date": 1.50, "source": NaN, "SR": 5}, {"team": "b", "SR": Infinity}]'
+    read = read_results(text, "test", "percent")
+    about = {"team": "7", "date": "1.50", "source": "NaN"}
+    assert [(row.where, row.about) for row in read.rows] == [("[0]", about), ("[1]", {"team": "b"})]
+    assert list(map(str, read.problems)) == ["[1]: SR %: Infinity is not from 0 to 100"]
+
+
 def test_objects_may_leave_columns_out() -> None:
     assert scores_of('[{"team": "a", "SR": 5}, {"method": "b", "TL": 9.5}]') == [
         {"success": 0.05},
@@ -97,53 +106,71 @@ NEITHER = (
 )
 UNREADABLE = [
     pytest.param(
-        "", ["the file: has no rows below a line with the names of the columns"], id="empty"
+        "",
+        "unreadable",
+        ["the file: has no rows below a line with the names of the columns"],
+        id="empty",
     ),
     pytest.param(
         "team,SR\n",
+        "unreadable",
         ["the file: has no rows below a line with the names of the columns"],
         id="no row",
     ),
     pytest.param(
         "tem,SR,SPLL\na,1,2",
+        "unknown-column",
         ["column 'tem': unknown; did you mean team?", "column 'SPLL': unknown; did you mean spl?"],
         id="all unknown columns",
     ),
     pytest.param(
         "team,SR,nav_success\na,1,2",
+        "repeated-column",
         ["column 'nav_success': means the same as column 'SR'; remove one"],
         id="a column twice",
     ),
-    pytest.param("SR,SPL\n1,2", ["columns: expected one for the team or the method"], id="nobody"),
+    pytest.param(
+        "SR,SPL\n1,2",
+        "no-column",
+        ["columns: expected one for the team or the method"],
+        id="nobody",
+    ),
     pytest.param(
         'team,SR\na,1\n"b,2',
+        "unreadable",
         ["line 3: cannot be read as CSV: unexpected end of data"],
         id="an open quote",
     ),
     pytest.param(
-        '{"columns":\n [', ["line 2: invalid JSON at column 3: Expecting value"], id="broken JSON"
+        '{"columns":\n [',
+        "unreadable",
+        ["line 2: invalid JSON at column 3: Expecting value"],
+        id="broken JSON",
     ),
-    pytest.param("[" * 100_000, ["the file: is nested too deeply"], id="deep JSON"),
-    pytest.param("[1, 2]", [NEITHER], id="other JSON"),
-    pytest.param('{"methods": {}}', [NEITHER], id="no columns"),
+    pytest.param("[" * 100_000, "unreadable", ["the file: is nested too deeply"], id="deep JSON"),
+    pytest.param("[1, 2]", "unreadable", [NEITHER], id="other JSON"),
+    pytest.param('{"methods": {}}', "unreadable", [NEITHER], id="no columns"),
     pytest.param(
-        '{"columns": ["SR"], "methods": {"a": {"val_seen": [1]}, "b": 3}}',
-        ["methods: there are no results of test; there are results of: val_seen"],
+        '{"columns": ["SR"], "methods": {"a": {"val_seen": [1], "train": [2]}, "b": 3}}',
+        "unreadable",
+        ["methods: there are no results of test; there are results of: val_seen, train"],
         id="other splits",
     ),
     pytest.param(
         '{"columns": ["SR"], "methods": {}}',
+        "unreadable",
         ["methods: there are no results of test; there are results of: no split"],
         id="no split",
     ),
 ]
 
 
-@pytest.mark.parametrize(("text", "told"), UNREADABLE)
-def test_files_that_are_no_table(text: str, told: Sequence[str]) -> None:
+@pytest.mark.parametrize(("text", "code", "told"), UNREADABLE)
+def test_files_that_are_no_table(text: str, code: str, told: Sequence[str]) -> None:
     with pytest.raises(TableError) as raised:
         read_results(text, "test", "percent")
     problems = list(map(str, raised.value.problems))
+    assert {each.code for each in raised.value.problems} == {code}
     assert len(problems) == len(told)
     for problem, expected in zip(problems, told, strict=True):
         assert problem.partition(" Choose one of: ")[0] == expected
@@ -181,6 +208,15 @@ def test_percent_and_fractions_are_told_apart(rates: str, value: str, *, is_refu
     assert bool(read.problems) == is_refused
 
 
+def test_fractions_are_at_most_1() -> None:
+    (problem,) = read_results("team,SR\na,1.5\nb,1\n", "test", "fraction").problems
+    assert str(problem) == "line 2: SR %: 1.5 is not from 0 to 1"
+
+
+def test_a_file_may_have_no_rates() -> None:
+    assert scores_of("team,TL\na,0.5\n") == [{"path_length": 0.5}]
+
+
 def test_rates_that_look_like_fractions_are_one_problem_of_the_file() -> None:
     (problem,) = read_results("team,SR,TL\na,1,5\nb,0.5,7\n", "test", "percent").problems
     assert (problem.code, str(problem)) == (
@@ -200,6 +236,7 @@ def test_a_metric_that_the_task_does_not_have_is_refused() -> None:
 
 def test_a_change_is_read_as_a_file_is() -> None:
     cells = {"team": "", "date": "", "method": "M", "Paper": "", "ensemble": "no", "TL": "9.5"}
+    assert read_change({"RGS": "32.49"}) == {"method": {}, "scores": {"rgs": 0.3249}}
     assert read_change({**cells, "SR (%)": "", "source": "x", "description": ""}) == {
         "team": "",
         "date": None,
@@ -216,10 +253,11 @@ def test_a_change_is_read_as_a_file_is() -> None:
 
 
 def test_a_method_may_have_one_value_and_other_splits() -> None:
-    methods = {"A": {"test": 5, "val_seen": [1]}, "B": {"val_seen": [2]}}
+    methods = {"A": {"test": 5.5, "val_seen": [1]}, "B": {"val_seen": [2]}}
     text = json.dumps({"columns": ["SR"], "methods": methods, "note": "x", "year": 1})
     read = read_results(text, "test", "percent")
-    assert [(row.place, row.scores) for row in read.rows] == [(0, {"success": 0.05})]
+    (row,) = read.rows
+    assert (row.place, row.about, row.scores) == (0, {"method": "A"}, {"success": 0.055})
     assert list(read.unread) == ["note", "year"]
 
 

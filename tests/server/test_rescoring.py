@@ -1,30 +1,50 @@
 """Scoring again after a correction: results, ranks, receipts, what stays, and what is told."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from datetime import timedelta
+from hashlib import sha256
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy import select
 
+from reverie_eval.errors import SubmissionError
 from reverie_eval.ground_truth import Bundle
 from reverie_eval.receipts import verify
 from reverie_eval.schemas.report import ScoreReport
-from reverie_eval.schemas.service import Phase, Receipt
+from reverie_eval.schemas.service import EarlierResult, Phase, Receipt
 from reverie_eval.server.operations import rescoring
 from reverie_eval.server.operations.checks import check_folder
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import audit_reports, entries, mismatches
-from reverie_eval.server.service.rescoring import Outcome, Scorer, changes, outdated
-from tests.support.acting import review
+from reverie_eval.server.service.paging import Page
+from reverie_eval.server.service.rank_intervals import cluster_sums
+from reverie_eval.server.service.rescoring import (
+    Job,
+    Outcome,
+    Rescored,
+    Scorer,
+    changes,
+    count_outdated,
+    list_corrections,
+    outdated,
+)
+from reverie_eval.server.store.database import Database
+from reverie_eval.server.store.tables import ClusterSums, Correction, Submission
+from tests.support.acting import NOON, review
 from tests.support.flat import Run
 from tests.support.serving import (
+    BROKEN,
+    GOOD,
     OPEN,
     ORGANISER,
     OTHER,
     OWNER,
     PRIVATE,
+    STRICT,
     OpenServer,
     Serving,
     adjusted,
@@ -318,6 +338,271 @@ def test_held_scores_hide_earlier_ones(
     assert "Earlier results" not in page
     later.clock.turn(days=200)
     assert len(shown(later, submission)["earlier"]) == 1
+
+
+# What is scored again, in which order, and what became of it.
+
+
+def store(server: Serving, submission: str, **columns: object) -> None:
+    """Write columns of a submission, whatever the service would say."""
+    with server.state.database.writing() as session:
+        row = session.get_one(Submission, submission)
+        for name, value in columns.items():
+            setattr(row, name, value)
+
+
+def report_of(server: Serving, submission: str, **changes: object) -> dict[str, Any]:
+    """Return a submission's report with other values, as it is stored."""
+    with server.state.database.reading() as session:
+        return {**session.get_one(Submission, submission).report, **changes}
+
+
+def test_a_submission_is_scored_again_or_it_is_said_why_not(server: Serving) -> None:
+    place, uploads = server.state.boards[OPEN], server.state.uploads
+    score = Scorer(place, uploads)
+    sent(server, OWNER, GOOD)
+    job = Job(
+        submission_id="0" * 16,
+        sha256=sha256(GOOD).hexdigest(),
+        has_intervals=False,
+        upload_deleted_at=None,
+        was_scored=True,
+    )
+    plain, published = place.scored(GOOD), place.scored(GOOD, has_intervals=True)
+    assert published.scores is not None
+    assert score(job) == Rescored(plain.report, None)
+    sums = cluster_sums(published.scores)
+    assert score(job._replace(has_intervals=True)) == Rescored(published.report, sums)
+    assert score(job._replace(upload_deleted_at=NOON)) == (
+        "its upload was deleted on 2026-03-02 (keep_uploads_days)"
+    )
+    assert score(job._replace(sha256="0" * 64)) == (
+        "its upload is missing; run `reverie-eval server doctor`"
+    )
+    uploads.put("1" * 64, BROKEN)
+    with pytest.raises(SubmissionError) as rejected:
+        place.read(BROKEN)
+    assert score(job._replace(sha256="1" * 64)) == f"rejected: {rejected.value.problems[0]}"
+
+
+def test_what_is_outdated_is_found_the_oldest_first(several: Serving) -> None:
+    server, place = several, several.state.boards[OPEN]
+    early = sorted(
+        server.upload(OWNER, server.distinct()).json()["submission"]["id"] for _ in "123"
+    )
+    sent(server, OTHER, submission_for(PRIVATE), PRIVATE)
+    server.clock.turn(hours=1)
+    current = server.upload(OTHER, server.distinct()).json()["submission"]["id"]
+    last = sent(server, OTHER, server.distinct())["id"]
+    other_truth, other_rules = {"fingerprint": "0" * 64}, {"signature": "x|version:1"}
+    for each, columns in (
+        (early[0], {"report": report_of(server, early[0], **other_truth)}),
+        (early[1], {"report": report_of(server, early[1], **other_rules)}),
+        (last, {"report": report_of(server, last, **other_truth), "upload_deleted_at": NOON}),
+    ):
+        store(server, each, **columns)
+    store(server, current, also={})
+    assert count_outdated_on(server, "") == 3
+    assert count_outdated_on(server, STRICT) == 1
+    with server.state.database.reading() as session:
+        found, strict = outdated(session, place), outdated(session, place.also[STRICT])
+    assert [(job.submission_id, *job[2:]) for job in found] == [
+        (early[0], False, None, True),
+        (early[1], False, None, True),
+        (last, True, NOON, True),
+    ]
+    assert [(job.submission_id, *job[2:]) for job in strict] == [(current, False, None, False)]
+    assert [job.sha256 for job in strict] == [shown(server, {"id": current})["sha256"]]
+    private = server.state.boards[PRIVATE]
+    (secret,) = (row["submission_id"] for row in board(server, PRIVATE)["rows"])
+    store(server, secret, report=report_of(server, secret, fingerprint="0" * 64))
+    with server.state.database.reading() as session:
+        (job,) = outdated(session, private)
+    assert (job.submission_id, job.has_intervals) == (secret, False)
+
+
+def count_outdated_on(server: Serving, further: str) -> int:
+    """Count outdated results on a leaderboard of the open split."""
+    own = server.state.boards[OPEN]
+    with server.state.database.reading() as session:
+        return count_outdated(session, own.also[further] if further else own)
+
+
+def test_a_correction_and_each_new_result_are_logged(corrected: Serving) -> None:
+    place = corrected.state.boards[OPEN]
+    before = {
+        each["id"]: each["report"]["signature"]
+        for each in corrected.ask(ORGANISER, "GET", "/submissions").json()
+    }
+    assert rescored(corrected)["signature"] == place.signature
+    with corrected.state.database.reading() as session:
+        announced, *again = [
+            (each.actor, each.action, each.row, each.subject, each.details)
+            for each in audit_reports(session, entries(session))
+        ][-3:]
+        rows = session.scalars(select(Submission)).all()
+        assert {row.rescored_at for row in rows} == {corrected.clock()}
+        sums = {each.submission_id: each for each in session.scalars(select(ClusterSums))}
+        (listed,) = list_corrections(session, Page()).rows
+        uploads = {row.id: row.sha256 for row in rows}
+    assert announced == (
+        ORGANISER,
+        "correction announced",
+        "correction:1",
+        OPEN,
+        {"reason": WHY},
+    )
+    assert sorted(again, key=lambda entry: entry[3]) == [
+        (
+            ORGANISER,
+            "scored again",
+            f"submission:{name}",
+            name,
+            {"board": "", "before": before[name], "after": place.signature},
+        )
+        for name in sorted(before)
+    ]
+    assert listed.model_dump() == {
+        "split": OPEN,
+        "board": "",
+        "created_at": corrected.clock(),
+        "reason": WHY,
+        "signature": place.signature,
+    }
+    for name, sha in uploads.items():
+        scores = place.scored(corrected.state.uploads.get(sha)).scores
+        assert scores is not None
+        assert (sums[name].board, sums[name].sums) == ("", cluster_sums(scores))
+    said = {"split": OPEN, "reason": WHY}
+    reply = corrected.ask(ORGANISER, "POST", "/organiser/corrections", json=said)
+    assert reply.json()["detail"] == (
+        f"all submissions to {OPEN} were scored with the current ground truth and rules"
+    )
+    reply = corrected.ask(
+        ORGANISER, "POST", "/organiser/corrections", json={**said, "split": "none"}
+    )
+    assert reply.status_code == 404
+
+
+def test_first_results_on_a_leaderboard_correct_nothing(several: Serving) -> None:
+    server, strict = several, several.state.boards[OPEN].also[STRICT]
+    submission = sent(server, OWNER, GOOD)
+    also = {name: each for name, each in submission["also"].items() if name != STRICT}
+    with server.state.database.writing() as session:
+        session.delete(session.get_one(ClusterSums, (submission["id"], STRICT)))
+    store(server, submission["id"], also=also)
+    server.clock.turn(hours=1)
+    report = rescored(server)
+    assert (report["scored"], report["left"]) == (1, 0)
+    assert report["signature"] == server.state.boards[OPEN].signature
+    now = shown(server, submission)
+    assert now["also"] == submission["also"]
+    with server.state.database.reading() as session:
+        assert list_corrections(session, Page()).rows == []
+        last = entries(session)[-1]
+        assert session.get(ClusterSums, (submission["id"], STRICT)) is not None
+    assert (last.action, last.at) == ("scored again", server.clock())
+    assert last.details == {"board": STRICT, "before": "", "after": strict.signature}
+
+
+def test_corrections_are_listed_the_latest_first(sqlite: Database) -> None:
+    with sqlite.writing() as session:
+        for reason in ("one", "two"):
+            about = {"split": OPEN, "board": "", "signature": "x", "created_at": NOON}
+            session.add(Correction(**about, reason=reason))
+            session.flush()
+    with sqlite.reading() as session:
+        assert [each.reason for each in list_corrections(session, Page()).rows] == ["two", "one"]
+
+
+OTHER_TRUTH = {"fingerprint": "0" * 64}
+"""What the reports have of submissions that were not scored again."""
+RESULTS: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
+    "Ant": ({"rgspl": 0.5}, {}),
+    "Bee": ({"rgspl": 0.25}, {}),
+    "Cat": ({"rgspl": 0.875}, {}),
+    "Dog": ({"rgspl": 1.0}, {}),
+    "Elk": ({"rgspl": 1.0}, {"withdrawn_at": NOON}),
+    "Fox": ({"rgspl": 1.0}, {"published_at": None}),
+    "Gnu": ({"rgspl": 0.0625}, {}),
+    "Hen": ({"spl": 0.5}, {}),
+}
+"""Scores and other columns of submissions; Dog is disqualified."""
+
+
+def test_what_a_correction_changes_is_told_with_ranks_and_reasons(server: Serving) -> None:
+    place, ids = server.state.boards[OPEN], {}
+    for name, (scores, columns) in RESULTS.items():
+        each = server.upload(OWNER, server.distinct(), name=name).json()["submission"]["id"]
+        report = report_of(server, each, scores=scores, **({} if name == "Gnu" else OTHER_TRUTH))
+        store(server, each, **{"report": report, "published_at": NOON, **columns})
+        server.clock.turn(seconds=1)
+        ids[name] = each
+    with server.acting() as transaction:
+        review(transaction, ids["Dog"], "disqualified")
+        review(transaction, ids["Ant"], "verified")
+    now = {"Ant": 0.25, "Bee": 0.75, "Dog": 0.9375, "Elk": 0.5, "Fox": 0.96875}
+    template = ScoreReport.model_validate(report_of(server, ids["Gnu"]))
+    outcomes: dict[str, Outcome] = {
+        ids[name]: Rescored(template.model_copy(update={"scores": {"rgspl": value}}), None)
+        for name, value in now.items()
+    }
+    outcomes[ids["Cat"]] = "its upload is missing"
+
+    def told(first: Collection[str] = ()) -> list[tuple[Any, ...]]:
+        """Return a row for each change: values and ranks before and after, and the reason."""
+        with server.state.database.reading() as session:
+            found = changes(session, place, outcomes, first_results=[ids[name] for name in first])
+        assert {(each.board, each.team) for each in found} == {("", "Blue")}
+        assert {each.method: each.submission_id for each in found} == ids
+        return [
+            (each.method, each.before, each.after, each.rank_before, each.rank_after, each.problem)
+            for each in found
+        ]
+
+    def rgspl(value: float) -> Mapping[str, float]:
+        return {"rgspl": value}
+
+    bee = ("Bee", rgspl(0.25), rgspl(0.75), 3, 1, "")
+    elk = ("Elk", rgspl(1.0), rgspl(0.5), None, None, "")
+    ant = ("Ant", rgspl(0.5), rgspl(0.25), 2, 2, "")
+    small = [
+        ("Dog", rgspl(1.0), rgspl(0.9375), None, None, ""),
+        ("Fox", rgspl(1.0), rgspl(0.96875), None, None, ""),
+        ("Cat", rgspl(0.875), {}, 1, None, "its upload is missing"),
+    ]
+    last = [
+        ("Gnu", rgspl(0.0625), rgspl(0.0625), 4, 3, ""),
+        ("Hen", {"spl": 0.5}, {}, None, None, ""),
+    ]
+    assert told() == [bee, elk, ant, *small, *last]
+    gnu: tuple[Any, ...] = ("Gnu", {}, rgspl(0.0625), None, 3, "")
+    assert told(["Gnu"]) == [bee, elk, ant, *small, gnu, last[1]]
+
+    # A result that was replaced by this correction is compared with the one before it.
+    noon = NOON.replace(minute=30)
+    about = {"split": OPEN, "board": "", "reason": WHY, "created_at": noon}
+    old = place.signature.replace("version:", "version:0.")
+    for seconds, signature, before in (
+        (0, place.signature.replace("data:", "data:0"), (0.0625, 4)),
+        (0, old, (0.75, 2)),
+        (1, old, (0.75, 2)),
+        (-1, old, (0.0625, 4)),
+    ):
+        replaced = EarlierResult(
+            report=template.model_copy(update={"scores": {"rgspl": 0.75}}),
+            receipt=shown(server, {"id": ids["Gnu"]})["receipt"],
+            replaced_at=noon + timedelta(seconds=seconds),
+            reason=WHY,
+        )
+        oldest = replaced.model_copy(update={"report": template})
+        stored = [each.model_dump(mode="json") for each in (oldest, replaced)]
+        store(server, ids["Gnu"], earlier=stored)
+        with server.state.database.writing() as session:
+            session.add(Correction(**about, signature=signature))
+        value, rank = before
+        (found,) = [each for each in told() if each[0] == "Gnu"]
+        assert found == ("Gnu", rgspl(value), rgspl(0.0625), rank, 3, "")
 
 
 # The command.

@@ -14,6 +14,7 @@ from reverie_eval.server.service.audit import audit_reports, entries
 from reverie_eval.server.service.paging import Page
 from reverie_eval.server.service.reported import reported_of
 from reverie_eval.server.service.reviews import (
+    is_disqualified,
     latest_submissions,
     lift_review,
     list_reviews,
@@ -116,6 +117,27 @@ def test_lists_of_reviews_and_submissions_begin_with_the_latest(server: Serving)
             early: [proof],
             late: [praise, baseline],
         }
+
+
+def test_a_review_is_reported_as_it_is_kept(server: Serving) -> None:
+    submission_id = sent(server)
+    with server.acting(ORGANISER) as transaction:
+        report = review(transaction, submission_id, "flagged", WHY)
+        assert report.model_dump() == {
+            "id": report.id,
+            "submission_id": submission_id,
+            "verdict": "flagged",
+            "reason": WHY,
+            "reviewer": ORGANISER,
+            "created_at": server.clock(),
+            "lifted_at": None,
+        }
+        assert not is_disqualified(transaction.session, submission_id)
+        lifted = lift_review(transaction, report.id)
+        assert lifted == report.model_copy(update={"lifted_at": server.clock()})
+        review(transaction, submission_id, "disqualified")
+        review(transaction, submission_id, "baseline")
+        assert is_disqualified(transaction.session, submission_id)
 
 
 DISAPPEARING = [

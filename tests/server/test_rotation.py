@@ -15,9 +15,12 @@ from reverie_eval.server.errors import ConflictError, KeyReplacedError, NotFound
 from reverie_eval.server.service.audit import AuditLog, entries
 from reverie_eval.server.service.keys import (
     all_keys,
+    audit_key_of,
     audit_keys,
     current_key,
     file_of_key,
+    forget_audit_keys,
+    hand_over_audit_keys,
     list_keys,
     open_key,
 )
@@ -125,6 +128,20 @@ def test_the_keys_of_entries_are_gone_with_a_key_that_is_lost(sqlite: Database) 
         assert entries(session)[-1].details["lost"] is True
 
 
+def test_a_key_that_cannot_be_decrypted_is_not_handed_over(sqlite: Database) -> None:
+    with acting(sqlite) as transaction:
+        replace_key(transaction, SECOND, "one")
+        first, _ = all_keys(transaction.session)
+        first.audit_key = "00"
+    with transactions(sqlite, SECOND).begin("test") as transaction:
+        hand_over_audit_keys(transaction.session, SECOND, THIRD)
+        first, second = all_keys(transaction.session)
+        assert first.audit_key is None
+        assert audit_keys(transaction.session, THIRD)[second.key_id] == audit_key_of(SECOND)
+        forget_audit_keys(transaction.session)
+        assert (first.audit_key, second.audit_key) == (None, None)
+
+
 def new_key(path: Path) -> str:
     """Write a key, and return its id."""
     make_key(path)
@@ -163,6 +180,23 @@ def test_a_rotation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
         "here, from the machine on which the key was rotated or from a backup; or, if it was "
         "rotated a moment ago, try again"
     )
+
+
+def test_a_rotation_that_another_process_finishes_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, pending = tmp_path / "key.pem", tmp_path / "key.pem.new"
+    new_key(path)
+    row = SigningKey(key_id=new_key(pending))
+    rename = Path.rename
+
+    def be_second(file: Path, target: Path) -> None:
+        rename(file, target)
+        file.unlink()
+
+    monkeypatch.setattr(Path, "replace", be_second)
+    assert Signer(open_key(path, row), "").key_id == row.key_id
+    assert file_of_key(path, row.key_id) == path
 
 
 def refusal(transaction: Transaction, key_id: str, hours: int) -> str:
@@ -205,22 +239,29 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
         with server.acting() as transaction:
             state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="2026"))
         server.clock.turn(hours=1)
+    server.upload(OWNER, server.distinct())
+    with server.acting() as transaction:
+        state.snapshots.take(transaction, NewSnapshot(split=OPEN, title="another"))
     with state.database.writing() as session:
-        _, later = session.scalars(select(Submission).order_by(Submission.received_at)).all()
+        _, later, _ = session.scalars(select(Submission).order_by(Submission.received_at)).all()
         known = results_of(later)[""]
         by_another = Receipt.model_validate({**known.receipt.model_dump(), "key_id": THIRD.key_id})
         about = {"report": known.report, "replaced_at": NOON, "reason": "corrected"}
         earlier = [EarlierResult(**about, receipt=each) for each in (known.receipt, by_another)]
         store_result(later, "", known.model_copy(update={"earlier": earlier}))
         store_result(later, "strict", known)
+        third = session.scalars(select(StoredSnapshot).where(StoredSnapshot.number == 3)).one()
+        third.content = {**third.content, "key_id": THIRD.key_id}
     with server.acting() as transaction:
         replace_key(transaction, SECOND, "the yearly change")
     with transactions(state.database, SECOND, 3).begin("test") as transaction:
         revocation = KeyRevocation(since=NOON, reason="stolen")
-        assert revoke_key(transaction, signed_by, revocation) == 4
+        assert revoke_key(transaction, signed_by, revocation) == 5
         session = transaction.session
-        first, later = session.scalars(select(Submission).order_by(Submission.received_at)).all()
+        submissions = session.scalars(select(Submission).order_by(Submission.received_at)).all()
+        first, later, last = submissions
         assert [result.receipt.key_id for result in results_of(first).values()] == [signed_by]
+        assert [result.receipt.key_id for result in results_of(last).values()] == [SECOND.key_id]
         own, strict = results_of(later)[""], results_of(later)["strict"]
         assert [each.receipt.key_id for each in own.earlier] == [SECOND.key_id, THIRD.key_id]
         assert own.earlier[1].receipt == by_another
@@ -228,7 +269,7 @@ def test_later_receipts_and_snapshots_of_a_revoked_key_are_signed_again(server: 
             verify(receipt, SECOND.public_pem)
         assert own.receipt.scores == known.receipt.scores
         stored = session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)).all()
-        kept, again = (Snapshot.model_validate(each.content) for each in stored)
-        assert kept.key_id == signed_by
+        kept, again, another = (Snapshot.model_validate(each.content) for each in stored)
+        assert (kept.key_id, another.key_id) == (signed_by, THIRD.key_id)
         verify(again, SECOND.public_pem)
-        assert entries(session)[-1].details["signed_again"] == 4
+        assert entries(session)[-1].details["signed_again"] == 5

@@ -9,9 +9,9 @@ import pytest
 
 from reverie_eval.schemas.organising import NewSchedule
 from reverie_eval.schemas.service import Method, Phase, Schedule
-from reverie_eval.server.errors import NotOpenError
+from reverie_eval.server.errors import ConflictError, NotFoundError, NotOpenError
 from reverie_eval.server.operations.checks import check_folder
-from reverie_eval.server.service.schedules import Timetable
+from reverie_eval.server.service.schedules import Timetable, closed, with_phase
 from reverie_eval.server.store.tables import SetSchedule
 from tests.support.acting import NOON
 from tests.support.flat import Run
@@ -153,6 +153,152 @@ def test_a_day_alone_counts_whole(given: str, opens: str, closes: str) -> None:
     last = Phase.model_validate({"name": "a", "closes": given})
     told = first.model_dump(mode="json")["opens"], last.model_dump(mode="json")["closes"]
     assert told == (opens, closes)
+
+
+def test_what_is_set_is_reported_and_logged(server: Serving) -> None:
+    always = {
+        "phases": [{"name": "always", "opens": None, "closes": None}],
+        "release_scores": "at-once",
+        "paused": False,
+    }
+    ended = {**ENDED, "opens": None}
+    desk: dict[str, Any] = {"phases": [ended], "release_scores": "at-once", "paused": True}
+    server.clock.turn(seconds=1)
+    assert put(server, **desk).json() == {
+        "split": OPEN,
+        "settings": always,
+        "desk": desk,
+        "in_effect": desk,
+        "set_by": ORGANISER,
+        "set_at": "2026-03-02T12:00:01Z",
+    }
+    last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
+    assert (last["actor"], last["action"], last["subject"]) == (ORGANISER, "schedule set", OPEN)
+    assert last["details"] == desk
+    paused = {"phases": None, "release_scores": None, "paused": True}
+    put(server, PRIVATE, **paused)
+    nothing = {"desk": None, "set_by": None, "set_at": None}
+    found = server.ask(ORGANISER, "GET", "/organiser/schedules").json()
+    assert {each["split"]: each for each in found} == {
+        PRIVATE: {
+            "split": PRIVATE,
+            "settings": always,
+            "desk": paused,
+            "in_effect": {**always, "paused": True},
+            "set_by": ORGANISER,
+            "set_at": "2026-03-02T12:00:01Z",
+        },
+        "val_seen": {"split": "val_seen", "settings": always, "in_effect": always, **nothing},
+        OPEN: {
+            "split": OPEN,
+            "settings": always,
+            "desk": desk,
+            "in_effect": desk,
+            "set_by": ORGANISER,
+            "set_at": "2026-03-02T12:00:01Z",
+        },
+    }
+
+
+def test_a_transaction_sees_what_it_has_set(server: Serving) -> None:
+    schedules = server.state.schedules
+    with server.acting() as transaction:
+        assert not schedules.of(transaction.session, OPEN).latest.paused
+        schedules.set(transaction, OPEN, NewSchedule(paused=True))
+        assert schedules.of(transaction.session, OPEN).latest.paused
+        in_effect = schedules.in_effect(transaction.session)
+        assert {name: each.paused for name, each in in_effect.items()} == {
+            name: name == OPEN for name in SPLITS
+        }
+        with pytest.raises(NotFoundError) as missing:
+            schedules.of(transaction.session, "none")
+    told = "there is no split 'none' here; there are: test, val_seen, val_unseen"
+    assert str(missing.value) == told
+
+
+def test_which_schedule_applied_at_a_moment() -> None:
+    rows = [
+        SetSchedule(split=OPEN, paused=paused, created_at=NOON + hours * HOUR)
+        for hours, paused in ((0, True), (1, False), (2, True))
+    ]
+    timetable = Timetable(Schedule(phases=(Phase(name="a"),)), rows)
+    second = timedelta(seconds=1)
+    moments = [NOON - second, NOON, NOON + HOUR - second, NOON + HOUR, NOON + 9 * HOUR]
+    assert [timetable.at(each).paused for each in moments] == [False, True, True, False, True]
+
+
+def test_what_a_schedule_would_show_is_counted(folder: Path, open_server: OpenServer) -> None:
+    first = Phase(name="a", closes=NOON + HOUR)
+    settings = adjusted(settings_of(folder), phases=(first,), release_scores="phase-end")
+    server = open_server(settings)
+    for _ in range(2):
+        server.upload(OWNER, server.distinct(PRIVATE), PRIVATE)
+    server.upload(OWNER)
+    now = NOON + HOUR / 2
+    with server.state.database.reading() as session:
+        for release, expected in (("at-once", 2), ("phase-end", 0)):
+            asked = NewSchedule.model_validate({"phases": [first], "release_scores": release})
+            schedule, shown = server.state.schedules.if_set(session, PRIVATE, asked, now)
+            assert (schedule.release_scores, shown) == (release, expected)
+
+
+PHASES = (
+    Phase(name="over", closes=NOON - HOUR),
+    Phase(name="open", opens=NOON - HOUR),
+    Phase(name="new", opens=NOON, closes=NOON + HOUR),
+    Phase(name="to come", opens=NOON + HOUR),
+)
+
+
+def test_to_close_ends_the_open_phases_with_this_second() -> None:
+    schedule = Schedule(phases=PHASES, release_scores="phase-end", paused=True)
+    over, running, new, coming = PHASES
+    second = timedelta(seconds=1)
+    end = closed(schedule, NOON + second / 2)
+    assert end.model_dump() == {
+        "phases": (
+            over.model_dump(),
+            {**running.model_dump(), "closes": NOON},
+            {**new.model_dump(), "closes": NOON + second},  # it has to last a second
+            coming.model_dump(),
+        ),
+        "release_scores": "phase-end",
+        "paused": True,
+    }
+    without_start = Schedule(phases=(Phase(name="a"),))
+    assert [each.closes for each in closed(without_start, NOON).phases or ()] == [NOON]
+    with pytest.raises(ConflictError) as refused:
+        closed(Schedule(phases=(over, coming)), NOON)
+    assert str(refused.value) == "no phase is open"
+
+
+@pytest.mark.parametrize(
+    ("name", "opens", "closes", "release", "expected"),
+    [
+        pytest.param(
+            "b",
+            "2026-01-01",
+            None,
+            None,
+            [("a", None, NOON), ("b", "2026-01-01", None)],
+            id="added",
+        ),
+        pytest.param(
+            "a", "2026-01-01", None, "at-once", [("a", "2026-01-01", NOON)], id="its start"
+        ),
+        pytest.param("a", None, "2027-01-01", None, [("a", None, "2027-01-01")], id="its end"),
+    ],
+)
+def test_a_phase_is_added_or_changed(
+    name: str, opens: str | None, closes: str | None, release: Any, expected: list[Any]
+) -> None:
+    phases = (Phase(name="a", closes=NOON),)
+    schedule = Schedule(phases=phases, release_scores="phase-end", paused=True)
+    fields = with_phase(schedule, name, opens, closes, release)
+    keys = ("name", "opens", "closes")
+    assert [tuple(map(phase.get, keys)) for phase in fields["phases"]] == expected
+    assert (fields["release_scores"], fields["paused"]) == (release or "phase-end", True)
+    assert fields.keys() == {"phases", "release_scores", "paused"}
 
 
 # Scores held back.

@@ -3,20 +3,23 @@
 import asyncio
 import json
 from concurrent.futures import ThreadPoolExecutor
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import delete, select
 
 from reverie_eval.receipts import NotGenuineError, verify, verify_by_history
 from reverie_eval.schemas.organising import KeyRevocation, NewSchedule
 from reverie_eval.schemas.service import KeyReport, Phase, Snapshot
 from reverie_eval.server.app import create_app
+from reverie_eval.server.errors import NotFoundError
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.operations.keys import rotate_key
 from reverie_eval.server.service.rotation import revoke_key
+from reverie_eval.server.service.snapshots import Snapshots, snapshot_of
+from reverie_eval.server.service.transactions import Transactions
 from reverie_eval.server.settings import Settings
 from reverie_eval.server.store.tables import AuditEntry, StoredSnapshot
 from tests.support.acting import NOON, add_team, review
@@ -115,7 +118,119 @@ def test_what_is_not_there(path: str, status: int, server: Serving) -> None:
     assert server.ask(None, "GET", path).status_code == status
 
 
+def test_a_snapshot_that_is_not_there_says_so(server: Serving) -> None:
+    take(server)
+    with server.state.database.reading() as session:
+        assert snapshot_of(session, OPEN, 1).title == TITLE
+        for split, number in ((OPEN, 2), (PRIVATE, 1)):
+            with pytest.raises(NotFoundError) as missing:
+                snapshot_of(session, split, number)
+            assert str(missing.value) == f"there is no snapshot {number} of {split!r}"
+
+
+def test_a_snapshot_is_logged_and_numbered_by_split(server: Serving) -> None:
+    server.clock.turn(seconds=1)
+    taken = [take(server, split, title) for split, title in ((OPEN, "a"), (PRIVATE, "b"))]
+    taken.append(take(server, OPEN, "c"))
+    assert [each["number"] for each in taken] == [1, 1, 2]
+    last = server.ask(ORGANISER, "GET", "/organiser/audit").json()[-1]
+    assert (last["actor"], last["action"], last["subject"]) == (ORGANISER, "snapshot taken", OPEN)
+    assert last["details"] == {"number": 2, "title": "c", "as_of": "2026-03-02T12:00:01+00:00"}
+    with server.state.database.reading() as session:
+        rows = session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)).all()
+    assert [(row.split, row.number, row.title, row.phase) for row in rows] == [
+        (OPEN, 1, "a", None),
+        (PRIVATE, 1, "b", None),
+        (OPEN, 2, "c", None),
+    ]
+    assert {(row.as_of, row.created_at) for row in rows} == {(server.clock(), server.clock())}
+
+
 # At the end of a phase.
+
+
+def due(server: Serving, now: datetime) -> list[tuple[str, str, datetime]]:
+    """Return the closings without a snapshot, as a server knows them that has just started."""
+    fresh = Snapshots(lambda: server.state.boards, server.state.schedules)
+    with server.state.database.reading() as session:
+        return [(each.split, each.phase, each.at) for each in fresh.due(session, now)]
+
+
+def test_the_snapshots_of_several_phases_are_due_in_their_order(
+    folder: Path, open_server: OpenServer
+) -> None:
+    settings = settings_of(folder)
+    for split, *closings in ((PRIVATE, 2, 1), (OPEN, 1)):
+        ends = [Phase(name=f"{each}", closes=NOON + timedelta(hours=each)) for each in closings]
+        phases = (*ends, Phase(name="always"))
+        settings = adjusted(settings, split, phases=phases)
+    server = open_server(settings)
+    for split in (OPEN, PRIVATE):
+        server.upload(OWNER, server.distinct(split), split)
+    second = END + timedelta(hours=1)
+    micro = timedelta(microseconds=1)
+    first_two = [(PRIVATE, "1", END), (OPEN, "1", END)]
+    assert due(server, END - micro) == []
+    assert due(server, END) == due(server, second - micro) == first_two
+    assert due(server, second) == [*first_two, (PRIVATE, "2", second)]
+    server.clock.now = END
+    with server.acting():
+        pass  # they are taken first
+    assert due(server, second) == [(PRIVATE, "2", second)]
+    kept = snapshots(server)[0]
+    assert (kept.title, kept.as_of) == ("1", END)
+    with server.state.database.reading() as session:
+        row = session.scalars(select(StoredSnapshot).order_by(StoredSnapshot.id)).first()
+    assert row is not None
+    assert (row.split, row.phase, row.created_at) == (PRIVATE, "1", END)
+
+
+@pytest.mark.parametrize(
+    ("received", "changed", "is_due"),
+    [
+        pytest.param(END - timedelta(seconds=1), None, True, id="received in the last second"),
+        pytest.param(END, None, False, id="received after it"),
+        pytest.param(NOON, END - timedelta(seconds=1), True, id="changed in the last second"),
+        pytest.param(NOON, END, False, id="changed after it"),
+    ],
+)
+def test_a_phase_counts_with_what_was_there_in_its_last_second(
+    received: datetime,
+    changed: datetime | None,
+    folder: Path,
+    open_server: OpenServer,
+    *,
+    is_due: bool,
+) -> None:
+    phases = (Phase(name="challenge", closes=CLOSES), Phase(name="always"))
+    server = open_server(adjusted(settings_of(folder), phases=phases))
+    server.clock.now = received
+    server.upload(OWNER, server.distinct(PRIVATE), PRIVATE)
+    if changed:  # by a process that takes no snapshots
+        server.clock.now = changed
+        state = server.state
+        with Transactions(state.database, state.audit_log, server.clock).begin("x") as transaction:
+            add_team(transaction, "Green")
+    assert due(server, END) == ([(PRIVATE, "challenge", END)] if is_due else [])
+
+
+def test_a_server_looks_no_more_for_what_is_done(
+    closing_settings: Settings, open_server: OpenServer
+) -> None:
+    server = open_server(closing_settings)
+    publish(server, OWNER)
+    server.clock.now = END
+    looked_for = server.state.snapshots
+    with server.state.database.reading() as session:
+        assert len(looked_for.due(session, END)) == 1
+    looked_for.take_if_due(server.state.transactions)
+    with server.state.database.reading() as session:
+        assert looked_for.due(session, END) == []
+    with server.state.database.writing() as session:
+        session.execute(delete(StoredSnapshot))
+    with server.state.database.reading() as session:
+        assert looked_for.due(session, END) == []
+    assert len(due(server, END)) == 1
 
 
 def test_a_phase_leaves_what_stood_when_it_ended(

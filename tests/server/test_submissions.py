@@ -1,17 +1,20 @@
 """Submissions: the server scores as the laptop does, keeps what it accepts, and answers repeats."""
 
 import gzip
+import hashlib
 import io
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
-from datetime import timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
 import pytest
+from sqlalchemy import select
 
 from reverie_eval import CATALOGUE, SubmissionError, evaluate, validate
 from reverie_eval.ground_truth import DEMO_BUNDLES
@@ -21,6 +24,8 @@ from reverie_eval.server.service.audit import entries
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.reviews import lift_review
 from reverie_eval.server.service.submissions import publication, result_on, submission_of
+from reverie_eval.server.settings import Webhook
+from reverie_eval.server.store.tables import Message
 from tests.conftest import SAMPLES
 from tests.support.acting import NOON, review
 from tests.support.serving import (
@@ -40,6 +45,7 @@ from tests.support.serving import (
 )
 
 SECRET_BUNDLE = DEMO_BUNDLES / "private" / f"{PRIVATE}.npz"
+HOUR = timedelta(hours=1)
 HEADLINE = ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
 
 
@@ -194,6 +200,60 @@ def test_who_arrives_in_time_is_in_time_however_long_scoring_takes(
     submission = accepted(server, GOOD)
     assert submission["received_at"] == submission["receipt"]["received_at"] == f"{NOON:%FT%TZ}"
     assert server.upload(OWNER, server.distinct()).json()["code"] == "not-open"
+
+
+def test_an_accepted_file_is_logged_and_announced(open_server: OpenServer, folder: Path) -> None:
+    hook = Webhook.model_validate({"url": "https://example.org", "events": ["submission"]})
+    server = open_server(settings_of(folder).model_copy(update={"webhook": hook}))
+    number = accepted(server, GOOD)["id"]
+    assert re.fullmatch("[0-9a-f]{16}", number)
+    with server.state.database.reading() as session:
+        *_, logged = entries(session)
+        told = session.scalars(select(Message)).one()
+    digest = hashlib.sha256(GOOD).hexdigest()
+    assert (logged.action, logged.subject) == ("submitted", number)
+    assert logged.details == {"split": OPEN, "sha256": digest}
+    assert (told.event, told.path) == ("submission", f"/submissions/{number}")
+    assert told.text == f"Blue ({OWNER}) submitted Walker to {OPEN}"
+
+
+@pytest.mark.parametrize(
+    ("phases", "paused", "banner", "detail"),
+    [
+        pytest.param([], True, "", "the organiser has paused submissions", id="a pause"),
+        pytest.param(
+            [], True, "Soon.", "the organiser has paused submissions: Soon.", id="a pause and why"
+        ),
+        pytest.param(
+            [("a", NOON - 2 * HOUR, NOON - HOUR)],
+            False,
+            "Soon.",
+            "val_unseen accepts no submissions now",
+            id="over",
+        ),
+        pytest.param(
+            [("a", NOON + 2 * HOUR, None), ("b", NOON + HOUR, None)],
+            False,
+            "",
+            "val_unseen accepts no submissions now; the next phase opens 2026-03-02T13:00:00+00:00",
+            id="before two",
+        ),
+    ],
+)
+def test_a_closed_split_says_why(
+    phases: list[tuple[str, datetime, datetime | None]],
+    banner: str,
+    detail: str,
+    open_server: OpenServer,
+    folder: Path,
+    *,
+    paused: bool,
+) -> None:
+    given = [Phase(name=name, opens=opens, closes=closes) for name, opens, closes in phases]
+    settings = settings_of(folder).model_copy(update={"paused": paused, "banner": banner})
+    server = open_server(adjusted(settings, OPEN, phases=given or settings.splits[OPEN].phases))
+    reply = server.upload(OWNER)
+    assert (reply.status_code, reply.json()["detail"]) == (409, detail)
 
 
 def test_a_change_of_nothing_is_none(server: Serving) -> None:

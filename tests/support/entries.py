@@ -1,15 +1,22 @@
 """Results on a board, with scores that a test makes up, and what the board's pages show."""
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import html5lib
 import httpx
 
+from reverie_eval.ground_truth import DEMO_BUNDLES
 from reverie_eval.schemas.organising import NewReported
 from reverie_eval.schemas.service import MethodDescription
+from reverie_eval.server.service.boards import Board, load_board
+from reverie_eval.server.service.entries import Entry, Row
+from reverie_eval.server.service.leaderboard import Ranking
 from reverie_eval.server.service.reported import add_reported
+from reverie_eval.server.settings import Split
 from reverie_eval.server.store.tables import Submission
+from tests.support.acting import NOON
 from tests.support.serving import OPEN, ORGANISER, OWNER, Serving
 
 Scores = Mapping[str, float]
@@ -95,3 +102,30 @@ def tables(reply: httpx.Response) -> list[list[list[str]]]:
 def named(name: str, **more: Any) -> Mapping[str, Any]:
     """Return what is said of a method."""
     return {"method": {"name": name, **more}}
+
+
+@cache
+def demo_board() -> Board:
+    """Return the open split of the demo world, without a server."""
+    path = DEMO_BUNDLES / f"{OPEN}.npz"
+    return load_board(OPEN, Split(visibility="open", bundle=path), path)
+
+
+def entry(name: str = "Walker", **changes: Any) -> Entry:
+    """Return a result of the team Blue, which it published at noon."""
+    about = {
+        "submission_id": name.lower(),
+        "team_id": 7,
+        "team": "Blue",
+        "method": {"name": name},
+        "published_at": NOON,
+        "anonymous_until": None,
+        "scores": {},
+    }
+    return Entry(**{**about, **changes})
+
+
+def ranking_of(*rows: Row, **changes: Any) -> Ranking:
+    """Return a leaderboard at noon with these rows; the team Blue has sent three submissions."""
+    about = {"metric": "spl", "apart": (), "metrics": frozenset(), "now": NOON, "counts": {7: 3}}
+    return Ranking(rows=rows, **{"board": demo_board(), **about, **changes})

@@ -170,7 +170,7 @@ def counts_of_splits(session: Session) -> Mapping[str, SplitCounts]:
     # Two statements, as each has an index.
     published = select(Submission.split, func.count()).where(is_published)
     shown = dict(session.execute(published.group_by(Submission.split)).all())
-    every = select(Submission.split, func.count().label("number"))
+    every = select(Submission.split, func.count())
     counted = every.group_by(Submission.split).subquery()
     # The latest of a split is at an end of the index; with the count, each row would be compared.
     latest = select(func.max(Submission.received_at)).where(Submission.split == counted.c.split)
@@ -198,8 +198,7 @@ def last_day(session: Session, now: datetime) -> Day:
     """Count the outcomes of the uploads of the last 24 hours, by full hours."""
     this_hour = now.replace(minute=0, second=0, microsecond=0)
     begins = [this_hour - timedelta(hours=ago) for ago in reversed(range(HOURS))]
-    chosen = select(Attempt).where(Attempt.at >= begins[0]).order_by(Attempt.id.desc())
-    attempts = session.scalars(chosen).all()
+    attempts = session.scalars(select(Attempt).where(Attempt.at >= begins[0])).all()
     times = [each.milliseconds for each in attempts]
     return Day(
         hours=[_hour(begin, attempts) for begin in begins],

@@ -45,9 +45,9 @@ def read_csv(text: str) -> CsvTable:
                 rows.append(CsvRow(f"line {start}", [cell.strip() for cell in cells]))
             start = reader.line_num + 1
     except csv.Error as error:
-        raise _unreadable(f"line {start}", f"cannot be read as CSV: {error}") from None
+        raise unreadable(f"line {start}", f"cannot be read as CSV: {error}") from None
     if len(rows) < 2:
-        raise _unreadable("the file", "has no rows below a line with the names of the columns")
+        raise unreadable("the file", "has no rows below a line with the names of the columns")
     return CsvTable(rows[0].cells, rows[1:])
 
 
@@ -67,5 +67,6 @@ def spreadsheet_cell(value: str | int | None) -> str | int | None:
     return value
 
 
-def _unreadable(where: str, message: str) -> TableError:
+def unreadable(where: str, message: str) -> TableError:
+    """Return the error about a file that is not a table."""
     return TableError([Problem("unreadable", where, message)])

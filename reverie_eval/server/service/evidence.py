@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
+from math import inf
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -196,7 +197,7 @@ class _Examined:
                 _pair(session, fingerprints, sent[pair.first], sent[pair.second])
                 for pair in (found.pairs if found else ())
             ],
-            "teams": sorted(teams, key=lambda each: each.spread.p_value if each.spread else 2),
+            "teams": sorted(teams, key=lambda each: each.spread.p_value if each.spread else inf),
             "history": history,
         }
 

@@ -250,8 +250,8 @@ class Intake:
 
     def _check_open(self, board: Board, schedule: Schedule, now: datetime) -> None:
         if not schedule.is_open(now):
-            opening = [p.opens for p in schedule.phases if p.opens and p.opens > now]
-            after = f"; the next phase opens {min(opening).isoformat()}" if opening else ""
+            opens = schedule.opens_at(now)
+            after = f"; the next phase opens {opens.isoformat()}" if opens else ""
             raise NotOpenError(f"{board.name} accepts no submissions now{after}")
 
     def _check_quota(

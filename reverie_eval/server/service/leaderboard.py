@@ -201,7 +201,7 @@ def _content(ranking: Ranking) -> Mapping[str, Any]:
         "signature": board.signature,
         "rows": [_row_json(ranking, row) for row in ranking.rows],
         "apart": [_row_json(ranking, row) for row in ranking.apart],
-        "corrections": [each.model_dump(mode="json") for each in ranking.corrections],
+        "corrections": [each.model_dump() for each in ranking.corrections],
     }
 
 

@@ -115,7 +115,7 @@ def _read(columns: Sequence[str], row: CsvRow) -> tuple[NewPerson | None, Sequen
     except ValidationError as error:
         names = {field: column for column, field in _FIELDS.items()}
         found = [wrong_value(detail) for detail in error.errors()]
-        return None, [f"{names.get(each.where, each.where)}: {each.message}" for each in found]
+        return None, [f"{names[each.where]}: {each.message}" for each in found]
 
 
 def _conflicts(new: NewPerson, known: PersonReport | None, earlier: str | None) -> Iterator[str]:

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ class HumanWalk:
         walk = cls(browsing.board, browsing.episode(drawn[-1]), steps)
         if len(steps) > MOST_STEPS:
             raise MalformedError(f"a walk has at most {MOST_STEPS} steps")
-        for here, there in zip(walk.viewpoints, walk.viewpoints[1:], strict=False):
+        for here, there in pairwise(walk.viewpoints):
             if there not in walk._surroundings.neighbours(here):
                 raise MalformedError("the walk has a step to a viewpoint that is not connected")
         return walk

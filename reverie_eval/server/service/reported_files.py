@@ -18,7 +18,7 @@ from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.schemas.organising import Rates
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.errors import TableError
-from reverie_eval.server.service.csv_files import CsvRow, read_csv
+from reverie_eval.server.service.csv_files import CsvRow, read_csv, unreadable
 from reverie_eval.text import did_you_mean
 
 _PER_CENT = 100
@@ -219,7 +219,7 @@ def _below_one_percent(rows: Sequence[FileRow]) -> Iterator[Problem]:
         for key, value in row.scores.items()
         if METRICS[key].unit == "fraction"
     ]
-    if 0 < max(values, default=0) <= 1 / _PER_CENT:
+    if any(values) and max(values) <= 1 / _PER_CENT:
         message = "none is above 1 %; if these are fractions, choose fractions (rates: fraction)"
         yield Problem("fractions", "all rates", message)
 
@@ -260,9 +260,9 @@ def _read_json(text: str, split: str) -> _Table:
         content = json.loads(text, parse_float=str, parse_int=str, parse_constant=str)
     except json.JSONDecodeError as error:
         reason = f"invalid JSON at column {error.colno}: {error.msg}"
-        raise _unreadable(f"line {error.lineno}", reason) from None
+        raise unreadable(f"line {error.lineno}", reason) from None
     except RecursionError:
-        raise _unreadable("the file", "is nested too deeply") from None
+        raise unreadable("the file", "is nested too deeply") from None
     match content:
         case [dict(), *_] if all(isinstance(each, dict) for each in content):
             return _read_objects(content)
@@ -271,7 +271,7 @@ def _read_json(text: str, split: str) -> _Table:
             return _read_methods(list(map(str, columns)), content["methods"], split, unread)
         case _:
             expected = '{"columns": [...], "methods": {NAME: {SPLIT: [...]}}}'
-            raise _unreadable("the file", f"expected a list of objects, or {expected}")
+            raise unreadable("the file", f"expected a list of objects, or {expected}")
 
 
 def _read_objects(objects: Sequence[Mapping[str, Any]]) -> _Table:
@@ -295,13 +295,9 @@ def _read_methods(
     if not rows:
         found = ", ".join(dict.fromkeys(name for each in by_split.values() for name in each))
         message = f"there are no results of {split}; there are results of: {found or 'no split'}"
-        raise _unreadable("methods", message)
+        raise unreadable("methods", message)
     return _Table(["method", *columns], rows, unread)
 
 
 def _as_list(values: Any) -> Sequence[Any]:
     return values if isinstance(values, list) else [values]
-
-
-def _unreadable(where: str, message: str) -> TableError:
-    return TableError([Problem("unreadable", where, message)])

@@ -113,7 +113,7 @@ def revoke_all(transaction: Transaction, person: Person) -> list[TokenReport]:
 def has_organiser(session: Session, now: datetime) -> bool:
     """Whether an organiser has a valid token."""
     is_valid = Token.revoked_at.is_(None) & (Token.expires_at.is_(None) | (Token.expires_at > now))
-    tokens = select(Token.id).join(Person, Token.person_id == Person.id)
+    tokens = select(Token.id).join(Person)
     tokens = tokens.where(Person.role == "organiser", Token.kind == "access", is_valid)
     return session.scalar(select(tokens.exists())) or False
 

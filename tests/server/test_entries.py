@@ -1,0 +1,184 @@
+"""The entries of leaderboards: read once, until something that they show has changed."""
+
+from datetime import timedelta
+
+import pytest
+from sqlalchemy.orm import Session
+
+from reverie_eval.schemas.organising import NewMerge, NewSnapshot
+from reverie_eval.server.service.entries import (
+    BoardEntries,
+    EntriesCache,
+    PublishedReview,
+    corrections_of,
+    list_snapshots,
+)
+from reverie_eval.server.service.merging import merge_teams
+from reverie_eval.server.service.reviews import lift_review
+from reverie_eval.server.store.tables import Correction, Submission
+from tests.support.acting import NOON, review
+from tests.support.entries import entered, report_result
+from tests.support.serving import GROUNDING, OPEN, OTHER, OWNER, PRIVATE, STRICT, Serving
+
+HEADLINE = ["path_length", "success", "oracle_success", "spl", "rgs", "rgspl"]
+SECOND = timedelta(seconds=1)
+
+
+def read(server: Serving, further: str = "", cache: EntriesCache | None = None) -> BoardEntries:
+    """Return the entries of a leaderboard of the open split."""
+    cache = cache or EntriesCache(server.state.schedules)
+    with server.state.database.reading() as session:
+        return cache.entries(session, server.state.board(OPEN, further), server.clock())
+
+
+def test_an_entry_has_what_is_published_and_nothing_else(several: Serving) -> None:
+    until = NOON.replace(year=2027)
+    content = several.distinct()
+    accepted = several.upload(OWNER, content, paper="https://example.org/p").json()["submission"]
+    several.clock.turn(seconds=1)
+    change = {"published": True, "anonymous_until": until.isoformat()}
+    path = f"/submissions/{accepted['id']}"
+    published = several.ask(OWNER, "PATCH", path, json=change).json()
+    with several.acting("Olga") as transaction:
+        review(transaction, accepted["id"], "verified", "run again")
+        review(transaction, accepted["id"], "baseline", "ours")
+    for further, headline in (("", HEADLINE), (GROUNDING, ["rgs"])):
+        report = (published["also"][further] if further else published)["report"]
+        (entry,) = read(several, further).entries
+        assert (entry.submission_id, entry.team) == (accepted["id"], "Blue")
+        assert entry.team_id == several.person(OWNER).team_id
+        assert entry.method == accepted["method"]
+        assert (entry.published_at, entry.date) == (NOON + SECOND, "2026-03-02")
+        assert (entry.anonymous_until, entry.scores_held_until) == (until, None)
+        assert (entry.scores, entry.signature) == (report["scores"], report["signature"])
+        drawn = {key: tuple(report["intervals"]["intervals"][key]) for key in headline}
+        assert list(entry.intervals.items()) == list(drawn.items())
+        assert entry.standing == "ranked"
+        assert entry.reviews == [
+            PublishedReview("verified", "run again", "Olga", NOON + SECOND),
+            PublishedReview("baseline", "ours", "Olga", NOON + SECOND),
+        ]
+
+
+def test_a_disqualified_result_is_apart_with_what_it_scored(server: Serving) -> None:
+    first, second = entered(server, {"rgspl": 0.5}), entered(server, {"spl": 0.25}, OTHER)
+    with server.acting() as transaction:
+        review(transaction, first, "baseline")
+        disqualified = review(transaction, first, "disqualified")
+    found = read(server)
+    assert [entry.submission_id for entry in found.entries] == [second]
+    assert [(row.rank, row.entry.submission_id, row.entry.standing) for row in found.apart] == [
+        (None, first, "disqualified")
+    ]
+    assert found.metrics == {"spl"}
+    with server.acting() as transaction:
+        lift_review(transaction, disqualified.id)
+    assert [entry.standing for entry in read(server).entries] == ["ranked", "ranked"]
+
+
+def test_a_reported_result_has_its_source_and_no_team_of_the_server(several: Serving) -> None:
+    report_result(several, "FAST", date="2020-06", human=True, rgspl=0.25)
+    (entry,) = read(several).entries
+    assert (entry.submission_id, entry.team_id, entry.team) == (None, None, "Qi et al.")
+    assert (entry.method["name"], entry.method["human"]) == ("FAST", True)
+    assert (entry.published_at, entry.date, entry.reported_date) == (NOON, "2020-06", "2020-06")
+    assert (entry.anonymous_until, entry.scores) == (None, {"rgspl": 0.25})
+    assert (entry.source, entry.dataset) == ("https://example.org/paper.pdf", "")
+    assert (entry.standing, entry.entered_by) == ("reported", "Olga")
+    assert read(several, STRICT).entries == []
+    report_result(several, "Old", dataset="v0", spl=0.5)
+    found = read(several)
+    assert [row.entry.standing for row in found.apart] == ["other-dataset"]
+    assert (found.apart[0].entry.dataset, found.apart[0].entry.date) == ("v0", "")
+    assert found.metrics == {"rgspl"}
+
+
+def test_entries_are_read_again_if_a_leaderboard_has_changed(several: Serving) -> None:
+    cache = EntriesCache(several.state.schedules)
+    empty = read(several, cache=cache)
+    several.upload(OWNER, several.distinct())  # publishes nothing
+    assert read(several, cache=cache) is empty
+    assert read(several, STRICT, cache) is not empty
+    assert read(several, STRICT, cache) is read(several, STRICT, cache)
+    shown = entered(several, who=OTHER)
+    changed = read(several, cache=cache)
+    assert [entry.submission_id for entry in changed.entries] == [shown]
+    assert read(several, cache=cache) is changed
+    with several.state.database.writing() as session:
+        row = session.get_one(Submission, shown)
+        row.report = {**row.report, "signature": "another"}
+    (apart,) = read(several).apart
+    assert apart.entry.standing == "other-rules"
+
+
+@pytest.mark.parametrize(
+    ("held", "expected"),
+    [
+        pytest.param(None, False, id="nothing is held back"),
+        pytest.param(NOON - SECOND, True, id="the second after the last"),
+        pytest.param(NOON, False, id="in the last second"),
+        pytest.param(NOON + SECOND, False, id="before it"),
+    ],
+)
+def test_entries_are_over_when_scores_are_released(held: object, *, expected: bool) -> None:
+    entries = BoardEntries(1, [], [], frozenset(), held_until=held)  # type: ignore[arg-type]
+    assert entries.is_over(NOON + 0.9 * SECOND) is expected
+
+
+def test_submissions_of_teams_are_counted_on(server: Serving) -> None:
+    cache = EntriesCache(server.state.schedules)
+    blue, red = (server.person(name).team_id for name in (OWNER, OTHER))
+
+    def counts(split: str = OPEN) -> dict[int, int]:
+        with server.state.database.reading() as session:
+            fresh = EntriesCache(server.state.schedules).submissions_of_teams(session, split)
+            found = dict(cache.submissions_of_teams(session, split))
+        assert found == dict(fresh)
+        return found
+
+    assert counts() == {}
+    same = server.distinct()
+    server.upload(OWNER, same)
+    server.upload(OWNER, server.distinct())
+    assert counts() == {blue: 2}
+    server.upload(OTHER, same)
+    server.upload(OTHER, server.distinct(PRIVATE), PRIVATE)
+    assert counts() == {blue: 2, red: 1}
+    assert counts(PRIVATE) == {red: 1}
+    with server.acting() as transaction:
+        merge_teams(transaction, NewMerge(team="Red", into="Blue"))
+    assert counts() == {blue: 2}, "both had sent the same file"
+    assert counts(PRIVATE) == {blue: 1}
+    server.upload(OWNER, server.distinct())
+    assert counts() == {blue: 3}
+
+
+def corrected(session: Session, split: str, board: str, reason: str) -> None:
+    about = {"split": split, "board": board, "reason": reason, "signature": "s"}
+    session.add(Correction(**about, created_at=NOON))
+    session.flush()
+
+
+def test_corrections_and_snapshots_are_those_of_the_leaderboard(several: Serving) -> None:
+    with several.state.database.writing() as session:
+        for split, further, reason in (
+            (OPEN, "", "first"),
+            (OPEN, STRICT, "strict"),
+            (PRIVATE, "", "private"),
+            (OPEN, "", "second"),
+        ):
+            corrected(session, split, further, reason)
+    for split, title in ((OPEN, "one"), (PRIVATE, "two"), (OPEN, "three")):
+        with several.acting() as transaction:
+            several.state.snapshots.take(transaction, NewSnapshot(split=split, title=title))
+    own, strict = read(several), read(several, STRICT)
+    assert [each.reason for each in own.corrections] == ["second", "first"]
+    assert [each.reason for each in strict.corrections] == ["strict"]
+    assert [each.title for each in own.snapshots] == ["three", "one"]
+    assert strict.snapshots == []
+    with several.state.database.reading() as session:
+        private = several.state.board(PRIVATE)
+        assert [each.reason for each in corrections_of(session, private)] == ["private"]
+        assert [each.title for each in list_snapshots(session)] == ["three", "two", "one"]
+        shown = several.state.ranking(session, several.state.board(OPEN))
+    assert (shown.corrections, shown.snapshots) == (own.corrections, own.snapshots)

@@ -163,17 +163,26 @@ def test_memory_does_not_grow_with_the_number_of_files(server: Serving) -> None:
 def test_a_missing_upload_ends_the_archive(server: Serving, folder: Path) -> None:
     sent(server, OWNER)
     next((folder / "uploads").rglob("*.gz")).unlink()
-    with pytest.raises(UploadsError, match="is missing"):
+    digest = hashlib.sha256(GOOD).hexdigest()
+    with pytest.raises(UploadsError) as missing:
         list(archive(server).pieces())
+    assert str(missing.value) == (
+        f"the upload {digest} is missing; run `reverie-eval server doctor`"
+    )
 
 
 def test_files_that_were_deleted_for_their_age_are_left_out(server: Serving) -> None:
-    deleted, kept = sent(server, OWNER), sent(server, OWNER, GOOD + b" ")
+    paper = "https://example.org/paper"
+    deleted, kept = sent(server, OWNER), sent(server, OWNER, GOOD + b" ", paper=paper)
     server.state.uploads.delete(hashlib.sha256(GOOD).hexdigest())
     with server.state.database.writing() as session:
         session.get_one(Submission, deleted).upload_deleted_at = server.clock()
-    files = members(server.ask(ORGANISER, "GET", PATH).content)
-    assert [row["file"] for row in metadata(files)] == ["", f"{kept}.json"]
+    made = archive(server)
+    content = b"".join(made.pieces())
+    assert (len(content), made.files) == (made.length, 2)
+    files = members(content)
+    rows = [(row["file"], row["paper"]) for row in metadata(files)]
+    assert rows == [("", ""), (f"{kept}.json", paper)]
     assert list(files) == ["metadata.csv", f"{kept}.json"]
 
 

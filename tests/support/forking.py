@@ -16,6 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Self
 
+from tests.conftest import REPOSITORY
 from tests.support.flat import Outcome
 
 PROCESSES = multiprocessing.get_context("forkserver")
@@ -33,7 +34,6 @@ PROCESSES.set_forkserver_preload(
         "tests.support.serving",
     ]
 )
-ROOT = Path(__file__).parents[2]
 
 Stream = Path | Connection
 """A file that is written at its end, or one that is open already."""
@@ -89,7 +89,7 @@ class Forked:
 
     def __init__(self, work: Callable[..., Any], surroundings: Surroundings, *given: Any) -> None:
         self._process = PROCESSES.Process(target=_run, args=(work, surroundings, given))
-        with chdir(ROOT):  # else the process that all are forked from would not find the tests
+        with chdir(REPOSITORY):  # the process that all are forked from looks for the tests there
             self._process.start()
 
     def __enter__(self) -> Self:

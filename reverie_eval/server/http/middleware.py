@@ -183,7 +183,7 @@ class RateLimits(Middleware):
 
 
 def _digest(shown: str) -> str:
-    """Return the key to count a token or a session by; empty if there is none."""
+    """Return the key for counting requests with a token or session; empty without one."""
     return hashlib.sha256(shown.encode()).hexdigest() if shown else ""
 
 

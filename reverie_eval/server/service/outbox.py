@@ -67,7 +67,7 @@ def untold_ends(
 ) -> Mapping[str, str]:
     """Return the messages about phases that ended in the last day, each with its split.
 
-    A phase ends by itself, so there is no transaction that could announce it.
+    No transaction announces the end of a phase, because nothing is written when it passes.
     """
     if not any(channel.wants("phase-end") for channel in channels.values()):
         return {}

@@ -2,8 +2,8 @@
 
 The organiser can take one at any time. When a phase has ended, the server takes one before it
 writes anything else, so it shows the leaderboard exactly as it was when the phase ended, even if it
-is taken much later. There is none for a phase in which nothing was received, nor for a phase whose
-end was set afterwards: the leaderboard has changed since.
+is taken much later. No snapshot is taken for a phase that received nothing, or whose end was set
+after it had passed: by then, the leaderboard had changed.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -161,7 +161,7 @@ def snapshot_of(session: Session, split: str, number: int) -> Snapshot:
     Raises
     ------
     NotFoundError
-        If there is none with this number.
+        If no snapshot has this number.
     """
     chosen = select(StoredSnapshot.content).where(
         StoredSnapshot.split == split, StoredSnapshot.number == number

@@ -80,7 +80,7 @@ def rewritten(archive: Path, change: Callable[[Members], object]) -> None:
             assert file is not None
             contents.append((info, file.read()))
     change(contents)
-    with tarfile.open(archive, "w:gz") as new:
+    with tarfile.open(archive, "w:gz", compresslevel=1) as new:
         for info, content in contents:
             info.size = len(content)
             new.addfile(info, io.BytesIO(content))

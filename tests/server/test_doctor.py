@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from anyio.from_thread import BlockingPortal
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
@@ -26,6 +27,7 @@ from reverie_eval.schemas.organising import (
 )
 from reverie_eval.schemas.service import MethodDescription
 from reverie_eval.server.operations import doctor
+from reverie_eval.server.operations.checks import acting
 from reverie_eval.server.operations.doctor import examine
 from reverie_eval.server.service.audit import entries, mismatches, row_name
 from reverie_eval.server.service.news import add_news, remove_news
@@ -38,18 +40,32 @@ from reverie_eval.server.service.tokens import revoke_token
 from reverie_eval.server.store.tables import AuditEntry, News, Submission
 from tests.support.acting import AUDIT_LOG, NOON, add_person, add_team, create_token, review
 from tests.support.flat import Run
-from tests.support.serving import OTHER, OWNER, PRIVATE, Serving, settings_of, submission_for
+from tests.support.serving import (
+    OTHER,
+    OWNER,
+    PRIVATE,
+    Populated,
+    Serving,
+    opening,
+    settings_of,
+    submission_for,
+)
 
 Damage = Callable[[Path], object]
 ALL_UPLOADED = timedelta(hours=3)
 
 
-@pytest.fixture
-def kept(server: Serving, folder: Path) -> Path:
-    """Return the folder of a server that has kept three submissions, and is stopped."""
+def keep_three(server: Serving) -> None:
+    """Upload three submissions."""
     for who, split in ((OWNER, "val_unseen"), (OWNER, PRIVATE), (OTHER, PRIVATE)):
         assert server.upload(who, submission_for(split), split).status_code == 201
         server.clock.turn(hours=1)
+
+
+@pytest.fixture
+def kept(server: Serving, folder: Path) -> Path:
+    """Return the folder of a server that has kept three submissions, and is stopped."""
+    keep_three(server)
     server.state.database.close()
     return folder
 
@@ -303,13 +319,29 @@ def do_everything(server: Serving) -> None:
     later(remove_news, later(add_news, NewNews(text="Hello")).id)
 
 
+@pytest.fixture(scope="module")
+def full_log(
+    made_folder: Path,
+    portal: BlockingPortal,
+    populated: Populated,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Serving:
+    """Return a server with everything in its log, which is stopped; tests take copies."""
+    folder = Path(shutil.copytree(made_folder, tmp_path_factory.mktemp("full_log") / "server"))
+    with opening(folder, portal, populated) as open_server:
+        server = open_server()
+        keep_three(server)
+        do_everything(server)
+    assert faults_of(folder) == []
+    return server
+
+
 @pytest.mark.parametrize("action", ACTIONS)
 def test_a_log_that_was_cut_off_is_seen_by_what_is_still_there(
-    action: str, server: Serving, kept: Path
+    action: str, full_log: Serving, tmp_path: Path
 ) -> None:
-    do_everything(server)
-    assert faults_of(kept) == []
-    with server.acting() as transaction:
+    kept = Path(shutil.copytree(full_log.state.settings.folder, tmp_path / "server"))
+    with acting(settings_of(kept), "test", full_log.clock) as transaction:
         found = [each for each in entries(transaction.session) if each.at > NOON + ALL_UPLOADED]
         cut = next(each for each in found if each.action == action)
         transaction.session.execute(delete(AuditEntry).where(AuditEntry.id >= cut.id))

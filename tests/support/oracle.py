@@ -81,6 +81,18 @@ class Scan:
             viewpoint_id: distances_from(self, viewpoint_id) for viewpoint_id in self.viewpoints
         }
 
+    @cached_property
+    def edges(self) -> Mapping[str, Mapping[str, float]]:
+        """From every viewpoint the metres to each that it has an edge to."""
+        return {
+            here: {
+                there: straight(self, here, there)
+                for there in self.viewpoints
+                if self.has_edge(here, there)
+            }
+            for here in self.viewpoints
+        }
+
     def has_edge(self, a: str, b: str) -> bool:
         """Whether the pair is unobstructed and both viewpoints are included."""
         included = self.viewpoints[a].included and self.viewpoints[b].included
@@ -361,9 +373,8 @@ def distances_from(scan: Scan, start: str) -> Mapping[str, float]:
         if here in reached:
             continue
         reached[here] = walked
-        for there in scan.viewpoints:
-            if scan.has_edge(here, there):
-                heapq.heappush(queue, (walked + straight(scan, here, there), there))
+        for there, metres in scan.edges[here].items():
+            heapq.heappush(queue, (walked + metres, there))
     return reached
 
 

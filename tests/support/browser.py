@@ -219,8 +219,10 @@ AXE = """rules => axe.run({
     rules: { "target-size": { enabled: true } },
     ...(rules && { runOnly: rules }),
     resultTypes: ["violations"],
+    preload: false,
 })"""
-"""What is in order is not described at length."""
+"""What is in order is not described at length. Nothing is loaded in advance: that is for a rule on
+sound that plays by itself, whose findings are moderate."""
 OF_COLOURS = ["color-contrast", "link-in-text-block"]
 """The rules whose outcome depends on the colours; they take a fifth of the time of all."""
 

@@ -6,7 +6,7 @@ function's arguments in order. Each is a property of :class:`reverie_eval.scorin
 another metric.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -49,6 +49,7 @@ Need = Literal["trajectory", "answer", "box", "goal region", "planner's path", "
 _SUFFIXES: Mapping[Unit, str] = MappingProxyType(
     {"fraction": "%", "metres": "m", "count": "", "turns": "turns"}
 )
+_TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +65,8 @@ class Metric:
     definition: str
     unit: Unit
     better: Direction
-    needs: frozenset[Need]
-    """What a submission must contain for the metric to be scored."""
+    needs: frozenset[Need] = _TRAJECTORY
+    """What a submission must contain for the metric to be scored, by default a trajectory."""
     protocol_rules: frozenset[str] = frozenset()
     """Fields of the protocol that the value depends on, directly or through another metric."""
     compute: Callable[..., Array]
@@ -82,8 +83,6 @@ class Metric:
     have one, and there are no intervals."""
     headline: bool = False
     """Whether every score table shows it; JSON, CSV and the notebook give all metrics."""
-    ranks: int | None = None
-    """Priority in ranking submissions: the scored metric with the lowest number ranks."""
 
     @property
     def upper_bound(self) -> float:
@@ -144,7 +143,6 @@ class Metric:
         return self.display(value)
 
 
-_TRAJECTORY: frozenset[Need] = frozenset({"trajectory"})
 _ANSWER: frozenset[Need] = frozenset({"answer"})
 _OUTLINE: frozenset[Need] = frozenset({"trajectory", "outline"})
 _BOX: frozenset[Need] = frozenset({"answer", "box"})
@@ -160,7 +158,6 @@ _METRICS = (
         definition="metres along the navigation graph, summed from pose to pose",
         unit="metres",
         better="neither",
-        needs=_TRAJECTORY,
         compute=path_length,
         inputs=("leg_length", "offsets"),
         headline=True,
@@ -173,7 +170,6 @@ _METRICS = (
         of_goal="{goal} where the agent stops",
         unit="fraction",
         better="higher",
-        needs=_TRAJECTORY,
         protocol_rules=frozenset({"goal"}),
         compute=success,
         inputs=("at_goal", "offsets"),
@@ -188,7 +184,6 @@ _METRICS = (
         of_goal="{goal} from any viewpoint of the trajectory",
         unit="fraction",
         better="higher",
-        needs=_TRAJECTORY,
         protocol_rules=frozenset({"goal"}),
         compute=oracle_success,
         inputs=("oracle_at_goal", "offsets"),
@@ -203,12 +198,10 @@ _METRICS = (
         "shortest length",
         unit="fraction",
         better="higher",
-        needs=_TRAJECTORY,
         protocol_rules=frozenset({"goal", "spl_numerator", "spl_floor"}),
         compute=spl,
         inputs=("success", "path_length", "reference_length", "spl_floor"),
         headline=True,
-        ranks=3,
     ),
     Metric(
         key="rgs",
@@ -223,7 +216,6 @@ _METRICS = (
         inputs=("is_answer_correct", "success", "needs_success"),
         is_binary=True,
         headline=True,
-        ranks=2,
     ),
     Metric(
         key="rgspl",
@@ -237,8 +229,6 @@ _METRICS = (
         compute=spl,
         inputs=("rgs", "path_length", "reference_length", "rgspl_floor"),
         headline=True,
-        # The REVERIE challenges of 2020 to 2022 ranked by it.
-        ranks=1,
     ),
     Metric(
         key="iou",
@@ -281,7 +271,6 @@ _METRICS = (
         "path",
         unit="metres",
         better="lower",
-        needs=_TRAJECTORY,
         compute=navigation_error,
         inputs=("goal_distance", "offsets"),
     ),
@@ -293,7 +282,6 @@ _METRICS = (
         "the end of the annotated path",
         unit="metres",
         better="lower",
-        needs=_TRAJECTORY,
         compute=oracle_error,
         inputs=("oracle_distance", "offsets"),
     ),
@@ -305,7 +293,6 @@ _METRICS = (
         "path",
         unit="metres",
         better="lower",
-        needs=_TRAJECTORY,
         compute=dtw,
         inputs=("pose_to_node", "n_poses", "n_nodes"),
     ),
@@ -316,7 +303,6 @@ _METRICS = (
         definition="exp(-DTW / (3 m x nodes of the annotated path))",
         unit="fraction",
         better="higher",
-        needs=_TRAJECTORY,
         compute=ndtw,
         inputs=("dtw", "n_nodes"),
     ),
@@ -327,7 +313,6 @@ _METRICS = (
         definition="nDTW if the episode is a success, else 0",
         unit="fraction",
         better="higher",
-        needs=_TRAJECTORY,
         protocol_rules=frozenset({"goal"}),
         compute=sdtw,
         inputs=("ndtw", "success"),
@@ -340,7 +325,6 @@ _METRICS = (
         "lengths agree",
         unit="fraction",
         better="higher",
-        needs=_TRAJECTORY,
         compute=cls,
         inputs=("pose_to_node", "n_poses", "n_nodes", "path_length", "annotated_length"),
     ),
@@ -351,7 +335,6 @@ _METRICS = (
         definition="metres of the shortest route from the start to the end of the annotated path",
         unit="metres",
         better="neither",
-        needs=_TRAJECTORY,
         compute=np.asarray,
         inputs=("shortest_length",),
     ),
@@ -362,7 +345,6 @@ _METRICS = (
         definition="poses after the first",
         unit="count",
         better="neither",
-        needs=_TRAJECTORY,
         compute=steps,
         inputs=("offsets",),
     ),
@@ -373,7 +355,6 @@ _METRICS = (
         definition="moves between unconnected viewpoints, counted at shortest-path distance",
         unit="count",
         better="lower",
-        needs=_TRAJECTORY,
         compute=jumps,
         inputs=("is_jump", "offsets"),
     ),
@@ -381,6 +362,8 @@ _METRICS = (
 
 CATALOGUE: Mapping[str, Metric] = MappingProxyType({metric.key: metric for metric in _METRICS})
 """Every metric of REVERIE by its key, in the order in which tables show them."""
+PRIMARY_METRIC = "rgspl"
+"""The metric that REVERIE ranks by, as its challenges of 2020 to 2022 did."""
 
 _OF_OTHER_TASKS = (
     Metric(
@@ -473,44 +456,6 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
     {**CATALOGUE, **{metric.key: metric for metric in _OF_OTHER_TASKS}}
 )
 """Every metric of every task by its key: those of REVERIE, then further ones."""
-
-
-def table_metrics(scored: Collection[str]) -> Sequence[Metric]:
-    """Return the metrics of a score table: the headline ones, and those of boxes if scored.
-
-    Where navigation is scored, the table has a column for each headline metric, whether or not
-    answers are scored.
-    """
-    has_all = "success" in scored
-    return [
-        metric
-        for metric in CATALOGUE.values()
-        if (metric.headline and (has_all or metric.key in scored))
-        or ("box" in metric.needs and metric.key in scored)
-    ]
-
-
-def ranking_metrics() -> Sequence[Metric]:
-    """Return the metrics that rank REVERIE's submissions; the first that is scored ranks.
-
-    >>> [metric.key for metric in ranking_metrics()]
-    ['rgspl', 'rgs', 'spl']
-    """
-    ranking = [metric for metric in CATALOGUE.values() if metric.ranks is not None]
-    return sorted(ranking, key=lambda metric: metric.ranks or 0)
-
-
-def primary_metric(scored: Collection[str] = CATALOGUE) -> Metric:
-    """Return the metric that submissions are ranked by: RGSPL, else RGS, else SPL.
-
-    >>> primary_metric().key, primary_metric(["success", "spl"]).key
-    ('rgspl', 'spl')
-    """
-    return next(metric for metric in ranking_metrics() if metric.key in scored)
-
-
-PRIMARY_METRIC = primary_metric().key
-"""The metric that the benchmark ranks by."""
 
 
 def units_of(keys: Iterable[str]) -> dict[str, Unit]:

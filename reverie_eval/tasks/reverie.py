@@ -7,7 +7,7 @@ from typing import Annotated
 from msgspec import Meta, field
 
 from reverie_eval.arrays import LARGEST_OBJECT_ID
-from reverie_eval.metrics import CATALOGUE, ranking_metrics
+from reverie_eval.metrics import CATALOGUE, PRIMARY_METRIC
 from reverie_eval.tasks._annotation import PathAnnotation
 from reverie_eval.tasks._protocol import Protocol
 from reverie_eval.tasks._task import Task
@@ -127,5 +127,5 @@ TASK = Task(
     protocols=_PROTOCOLS,
     aliases=MappingProxyType({"hamt": "duet", "hm3d": "scalevln"}),
     headline=[key for key, metric in CATALOGUE.items() if metric.headline],
-    ranking=[metric.key for metric in ranking_metrics()],
+    ranking=(PRIMARY_METRIC, "rgs", "spl"),
 )

@@ -175,7 +175,7 @@ class PreparedSubmission:
     ground_truth: GroundTruth
     track: Track = "full"
     qualifier: str = ""
-    """What the scores depend on besides split, protocol and data; part of the signature."""
+    """What the scores depend on besides split, protocol, data and track; in the signature."""
     hints: Sequence[str] = ()
     """How the file was read, and what looks like a mistake; independent of the answers."""
     answer_hints: Sequence[str] = ()
@@ -205,7 +205,7 @@ class PreparedSubmission:
             submission=aligned,
             ground_truth=truth,
             track=track,
-            qualifier=qualifier_of(track) or qualifier,
+            qualifier=qualifier,
             hints=list(submission_hints(predictions, aligned, answers_only=grounding)),
             answer_hints=list(answer_hints(aligned, truth)),
             predictions=predictions,
@@ -245,7 +245,8 @@ class PreparedSubmission:
         if reason:
             raise GroundTruthError(reason)
         hints = [*self.hints, *self.answer_hints, *self._literal_reading_notes(rules)]
-        return Scores.of(self._lookups, rules, self.track, hints=hints, qualifier=self.qualifier)
+        qualifier = qualifier_of(self.track) or self.qualifier
+        return Scores.of(self._lookups, rules, hints=hints, qualifier=qualifier)
 
     def _literal_reading_notes(self, rules: Protocol) -> Iterator[str]:
         if self.predictions is not None and self.track == "full":

@@ -485,10 +485,10 @@ def test_a_fault_of_many_records() -> None:
     assert of_many.message == (
         "1,200 records have different answers under two keys, such as null; keep one of the keys"
     )
-    assert problems.DECIMAL_IDS.fixed(1, 3.0) == (
+    assert problems.DECIMAL_IDS.fixed(1, "[3].predObjId", 3.0) == (
         "an object id written as a decimal, such as 3.0, in 1 record"
     )
-    assert problems.WRAPPED.fixed(2, "results") == "the records under the key 'results'"
+    assert problems.WRAPPED.fixed(1, "file", "results") == "the records under the key 'results'"
 
 
 def test_a_misspelt_field_may_have_braces() -> None:

@@ -1,6 +1,5 @@
 """REVERIE: find an object from a high-level instruction, and name it."""
 
-from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated
 
@@ -94,19 +93,6 @@ _PROTOCOLS = (
     ),
 )
 
-_RELEASES: Mapping[tuple[str, int, int], str] = MappingProxyType(
-    {
-        ("val_seen", 515, 1423): "REVERIE v1",
-        ("val_unseen", 1328, 3521): "REVERIE v1",
-        ("test", 2304, 6292): "REVERIE v1",
-        ("train", 4071, 10290): "REVERIE v2",
-        ("val_seen", 501, 1384): "REVERIE v2",
-        ("val_unseen", 1292, 3433): "REVERIE v2",
-        ("test", 2244, 6144): "REVERIE v2",
-    }
-)
-"""The splits of the known releases, with their numbers of records and instructions."""
-
 
 TASK = Task(
     name="reverie",
@@ -118,7 +104,17 @@ TASK = Task(
     annotation=ReverieAnnotation,
     file_name="REVERIE_{split}.json",
     folder="tasks/REVERIE/data",
-    releases=_RELEASES,
+    releases=MappingProxyType(
+        {
+            ("val_seen", 515, 1423): "REVERIE v1",
+            ("val_unseen", 1328, 3521): "REVERIE v1",
+            ("test", 2304, 6292): "REVERIE v1",
+            ("train", 4071, 10290): "REVERIE v2",
+            ("val_seen", 501, 1384): "REVERIE v2",
+            ("val_unseen", 1292, 3433): "REVERIE v2",
+            ("test", 2244, 6144): "REVERIE v2",
+        }
+    ),
     id_pattern=r"\d+_\d+_\d+",
     id_form="<task id>_<index of the instruction>, counted from 0",
     id_example="4774_267_1",

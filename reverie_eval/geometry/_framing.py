@@ -43,17 +43,6 @@ _DECIMALS = 6
 """Decimals to which pixels are rounded before they become whole, so that all machines agree."""
 
 
-class BoundsInViews(NamedTuple):
-    """The boxes that each view shows, sorted by box and view, and their bounds."""
-
-    box: IntArray
-    """Shape (k,): rows of the oriented boxes."""
-    view: IntArray
-    """Shape (k,): 0 to 35."""
-    bounds: FloatArray
-    """Shape (k, 4): left, top, right and bottom in pixels, within the image."""
-
-
 class BoxesInViews(NamedTuple):
     """The boxes that each view shows, sorted by box and view, and their pixels."""
 
@@ -106,10 +95,13 @@ def boxes_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoxesInViews:
     return BoxesInViews(box[shown], view[shown], box_xywh[shown])
 
 
-def bounds_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoundsInViews:
-    """Return the unrounded bounds of each oriented box in each of the 36 views.
+def bounds_in_views(
+    position: FloatArray, boxes: OrientedBoxes
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the box and the view of each box in a view, and its unrounded bounds.
 
-    Parameters are those of :func:`boxes_in_views`.
+    Parameters are those of :func:`boxes_in_views`. Bounds, shape (k, 4), are left, top, right and
+    bottom in pixels, within the image.
     """
     box, view = _near_frustum(position, boxes)
     seen = boxes[box].seen_by(position, VIEW_AXES[view])
@@ -120,7 +112,7 @@ def bounds_in_views(position: FloatArray, boxes: OrientedBoxes) -> BoundsInViews
     bounds = np.concatenate([low, high], axis=1)[shown]
     # Projected corners of the frustum are those of the image up to the last bit.
     bounds = np.clip(bounds, 0, [WIDTH, HEIGHT, WIDTH, HEIGHT])
-    return BoundsInViews(box[shown], view[shown], bounds)
+    return box[shown], view[shown], bounds
 
 
 def _near_frustum(position: FloatArray, boxes: OrientedBoxes) -> tuple[IntArray, IntArray]:

@@ -142,7 +142,7 @@ def diagnose(
     truncate hops, raises ProtocolError.
     """
     truth = find_answers(ground_truth, split, task=task)
-    check_first_of_hop(protocol, truth.task.name)
+    check_first_of_hop(protocol, truth.task)
     rules = truth.task.protocol(protocol)
     predictions = read_predictions(submission, truth.task)
     whole = PreparedSubmission.of(predictions, truth)

@@ -73,12 +73,8 @@ class OrientedBoxes:
     def seen_by(self, position: FloatArray, camera_axes: FloatArray) -> Self:
         """Return the boxes in the frames of cameras, one camera per box.
 
-        Parameters
-        ----------
-        position : float array of shape (3,)
-            The position of all cameras.
-        camera_axes : float array of shape (n, 3, 3)
-            Right, up and forward of each camera, in rows.
+        All cameras are at ``position``, shape (3,). The rows of ``camera_axes``, shape (n, 3, 3),
+        are right, up and forward of each.
         """
         centre: FloatArray = np.einsum("nj,nij->ni", self.centre - position, camera_axes)
         return type(self)(centre, np.einsum("naj,nij->nai", self.axes, camera_axes), self.radii)

@@ -53,17 +53,8 @@ def warp(box_xywh: Array, camera: FloatArray, view: IntArray) -> Array:
 def polygon_overlap(polygons: Array, target_box_xywh: Array) -> tuple[FloatArray, FloatArray]:
     """Return the areas of the intersections of polygons and boxes, and the sums of both areas.
 
-    Parameters
-    ----------
-    polygons : array of shape (n,) of shapely polygons
-        As :func:`warp` returns them.
-    target_box_xywh : float or int array of shape (n, 4)
-        Left, top, width and height in pixels of the same view.
-
-    Returns
-    -------
-    two float arrays of shape (n,)
-        Square pixels.
+    Areas are square pixels. Polygons are those of :func:`warp`; boxes are left, top, width and
+    height in pixels of the same view.
     """
     import shapely
 

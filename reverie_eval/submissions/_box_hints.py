@@ -84,13 +84,8 @@ def reading_hints(
 ) -> Iterator[str]:
     """Yield a hint if the boxes fit annotated objects much better when they are read otherwise.
 
-    Parameters
-    ----------
-    boxes : BoxAnswers
-    viewpoint : int array of shape (n_boxes,)
-        Where the agents stop.
-    annotated : CandidateBoxes
-        The boxes of all objects. Which of them are targets is not looked at.
+    ``viewpoint``, shape (n_boxes,), is where the agents stop. Which of the annotated objects are
+    targets is not looked at.
     """
     if len(boxes.row) < _ENOUGH:
         return

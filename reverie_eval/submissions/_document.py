@@ -140,13 +140,7 @@ def _decoded_twice(document: Any, log: ReadingLog) -> Any:
 
 
 def _parse_almost_json(error: "JSONDecodeError", log: ReadingLog, *, has_lines: bool) -> Any:
-    """Parse text that ``json`` refuses, if it tells what was meant.
-
-    Raises
-    ------
-    SubmissionError
-        If it does not.
-    """
+    """Parse text that ``json`` refuses, if it tells what was meant, or raise SubmissionError."""
     text = error.doc
     if error.msg == "Extra data":
         values, later_error = _parse_several(text)
@@ -180,13 +174,7 @@ def _join(
 
 
 def _parse_several(text: str) -> tuple[Sequence[Any], "JSONDecodeError | None"]:
-    """Return the lists and objects that follow one another, and the error where that ends, if any.
-
-    Raises
-    ------
-    SubmissionError
-        If there are more of them than records in any split.
-    """
+    """Return the lists and objects that follow one another, and the error at which that ends."""
     import json
 
     decoder = json.JSONDecoder(object_pairs_hook=_build_object)

@@ -227,12 +227,9 @@ class Predictions(AnswerColumns):
 
 
 def look_like_degrees(stop_angles: FloatArray) -> bool:
-    """Whether most headings or elevations exceed a full turn in radians.
+    """Whether most headings or elevations of last poses exceed a full turn in radians.
 
-    Parameters
-    ----------
-    stop_angles : float array of shape (n_records, 2)
-        Heading and elevation of the last poses; NaN where the file gives none.
+    ``stop_angles`` has shape (n_records, 2), with NaN where the file gives none.
     """
     exceeding = (np.abs(stop_angles) > 2 * np.pi).any(axis=1).sum()
     return bool(exceeding > MOST * len(stop_angles))

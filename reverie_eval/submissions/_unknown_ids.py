@@ -49,13 +49,9 @@ _VIEWPOINT_CAUSES: Sequence[tuple[Fault, _Correction]] = (
 
 
 def fix_instr_ids(ids: _Ids, ground_truth: GroundTruth, log: ReadingLog, place: _Place) -> _Ids:
-    """Find what unknown instr_ids have in common.
+    """Return the ids without the mistake that unknown ones have in common, and note it in the log.
 
-    Returns
-    -------
-    sequence of ids
-        The ids without the mistake, which is noted in the log; the ids as they are, if no mistake
-        explains at least half of the unknown ones.
+    Ids stay as they are if no mistake explains at least half of the unknown ones.
     """
     return _fix(ids, ground_truth.episodes.index, _INSTR_ID_CAUSES, log, place)
 

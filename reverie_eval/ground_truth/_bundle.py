@@ -202,8 +202,14 @@ class Bundle:
         FileNotFoundError
             If there is no such file.
         """
-        members = _read_members(path)
-        header = _read_header(path, members.pop(_HEADER, None))
+        try:
+            members = read_arrays(path)
+            header = _read_header(path, members.pop(_HEADER).tobytes())
+        except (ValueError, KeyError, msgspec.DecodeError) as error:
+            raise GroundTruthError(
+                f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` "
+                "creates one"
+            ) from error
         other_splits, texts = _take(members, _OTHER_SPLIT), _take(members, _TEXT)
         has_targets = _task_of(path, header).has_targets
         needed = {*ANSWER_ARRAYS, *(TARGET_ARRAYS if has_targets else ())}
@@ -268,22 +274,10 @@ def fingerprint_of(arrays: Mapping[str, Array]) -> str:
     return digest.hexdigest()
 
 
-def _read_members(path: Path) -> dict[str, Array]:
-    try:
-        return read_arrays(path)
-    except ValueError as error:
-        raise _not_a_bundle(path) from error
-
-
-def _read_header(path: Path, header: Array | None) -> BundleHeader:
-    if header is None:
-        raise _not_a_bundle(path)
-    try:
-        version = msgspec.json.decode(header.tobytes(), type=_AnyHeader).format_version
-        if version == FORMAT_VERSION:
-            return msgspec.json.decode(header.tobytes(), type=BundleHeader)
-    except msgspec.DecodeError as error:
-        raise _not_a_bundle(path) from error
+def _read_header(path: Path, header: bytes) -> BundleHeader:
+    version = msgspec.json.decode(header, type=_AnyHeader).format_version
+    if version == FORMAT_VERSION:
+        return msgspec.json.decode(header, type=BundleHeader)
     raise GroundTruthError(
         f"{path} has bundle format {version}, this version of reverie-eval reads format "
         f"{FORMAT_VERSION}; compile it again"
@@ -297,9 +291,3 @@ def _task_of(path: Path, header: BundleHeader) -> Task:
         raise GroundTruthError(
             f"{path} is the ground truth of a task that is not installed: {error}"
         ) from error
-
-
-def _not_a_bundle(path: Path) -> GroundTruthError:
-    return GroundTruthError(
-        f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` creates one"
-    )

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from os import PathLike
 from typing import Self, get_args
 
@@ -250,11 +250,9 @@ class PreparedSubmission:
 
     def _literal_reading_notes(self, rules: Protocol) -> Iterator[str]:
         if self.predictions is not None and self.track == "full":
-            truncated = partial(self._score_truncated, rules)
-            yield from literal_reading_notes(self.predictions, rules, truncated)
-
-    def _score_truncated(self, rules: Protocol) -> Scores:
-        return self.truncated().score(rules)
+            yield from literal_reading_notes(
+                self.predictions, rules, lambda: self.truncated().score(rules)
+            )
 
     @cached_property
     def _lookups(self) -> Lookups:

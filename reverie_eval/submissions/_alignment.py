@@ -184,7 +184,9 @@ def _look_up(
     If unknown ids have something in common, that is one problem, and what was meant is looked up.
     """
     if ground_truth.task.has_short_ids:
-        predictions = _with_full_ids(predictions, ground_truth.episodes.by_short_id)
+        full = ground_truth.episodes.by_short_id
+        instr_ids = [each and full.get(each, each) for each in predictions.instr_ids]
+        predictions = replace(predictions, instr_ids=instr_ids)
     episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
     viewpoint = _viewpoints(predictions.viewpoint_ids, ground_truth.graph)
     if (episode != _UNKNOWN).all() and (viewpoint != _UNKNOWN).all():
@@ -195,11 +197,6 @@ def _look_up(
         _indices(fixed.instr_ids, ground_truth.episodes.index),
         _viewpoints(fixed.viewpoint_ids, ground_truth.graph),
     )
-
-
-def _with_full_ids(predictions: Predictions, by_short_id: Mapping[str, str]) -> Predictions:
-    full = [each and by_short_id.get(each, each) for each in predictions.instr_ids]
-    return replace(predictions, instr_ids=full)
 
 
 def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions:

@@ -55,12 +55,9 @@ class Conversion:
     """Whether the task has target objects, so that answers are expected."""
 
     @property
-    def _lacks_answers(self) -> bool:
-        return self.has_targets and not any(map(has_answer, self.records))
-
-    @property
     def notes(self) -> Sequence[str]:
         """What a reader of the converted file should know, a sentence each."""
+        lacks_answers = self.has_targets and not any(map(has_answer, self.records))
         without_angles = (
             f"{self.poses_without_angles:,} poses without heading and elevation; both are written "
             "as 0"
@@ -69,7 +66,7 @@ class Conversion:
             *([f"read as: {'; '.join(self.read_as)}"] if self.read_as else []),
             *(f"fixed: {mistake}" for mistake in self.fixed),
             *(f"dropped: {name}, in {count:,} records" for name, count in self.dropped.items()),
-            *([UNNAMED_ANSWERS] if self.dropped and self._lacks_answers else []),
+            *([UNNAMED_ANSWERS] if self.dropped and lacks_answers else []),
             *([without_angles] if self.poses_without_angles else []),
             *([_remaining_note(self.remaining)] if self.remaining else []),
         ]

@@ -193,15 +193,7 @@ class Bundle:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a bundle and check that it is complete.
-
-        Raises
-        ------
-        GroundTruthError
-            If the file is not a bundle, is damaged, or has another format version.
-        FileNotFoundError
-            If there is no such file.
-        """
+        """Read a bundle and check that it is complete; errors are those of `GroundTruth.load`."""
         try:
             members = read_arrays(path)
             header = _read_header(path, members.pop(_HEADER).tobytes())
@@ -234,13 +226,7 @@ def pack_texts(texts: Sequence[str]) -> Array:
 
 
 def unpack_texts(packed: Array | None, what: str, count: int) -> tuple[str, ...]:
-    """Return the texts that :func:`pack_texts` packed.
-
-    Raises
-    ------
-    GroundTruthError
-        If there are no texts, or not ``count`` of them. The message calls them ``what``.
-    """
+    """Return the ``count`` texts that :func:`pack_texts` packed; errors call them ``what``."""
     if packed is None:
         raise GroundTruthError(
             f"this ground truth was compiled without {what}; compile it again with this version"

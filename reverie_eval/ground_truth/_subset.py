@@ -38,13 +38,7 @@ def read_episode_ids(path: str | PathLike[str]) -> Sequence[str]:
 
 
 def subset_rows(chosen: Sequence[str], index: Mapping[str, int], split: str) -> IntArray:
-    """Return the rows of the chosen episodes, ascending.
-
-    Raises
-    ------
-    SubsetError
-        If there are none, or some are unknown or listed twice; lists every problem.
-    """
+    """Return the rows of the chosen episodes, ascending, or raise SubsetError with all problems."""
     if not chosen:
         message = f"no episode is listed; list the instr_ids of some episodes of {split}"
         raise SubsetError([Problem("no-episode", "list", message)])

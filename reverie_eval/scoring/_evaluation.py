@@ -260,13 +260,7 @@ class PreparedSubmission:
 
 
 def check_track(track: Track) -> Track:
-    """Return the track if it exists.
-
-    Raises
-    ------
-    ProtocolError
-        If it does not.
-    """
+    """Return the track if it exists; raise ProtocolError if not."""
     if track not in get_args(Track):
         raise ProtocolError(f"unknown track {track!r}{did_you_mean(track, get_args(Track))}")
     return track

@@ -43,13 +43,7 @@ _HOPS_BY_ALIAS: Mapping[str, HopReading] = MappingProxyType({"hamt": "first view
 
 
 def check_first_of_hop(name: str, task: Task) -> None:
-    """Check that a protocol's evaluator reads only the first viewpoint of nested hops.
-
-    Raises
-    ------
-    ProtocolError
-        If there is no such protocol, or its evaluator reads hops in another way.
-    """
+    """Raise ProtocolError if a protocol's evaluator does not truncate nested hops."""
     names = [name, *(rules.name for rules in task.protocols), *task.aliases]
     readings = {each: _HOPS_BY_ALIAS.get(each, task.protocol(each).nested_hops) for each in names}
     if readings[name] != "first viewpoint":

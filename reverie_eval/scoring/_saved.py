@@ -68,15 +68,7 @@ def write_saved(
 
 
 def read_saved(path: str | PathLike[str]) -> tuple[SavedHeader, AlignedSubmission]:
-    """Read what :func:`write_saved` wrote.
-
-    Raises
-    ------
-    ReverieEvalError
-        If the file has no saved scores, is damaged, or was written by a later version.
-    OSError
-        If it cannot be read.
-    """
+    """Read what :func:`write_saved` wrote; errors are those of :meth:`Scores.load`."""
     try:
         arrays = read_arrays(Path(path))
         names = [*_COLUMNS, *({_POINT} & arrays.keys())]

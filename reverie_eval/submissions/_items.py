@@ -44,20 +44,14 @@ def is_item(record: Mapping[str, Any]) -> bool:
 def split_items(
     records: Iterable[tuple[RecordLocation, Mapping[str, Any]]], log: ReadingLog
 ) -> Iterator[tuple[RecordLocation, Mapping[str, Any]]]:
-    """Yield a record for each trajectory of an item; other records as they are.
-
-    Raises
-    ------
-    SubmissionError
-        If an id is that of one of DUET's own episodes, which does not identify the item.
-    """
+    """Yield a record for each trajectory of an item; other records as they are."""
     count: Counter[object] = Counter()
     for location, record in records:
         if not is_item(record):
             yield location, record
             continue
         given = record.get(INSTR_ID_KEY, location.key)
-        if isinstance(given, str) and _DUETS_ID.fullmatch(given):
+        if isinstance(given, str) and _DUETS_ID.fullmatch(given):  # does not identify the item
             raise SubmissionError([problems.duets_episodes(location, given)])
         trajectories = record[TRAJECTORY_KEY]
         if isinstance(trajectories, Mapping):

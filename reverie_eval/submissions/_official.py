@@ -292,14 +292,13 @@ def convert_official(submission: Records, *, has_answers: bool = True) -> Predic
 
     Angles and object ids may be numpy numbers, which agents often produce.
     """
-    fields = _fields(has_answers=has_answers)
-    if not _is_plain(submission, fields):
+    plain = _plain_columns(submission, _fields(has_answers=has_answers))
+    if plain is None:
         return None
-    instr_ids, trajectories, *given = _columns(submission, fields)
+    instr_ids, trajectories, viewpoint_ids, angles, given = plain
     answers = given[0] if given else [ABSTAINED] * len(instr_ids)
     if max(map(len, trajectories)) > MAX_POSES:
         return None
-    viewpoint_ids, *angles = zip(*chain.from_iterable(trajectories), strict=True)
     try:
         angle = np.array(angles, dtype=np.float64).T
         predicted_object = np.array(answers, dtype=np.int64)
@@ -343,32 +342,31 @@ def _fields(*, has_answers: bool) -> Sequence[str]:
     return record.__struct_fields__
 
 
-def _is_plain(submission: Any, fields: Sequence[str]) -> bool:
-    """Whether everything has the official form, and exactly its types.
+def _plain_columns(submission: Any, fields: Sequence[str]) -> Sequence[Sequence[Any]] | None:
+    """Return ids, trajectories, viewpoint ids, angles and answers, if all have exactly their types.
 
     Comparing sets of types takes C loops only. Subclasses do not pass, as they may behave in their
     own way; the careful lane reads them.
     """
     if not (submission and have_types([submission], _LISTS) and have_types(submission, {dict})):
-        return False
+        return None
     if any(record.keys() != set(fields) for record in submission):
-        return False
-    instr_ids, trajectories, *answers = _columns(submission, fields)
+        return None
+    columns = (list(map(itemgetter(field), submission)) for field in fields)
+    instr_ids, trajectories, *answers = columns
     if not (
         have_types(instr_ids, {str})
         and have_types(trajectories, _LISTS)
         and all(have_types(each, _INTEGERS) for each in answers)
     ):
-        return False
+        return None
     poses = list(chain.from_iterable(trajectories))
     if not (all(trajectories) and have_types(poses, _LISTS) and set(map(len, poses)) == {3}):
-        return False
+        return None
     viewpoint_ids, *angles = zip(*poses, strict=True)
-    return have_types(viewpoint_ids, {str}) and have_types(chain(*angles), _NUMBERS)
-
-
-def _columns(submission: Any, fields: Sequence[str]) -> Iterator[list[Any]]:
-    return (list(map(itemgetter(field), submission)) for field in fields)
+    if not (have_types(viewpoint_ids, {str}) and have_types(chain(*angles), _NUMBERS)):
+        return None
+    return instr_ids, trajectories, viewpoint_ids, angles, answers
 
 
 def _any_prefixed(instr_ids: Sequence[str]) -> bool:

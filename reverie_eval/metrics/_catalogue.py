@@ -150,6 +150,9 @@ _BOX: frozenset[Need] = frozenset({"answer", "box"})
 _ANSWER_RULES = frozenset({"grounding", "goal", "text_ids_count"})
 _BOX_INPUTS = ("box_overlap", "box_row", "n_episodes")
 
+_fraction = partial(Metric, unit="fraction", better="higher")
+"""A metric in [0, 1] of which more is better, as most of them are."""
+
 _METRICS = (
     Metric(
         key="path_length",
@@ -162,54 +165,46 @@ _METRICS = (
         inputs=("leg_length", "offsets"),
         headline=True,
     ),
-    Metric(
+    _fraction(
         key="success",
         label="SR",
         name="success rate",
         definition="the target object is visible where the agent stops",
         of_goal="{goal} where the agent stops",
-        unit="fraction",
-        better="higher",
         protocol_rules=frozenset({"goal"}),
         compute=success,
         inputs=("at_goal", "offsets"),
         is_binary=True,
         headline=True,
     ),
-    Metric(
+    _fraction(
         key="oracle_success",
         label="OSR",
         name="oracle success rate",
         definition="the target object is visible from any viewpoint of the trajectory",
         of_goal="{goal} from any viewpoint of the trajectory",
-        unit="fraction",
-        better="higher",
         protocol_rules=frozenset({"goal"}),
         compute=oracle_success,
         inputs=("oracle_at_goal", "offsets"),
         is_binary=True,
         headline=True,
     ),
-    Metric(
+    _fraction(
         key="spl",
         label="SPL",
         name="success weighted by path length",
         definition="success, times the shortest length divided by the larger of walked and "
         "shortest length",
-        unit="fraction",
-        better="higher",
         protocol_rules=frozenset({"goal", "spl_numerator", "spl_floor"}),
         compute=spl,
         inputs=("success", "path_length", "reference_length", "spl_floor"),
         headline=True,
     ),
-    Metric(
+    _fraction(
         key="rgs",
         label="RGS",
         name="remote grounding success",
         definition="the predicted object is the target object, or the predicted box matches it",
-        unit="fraction",
-        better="higher",
         needs=_ANSWER,
         protocol_rules=_ANSWER_RULES,
         compute=remote_grounding_success,
@@ -217,40 +212,34 @@ _METRICS = (
         is_binary=True,
         headline=True,
     ),
-    Metric(
+    _fraction(
         key="rgspl",
         label="RGSPL",
         name="remote grounding success weighted by path length",
         definition="remote grounding success, weighted as SPL is; the benchmark's primary metric",
-        unit="fraction",
-        better="higher",
         needs=_TRAJECTORY | _ANSWER,
         protocol_rules=_ANSWER_RULES | {"spl_numerator", "rgspl_floor"},
         compute=spl,
         inputs=("rgs", "path_length", "reference_length", "rgspl_floor"),
         headline=True,
     ),
-    Metric(
+    _fraction(
         key="iou",
         label="IoU",
         name="intersection over union",
         definition="intersection over union of the predicted box and the target's in the same "
         "view; 0 without a predicted box",
-        unit="fraction",
-        better="higher",
         needs=_BOX,
         protocol_rules=frozenset({"grounding"}),
         compute=iou,
         inputs=_BOX_INPUTS,
     ),
     *(
-        Metric(
+        _fraction(
             key=f"iou_{100 * threshold:.0f}",  # iou_25, iou_50, iou_75
             label=f"IoU>={threshold:g}".replace("0.", "."),
             name=f"boxes with an IoU of at least {threshold:g}",
             definition=f"the answer is a box with an IoU of at least {threshold:g}{remark}",
-            unit="fraction",
-            better="higher",
             needs=_BOX,
             protocol_rules=frozenset({"grounding"}),
             compute=partial(iou_reaches, threshold),
@@ -296,35 +285,29 @@ _METRICS = (
         compute=dtw,
         inputs=("pose_to_node", "n_poses", "n_nodes"),
     ),
-    Metric(
+    _fraction(
         key="ndtw",
         label="nDTW",
         name="normalised dynamic time warping",
         definition="exp(-DTW / (3 m x nodes of the annotated path))",
-        unit="fraction",
-        better="higher",
         compute=ndtw,
         inputs=("dtw", "n_nodes"),
     ),
-    Metric(
+    _fraction(
         key="sdtw",
         label="SDTW",
         name="success weighted by normalised dynamic time warping",
         definition="nDTW if the episode is a success, else 0",
-        unit="fraction",
-        better="higher",
         protocol_rules=frozenset({"goal"}),
         compute=sdtw,
         inputs=("ndtw", "success"),
     ),
-    Metric(
+    _fraction(
         key="cls",
         label="CLS",
         name="coverage weighted by length score",
         definition="how closely the trajectory covers the annotated path, times how well the "
         "lengths agree",
-        unit="fraction",
-        better="higher",
         compute=cls,
         inputs=("pose_to_node", "n_poses", "n_nodes", "path_length", "annotated_length"),
     ),
@@ -378,39 +361,33 @@ _OF_OTHER_TASKS = (
         inputs=("start_to_goals", "stop_to_goals"),
         is_signed=True,
     ),
-    Metric(
+    _fraction(
         key="oracle_path_success",
         label="OPSR",
         name="oracle path success rate",
         definition="a viewpoint of the trajectory is less than 3 m from the end of the planner's "
         "path",
-        unit="fraction",
-        better="higher",
         needs=_TRAJECTORY | {"planner's path"},
         compute=oracle_path_success,
         inputs=("planner_distance", "offsets"),
         is_binary=True,
     ),
-    Metric(
+    _fraction(
         key="detection_success",
         label="DSR",
         name="detection success rate",
         definition="the predicted point is inside the target's outline as seen from the stop",
-        unit="fraction",
-        better="higher",
         needs=_OUTLINE,
         protocol_rules=frozenset({"repeated_outlines"}),
         compute=detection_success,
         inputs=("point", "outline"),
         is_binary=True,
     ),
-    Metric(
+    _fraction(
         key="sfpl",
         label="SFPL",
         name="success rate of finding weighted by path length",
         definition="SPL if the target is detected, else 0",
-        unit="fraction",
-        better="higher",
         needs=_OUTLINE,
         protocol_rules=frozenset({"repeated_outlines", "goal", "spl_numerator", "spl_floor"}),
         compute=np.multiply,

@@ -21,11 +21,7 @@ from reverie_eval.submissions._hints import UNNAMED_ANSWERS
 from reverie_eval.submissions._items import join_items, official_point
 from reverie_eval.submissions._predictions import Submission
 from reverie_eval.submissions._reading_log import ReadingLog
-from reverie_eval.submissions._records import (
-    ReadRecord,
-    read_predictions,
-    read_records,
-)
+from reverie_eval.submissions._records import ReadRecord, read_predictions, read_records
 from reverie_eval.submissions._sources import read_bytes
 from reverie_eval.submissions._trajectories import Poses
 from reverie_eval.submissions._unknown_ids import fix_instr_ids, fix_viewpoint_ids

@@ -15,11 +15,7 @@ import numpy as np
 from reverie_eval.errors import SubmissionError
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._document import is_finite, is_list, is_number
-from reverie_eval.submissions._fields import (
-    INSTR_ID_KEY,
-    POINT_KEYS,
-    TRAJECTORY_KEY,
-)
+from reverie_eval.submissions._fields import INSTR_ID_KEY, POINT_KEYS, TRAJECTORY_KEY
 from reverie_eval.submissions._problems import RecordLocation
 from reverie_eval.submissions._reading_log import ReadingLog
 

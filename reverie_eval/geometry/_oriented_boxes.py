@@ -45,16 +45,9 @@ class OrientedBoxes:
     ) -> Self:
         """Build boxes from two of their axes; the third is the cross product.
 
-        Parameters
-        ----------
-        centre, first_axis, second_axis : float arrays of shape (n, 3)
-            The axes may have any length. If they are not quite orthogonal, as when they were
-            written with a few digits, the second is made so.
-        radii : float array of shape (n, 3)
-            Half extents in metres.
+        All arrays have the shape (n, 3). Axes may have any length. If they are not quite
+        orthogonal, as when they were written with a few digits, the second is made so.
 
-        Examples
-        --------
         >>> up, rightish = np.array([[0.0, 0.0, 2.0]]), np.array([[1.0, 0.0, 0.1]])
         >>> OrientedBoxes.along(np.zeros((1, 3)), up, rightish, np.ones((1, 3))).axes[0].tolist()
         [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]

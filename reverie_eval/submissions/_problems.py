@@ -441,10 +441,10 @@ def ids_of_another_task(count: int, first: str, task: Task, others: Sequence[Tas
     return Problem("other-task", WHOLE_FILE, message)
 
 
-def fields_of_another_task(key: str, task: Task, other: Task) -> Problem:
+def results_of_another_task(task: Task, other: Task, sign: str) -> Problem:
     message = (
-        f"holds results of {other.title}, not of {task.title}: their ids are in {_json(key)}; "
-        f"score the file with --task {other.name}"
+        f"holds results of {other.title}, not of {task.title}: {sign}; score the file with --task "
+        f"{other.name}"
     )
     return Problem("other-task", WHOLE_FILE, message)
 
@@ -458,14 +458,6 @@ def ids_outside_demo(count: int, first: str, split: str, task: Task) -> Problem:
         f"-o {split}.npz` once and pass --ground-truth {split}.npz"
     )
     return Problem("not-the-demo-world", WHOLE_FILE, message)
-
-
-def trajectories_of_another_task(task: Task, other: Task) -> Problem:
-    message = (
-        f"holds results of {other.title}, not of {task.title}: their trajectories are objects with "
-        f"a path; score the file with --task {other.name}"
-    )
-    return Problem("other-task", WHOLE_FILE, message)
 
 
 def repeated_key(key: str) -> Problem:

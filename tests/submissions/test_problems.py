@@ -178,7 +178,7 @@ def of_record(report: Callable[[], Problem], code: str, field: str, message: str
             "'5_0': score the file with --task r2r",
         ),
         of_file(
-            lambda: problems.fields_of_another_task("inst_idx", REVERIE, NDH),
+            lambda: problems.results_of_another_task(REVERIE, NDH, "their ids are in 'inst_idx'"),
             "other-task",
             "holds results of NDH, not of REVERIE: their ids are in 'inst_idx'; score the file "
             "with --task ndh",
@@ -200,7 +200,9 @@ def of_record(report: Callable[[], Problem], code: str, field: str, message: str
             "test.npz",
         ),
         of_file(
-            lambda: problems.trajectories_of_another_task(REVERIE, SOON),
+            lambda: problems.results_of_another_task(
+                REVERIE, SOON, "their trajectories are objects with a path"
+            ),
             "other-task",
             "holds results of SOON, not of REVERIE: their trajectories are objects with a path; "
             "score the file with --task soon",

@@ -17,7 +17,7 @@ from typing import Self
 import msgspec
 import numpy as np
 
-from reverie_eval.arrays import Array, frozen, read_arrays
+from reverie_eval.arrays import Array, frozen, read_arrays, take_prefixed
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.files import staged_file
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
@@ -202,7 +202,8 @@ class Bundle:
                 f"{path} is not a ground-truth bundle, or is damaged; `reverie-eval compile` "
                 "creates one"
             ) from error
-        other_splits, texts = _take(members, _OTHER_SPLIT), _take(members, _TEXT)
+        other_splits = take_prefixed(members, _OTHER_SPLIT)
+        texts = take_prefixed(members, _TEXT)
         has_targets = _task_of(path, header).has_targets
         needed = {*ANSWER_ARRAYS, *(TARGET_ARRAYS if has_targets else ())}
         is_complete = members.keys() >= PUBLIC_ARRAYS.keys() and (
@@ -238,12 +239,6 @@ def unpack_texts(packed: Array | None, what: str, count: int) -> tuple[str, ...]
     if len(texts) != count:
         raise GroundTruthError(f"the {what} of this ground truth are damaged; compile it again")
     return texts
-
-
-def _take(members: dict[str, Array], prefix: str) -> dict[str, Array]:
-    """Remove the members with a prefix, and return them by their names without it."""
-    names = [name for name in members if name.startswith(prefix)]
-    return {name.removeprefix(prefix): members.pop(name) for name in names}
 
 
 def fingerprint_of(arrays: Mapping[str, Array]) -> str:

@@ -129,14 +129,8 @@ def is_hidden(view: IntArray, box_xywh: IntArray, distance: FloatArray) -> BoolA
     hidden = np.zeros(len(view), dtype=np.bool_)
     for index in np.unique(view):
         rows = np.flatnonzero(view == index)
-        left, top, width, height = box_xywh[rows].T
-        right, bottom = left + width, top + height
-        contains = (
-            (left[:, None] <= left)
-            & (top[:, None] <= top)
-            & (right[:, None] >= right)
-            & (bottom[:, None] >= bottom)
-        )
+        near, far = box_xywh[rows, :2], box_xywh[rows, :2] + box_xywh[rows, 2:]
+        contains = ((near[:, None] <= near) & (far[:, None] >= far)).all(axis=-1)
         is_nearer = distance[rows, None] < distance[rows]
         hidden[rows] = (contains & is_nearer).any(axis=0)
     return hidden

@@ -152,12 +152,8 @@ def _read_box(
         **({} if record.get(IMAGE_SIZE_KEY) is None else {IMAGE_SIZE_KEY: list(size)}),
     }
     x_scale, y_scale = WIDTH / size[0], HEIGHT / size[1]
-    left, top, right, bottom = (
-        box[0] * x_scale,
-        box[1] * y_scale,
-        (box[0] + box[2]) * x_scale,
-        (box[1] + box[3]) * y_scale,
-    )
+    left, right = box[0] * x_scale, (box[0] + box[2]) * x_scale
+    top, bottom = box[1] * y_scale, (box[1] + box[3]) * y_scale
     x, x_end = _clamp(left, WIDTH), _clamp(right, WIDTH)
     y, y_end = _clamp(top, HEIGHT), _clamp(bottom, HEIGHT)
     is_cut = max(x - left, right - x_end, y - top, bottom - y_end) > _SLACK

@@ -187,16 +187,11 @@ def _look_up(
         full = ground_truth.episodes.by_short_id
         instr_ids = [each and full.get(each, each) for each in predictions.instr_ids]
         predictions = replace(predictions, instr_ids=instr_ids)
-    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
-    viewpoint = _viewpoints(predictions.viewpoint_ids, ground_truth.graph)
-    if (episode != _UNKNOWN).all() and (viewpoint != _UNKNOWN).all():
-        return predictions, episode, viewpoint
-    fixed = _fix_ids(predictions, ground_truth)
-    return (
-        fixed,
-        _indices(fixed.instr_ids, ground_truth.episodes.index),
-        _viewpoints(fixed.viewpoint_ids, ground_truth.graph),
-    )
+    episode, viewpoint = _episodes_and_viewpoints(predictions, ground_truth)
+    if (episode == _UNKNOWN).any() or (viewpoint == _UNKNOWN).any():
+        predictions = _fix_ids(predictions, ground_truth)
+        episode, viewpoint = _episodes_and_viewpoints(predictions, ground_truth)
+    return predictions, episode, viewpoint
 
 
 def _fix_ids(predictions: Predictions, ground_truth: GroundTruth) -> Predictions:
@@ -234,8 +229,12 @@ def _in_order(episode: IntArray, rows: IntArray | None) -> IntArray:
     return order if rows is None else order[np.isin(episode[order], rows)]
 
 
-def _viewpoints(ids: IdColumn, graph: NavigationGraph) -> IntArray:
-    return _indices(ids.distinct, graph.index)[ids.number]
+def _episodes_and_viewpoints(
+    predictions: Predictions, ground_truth: GroundTruth
+) -> tuple[IntArray, IntArray]:
+    ids = predictions.viewpoint_ids
+    episode = _indices(predictions.instr_ids, ground_truth.episodes.index)
+    return episode, _indices(ids.distinct, ground_truth.graph.index)[ids.number]
 
 
 def _indices(ids: Sequence[str | None], index: Mapping[str, int]) -> IntArray:

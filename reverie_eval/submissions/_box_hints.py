@@ -14,12 +14,12 @@ import numpy as np
 from reverie_eval.arrays import FloatArray, IntArray
 from reverie_eval.errors import Problem
 from reverie_eval.geometry import HEIGHT, WIDTH, snap
+from reverie_eval.geometry._views import N_HEADINGS
 from reverie_eval.ground_truth import CandidateBoxes
 from reverie_eval.metrics import box_match
 from reverie_eval.submissions import _problems as problems
 from reverie_eval.submissions._predictions import MOST, BoxAnswers
 
-_N_HEADINGS = 12
 _ENOUGH = 20
 """Fewer boxes say nothing about how they were meant."""
 _SAMPLE = 500
@@ -129,13 +129,13 @@ def _other_readings(xywh: FloatArray, view: IntArray) -> Mapping[str, _Drawn]:
     for side in (224, 336, 384, 1000):
         scaled = xywh * np.array([WIDTH, HEIGHT, WIDTH, HEIGHT]) / side
         boxes[f"boxes of {side} x {side} images"] = tuple(scaled.T)
-    row, column = np.divmod(view, _N_HEADINGS)
+    row, column = np.divmod(view, N_HEADINGS)
     views = {
-        "views counted from 1": (row, (column - 1) % _N_HEADINGS),
-        "views one too low": (row, (column + 1) % _N_HEADINGS),
+        "views counted from 1": (row, (column - 1) % N_HEADINGS),
+        "views one too low": (row, (column + 1) % N_HEADINGS),
         "views whose first row looks up": (2 - row, column),
     }
     return {
         **{what: (np.column_stack(each), view) for what, each in boxes.items()},
-        **{what: (xywh, above * _N_HEADINGS + along) for what, (above, along) in views.items()},
+        **{what: (xywh, above * N_HEADINGS + along) for what, (above, along) in views.items()},
     }

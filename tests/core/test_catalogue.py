@@ -99,6 +99,14 @@ def test_the_unit_matches_the_kind(key: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("key", "value", "shown"),
+    [("success", 1.0, "yes"), ("success", 0.0, "no"), ("spl", 0.5, "50.00")],
+)
+def test_the_value_of_one_episode(key: str, value: float, shown: str) -> None:
+    assert CATALOGUE[key].display_one(value) == shown
+
+
+@pytest.mark.parametrize(
     ("key", "value", "shown", "rounded"),
     [
         pytest.param("success", 0.54532677, "54.53", 0.5453, id="a fraction"),

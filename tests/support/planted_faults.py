@@ -24,9 +24,9 @@ from mutmut.__main__ import cli
 from mutmut.runners.harness import PytestRunner
 from mutmut.workers import isolation
 
-SECONDS_PER_FAULT = 20
+SECONDS_PER_FAULT = 8
 """Of processor time. A fault that no test has found by then counts as not found."""
-SECONDS_TO_END = 40
+SECONDS_TO_END = 30
 """Of processor time. A fault by which a test is still running then has been found."""
 
 IMPORTED = Path("mutants", "imported.txt")

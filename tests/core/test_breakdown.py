@@ -193,7 +193,9 @@ def test_words_of_the_instruction(frame: pd.DataFrame) -> None:
     assert found["rgs"] == frame["rgs"][chosen].mean()
     with pytest.raises(ProtocolError, match="all the words 'bed zeppelin': zeppelin is in none"):
         scores.with_words("bed zeppelin")
-    with pytest.raises(ProtocolError, match="^with_words needs a word that instructions may have$"):
+    with pytest.raises(
+        ProtocolError, match=r"^with_words needs a word that instructions may have$"
+    ):
         scores.with_words("", "?")
 
 

@@ -182,7 +182,6 @@ cluster = click.option(
     show_default=True,
     help="What to resample for intervals: target objects or scans, each with all its episodes.",
 )
-server_folder = click.argument("folder", type=PATH)
 
 
 def output(what: str) -> Callable[[Command], Command]:
@@ -194,6 +193,11 @@ def output(what: str) -> Callable[[Command], Command]:
         type=click.Path(),
         help=f"Write {what} to FILE.  [default: standard output]",
     )
+
+
+def new_path(metavar: str, meaning: str) -> Callable[[Command], Command]:
+    """Add ``-o`` for a file or a folder that a command always writes."""
+    return click.option("-o", "--output", required=True, metavar=metavar, type=PATH, help=meaning)
 
 
 def layout(*names: str, explained: str = "") -> Callable[[Command], Command]:

@@ -33,14 +33,7 @@ def _finite(context: click.Context, parameter: click.Parameter, metres: float) -
 @click.command()
 @click.argument("houses", type=options.PATH)
 @click.argument("connectivity", type=options.PATH)
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FOLDER",
-    type=options.PATH,
-    help="Where to write SCAN_VIEWPOINT.json files; a new or an empty folder.",
-)
+@options.new_path("FOLDER", "Where to write SCAN_VIEWPOINT.json files; a new or an empty folder.")
 @click.option(
     "--max-distance",
     metavar="METRES",

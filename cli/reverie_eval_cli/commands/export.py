@@ -95,13 +95,8 @@ def export() -> None:
 @click.option(
     "--instances", is_flag=True, help="Also write the values of each episode of an open split."
 )
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FOLDER",
-    type=options.PATH,
-    help="The root of the collection; files go to data/DATASET/DEVELOPER/NAME/ in it.",
+@options.new_path(
+    "FOLDER", "The root of the collection; files go to data/DATASET/DEVELOPER/NAME/ in it."
 )
 def export_every_eval_ever(
     *,

@@ -7,16 +7,14 @@ import click
 
 from reverie_eval.text import count_text, first_few
 from reverie_eval_cli import options
-from reverie_eval_cli.organising import show_findings
+from reverie_eval_cli.organising import Folder, server_folder, show_findings
 from reverie_eval_cli.output import note
 
 
 @click.command()
-@options.server_folder
-@click.option(
-    "-o", "--output", required=True, metavar="FILE", type=options.PATH, help="The .tar.gz to write."
-)
-def backup(*, folder: Path, output: Path) -> int:
+@server_folder
+@options.new_path("FILE", "The .tar.gz to write.")
+def backup(*, folder: Folder, output: Path) -> int:
     """Write a backup, also while the server runs.
 
     One .tar.gz file has everything that a server needs.
@@ -26,7 +24,7 @@ def backup(*, folder: Path, output: Path) -> int:
     from reverie_eval.server.operations.backup import write_backup
     from reverie_eval.server.settings import variables_set
 
-    report = write_backup(folder, output)
+    report = write_backup(folder.path, output)
     print(f"{output}: {_counts(report.manifest.rows)}, {report.size / 1e6:,.1f} MB")
     print("it contains answers and the signing key: keep it where nobody else can read it")
     for setting, name in report.moved.items():

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from reverie_eval import ReverieEvalError
-from reverie_eval.reporting._table import Table, print_table
-from reverie_eval_cli.output import note, show
+from reverie_eval.reporting._table import Table
+from reverie_eval_cli.output import note, show_table
 
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
@@ -147,8 +147,7 @@ def minute(instant: datetime | None) -> str:
 
 def print_list(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a list: as a table on a terminal, in plain columns for a pipe."""
-    table = Table(headings, rows, frozenset(range(len(headings))))
-    show(table.to_text, None, lambda console: print_table(console, table))
+    show_table(Table(headings, rows, frozenset(range(len(headings)))))
 
 
 def show_findings(findings: Sequence["Finding"]) -> int:

@@ -24,6 +24,8 @@ from reverie_eval.submissions import source_name
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from reverie_eval.reporting._table import Table
+
 T = TypeVar("T")
 STANDARD_OUTPUT = "-"
 
@@ -135,6 +137,13 @@ def show(
         on_terminal(Console())
     else:
         write_text(f"{text()}\n", output)
+
+
+def show_table(*layouts: "Table", output: str | None = None) -> None:
+    """Write a table; a terminal gets the first of its layouts that fits."""
+    from reverie_eval.reporting._table import print_table
+
+    show(layouts[0].to_text, output, lambda console: print_table(console, *layouts))
 
 
 def submission_text(records: Sequence[Mapping[str, Any]]) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from reverie_eval.dataset import DatasetDescription, Distribution, PaperComparison, SplitDescription
 from reverie_eval.dataset._description import of_answers
-from reverie_eval.reporting._table import MISSING, Table, print_table
+from reverie_eval.reporting._table import Table, cell_of, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -43,7 +43,7 @@ def _tables(description: DatasetDescription) -> Sequence[Table]:
         rows = [row for row in rows if any(value is not None for value in row[1])]
     splits = Table(
         headings=["", *parts],
-        rows=[[label, *(_cell(value, text) for value in values)] for label, values, text in rows],
+        rows=[[label, *(cell_of(value, text) for value in values)] for label, values, text in rows],
         text_columns=frozenset({0}),
     )
     if not description.paper:
@@ -63,7 +63,7 @@ def _compared(comparison: PaperComparison) -> Sequence[str]:
     return [
         comparison.quantity,
         _GROUPS.get(tuple(comparison.splits), ", ".join(comparison.splits)),
-        _cell(comparison.here, _number),
+        cell_of(comparison.here, _number),
         _number(comparison.paper),
         f"without {', '.join(missing)}" if partly else "",
     ]
@@ -80,10 +80,6 @@ def _mean(values: Distribution) -> str:
 def _range(values: Distribution) -> str:
     ends = (values.minimum, values.maximum)
     return "-".join(f"{end:.0f}" if end.is_integer() else f"{end:.1f}" for end in ends)
-
-
-def _cell(value: Any, text: Callable[[Any], str]) -> str:
-    return MISSING if value is None else text(value)
 
 
 _RANGE = "    range"

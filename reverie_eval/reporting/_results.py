@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from reverie_eval.analysis import Method, Runs
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import METRICS, Metric
-from reverie_eval.reporting._table import MISSING, Bold, Table
+from reverie_eval.reporting._table import MISSING, Bold, Table, metric_cell
 
 _COLUMNS = ("success", "oracle_success", "spl", "path_length", "rgs", "rgspl")
 
@@ -118,7 +118,7 @@ def _half_width(metric: Metric, values: Mapping[str, float]) -> str:
 
 
 def _means(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[str]:
-    cells = [metric.display(it[metric.key]) if metric.key in it else MISSING for it in values]
+    cells = [metric_cell(metric, it) for it in values]
     shown = [float(cell) for cell in cells if cell != MISSING]
     if metric.better == "neither" or len(shown) < 2:
         return cells

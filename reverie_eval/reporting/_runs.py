@@ -2,15 +2,11 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from reverie_eval.analysis import Runs
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._results import results_table
-from reverie_eval.reporting._table import MISSING, Table, print_table
-
-if TYPE_CHECKING:
-    from rich.console import Console
+from reverie_eval.reporting._table import Table, metric_cells
 
 _DUE_TO_RUNS = (
     "due to runs: the part of the mean's variance that more runs would reduce; the rest is due to "
@@ -24,10 +20,7 @@ def runs_table(runs: Runs) -> Table:
     """Return a row per run, and below them the mean, its interval and its variance."""
     metrics = runs.ground_truth.task.table_metrics(runs.keys())
     shown = [m for m in metrics if m.key in runs]
-    each_run = [
-        [name, *(m.display(scores[m.key]) if m.key in scores else MISSING for m in shown)]
-        for name, scores in runs.runs.items()
-    ]
+    each_run = [[name, *metric_cells(shown, scores)] for name, scores in runs.runs.items()]
     summary = [[name, *(text(m, value(m)) for m in shown)] for name, value, text in _rows(runs)]
     return Table(
         headings=["", *(m.heading for m in shown)],
@@ -42,11 +35,6 @@ def runs_table(runs: Runs) -> Table:
         ],
         task=runs.ground_truth.task,
     )
-
-
-def print_runs(console: "Console", runs: Runs) -> None:
-    """Print the runs on a terminal."""
-    print_table(console, runs_table(runs))
 
 
 def runs_csv(runs: Runs) -> str:

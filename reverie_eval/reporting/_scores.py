@@ -4,18 +4,21 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
 from reverie_eval.metrics import Metric
-from reverie_eval.reporting._table import MARK, MISSING, Table, print_table
+from reverie_eval.reporting._table import (
+    MARK,
+    MISSING,
+    Table,
+    cell_of,
+    metric_cell,
+    metric_cells,
+)
 from reverie_eval.scoring import Evaluator, ScoredFiles, Scores, scored_metrics
 from reverie_eval.submissions import submission_names
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
 
 _WATCH_WIDTH = 7
 """Characters in a column, such as ``RGSPL %`` and ``100.00``."""
@@ -48,12 +51,6 @@ def score_table(results: Sequence[Scores]) -> Table:
         ],
         task=first.ground_truth.task,
     )
-
-
-def print_scores(console: "Console", results: Sequence[Scores]) -> None:
-    """Print the score table on a terminal, with the metrics below each other if it is narrow."""
-    table = score_table(results)
-    print_table(console, table, table.stacked())
 
 
 def scores_csv(results: Sequence[Scores]) -> str:
@@ -91,9 +88,9 @@ def ranking_table(scored: ScoredFiles) -> Table:
     names = dict(zip(scored, submission_names(list(scored)), strict=True))
     rows = [
         [
-            MISSING if rank is None else str(rank),
+            cell_of(rank),
             names[path],
-            *(_cell(metric, scored[path]) for metric in scored.metrics),
+            *metric_cells(scored.metrics, scored[path]),
         ]
         for path, rank in scored.ranks.items()
     ]
@@ -108,11 +105,6 @@ def ranking_table(scored: ScoredFiles) -> Table:
         ],
         task=first.ground_truth.task,
     )
-
-
-def print_ranking(console: "Console", scored: ScoredFiles) -> None:
-    """Print the ranking on a terminal."""
-    print_table(console, ranking_table(scored))
 
 
 def ranking_csv(scored: ScoredFiles) -> str:
@@ -161,8 +153,8 @@ def watch_heading(evaluator: Evaluator) -> str:
 
 def watch_line(path: str, scores: Scores, evaluator: Evaluator) -> str:
     """Return a file's scores in a line, its path last so that the columns stay in line."""
-    cells = (_cell(metric, scores).rjust(_WATCH_WIDTH) for metric in _watched_metrics(evaluator))
-    return "  ".join([*cells, path])
+    cells = metric_cells(_watched_metrics(evaluator), scores)
+    return "  ".join([*(cell.rjust(_WATCH_WIDTH) for cell in cells), path])
 
 
 def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
@@ -198,8 +190,6 @@ def episode_table(scores: Scores) -> Table:
 
 def episodes_json(scores: Scores) -> str:
     """Return every metric of every episode as JSON, unrounded, with the signature."""
-    import json
-
     columns = _columns(scores)
     episodes = [
         dict(zip(("instr_id", *columns), row, strict=True))
@@ -223,10 +213,7 @@ def _rows(scores: Scores, first: Scores, metrics: Sequence[Metric]) -> Iterator[
         return
     for end in ("low", "high"):
         bounds = [getattr(scores.intervals.get(metric.key), end, None) for metric in metrics]
-        cells = [
-            MISSING if bound is None else metric.display(bound)
-            for metric, bound in zip(metrics, bounds, strict=True)
-        ]
+        cells = (cell_of(bound, it.display) for it, bound in zip(metrics, bounds, strict=True))
         yield [f"{scores.intervals.label} {end}", *cells]
 
 
@@ -249,20 +236,14 @@ def _language_rows(scores: Scores, metrics: Sequence[Metric]) -> Iterator[Sequen
 
 
 def _mean(metric: Metric, scores: Scores, first: Scores) -> str:
-    if metric.key not in scores:
-        return MISSING
-    value, reference = metric.display(scores[metric.key]), metric.display(first[metric.key])
-    return value if value == reference else value + MARK
+    value = metric_cell(metric, scores)
+    return value if value in (MISSING, metric_cell(metric, first)) else value + MARK
 
 
 def _notes(results: Sequence[Scores]) -> Iterable[str]:
     """Return each note once; notes on other readings than the first result's would be ambiguous."""
     alike = (scores for scores in results if scores.qualifier == results[0].qualifier)
     return dict.fromkeys(note for scores in alike for note in scores.notes)
-
-
-def _cell(metric: Metric, scores: Scores) -> str:
-    return metric.display(scores[metric.key]) if metric.key in scores else MISSING
 
 
 def _notes_of_files(scored: ScoredFiles, names: Mapping[str, str]) -> Iterator[str]:

@@ -27,8 +27,8 @@ from reverie_eval.metrics import METRICS
 from reverie_eval.reporting._scores import (
     FORMATS,
     RANKING_FORMATS,
-    print_ranking,
-    print_scores,
+    ranking_table,
+    score_table,
     watch_heading,
     watch_line,
     write_episodes,
@@ -43,6 +43,7 @@ from reverie_eval_cli.output import (
     open_output,
     score_each,
     show,
+    show_table,
     with_progress,
 )
 
@@ -158,11 +159,11 @@ def score(
     if episodes:
         with open_output(episodes) as file:
             write_episodes(results[0], file)
-    text = partial(FORMATS[layout], results)
     if layout == "table":
-        show(text, output, lambda console: print_scores(console, results))
+        table = score_table(results)
+        show_table(table, table.stacked(), output=output)
     else:
-        show(text, output)
+        show(partial(FORMATS[layout], results), output)
     return 0
 
 
@@ -191,11 +192,10 @@ def _rank(
     results = score_files(files, evaluator, jobs=jobs, keys=_KEYS.get(layout, TABLE_KEYS))
     scored = ScoredFiles.of(with_progress(results, "Scoring", len(files)))
     if scored:
-        text = partial(RANKING_FORMATS[layout], scored)
         if layout == "table":
-            show(text, output, lambda console: print_ranking(console, scored))
+            show_table(ranking_table(scored), output=output)
         else:
-            show(text, output)
+            show(partial(RANKING_FORMATS[layout], scored), output)
     for path, error in scored.failures.items():
         print(_failure(path, error), file=sys.stderr)
     return 1 if scored.failures else 0
@@ -209,7 +209,7 @@ def _score_runs(
     output: str | None,
 ) -> int:
     """Print the mean of several runs of a method, with its interval."""
-    from reverie_eval.reporting._runs import RUNS_FORMATS, print_runs
+    from reverie_eval.reporting._runs import RUNS_FORMATS, runs_table
 
     (first, *others) = words
     found = find_runs(first)
@@ -221,11 +221,10 @@ def _score_runs(
     check_outputs([output], files)
     names = submission_names(files)
     runs = Runs.of(dict(zip(names, score_each(files, evaluator), strict=True)), cluster)
-    text = partial(RUNS_FORMATS[layout], name, runs)
     if layout == "table":
-        show(text, output, lambda console: print_runs(console, runs))
+        show_table(runs_table(runs), output=output)
     else:
-        show(text, output)
+        show(partial(RUNS_FORMATS[layout], name, runs), output)
     return 0
 
 

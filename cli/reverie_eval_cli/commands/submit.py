@@ -16,13 +16,12 @@ from reverie_eval.tasks import name_on_server
 from reverie_eval.text import did_you_mean, printable
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submissions import validation_json
-from reverie_eval_cli.output import rejection, show, transfer_bar
+from reverie_eval_cli.output import rejection, show_table, transfer_bar
 from reverie_eval_cli.receipts import check_receipt_path, keep_receipts
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
-    from reverie_eval.reporting._table import Table
     from reverie_eval.schemas.service import Accepted, Method, SplitReport, SubmissionReport
 
 _AGAIN = "send the same file again, which uses no submission,"
@@ -249,7 +248,7 @@ def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
     for further, table in result_tables(submission, server).items():
         if further:
             print(f"\n{printable(further)}")
-        _show_table(table)
+        show_table(table, table.stacked())
     print(
         "",
         *submission_lines(
@@ -261,9 +260,3 @@ def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
         *quota_lines(accepted.quota, submission.split),
         sep="\n",
     )
-
-
-def _show_table(table: "Table") -> None:
-    from reverie_eval.reporting._table import print_table
-
-    show(table.to_text, None, lambda console: print_table(console, table, table.stacked()))

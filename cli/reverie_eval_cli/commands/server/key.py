@@ -8,14 +8,7 @@ from reverie_eval.schemas.organising import KeyRevocation, KeyRotation
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import (
-    Folder,
-    actor,
-    checked,
-    minute,
-    print_list,
-    server_folder,
-)
+from reverie_eval_cli.organising import Folder, actor, checked, minute, print_list, server_folder
 
 
 @click.group(cls=Group)

@@ -9,14 +9,7 @@ from reverie_eval.schemas.organising import NewSchedule, NewSnapshot, NoticeRepo
 from reverie_eval.schemas.service import ReleaseScores, Schedule
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import (
-    Folder,
-    actor,
-    checked,
-    minute,
-    print_list,
-    server_folder,
-)
+from reverie_eval_cli.organising import Folder, actor, checked, minute, print_list, server_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable

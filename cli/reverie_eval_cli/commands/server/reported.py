@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from reverie_eval.metrics import METRICS
+from reverie_eval.reporting._table import metric_cells
 from reverie_eval.schemas.organising import NewImport, NewReported, Rates, ReportedChange
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
@@ -91,7 +92,7 @@ def _print_results(results: Sequence[NewReported]) -> None:
             each.method.name,
             each.team,
             each.date or "-",
-            *(m.display(each.scores[m.key]) if m.key in each.scores else "-" for m in metrics),
+            *metric_cells(metrics, each.scores),
         )
         for each in results
     ]

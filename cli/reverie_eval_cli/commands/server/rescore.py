@@ -1,7 +1,7 @@
 """``reverie-eval server rescore FOLDER SPLIT``: score submissions again after a correction."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -9,18 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval.metrics import Metric
+from reverie_eval.reporting._table import cell_of, metric_cell
 from reverie_eval.schemas.organising import NewCorrection, ResultChange
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.organising import (
-    Folder,
-    actor,
-    checked,
-    print_list,
-    server_folder,
-)
+from reverie_eval_cli.organising import Folder, actor, checked, print_list, server_folder
 from reverie_eval_cli.output import note, with_progress
 
 if TYPE_CHECKING:
@@ -104,20 +98,12 @@ def _print_board(changes: Sequence[ResultChange], task: Task) -> None:
             change.submission_id,
             change.team,
             change.method,
-            _shown(metric, change.before),
-            _shown(metric, change.after),
-            f"{_rank(change.rank_before)} -> {_rank(change.rank_after)}",
+            metric_cell(metric, change.before),
+            metric_cell(metric, change.after),
+            f"{cell_of(change.rank_before)} -> {cell_of(change.rank_after)}",
             change.problem,
         )
         for change in changes
     ]
     before, after = f"{metric.label} before", f"{metric.label} after"
     print_list(("submission", "team", "method", before, after, "rank", "problem"), rows)
-
-
-def _shown(metric: Metric, scores: Mapping[str, float]) -> str:
-    return metric.display(scores[metric.key]) if metric.key in scores else "-"
-
-
-def _rank(rank: int | None) -> str:
-    return "-" if rank is None else str(rank)

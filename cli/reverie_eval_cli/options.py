@@ -2,16 +2,28 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from datetime import UTC, date, datetime
+from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
-from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE, bundled_splits
+from reverie_eval import Evaluator, GroundTruth, SubsetError
+from reverie_eval.ground_truth import (
+    GROUND_TRUTH_VARIABLE,
+    bundled_splits,
+    find_ground_truth,
+    read_episode_ids,
+)
 from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, find_task, task_names
 from reverie_eval.text import did_you_mean
+from reverie_eval_cli.output import RejectedSubmission
+
+if TYPE_CHECKING:
+    from reverie_eval.scoring import Track
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 _SPLITS = ("train", "val_seen", "val_unseen", "test")
@@ -182,6 +194,62 @@ cluster = click.option(
     show_default=True,
     help="What to resample for intervals: target objects or scans, each with all its episodes.",
 )
+
+
+def grouped(
+    name: str, group: type, *options: Callable[[Command], Command]
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Add options that a command gets as one argument, a dataclass with a field for each."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(command)
+        def with_group(**values: Any) -> Any:
+            own = {field.name: values.pop(field.name) for field in fields(group)}
+            return command(**{name: group(**own)}, **values)
+
+        decorated: Callable[..., Any] = with_group
+        for add in reversed(options):
+            decorated = add(decorated)
+        return decorated
+
+    return decorate
+
+
+@dataclass(frozen=True)
+class TruthOptions:
+    """What ``--split``, ``--ground-truth`` and ``--task`` say."""
+
+    split: str
+    ground_truth: str | None
+    task: str | None
+
+    def find(self, episodes_from: Path | None = None) -> GroundTruth:
+        """Find the ground truth of the split, or of the episodes that a file lists."""
+        truth = find_ground_truth(self.ground_truth, self.split, self.task)
+        if episodes_from is None:
+            return truth
+        try:
+            return truth.subset(read_episode_ids(episodes_from))
+        except SubsetError as error:
+            raise RejectedSubmission(f"{episodes_from}: {error}") from None
+
+
+@dataclass(frozen=True)
+class ScoringOptions(TruthOptions):
+    """What these, ``--protocol`` and ``--track`` say."""
+
+    protocol: str
+    track: "Track"
+
+    def evaluator(self, truth: GroundTruth) -> Evaluator:
+        """Return what scores submissions."""
+        return Evaluator(
+            split=self.split, ground_truth=truth, protocol=self.protocol, track=self.track
+        )
+
+
+truth = grouped("truth_options", TruthOptions, split, ground_truth, task)
+scoring = grouped("scoring", ScoringOptions, split, ground_truth, task, protocol, track)
 
 
 def output(what: str) -> Callable[[Command], Command]:

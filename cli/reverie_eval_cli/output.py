@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import click
 
-from reverie_eval import (
-    Evaluator,
-    GroundTruth,
-    ReverieEvalError,
-    Scores,
-    SubmissionError,
-    SubsetError,
-)
+from reverie_eval import Evaluator, ReverieEvalError, Scores, SubmissionError
 from reverie_eval.files import staged_file
-from reverie_eval.ground_truth import find_ground_truth, read_episode_ids
 from reverie_eval.submissions import source_name
 
 if TYPE_CHECKING:
@@ -52,19 +44,6 @@ def naming(submission: str) -> Iterator[None]:
 def rejection(submission: str, error: SubmissionError) -> str:
     """Return what is wrong with which submission."""
     return f"{source_name(submission)}: {error}"
-
-
-def find_truth(
-    ground_truth: str | None, split: str, episodes_from: Path | None, task: str | None
-) -> GroundTruth:
-    """Find the ground truth of a split, or of the episodes that a file lists."""
-    truth = find_ground_truth(ground_truth, split, task)
-    if episodes_from is None:
-        return truth
-    try:
-        return truth.subset(read_episode_ids(episodes_from))
-    except SubsetError as error:
-        raise RejectedSubmission(f"{episodes_from}: {error}") from None
 
 
 def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Scores]:

@@ -1,18 +1,18 @@
 """The evaluation server a command talks to: by option, environment variable or the latest login."""
 
-import functools
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE
+from reverie_eval_cli.options import grouped
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
@@ -89,25 +89,21 @@ class ServerOptions:
             raise ReverieEvalError(f"{error}; {remedy}") from None
 
 
-def server_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--server`` and ``--plain-http``; the command gets them as ``server``."""
-
-    @click.option(
+server_options = grouped(
+    "server",
+    ServerOptions,
+    click.option(
         "--server",
         "named",
         metavar="URL",
         help=f"The evaluation server.  [default: ${SERVER_VARIABLE}, or else the latest login]",
-    )
-    @click.option(
+    ),
+    click.option(
         "--plain-http",
         is_flag=True,
         help="Allow http:// to another machine, in a network that you trust.",
-    )
-    @functools.wraps(command)
-    def with_server(*, named: str | None, plain_http: bool, **others: Any) -> Any:
-        return command(server=ServerOptions(named, plain_http), **others)
-
-    return with_server
+    ),
+)
 
 
 def print_banner(client: "Client") -> None:

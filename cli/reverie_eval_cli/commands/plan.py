@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval.ground_truth import find_ground_truth
 from reverie_eval.scoring import clusters_of
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
+from reverie_eval_cli.options import TruthOptions
 from reverie_eval_cli.output import show
 
 if TYPE_CHECKING:
@@ -18,9 +18,7 @@ _PERCENT = options.Decimal(0, 100, min_open=True)
 
 
 @click.command()
-@options.split
-@options.ground_truth
-@options.task
+@options.truth
 @click.option(
     "--effect",
     metavar="POINTS",
@@ -55,9 +53,7 @@ _PERCENT = options.Decimal(0, 100, min_open=True)
 @options.output("the plan")
 def plan(
     *,
-    split: str,
-    ground_truth: str | None,
-    task: str | None,
+    truth_options: TruthOptions,
     effect: float,
     discordance: float,
     correlation: float,
@@ -79,11 +75,11 @@ def plan(
             f"the effect ({effect:g} points) is larger than the discordance ({discordance:g} %); "
             "methods cannot differ by more than the episodes in which they differ"
         )
-    truth = find_ground_truth(ground_truth, split, task)
+    truth = truth_options.find()
     design = Design.of(clusters_of(truth, cluster), discordance / 100, correlation)
     clusters = count_text(int(design.n_clusters), cluster)
     assumed = f"discordance {discordance:g} %, correlation {correlation:g}"
-    first = f"{split}: {design.n_episodes:,} episodes, {clusters}; {assumed}"
+    first = f"{truth.split}: {design.n_episodes:,} episodes, {clusters}; {assumed}"
     show(lambda: "\n".join([first, *_rows(design, effect, run_deviation)]), output)
 
 

@@ -36,9 +36,9 @@ from reverie_eval.reporting._scores import (
 from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, TABLE_KEYS, Failure, score_files
 from reverie_eval.submissions import find_files, find_runs, submission_names, watch_files
 from reverie_eval_cli import options
+from reverie_eval_cli.options import ScoringOptions
 from reverie_eval_cli.output import (
     check_outputs,
-    find_truth,
     naming,
     open_output,
     score_each,
@@ -65,19 +65,24 @@ _SECONDS_BETWEEN_LOOKS = 1.0
     required=True,
     type=click.Path(allow_dash=True),
 )
-@options.split
-@options.ground_truth
-@options.task
-@click.option(
-    "--protocol",
-    default=DEFAULT_PROTOCOL,
-    show_default=True,
-    metavar="NAME",
-    shell_complete=options.complete_protocol,
-    help=f"The rules to score by: {', '.join(PROTOCOLS)}; "
-    f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; or {_ALL} of them.",
+@options.grouped(
+    "scoring",
+    ScoringOptions,
+    options.split,
+    options.ground_truth,
+    options.task,
+    click.option(
+        "--protocol",
+        default=DEFAULT_PROTOCOL,
+        show_default=True,
+        metavar="NAME",
+        shell_complete=options.complete_protocol,
+        help=f"The rules to score by: {', '.join(PROTOCOLS)}; "
+        f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; "
+        f"or {_ALL} of them.",
+    ),
+    options.track,
 )
-@options.track
 @options.episodes_from
 @click.option(
     "--diagnose",
@@ -109,11 +114,7 @@ _SECONDS_BETWEEN_LOOKS = 1.0
 def score(
     *,
     submissions: Sequence[str],
-    split: str,
-    ground_truth: str | None,
-    task: str | None,
-    protocol: str,
-    track: "Track",
+    scoring: ScoringOptions,
     episodes_from: Path | None,
     diagnosed: bool,
     ci: bool,
@@ -130,19 +131,19 @@ def score(
     folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking; several runs of a method
     (ours=seed1.json,seed2.json or ours='seed*.json') their mean. The word `score` may be left out.
     """
-    check_outputs([output, episodes], [*submissions, ground_truth, episodes_from])
-    if diagnosed and (protocol == _ALL or track != "full"):
+    check_outputs([output, episodes], [*submissions, scoring.ground_truth, episodes_from])
+    if diagnosed and (scoring.protocol == _ALL or scoring.track != "full"):
         raise click.UsageError("--diagnose needs a single protocol and the full track")
-    truth = find_truth(ground_truth, split, episodes_from, task)
+    truth = scoring.find(episodes_from)
     submission = None if watch else _only_file(submissions)
     if submission is None:
         has_interval = (ci or cluster) and not any(map(find_runs, submissions))
-        if diagnosed or has_interval or episodes or protocol == _ALL:
+        if diagnosed or has_interval or episodes or scoring.protocol == _ALL:
             raise click.UsageError(
                 "--diagnose, --ci, --cluster, --episodes and --protocol all need a single file; "
                 "`reverie-eval compare` compares several with intervals"
             )
-        evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
+        evaluator = scoring.evaluator(truth)
         if watch:
             return _watch(submissions, evaluator, layout, output)
         if any(map(find_runs, submissions)):
@@ -151,9 +152,10 @@ def score(
     results: Sequence[Scores]
     with naming(submission):
         if diagnosed:
-            results = diagnose(submission, split=split, ground_truth=truth, protocol=protocol)
+            rules = scoring.protocol
+            results = diagnose(submission, split=truth.split, ground_truth=truth, protocol=rules)
         else:
-            results = _score_one(submission, truth, protocol, track)
+            results = _score_one(submission, truth, scoring.protocol, scoring.track)
     if ci or cluster:
         results = [scores.with_intervals(cluster or "target") for scores in results]
     if episodes:

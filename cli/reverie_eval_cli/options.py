@@ -4,14 +4,14 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from datetime import UTC, date, datetime
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
-from reverie_eval import Evaluator, GroundTruth, SubsetError
+from reverie_eval import Evaluator, GroundTruth, ReverieEvalError, SubsetError
 from reverie_eval.ground_truth import (
     GROUND_TRUTH_VARIABLE,
     bundled_splits,
@@ -23,9 +23,11 @@ from reverie_eval.text import did_you_mean
 from reverie_eval_cli.output import RejectedSubmission
 
 if TYPE_CHECKING:
+    from reverie_eval.schemas.wire import WireModel
     from reverie_eval.scoring import Track
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Request = TypeVar("Request", bound="WireModel")
 _SPLITS = ("train", "val_seen", "val_unseen", "test")
 _MOST_DAYS = 100 * 365
 """Later dates are beyond what a token needs, and close to what Python's calendar ends at."""
@@ -130,7 +132,15 @@ def complete_protocol(
     return [CompletionItem(name) for name in names if name.startswith(incomplete)]
 
 
+with_default = partial(click.option, show_default=True)
 submission = click.argument("submission", type=click.Path(allow_dash=True))
+submissions = click.argument(
+    "submissions",
+    metavar="SUBMISSION...",
+    nargs=-1,
+    required=True,
+    type=click.Path(allow_dash=True),
+)
 split = click.option(
     "--split",
     required=True,
@@ -154,10 +164,9 @@ task = click.option(
 
 
 def _task_of(what: str) -> Callable[[Command], Command]:
-    return click.option(
+    return with_default(
         "--task",
         default=DEFAULT_TASK,
-        show_default=True,
         metavar="NAME",
         shell_complete=complete_task,
         help=f"The benchmark that the {what}, such as r2r.",
@@ -166,19 +175,17 @@ def _task_of(what: str) -> Callable[[Command], Command]:
 
 server_task = _task_of("split is of")
 dataset_task = _task_of("files are of")
-protocol = click.option(
+protocol = with_default(
     "--protocol",
     default=DEFAULT_PROTOCOL,
-    show_default=True,
     metavar="NAME",
     shell_complete=complete_protocol,
     help="The rules to score by.",
 )
-track = click.option(
+track = with_default(
     "--track",
     type=Choice(["full", "grounding"]),
     default="full",
-    show_default=True,
     help="grounding: answers alone, with the agent placed at the goal.",
 )
 episodes_from = click.option(
@@ -187,11 +194,10 @@ episodes_from = click.option(
     type=PATH,
     help="Score only the episodes whose instr_ids FILE lists, one a line.",
 )
-cluster = click.option(
+cluster = with_default(
     "--cluster",
     type=Choice(["target", "scan"]),
     default="target",
-    show_default=True,
     help="What to resample for intervals: target objects or scans, each with all its episodes.",
 )
 
@@ -252,6 +258,22 @@ truth = grouped("truth_options", TruthOptions, split, ground_truth, task)
 scoring = grouped("scoring", ScoringOptions, split, ground_truth, task, protocol, track)
 
 
+def checked(
+    model: type[Request], name_of: Callable[[str], str] = str, /, **fields: object
+) -> Request:
+    """Return what options ask for, checked as the API checks it; an error names wrong fields."""
+    from pydantic import ValidationError
+
+    from reverie_eval.server.wrong_values import wrong_value
+
+    try:
+        return model.model_validate(fields)
+    except ValidationError as error:
+        wrong = map(wrong_value, error.errors())
+        told = "; ".join(f"{name_of(each.where)}: {each.message}" for each in wrong)
+        raise ReverieEvalError(told) from None
+
+
 def output(what: str) -> Callable[[Command], Command]:
     """Add ``-o FILE`` for what a command prints otherwise."""
     return click.option(
@@ -270,12 +292,11 @@ def new_path(metavar: str, meaning: str) -> Callable[[Command], Command]:
 
 def layout(*names: str, explained: str = "") -> Callable[[Command], Command]:
     """Add ``--format``, whose default is the first name."""
-    return click.option(
+    return with_default(
         "--format",
         "layout",
         type=Choice(names),
         default=names[0],
-        show_default=True,
         help=f"Format of the output.{explained}",
     )
 
@@ -339,11 +360,10 @@ def expiry(default: int | None) -> Callable[[Command], Command]:
     )
 
 
-days = click.option(
+days = with_default(
     "--days",
     metavar="N",
     type=Number(1, _MOST_DAYS),
     default=30,
-    show_default=True,
     help="Days until the extra submissions expire.",
 )

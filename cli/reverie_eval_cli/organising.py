@@ -18,14 +18,12 @@ from reverie_eval_cli.output import note, show_table
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
-    from reverie_eval.schemas.wire import WireModel
     from reverie_eval.server.operations.checks import Finding
     from reverie_eval.server.service.paging import Listed, Page
     from reverie_eval.server.service.transactions import Transaction
     from reverie_eval.server.settings import Settings
     from reverie_eval.server.state import ServerState
 
-Request = TypeVar("Request", bound="WireModel")
 Report = TypeVar("Report")
 
 
@@ -106,34 +104,8 @@ def after(days: int | None) -> datetime | None:
     return None if days is None else now() + timedelta(days=days)
 
 
-def checked(model: type[Request], **fields: object) -> Request:
-    """Return a request for a change, checked as the API checks it.
-
-    Raises
-    ------
-    ReverieEvalError
-        Naming each field that is wrong.
-    """
-    from pydantic import ValidationError
-
-    from reverie_eval.server.wrong_values import wrong_value
-
-    try:
-        return model.model_validate(fields)
-    except ValidationError as error:
-        wrong = [wrong_value(detail) for detail in error.errors()]
-        told = "; ".join(f"{each.where}: {each.message}" for each in wrong)
-        raise ReverieEvalError(told) from None
-
-
 def read_text(file: Path) -> str:
-    """Return the text of a file to be imported.
-
-    Raises
-    ------
-    ReverieEvalError
-        If it is not UTF-8.
-    """
+    """Return the text of a file to be imported, which has to be UTF-8."""
     try:
         return file.read_text("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -63,13 +63,7 @@ def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Sco
 def check_outputs(
     outputs: Iterable[str | Path | None], inputs: Iterable[str | Path | None]
 ) -> None:
-    """Refuse to write over an input, or twice to the same file.
-
-    Raises
-    ------
-    ReverieEvalError
-        Naming the file.
-    """
+    """Refuse to write over an input, or twice to the same file."""
     taken = {Path(path).resolve() for path in inputs if path and Path(path).is_file()}
     for output in outputs:
         if not output or output == STANDARD_OUTPUT:

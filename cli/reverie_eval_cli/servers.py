@@ -28,13 +28,7 @@ class ServerOptions:
 
     @cached_property
     def url(self) -> str:
-        """The server's URL.
-
-        Raises
-        ------
-        ReverieEvalError
-            If no server is named anywhere.
-        """
+        """The server's URL; without a server that is named anywhere, an error asks for one."""
         from reverie_eval.client._address import server_url
         from reverie_eval.client._logins import Logins
 
@@ -50,13 +44,7 @@ class ServerOptions:
         return Client(self.url, token, notice, plain_http=self.plain_http)
 
     def token(self) -> str:
-        """Return the token for the server.
-
-        Raises
-        ------
-        ReverieEvalError
-            If there is none.
-        """
+        """Return the token for the server; without one, an error says how to sign in."""
         from reverie_eval.client._logins import Logins
 
         token = os.environ.get(TOKEN_VARIABLE) or Logins.load().tokens.get(self.url)
@@ -69,13 +57,7 @@ class ServerOptions:
 
     @contextmanager
     def explaining_refused_token(self) -> Iterator[None]:
-        """Add where a refused token came from, and how to replace it.
-
-        Raises
-        ------
-        ReverieEvalError
-            In place of the refusal.
-        """
+        """Add to a refusal where the refused token came from, and how to replace it."""
         from reverie_eval.client import RefusedError
 
         try:

@@ -34,20 +34,18 @@ def _finite(context: click.Context, parameter: click.Parameter, metres: float) -
 @click.argument("houses", type=options.PATH)
 @click.argument("connectivity", type=options.PATH)
 @options.new_path("FOLDER", "Where to write SCAN_VIEWPOINT.json files; a new or an empty folder.")
-@click.option(
+@options.with_default(
     "--max-distance",
     metavar="METRES",
     type=options.Decimal(min=0, min_open=True),
     default=MAX_DISTANCE,
-    show_default=True,
     callback=_finite,
     help="List objects whose centre is nearer to the camera; the released files list up to 2.0.",
 )
-@click.option(
+@options.with_default(
     "--occlusion",
     type=options.Choice(get_args(Occlusion)),
     default=BoxRules().occlusion,
-    show_default=True,
     help="paper: remove boxes inside the box of a nearer object.",
 )
 @click.option(

@@ -27,13 +27,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument(
-    "submissions",
-    metavar="SUBMISSION...",
-    nargs=-1,
-    required=True,
-    type=click.Path(allow_dash=True),
-)
+@options.submissions
 @click.option(
     "--baseline",
     metavar="FILE|best",

@@ -19,28 +19,25 @@ _PERCENT = options.Decimal(0, 100, min_open=True)
 
 @click.command()
 @options.truth
-@click.option(
+@options.with_default(
     "--effect",
     metavar="POINTS",
     type=_PERCENT,
     default=2.0,
-    show_default=True,
     help="The true difference in SR or RGS.",
 )
-@click.option(
+@options.with_default(
     "--discordance",
     metavar="PERCENT",
     type=_PERCENT,
     default=50.0,
-    show_default=True,
     help="Episodes that one method gets right and the other wrong.",
 )
-@click.option(
+@options.with_default(
     "--correlation",
     metavar="R",
     type=options.Decimal(0, 1),
     default=0.0,
-    show_default=True,
     help="Correlation of the differences of episodes with the same target.",
 )
 @click.option(

@@ -58,23 +58,16 @@ _SECONDS_BETWEEN_LOOKS = 1.0
 
 
 @click.command()
-@click.argument(
-    "submissions",
-    metavar="SUBMISSION...",
-    nargs=-1,
-    required=True,
-    type=click.Path(allow_dash=True),
-)
+@options.submissions
 @options.grouped(
     "scoring",
     ScoringOptions,
     options.split,
     options.ground_truth,
     options.task,
-    click.option(
+    options.with_default(
         "--protocol",
         default=DEFAULT_PROTOCOL,
-        show_default=True,
         metavar="NAME",
         shell_complete=options.complete_protocol,
         help=f"The rules to score by: {', '.join(PROTOCOLS)}; "

@@ -133,7 +133,7 @@ def convert_submission(
     type=options.Choice(["scan"]),
     help="Draw from each scan in proportion to its episodes.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Other seeds draw others.")
+@options.with_default("--seed", type=int, default=0, help="Other seeds draw others.")
 @options.output("the list")
 def draw_episodes(
     *,
@@ -162,7 +162,7 @@ def draw_episodes(
 @click.command()
 @click.argument("name", type=options.Choice(["shortest", "random", "stop"]))
 @options.truth
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random agent.")
+@options.with_default("--seed", type=int, default=0, help="Seed of the random agent.")
 @options.output("the submission")
 def agent(*, name: str, truth_options: TruthOptions, seed: int, output: str | None) -> None:
     """Write the submission of a reference agent.

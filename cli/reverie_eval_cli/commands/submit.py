@@ -50,34 +50,21 @@ class MethodOptions:
     given: Mapping[str, Any]
 
     def method(self, submission: str) -> "Method":
-        """Return the method; if it has no name, it gets the file's.
-
-        Raises
-        ------
-        ReverieEvalError
-            Naming each option that is wrong.
-        """
-        from pydantic import ValidationError
-
+        """Return the method; if it has no name, it gets the file's."""
         from reverie_eval.schemas.service import Method
-        from reverie_eval.server.wrong_values import wrong_value
 
         stem = "" if submission == "-" else Path(submission).name.partition(".")[0]
         name = printable(stem)[:_LONGEST_NAME].strip() or "unnamed"
-        try:
-            return Method.model_validate({"name": name, **self.given})
-        except ValidationError as error:
-            wrong = []
-            for detail in error.errors():
-                field = str(detail["loc"][0])
-                option = _TEXTS[field][0] if field in _TEXTS else f"--{field.replace('_', '-')}"
-                wrong.append(f"{option}: {wrong_value(detail).message}")
-            raise ReverieEvalError("; ".join(wrong)) from None
+        return options.checked(Method, _option_of, **{"name": name, **self.given})
 
     def changes(self, before: "Method", submission: str) -> Mapping[str, Any]:
         """Return the fields that were given and differ from what the server has."""
         given = self.method(submission).model_dump(include=set(self.given))
         return {field: value for field, value in given.items() if value != getattr(before, field)}
+
+
+def _option_of(field: str) -> str:
+    return _TEXTS[field][0] if field in _TEXTS else f"--{field.replace('_', '-')}"
 
 
 def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -91,9 +78,8 @@ def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     decorated: Callable[..., Any] = with_method
     for field, meaning in reversed(_FLAGS.items()):
-        name = field.replace("_", "-")
-        add = click.option(f"--{name}/--no-{name}", field, default=None, help=meaning)
-        decorated = add(decorated)
+        flags = f"{_option_of(field)}/--no-{field.replace('_', '-')}"
+        decorated = click.option(flags, field, default=None, help=meaning)(decorated)
     for field, (option, metavar, meaning) in reversed(_TEXTS.items()):
         decorated = click.option(option, field, metavar=metavar, help=meaning)(decorated)
     return decorated

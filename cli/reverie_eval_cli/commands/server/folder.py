@@ -24,12 +24,11 @@ from reverie_eval_cli.output import with_progress
 
 @click.command()
 @server_folder
-@click.option(
+@options.with_default(
     "--task",
     "tasks",
     multiple=True,
     default=[DEFAULT_TASK],
-    show_default=True,
     metavar="NAME",
     shell_complete=options.complete_task,
     help="The benchmark of its leaderboards, such as r2r; can be repeated.",

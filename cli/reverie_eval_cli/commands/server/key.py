@@ -8,7 +8,7 @@ from reverie_eval.schemas.organising import KeyRevocation, KeyRotation
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import Folder, actor, checked, minute, print_list, server_folder
+from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
 
 
 @click.group(cls=Group)
@@ -42,7 +42,7 @@ def rotate(*, folder: Folder, reason: str | None, lost: bool) -> None:
     """
     from reverie_eval.server.operations.keys import replace_lost_key, rotate_key
 
-    asked = checked(KeyRotation, **({"reason": reason} if reason else {}))
+    asked = options.checked(KeyRotation, **({"reason": reason} if reason else {}))
     change = replace_lost_key if lost else rotate_key
     new = change(folder.settings, actor(), asked.reason)
     print(f"the signing key is now {new.key_id}")
@@ -67,7 +67,7 @@ def revoke(*, folder: Folder, key_id: str, since: datetime, reason: str) -> None
     """
     from reverie_eval.server.service.rotation import revoke_key
 
-    asked = checked(KeyRevocation, since=since, reason=reason)
+    asked = options.checked(KeyRevocation, since=since, reason=reason)
     with folder.acting() as transaction:
         signed = revoke_key(transaction, key_id, asked)
     print(f"{key_id}: valid until {minute(asked.since)} UTC")

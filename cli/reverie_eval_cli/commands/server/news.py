@@ -5,7 +5,7 @@ import click
 from reverie_eval.schemas.organising import NewNews
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import Folder, checked, minute, print_list, server_folder
+from reverie_eval_cli.organising import Folder, minute, print_list, server_folder
 
 
 @click.group(cls=Group)
@@ -20,7 +20,7 @@ def add(*, folder: Folder, text: str) -> None:
     """Post an entry: TEXT is one line, public at once."""
     from reverie_eval.server.service.news import add_news
 
-    new = checked(NewNews, text=text)
+    new = options.checked(NewNews, text=text)
     with folder.acting() as transaction:
         added = add_news(transaction, new)
     print(f"news entry {added.id} posted")

@@ -13,7 +13,6 @@ from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import (
     Folder,
-    checked,
     minute,
     print_list,
     read_text,
@@ -31,11 +30,10 @@ def person() -> None:
 @server_folder
 @click.argument("name")
 @click.option("--team", required=True, help="Their team; add it first with `server team add`.")
-@click.option(
+@options.with_default(
     "--role",
     type=options.Choice(["participant", "organiser"]),
     default="participant",
-    show_default=True,
     help="Organisers see the submissions of all teams.",
 )
 @click.option("--email", metavar="ADDRESS", help="Only organisers and the person see it.")
@@ -46,7 +44,7 @@ def add(*, folder: Folder, name: str, team: str, role: Role, email: str | None) 
     """
     from reverie_eval.server.service.people import add_person
 
-    new = checked(NewPerson, team=team, name=name, role=role, email=email)
+    new = options.checked(NewPerson, team=team, name=name, role=role, email=email)
     with folder.acting() as transaction:
         added = add_person(transaction, new)
     print(f"{added.role} {added.name} added to {team}")
@@ -78,7 +76,7 @@ def edit(
     wanted = {field: value for field, value in given.items() if value is not None}
     if not wanted:
         raise click.UsageError("nothing to change; give --name, --email or --move-to")
-    change = checked(PersonChange, **(wanted | ({"email": None} if email == "" else {})))
+    change = options.checked(PersonChange, **(wanted | ({"email": None} if email == "" else {})))
     with folder.acting() as transaction:
         known = people.person_named(transaction.session, name, team)
         changed = people.change_person(transaction, known.id, change)
@@ -100,7 +98,7 @@ def import_people(*, folder: Folder, file: Path, invite: bool, dry_run: bool) ->
     """
     from reverie_eval.server.service import people_files
 
-    new = checked(NewPeopleImport, text=read_text(file), invite=invite, dry_run=dry_run)
+    new = options.checked(NewPeopleImport, text=read_text(file), invite=invite, dry_run=dry_run)
     with folder.acting() as transaction:
         report = people_files.import_people(transaction, new)
     if dry_run:

@@ -9,7 +9,7 @@ from reverie_eval.schemas.organising import NewSchedule, NewSnapshot, NoticeRepo
 from reverie_eval.schemas.service import ReleaseScores, Schedule
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import Folder, actor, checked, minute, print_list, server_folder
+from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,7 +64,7 @@ def set_phase(
 
     def change(timetable: "Timetable", _: datetime) -> NewSchedule:
         fields = with_phase(timetable.latest, name, opens, closes, release_scores)
-        return checked(NewSchedule, **fields)
+        return options.checked(NewSchedule, **fields)
 
     _set(folder, split, change)
 
@@ -154,7 +154,7 @@ def snapshot(*, folder: Folder, split: str, title: str) -> None:
 
     It is public at once and never changes. When a phase has ended, the server takes one by itself.
     """
-    new = checked(NewSnapshot, split=split, title=title)
+    new = options.checked(NewSnapshot, split=split, title=title)
     with folder.open() as state, state.transactions.begin(actor()) as transaction:
         taken = state.snapshots.take(transaction, new)
     print(f"{split}: snapshot {taken.number}, {taken.title}, as of {minute(taken.as_of)} UTC")

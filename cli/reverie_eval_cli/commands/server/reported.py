@@ -11,7 +11,7 @@ from reverie_eval.schemas.organising import NewImport, NewReported, Rates, Repor
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import Folder, checked, print_list, read_text, server_folder
+from reverie_eval_cli.organising import Folder, print_list, read_text, server_folder
 from reverie_eval_cli.output import note
 
 
@@ -32,11 +32,10 @@ from reverie_eval_cli.output import note
     help="The version of the dataset that they are on, such as v2. If the split is on another, "
     "they are shown separately.  [default: not known]",
 )
-@click.option(
+@options.with_default(
     "--rates",
     type=options.Choice(["percent", "fraction"]),
     default="percent",
-    show_default=True,
     help="How FILE gives rates, such as SR: as 59.6 or as 0.596.",
 )
 @click.option("--dry-run", is_flag=True, help="Only show what would be added.")
@@ -59,7 +58,7 @@ def import_results(
     """
     from reverie_eval.server.service.reported import import_reported
 
-    new = checked(
+    new = options.checked(
         NewImport,
         split=split,
         source=source,
@@ -155,7 +154,7 @@ def edit(*, folder: Folder, number: int, changes: Mapping[str, str]) -> None:
     from reverie_eval.server.service.reported import change_reported
     from reverie_eval.server.service.reported_files import read_change
 
-    change, tasks = checked(ReportedChange, **read_change(changes)), folder.settings.tasks
+    change, tasks = options.checked(ReportedChange, **read_change(changes)), folder.settings.tasks
     with folder.acting() as transaction:
         changed = change_reported(transaction, number, change, tasks)
     print(f"reported result {changed.id} ({changed.method.name}) changed")

@@ -9,7 +9,7 @@ from reverie_eval.schemas.joining import Rejection
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import Folder, checked, minute, print_list, server_folder
+from reverie_eval_cli.organising import Folder, minute, print_list, server_folder
 
 
 @click.group(cls=Group)
@@ -70,7 +70,7 @@ def reject(*, folder: Folder, numbers: Sequence[int], reason: str) -> None:
     """
     from reverie_eval.server.service.joining import reject_requests
 
-    rejection = checked(Rejection, reason=reason)
+    rejection = options.checked(Rejection, reason=reason)
     with folder.acting() as transaction:
         reject_requests(transaction, numbers, rejection)
     print(f"{count_text(len(set(numbers)), 'request')} rejected")

@@ -14,7 +14,7 @@ from reverie_eval.schemas.organising import NewCorrection, ResultChange
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.organising import Folder, actor, checked, print_list, server_folder
+from reverie_eval_cli.organising import Folder, actor, print_list, server_folder
 from reverie_eval_cli.output import note, with_progress
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def rescore(
     if reason is None or dry_run:
         changes = rescoring.preview(settings, split, bundle, jobs=jobs, progress=_progress)
     else:
-        new = checked(NewCorrection, split=split, reason=reason)
+        new = options.checked(NewCorrection, split=split, reason=reason)
         if bundle is not None:
             aside = rescoring.install_bundle(settings, split, bundle)
             note(f"the earlier ground truth is now {aside}; restart the server to use the new one")

@@ -8,7 +8,7 @@ from reverie_eval.schemas.organising import NewReview
 from reverie_eval.schemas.service import Verdict
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import Folder, checked, minute, print_list, server_folder
+from reverie_eval_cli.organising import Folder, minute, print_list, server_folder
 
 if TYPE_CHECKING:
     from reverie_eval.server.store.tables import Submission
@@ -58,7 +58,7 @@ def add(*, folder: Folder, submission: str, verdict: str, reason: str) -> None:
     """
     from reverie_eval.server.service.reviews import review as add_review
 
-    new = checked(NewReview, submission_id=submission, verdict=verdict, reason=reason)
+    new = options.checked(NewReview, submission_id=submission, verdict=verdict, reason=reason)
     with folder.acting() as transaction:
         added = add_review(transaction, new)
     print(f"review {added.id}: {submission} is {verdict}")

@@ -9,7 +9,7 @@ from reverie_eval.schemas.organising import EmailedFile
 from reverie_eval.submissions import find_files
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submit import MethodOptions, method_options
-from reverie_eval_cli.organising import Folder, actor, checked, server_folder
+from reverie_eval_cli.organising import Folder, actor, server_folder
 from reverie_eval_cli.output import note
 from reverie_eval_cli.receipts import keep_receipts
 
@@ -49,7 +49,7 @@ def submit(
     """
     from reverie_eval.server.errors import RequestError
 
-    file = checked(
+    file = options.checked(
         EmailedFile, split=split, team=team, person=person, received_at=received, publish=publish
     )
     chosen = list(map(Path, find_files([str(files)])))

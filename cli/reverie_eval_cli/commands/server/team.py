@@ -6,7 +6,7 @@ from reverie_eval.schemas.organising import MOST_EXTRA, NewGrant, NewMerge, NewT
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import Folder, after, checked, minute, print_list, server_folder
+from reverie_eval_cli.organising import Folder, after, minute, print_list, server_folder
 
 
 @click.group(cls=Group)
@@ -24,7 +24,7 @@ def add(*, folder: Folder, name: str) -> None:
     """
     from reverie_eval.server.service.people import add_team
 
-    new = checked(NewTeam, name=name)
+    new = options.checked(NewTeam, name=name)
     with folder.acting() as transaction:
         added = add_team(transaction, new)
     print(f"team {added.name} added")
@@ -41,7 +41,7 @@ def rename(*, folder: Folder, name: str, new_name: str) -> None:
     """
     from reverie_eval.server.service.people import rename_team
 
-    new = checked(NewTeam, name=new_name)
+    new = options.checked(NewTeam, name=new_name)
     with folder.acting() as transaction:
         renamed = rename_team(transaction, name, new)
     print(f"team {name} renamed to {renamed.name}")
@@ -59,7 +59,7 @@ def merge(*, folder: Folder, name: str, into: str) -> None:
     """
     from reverie_eval.server.service.merging import merge_teams
 
-    new = checked(NewMerge, team=name, into=into)
+    new = options.checked(NewMerge, team=name, into=into)
     with folder.acting() as transaction:
         report = merge_teams(transaction, new)
     people = count_text(report.people, "person", "people")
@@ -111,7 +111,9 @@ def grant(*, folder: Folder, team: str, split: str, number: int, reason: str, da
 
     splits = folder.settings.splits
     ends = after(days)
-    new = checked(NewGrant, team=team, split=split, extra=number, reason=reason, expires_at=ends)
+    new = options.checked(
+        NewGrant, team=team, split=split, extra=number, reason=reason, expires_at=ends
+    )
     with folder.acting() as transaction:
         quotas.grant(transaction, new, splits)
     extra = count_text(number, "extra submission")

@@ -11,7 +11,6 @@ from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import (
     Folder,
     after,
-    checked,
     minute,
     now,
     print_list,
@@ -104,7 +103,7 @@ def _create(
     from reverie_eval.server.service.tokens import TOKEN_NAMES, create_token
 
     ends = after(expires_days)
-    new = checked(NewToken, person=name, team=team, kind=kind, expires_at=ends)
+    new = options.checked(NewToken, person=name, team=team, kind=kind, expires_at=ends)
     with folder.acting() as transaction:
         created = create_token(transaction, new)
     print(created.token)

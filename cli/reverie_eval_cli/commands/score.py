@@ -27,7 +27,9 @@ from reverie_eval.metrics import METRICS
 from reverie_eval.reporting._scores import (
     FORMATS,
     RANKING_FORMATS,
+    RUNS_FORMATS,
     ranking_table,
+    runs_table,
     score_table,
     watch_heading,
     watch_line,
@@ -204,8 +206,6 @@ def _score_runs(
     output: str | None,
 ) -> int:
     """Print the mean of several runs of a method, with its interval."""
-    from reverie_eval.reporting._runs import RUNS_FORMATS, runs_table
-
     (first, *others) = words
     found = find_runs(first)
     if found is None or others:

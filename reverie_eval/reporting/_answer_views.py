@@ -114,13 +114,9 @@ class AnswerView:
 def answer_views(episodes: Mapping[str, Episode]) -> Sequence[tuple[str, AnswerView]]:
     """Show the answers of submissions to an episode from their stops.
 
-    The last picture shows the target from the end of the annotated path, under an empty name,
-    unless it is visible from every stop.
-
-    Parameters
-    ----------
-    episodes : mapping of Episode
-        The same episode, by the names of the submissions.
+    ``episodes`` has the same episode, by the names of the submissions. The last picture shows the
+    target from the end of the annotated path, under an empty name, unless it is visible from every
+    stop.
     """
     views = [(name, AnswerView.at_stop(episode)) for name, episode in episodes.items()]
     if all(view.target for _, view in views):

@@ -77,17 +77,7 @@ class Histogram:
     def of(cls, scores: Mapping[str, Scores], key: str) -> Self:
         """Divide a metric's values into bins; for box metrics, those of predicted boxes only.
 
-        Parameters
-        ----------
-        scores : mapping of Scores
-            By the submissions' names.
-        key : str
-            Key of the metric.
-
-        Raises
-        ------
-        KeyError
-            If the metric is not scored.
+        ``scores`` are by the submissions' names. A metric that is not scored is a KeyError.
         """
         values = {name: each.episodes[key] for name, each in scores.items()}
         metric = METRICS[key]

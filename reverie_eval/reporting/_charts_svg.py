@@ -21,10 +21,7 @@ _MOST_TICKS = 7
 def histogram_svg(histogram: Histogram, names: Sequence[str]) -> str:
     """Draw a histogram: bars for the first submission, an outline for the second.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names of all submissions; those without values in the histogram are not drawn.
+    ``names`` are those of all submissions, also of one without values in the histogram.
     """
     most = max(float(share.max()) for share in histogram.share.values())
     axes = _Axes(float(histogram.edges[0]), float(histogram.edges[-1]), 1.05 * most)

@@ -83,10 +83,10 @@ def _range(values: Distribution) -> str:
 
 
 _RANGE = "    range"
-_OBJECTS = of_answers(lambda answers: answers.goal_objects)
-_BOXES = of_answers(lambda answers: answers.goal_boxes)
-_STEPS = of_answers(lambda answers: answers.path_steps)
-_LENGTH = of_answers(lambda answers: answers.path_length)
+GOAL_OBJECTS = of_answers(lambda answers: answers.goal_objects)
+GOAL_BOXES = of_answers(lambda answers: answers.goal_boxes)
+PATH_STEPS = of_answers(lambda answers: answers.path_steps)
+PATH_LENGTH = of_answers(lambda answers: answers.path_length)
 _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], str]]] = (
     ("tasks", lambda part: part.tasks, _number),
     ("instructions", lambda part: part.instructions, _number),
@@ -98,13 +98,13 @@ _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], st
     ("frequent words", lambda part: part.frequent_vocabulary, _number),
     ("target objects", of_answers(lambda answers: answers.target_objects), _number),
     ("target categories", of_answers(lambda answers: answers.target_categories), _number),
-    ("objects at the goal", _OBJECTS, _mean),
-    (_RANGE, _OBJECTS, _range),
-    ("boxes at the goal", _BOXES, _mean),
-    (_RANGE, _BOXES, _range),
-    ("path steps", _STEPS, _mean),
-    (_RANGE, _STEPS, _range),
-    ("path length (m)", _LENGTH, _mean),
-    (_RANGE, _LENGTH, _range),
+    ("objects at the goal", GOAL_OBJECTS, _mean),
+    (_RANGE, GOAL_OBJECTS, _range),
+    ("boxes at the goal", GOAL_BOXES, _mean),
+    (_RANGE, GOAL_BOXES, _range),
+    ("path steps", PATH_STEPS, _mean),
+    (_RANGE, PATH_STEPS, _range),
+    ("path length (m)", PATH_LENGTH, _mean),
+    (_RANGE, PATH_LENGTH, _range),
 )
 """The rows of the table of splits: label, value, and how it is shown."""

@@ -72,16 +72,8 @@ def methods_table(
 ) -> Table:
     """Return a table with a row per method and the same metrics for each group of columns.
 
-    Parameters
-    ----------
-    methods : mapping
-        By the name of the method: for each group its values by metric key.
-    groups : sequence of str
-        The headings of the groups.
-    metrics : sequence of Metric
-        The columns of each group.
-    caption : str
-        What the numbers depend on, so that a reader can reproduce them.
+    ``methods`` has, by the name of the method, for each group its values by metric key; the caption
+    says what the numbers depend on, so that a reader can reproduce them.
     """
     columns = [
         _column(metric, [groups_of_one[number] for groups_of_one in methods.values()])

@@ -202,8 +202,19 @@ cluster = with_default(
 )
 
 
+def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
+    """Add several options, in this order."""
+
+    def decorate(command: Command) -> Command:
+        for add in reversed(options):
+            command = add(command)
+        return command
+
+    return decorate
+
+
 def grouped(
-    name: str, group: type, *options: Callable[[Command], Command]
+    name: str, group: type, *options: Callable[[Any], Any]
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Add options that a command gets as one argument, a dataclass with a field for each."""
 
@@ -213,10 +224,7 @@ def grouped(
             own = {field.name: values.pop(field.name) for field in fields(group)}
             return command(**{name: group(**own)}, **values)
 
-        decorated: Callable[..., Any] = with_group
-        for add in reversed(options):
-            decorated = add(decorated)
-        return decorated
+        return together(*options)(with_group)
 
     return decorate
 
@@ -301,31 +309,21 @@ def layout(*names: str, explained: str = "") -> Callable[[Command], Command]:
     )
 
 
-def dataset_files(command: Command) -> Command:
-    """Add the published files: a clone's root, and where they are if not in it.
-
-    The command gets them as the keyword arguments of
-    :meth:`reverie_eval.dataset.DatasetFiles.find`.
-    """
-    for add in (
-        click.option(
-            "--connectivity", metavar="PATH", type=PATH, help="The folder of connectivity files."
-        ),
-        click.option(
-            "--boxes", metavar="PATH", type=PATH, help="The BBox folder, or one BBoxes.json."
-        ),
-        click.option(
-            "--annotations",
-            metavar="PATH",
-            type=PATH,
-            help="REVERIE_SPLIT.json or its folder; also a private file with answers.",
-        ),
-        click.argument("root", metavar="[DATASET]", required=False, type=PATH),
-    ):
-        command = add(command)
-    return command
-
-
+dataset_files = together(
+    click.argument("root", metavar="[DATASET]", required=False, type=PATH),
+    click.option(
+        "--annotations",
+        metavar="PATH",
+        type=PATH,
+        help="REVERIE_SPLIT.json or its folder; also a private file with answers.",
+    ),
+    click.option("--boxes", metavar="PATH", type=PATH, help="The BBox folder, or one BBoxes.json."),
+    click.option(
+        "--connectivity", metavar="PATH", type=PATH, help="The folder of connectivity files."
+    ),
+)
+"""The published files: a clone's root, and where they are if not in it. A command gets them as the
+keyword arguments of :meth:`reverie_eval.dataset.DatasetFiles.find`."""
 jobs = click.option(
     "--jobs",
     metavar="N",

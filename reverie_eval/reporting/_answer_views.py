@@ -158,12 +158,7 @@ def span_of(seen: VisibleObject) -> Span:
 def box_span(xywh: Array, camera: FloatArray) -> Span:
     """Return the part of the panorama that boxes take up together.
 
-    Parameters
-    ----------
-    xywh : float or int array of shape (n, 4)
-        Left, top, width and height in pixels of each camera's picture.
-    camera : float array of shape (n, 2)
-        Heading and elevation, radians.
+    Boxes and cameras are those of :func:`directions_of`, in arrays of shape (n, 4) and (n, 2).
     """
     directions = np.concatenate([directions_of(*each) for each in zip(xywh, camera, strict=True)])
     heading, elevation = np.rad2deg(angles_of(directions)).T

@@ -226,10 +226,7 @@ def goal_reached_notes(scores: Submissions) -> Sequence[str]:
 def breakdowns(scores: Submissions) -> tuple[Sequence[Breakdown], Sequence[str]]:
     """Score groups of episodes by every grouping but the scan.
 
-    Returns
-    -------
-    breakdowns, notes
-        Groupings with a single group are left out; for any other that is missing, a note says why.
+    Groupings with a single group are left out; for any other that is missing, a note says why.
     """
     tables, notes = [], []
     for grouping in GROUPINGS.values():

@@ -4,13 +4,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from reverie_eval import Scores
 from reverie_eval.analysis import BEST, Method, Runs
-from reverie_eval.scoring import Intervals
+from reverie_eval.scoring import Clustering, Intervals
 from reverie_eval.submissions import find_files, find_runs, submission_names
 from reverie_eval_cli import options
 from reverie_eval_cli.options import ScoringOptions
@@ -21,9 +20,6 @@ from reverie_eval_cli.output import (
     show,
     write_text,
 )
-
-if TYPE_CHECKING:
-    from reverie_eval.scoring import Clustering
 
 
 @click.command()
@@ -60,7 +56,7 @@ def compare(
     baseline: str | None,
     scoring: ScoringOptions,
     episodes_from: Path | None,
-    cluster: "Clustering",
+    cluster: Clustering,
     layout: str,
     output: str | None,
     episodes: str | None,
@@ -121,7 +117,7 @@ def report(
     other: str | None,
     scoring: ScoringOptions,
     episodes_from: Path | None,
-    cluster: "Clustering",
+    cluster: Clustering,
     output: str | None,
 ) -> None:
     """Write an HTML report with scores, outcomes and maps.
@@ -159,7 +155,7 @@ def _methods(words: Sequence[str]) -> Mapping[str, Sequence[str]]:
     return methods
 
 
-def _method(scores: Sequence[Scores], files: Sequence[str], cluster: "Clustering") -> Method:
+def _method(scores: Sequence[Scores], files: Sequence[str], cluster: Clustering) -> Method:
     """Return the scores of a single file, or those of several runs together."""
     if len(files) == 1:
         return scores[0]

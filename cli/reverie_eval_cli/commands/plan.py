@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval.scoring import clusters_of
+from reverie_eval.scoring import Clustering, clusters_of
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.options import TruthOptions
@@ -12,7 +12,6 @@ from reverie_eval_cli.output import show
 
 if TYPE_CHECKING:
     from reverie_eval.metrics.power import Design
-    from reverie_eval.scoring import Clustering
 
 _PERCENT = options.Decimal(0, 100, min_open=True)
 
@@ -55,7 +54,7 @@ def plan(
     discordance: float,
     correlation: float,
     run_deviation: float | None,
-    cluster: "Clustering",
+    cluster: Clustering,
     output: str | None,
 ) -> None:
     """Plan a comparison: what a split can show.

@@ -7,7 +7,6 @@ from contextlib import suppress
 from functools import partial
 from glob import has_magic
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -35,7 +34,15 @@ from reverie_eval.reporting._scores import (
     watch_line,
     write_episodes,
 )
-from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, TABLE_KEYS, Failure, score_files
+from reverie_eval.scoring import (
+    ALIASES,
+    DEFAULT_PROTOCOL,
+    TABLE_KEYS,
+    Clustering,
+    Failure,
+    Track,
+    score_files,
+)
 from reverie_eval.submissions import find_files, find_runs, submission_names, watch_files
 from reverie_eval_cli import options
 from reverie_eval_cli.options import ScoringOptions
@@ -48,9 +55,6 @@ from reverie_eval_cli.output import (
     show_table,
     with_progress,
 )
-
-if TYPE_CHECKING:
-    from reverie_eval.scoring import Clustering, Track
 
 _ALL = "all"
 _KEYS = dict.fromkeys(("csv", "json"), frozenset(METRICS))
@@ -113,7 +117,7 @@ def score(
     episodes_from: Path | None,
     diagnosed: bool,
     ci: bool,
-    cluster: "Clustering | None",
+    cluster: Clustering | None,
     watch: bool,
     jobs: int | None,
     layout: str,
@@ -171,7 +175,7 @@ def _only_file(submissions: Sequence[str]) -> str | None:
 
 
 def _score_one(
-    submission: str, truth: GroundTruth, protocol: str, track: "Track"
+    submission: str, truth: GroundTruth, protocol: str, track: Track
 ) -> Sequence[Scores]:
     """Score a file by a protocol, or by all."""
     if protocol == _ALL:
@@ -201,7 +205,7 @@ def _rank(
 def _score_runs(
     words: Sequence[str],
     evaluator: Evaluator,
-    cluster: "Clustering",
+    cluster: Clustering,
     layout: str,
     output: str | None,
 ) -> int:

@@ -76,13 +76,17 @@ def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
         given = {field: value for field, value in fields.items() if value is not None}
         return command(method=MethodOptions(given), **values)
 
-    decorated: Callable[..., Any] = with_method
-    for field, meaning in reversed(_FLAGS.items()):
-        flags = f"{_option_of(field)}/--no-{field.replace('_', '-')}"
-        decorated = click.option(flags, field, default=None, help=meaning)(decorated)
-    for field, (option, metavar, meaning) in reversed(_TEXTS.items()):
-        decorated = click.option(option, field, metavar=metavar, help=meaning)(decorated)
-    return decorated
+    texts = [
+        click.option(option, field, metavar=metavar, help=meaning)
+        for field, (option, metavar, meaning) in _TEXTS.items()
+    ]
+    flags = [
+        click.option(
+            f"{_option_of(field)}/--no-{field.replace('_', '-')}", field, default=None, help=meaning
+        )
+        for field, meaning in _FLAGS.items()
+    ]
+    return options.together(*texts, *flags)(with_method)
 
 
 @click.command()

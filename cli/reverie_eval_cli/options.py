@@ -1,7 +1,7 @@
 """Arguments and options that several commands take, each worded once."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from datetime import UTC, date, datetime
 from functools import partial, wraps
@@ -101,35 +101,33 @@ def _read_time(text: str) -> datetime | None:
     return None if time.tzinfo is None else time
 
 
-def _complete_split(
-    context: click.Context,
-    parameter: click.Parameter,  # noqa: ARG001
-    incomplete: str,
-) -> list[CompletionItem]:
-    """Complete to the splits that there is ground truth for."""
+def _completing(
+    names: Callable[[click.Context], Iterable[str]],
+) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """Complete to names, which may depend on the words before."""
+
+    def complete(
+        context: click.Context, _: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        return [CompletionItem(name) for name in names(context) if name.startswith(incomplete)]
+
+    return complete
+
+
+@_completing
+def _complete_split(context: click.Context) -> Iterable[str]:
     place = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
-    splits = bundled_splits(Path(place) if place else None) or _SPLITS
-    return [CompletionItem(split) for split in splits if split.startswith(incomplete)]
+    return bundled_splits(Path(place) if place else None) or _SPLITS
 
 
-def complete_task(
-    context: click.Context,  # noqa: ARG001
-    parameter: click.Parameter,  # noqa: ARG001
-    incomplete: str,
-) -> list[CompletionItem]:
-    """Complete to the tasks that are installed."""
-    return [CompletionItem(name) for name in task_names() if name.startswith(incomplete)]
-
-
-def complete_protocol(
-    context: click.Context,
-    parameter: click.Parameter,  # noqa: ARG001
-    incomplete: str,
-) -> list[CompletionItem]:
+@_completing
+def complete_protocol(context: click.Context) -> Iterable[str]:
     """Complete to the protocols of the task."""
     task = find_task(context.params.get("task") or DEFAULT_TASK)
-    names = [*(rules.name for rules in task.protocols), *task.aliases]
-    return [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return [*(rules.name for rules in task.protocols), *task.aliases]
+
+
+complete_task = _completing(lambda _: task_names())
 
 
 with_default = partial(click.option, show_default=True)

@@ -44,8 +44,8 @@ server = LazyGroup(
             "key": "key:key",
             "news": "news:news",
             "notify": "folder:notify",
-            "backup": "backup:backup",
-            "restore": "backup:restore",
+            "backup": "folder:backup",
+            "restore": "folder:restore",
             "export-site": "exports:export_site",
         },
         "Other platforms": {

@@ -145,22 +145,6 @@ def diff(*, folder: Folder) -> None:
     print_list(("of", "settings file", "desk", "in effect"), [("all splits", *standing), *rows])
 
 
-@click.command()
-@server_folder
-@split
-@click.option("--title", required=True, metavar="TEXT", help="Shown on the leaderboard.")
-def snapshot(*, folder: Folder, split: str, title: str) -> None:
-    """Take a signed snapshot of a leaderboard.
-
-    It is public at once and never changes. When a phase has ended, the server takes one by itself.
-    """
-    new = options.checked(NewSnapshot, split=split, title=title)
-    with folder.open() as state, state.transactions.begin(actor()) as transaction:
-        taken = state.snapshots.take(transaction, new)
-    print(f"{split}: snapshot {taken.number}, {taken.title}, as of {minute(taken.as_of)} UTC")
-    print(f"it stays at /boards/{split}/snapshots/{taken.number}")
-
-
 def _of_server(notice: NoticeReport | None) -> str:
     if notice is None:
         return "-"
@@ -192,3 +176,19 @@ def _text(schedule: "Schedule | NewSchedule | None") -> str:
     if schedule.paused:
         words.append("paused")
     return ", ".join(words)
+
+
+@click.command()
+@server_folder
+@split
+@click.option("--title", required=True, metavar="TEXT", help="Shown on the leaderboard.")
+def snapshot(*, folder: Folder, split: str, title: str) -> None:
+    """Take a signed snapshot of a leaderboard.
+
+    It is public at once and never changes. When a phase has ended, the server takes one by itself.
+    """
+    new = options.checked(NewSnapshot, split=split, title=title)
+    with folder.open() as state, state.transactions.begin(actor()) as transaction:
+        taken = state.snapshots.take(transaction, new)
+    print(f"{split}: snapshot {taken.number}, {taken.title}, as of {minute(taken.as_of)} UTC")
+    print(f"it stays at /boards/{split}/snapshots/{taken.number}")

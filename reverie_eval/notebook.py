@@ -40,7 +40,7 @@ def _scores_html(scores: Scores) -> str:
 
 def _runs_html(runs: Runs) -> str:
     """Show the runs and their mean in a notebook."""
-    from reverie_eval.reporting._runs import runs_table
+    from reverie_eval.reporting._scores import runs_table
 
     return runs_table(runs).to_html()
 

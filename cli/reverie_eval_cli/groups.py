@@ -28,14 +28,8 @@ class Group(click.Group):
 class LazyGroup(Group):
     """A group whose commands are imported when they are run or listed.
 
-    Parameters
-    ----------
-    package : str
-        The package with the commands' modules.
-    sections : mapping of str to mapping of str to str
-        By heading: the commands by name, each as ``module:attribute`` below ``package``.
-    settings
-        As for :class:`click.Group`.
+    ``sections`` has, by heading, the commands by name, each as ``module:attribute`` below
+    ``package``.
     """
 
     def __init__(

@@ -44,7 +44,7 @@ program = click.version_option(__version__, message="%(prog)s %(version)s")(
                 "compile": "dataset:compile_bundle",
                 "lint": "dataset:lint",
                 "describe": "dataset:describe",
-                "boxes": "boxes:boxes",
+                "boxes": "dataset:boxes",
             },
             "Run an evaluation server": {
                 "serve": "serve:serve",

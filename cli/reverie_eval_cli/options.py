@@ -1,19 +1,33 @@
 """Arguments and options that several commands take, each worded once."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
 from datetime import UTC, date, datetime
+from functools import partial, wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
-from reverie_eval.ground_truth import GROUND_TRUTH_VARIABLE, bundled_splits
+from reverie_eval import Evaluator, GroundTruth, ReverieEvalError, SubsetError
+from reverie_eval.ground_truth import (
+    GROUND_TRUTH_VARIABLE,
+    bundled_splits,
+    find_ground_truth,
+    read_episode_ids,
+)
 from reverie_eval.tasks import DEFAULT_PROTOCOL, DEFAULT_TASK, find_task, task_names
 from reverie_eval.text import did_you_mean
+from reverie_eval_cli.output import RejectedSubmission
+
+if TYPE_CHECKING:
+    from reverie_eval.schemas.wire import WireModel
+    from reverie_eval.scoring import Track
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Request = TypeVar("Request", bound="WireModel")
 _SPLITS = ("train", "val_seen", "val_unseen", "test")
 _MOST_DAYS = 100 * 365
 """Later dates are beyond what a token needs, and close to what Python's calendar ends at."""
@@ -87,38 +101,44 @@ def _read_time(text: str) -> datetime | None:
     return None if time.tzinfo is None else time
 
 
-def _complete_split(
-    context: click.Context,
-    parameter: click.Parameter,  # noqa: ARG001
-    incomplete: str,
-) -> list[CompletionItem]:
-    """Complete to the splits that there is ground truth for."""
+def _completing(
+    names: Callable[[click.Context], Iterable[str]],
+) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """Complete to names, which may depend on the words before."""
+
+    def complete(
+        context: click.Context, _: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        return [CompletionItem(name) for name in names(context) if name.startswith(incomplete)]
+
+    return complete
+
+
+@_completing
+def _complete_split(context: click.Context) -> Iterable[str]:
     place = context.params.get("ground_truth") or os.environ.get(GROUND_TRUTH_VARIABLE)
-    splits = bundled_splits(Path(place) if place else None) or _SPLITS
-    return [CompletionItem(split) for split in splits if split.startswith(incomplete)]
+    return bundled_splits(Path(place) if place else None) or _SPLITS
 
 
-def complete_task(
-    context: click.Context,  # noqa: ARG001
-    parameter: click.Parameter,  # noqa: ARG001
-    incomplete: str,
-) -> list[CompletionItem]:
-    """Complete to the tasks that are installed."""
-    return [CompletionItem(name) for name in task_names() if name.startswith(incomplete)]
-
-
-def complete_protocol(
-    context: click.Context,
-    parameter: click.Parameter,  # noqa: ARG001
-    incomplete: str,
-) -> list[CompletionItem]:
+@_completing
+def complete_protocol(context: click.Context) -> Iterable[str]:
     """Complete to the protocols of the task."""
     task = find_task(context.params.get("task") or DEFAULT_TASK)
-    names = [*(rules.name for rules in task.protocols), *task.aliases]
-    return [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return [*(rules.name for rules in task.protocols), *task.aliases]
 
 
+complete_task = _completing(lambda _: task_names())
+
+
+with_default = partial(click.option, show_default=True)
 submission = click.argument("submission", type=click.Path(allow_dash=True))
+submissions = click.argument(
+    "submissions",
+    metavar="SUBMISSION...",
+    nargs=-1,
+    required=True,
+    type=click.Path(allow_dash=True),
+)
 split = click.option(
     "--split",
     required=True,
@@ -142,10 +162,9 @@ task = click.option(
 
 
 def _task_of(what: str) -> Callable[[Command], Command]:
-    return click.option(
+    return with_default(
         "--task",
         default=DEFAULT_TASK,
-        show_default=True,
         metavar="NAME",
         shell_complete=complete_task,
         help=f"The benchmark that the {what}, such as r2r.",
@@ -154,19 +173,17 @@ def _task_of(what: str) -> Callable[[Command], Command]:
 
 server_task = _task_of("split is of")
 dataset_task = _task_of("files are of")
-protocol = click.option(
+protocol = with_default(
     "--protocol",
     default=DEFAULT_PROTOCOL,
-    show_default=True,
     metavar="NAME",
     shell_complete=complete_protocol,
     help="The rules to score by.",
 )
-track = click.option(
+track = with_default(
     "--track",
     type=Choice(["full", "grounding"]),
     default="full",
-    show_default=True,
     help="grounding: answers alone, with the agent placed at the goal.",
 )
 episodes_from = click.option(
@@ -175,14 +192,92 @@ episodes_from = click.option(
     type=PATH,
     help="Score only the episodes whose instr_ids FILE lists, one a line.",
 )
-cluster = click.option(
+cluster = with_default(
     "--cluster",
     type=Choice(["target", "scan"]),
     default="target",
-    show_default=True,
     help="What to resample for intervals: target objects or scans, each with all its episodes.",
 )
-server_folder = click.argument("folder", type=PATH)
+
+
+def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
+    """Add several options, in this order."""
+
+    def decorate(command: Command) -> Command:
+        for add in reversed(options):
+            command = add(command)
+        return command
+
+    return decorate
+
+
+def grouped(
+    name: str, group: type, *options: Callable[[Any], Any]
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Add options that a command gets as one argument, a dataclass with a field for each."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(command)
+        def with_group(**values: Any) -> Any:
+            own = {field.name: values.pop(field.name) for field in fields(group)}
+            return command(**{name: group(**own)}, **values)
+
+        return together(*options)(with_group)
+
+    return decorate
+
+
+@dataclass(frozen=True)
+class TruthOptions:
+    """What ``--split``, ``--ground-truth`` and ``--task`` say."""
+
+    split: str
+    ground_truth: str | None
+    task: str | None
+
+    def find(self, episodes_from: Path | None = None) -> GroundTruth:
+        """Find the ground truth of the split, or of the episodes that a file lists."""
+        truth = find_ground_truth(self.ground_truth, self.split, self.task)
+        if episodes_from is None:
+            return truth
+        try:
+            return truth.subset(read_episode_ids(episodes_from))
+        except SubsetError as error:
+            raise RejectedSubmission(f"{episodes_from}: {error}") from None
+
+
+@dataclass(frozen=True)
+class ScoringOptions(TruthOptions):
+    """What these, ``--protocol`` and ``--track`` say."""
+
+    protocol: str
+    track: "Track"
+
+    def evaluator(self, truth: GroundTruth) -> Evaluator:
+        """Return what scores submissions."""
+        return Evaluator(
+            split=self.split, ground_truth=truth, protocol=self.protocol, track=self.track
+        )
+
+
+truth = grouped("truth_options", TruthOptions, split, ground_truth, task)
+scoring = grouped("scoring", ScoringOptions, split, ground_truth, task, protocol, track)
+
+
+def checked(
+    model: type[Request], name_of: Callable[[str], str] = str, /, **fields: object
+) -> Request:
+    """Return what options ask for, checked as the API checks it; an error names wrong fields."""
+    from pydantic import ValidationError
+
+    from reverie_eval.server.wrong_values import wrong_value
+
+    try:
+        return model.model_validate(fields)
+    except ValidationError as error:
+        wrong = map(wrong_value, error.errors())
+        told = "; ".join(f"{name_of(each.where)}: {each.message}" for each in wrong)
+        raise ReverieEvalError(told) from None
 
 
 def output(what: str) -> Callable[[Command], Command]:
@@ -196,43 +291,37 @@ def output(what: str) -> Callable[[Command], Command]:
     )
 
 
+def new_path(metavar: str, meaning: str) -> Callable[[Command], Command]:
+    """Add ``-o`` for a file or a folder that a command always writes."""
+    return click.option("-o", "--output", required=True, metavar=metavar, type=PATH, help=meaning)
+
+
 def layout(*names: str, explained: str = "") -> Callable[[Command], Command]:
     """Add ``--format``, whose default is the first name."""
-    return click.option(
+    return with_default(
         "--format",
         "layout",
         type=Choice(names),
         default=names[0],
-        show_default=True,
         help=f"Format of the output.{explained}",
     )
 
 
-def dataset_files(command: Command) -> Command:
-    """Add the published files: a clone's root, and where they are if not in it.
-
-    The command gets them as the keyword arguments of
-    :meth:`reverie_eval.dataset.DatasetFiles.find`.
-    """
-    for add in (
-        click.option(
-            "--connectivity", metavar="PATH", type=PATH, help="The folder of connectivity files."
-        ),
-        click.option(
-            "--boxes", metavar="PATH", type=PATH, help="The BBox folder, or one BBoxes.json."
-        ),
-        click.option(
-            "--annotations",
-            metavar="PATH",
-            type=PATH,
-            help="REVERIE_SPLIT.json or its folder; also a private file with answers.",
-        ),
-        click.argument("root", metavar="[DATASET]", required=False, type=PATH),
-    ):
-        command = add(command)
-    return command
-
-
+dataset_files = together(
+    click.argument("root", metavar="[DATASET]", required=False, type=PATH),
+    click.option(
+        "--annotations",
+        metavar="PATH",
+        type=PATH,
+        help="REVERIE_SPLIT.json or its folder; also a private file with answers.",
+    ),
+    click.option("--boxes", metavar="PATH", type=PATH, help="The BBox folder, or one BBoxes.json."),
+    click.option(
+        "--connectivity", metavar="PATH", type=PATH, help="The folder of connectivity files."
+    ),
+)
+"""The published files: a clone's root, and where they are if not in it. A command gets them as the
+keyword arguments of :meth:`reverie_eval.dataset.DatasetFiles.find`."""
 jobs = click.option(
     "--jobs",
     metavar="N",
@@ -267,11 +356,10 @@ def expiry(default: int | None) -> Callable[[Command], Command]:
     )
 
 
-days = click.option(
+days = with_default(
     "--days",
     metavar="N",
     type=Number(1, _MOST_DAYS),
     default=30,
-    show_default=True,
     help="Days until the extra submissions expire.",
 )

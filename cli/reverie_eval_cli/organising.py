@@ -1,25 +1,88 @@
-"""What an organiser's commands share: who acts, the time, the database, and lists."""
+"""What an organiser's commands share: the server's folder, who acts, the time, and lists."""
 
 import getpass
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime, timedelta
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+import click
+
 from reverie_eval import ReverieEvalError
-from reverie_eval.reporting._table import Table, print_table
-from reverie_eval_cli.output import note, show
+from reverie_eval.reporting._table import Table
+from reverie_eval_cli.output import note, show_table
 
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
-    from reverie_eval.schemas.wire import WireModel
     from reverie_eval.server.operations.checks import Finding
+    from reverie_eval.server.service.paging import Listed, Page
     from reverie_eval.server.service.transactions import Transaction
+    from reverie_eval.server.settings import Settings
+    from reverie_eval.server.state import ServerState
 
-Request = TypeVar("Request", bound="WireModel")
+Report = TypeVar("Report")
+
+
+class Folder:
+    """The folder of the server that a command works on; the server may be running meanwhile."""
+
+    def __init__(self, path: str) -> None:
+        self.path = Path(path)
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    @cached_property
+    def settings(self) -> "Settings":
+        """The settings in the folder."""
+        from reverie_eval.server.settings import load_settings
+
+        return load_settings(self.path)
+
+    def open(self) -> "AbstractContextManager[ServerState]":
+        """Open the server, not only its database."""
+        from reverie_eval.server.operations.checks import opened_server
+
+        return opened_server(self.settings)
+
+    @contextmanager
+    def reading(self) -> Iterator["Session"]:
+        """Open the database to read it."""
+        from reverie_eval.server.operations.checks import opened
+
+        with opened(self.settings) as database, database.reading() as session:
+            yield session
+
+    def all_of(self, list_rows: "Callable[[Session, Page], Listed[Report]]") -> Sequence[Report]:
+        """Return the rows of all pages of a list."""
+        from reverie_eval.server.service.paging import all_pages
+
+        with self.reading() as session:
+            return list(all_pages(partial(list_rows, session)))
+
+    def acting(self) -> "AbstractContextManager[Transaction]":
+        """Change something, as the user."""
+        from reverie_eval.server.operations.checks import acting
+
+        return acting(self.settings, actor())
+
+    @contextmanager
+    def revoking(self) -> Iterator["Transaction"]:
+        """Change something, and warn if no organiser can sign in any more."""
+        from reverie_eval.server.service.tokens import has_organiser
+
+        with self.acting() as transaction:
+            had_one = has_organiser(transaction.session, transaction.now)
+            yield transaction
+            if had_one and not has_organiser(transaction.session, transaction.now):
+                note("no organiser has a valid token now; `server token add` creates one")
+
+
+server_folder = click.argument("folder", type=click.Path(path_type=Folder))
 
 
 def actor() -> str:
@@ -41,70 +104,12 @@ def after(days: int | None) -> datetime | None:
     return None if days is None else now() + timedelta(days=days)
 
 
-@contextmanager
-def acting(folder: Path) -> Iterator["Transaction"]:
-    """Change something on a server, as the user; it may be serving meanwhile."""
-    from reverie_eval.server.operations.checks import acting as acting_on
-    from reverie_eval.server.settings import load_settings
-
-    with acting_on(load_settings(folder), actor()) as transaction:
-        yield transaction
-
-
-def checked(model: type[Request], **fields: object) -> Request:
-    """Return a request for a change, checked as the API checks it.
-
-    Raises
-    ------
-    ReverieEvalError
-        Naming each field that is wrong.
-    """
-    from pydantic import ValidationError
-
-    from reverie_eval.server.wrong_values import wrong_value
-
-    try:
-        return model.model_validate(fields)
-    except ValidationError as error:
-        wrong = [wrong_value(detail) for detail in error.errors()]
-        told = "; ".join(f"{each.where}: {each.message}" for each in wrong)
-        raise ReverieEvalError(told) from None
-
-
-@contextmanager
-def revoking(folder: Path) -> Iterator["Transaction"]:
-    """Change something as :func:`acting`, and warn if no organiser can sign in any more."""
-    from reverie_eval.server.service.tokens import has_organiser
-
-    with acting(folder) as transaction:
-        had_one = has_organiser(transaction.session, transaction.now)
-        yield transaction
-        if had_one and not has_organiser(transaction.session, transaction.now):
-            note("no organiser has a valid token now; `server token add` creates one")
-
-
 def read_text(file: Path) -> str:
-    """Return the text of a file to be imported.
-
-    Raises
-    ------
-    ReverieEvalError
-        If it is not UTF-8.
-    """
+    """Return the text of a file to be imported, which has to be UTF-8."""
     try:
         return file.read_text("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ReverieEvalError(f"{file}: invalid UTF-8 from byte {error.start} on") from None
-
-
-@contextmanager
-def reading(folder: Path) -> Iterator["Session"]:
-    """Open a server's database to read it."""
-    from reverie_eval.server.operations.checks import opened
-    from reverie_eval.server.settings import load_settings
-
-    with opened(load_settings(folder)) as database, database.reading() as session:
-        yield session
 
 
 def minute(instant: datetime | None) -> str:
@@ -114,8 +119,7 @@ def minute(instant: datetime | None) -> str:
 
 def print_list(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a list: as a table on a terminal, in plain columns for a pipe."""
-    table = Table(headings, rows, frozenset(range(len(headings))))
-    show(table.to_text, None, lambda console: print_table(console, table))
+    show_table(Table(headings, rows, frozenset(range(len(headings)))))
 
 
 def show_findings(findings: Sequence["Finding"]) -> int:

@@ -9,20 +9,14 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import click
 
-from reverie_eval import (
-    Evaluator,
-    GroundTruth,
-    ReverieEvalError,
-    Scores,
-    SubmissionError,
-    SubsetError,
-)
+from reverie_eval import Evaluator, ReverieEvalError, Scores, SubmissionError
 from reverie_eval.files import staged_file
-from reverie_eval.ground_truth import find_ground_truth, read_episode_ids
 from reverie_eval.submissions import source_name
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from reverie_eval.reporting._table import Table
 
 T = TypeVar("T")
 STANDARD_OUTPUT = "-"
@@ -52,19 +46,6 @@ def rejection(submission: str, error: SubmissionError) -> str:
     return f"{source_name(submission)}: {error}"
 
 
-def find_truth(
-    ground_truth: str | None, split: str, episodes_from: Path | None, task: str | None
-) -> GroundTruth:
-    """Find the ground truth of a split, or of the episodes that a file lists."""
-    truth = find_ground_truth(ground_truth, split, task)
-    if episodes_from is None:
-        return truth
-    try:
-        return truth.subset(read_episode_ids(episodes_from))
-    except SubsetError as error:
-        raise RejectedSubmission(f"{episodes_from}: {error}") from None
-
-
 def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Scores]:
     """Score all; if some are rejected, list the problems of each of them."""
     scores: list[Scores] = []
@@ -82,13 +63,7 @@ def score_each(submissions: Sequence[str], evaluator: Evaluator) -> Sequence[Sco
 def check_outputs(
     outputs: Iterable[str | Path | None], inputs: Iterable[str | Path | None]
 ) -> None:
-    """Refuse to write over an input, or twice to the same file.
-
-    Raises
-    ------
-    ReverieEvalError
-        Naming the file.
-    """
+    """Refuse to write over an input, or twice to the same file."""
     taken = {Path(path).resolve() for path in inputs if path and Path(path).is_file()}
     for output in outputs:
         if not output or output == STANDARD_OUTPUT:
@@ -135,6 +110,13 @@ def show(
         on_terminal(Console())
     else:
         write_text(f"{text()}\n", output)
+
+
+def show_table(*layouts: "Table", output: str | None = None) -> None:
+    """Write a table; a terminal gets the first of its layouts that fits."""
+    from reverie_eval.reporting._table import print_table
+
+    show(layouts[0].to_text, output, lambda console: print_table(console, *layouts))
 
 
 def submission_text(records: Sequence[Mapping[str, Any]]) -> str:

@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 def check_receipt_path(place: str | None, sha256: str, split: str) -> None:
     """Make sure, before a submission is used, that its receipt can be written.
 
-    Raises
-    ------
-    ReverieEvalError
-        If another file is there, or the folder is missing.
+    The folder has to be there, and no other file in the receipt's place.
     """
     if place is None:
         return
@@ -39,11 +36,6 @@ def keep_receipts(report: "SubmissionReport", place: str | None, submission: str
     """Write the receipts of a submission, unless they have been written before; return their paths.
 
     Those of further leaderboards are beside the first, with the leaderboard in their names.
-
-    Raises
-    ------
-    OSError
-        If one cannot be written.
     """
     base = submission if submission != "-" else f"submission-{_letters(report.id)}"
     own = _keep(report.receipt, [Path(place)] if place else _names(base))
@@ -70,13 +62,7 @@ def _keep(receipt: "Receipt", places: Iterable[Path]) -> Path:
 
 
 def read_signed(path: Path) -> "Signed":
-    """Read a receipt, also in an envelope, or a snapshot of a leaderboard.
-
-    Raises
-    ------
-    ReverieEvalError
-        If the file is neither.
-    """
+    """Read a receipt, also in an envelope, or a snapshot of a leaderboard."""
     from pydantic import TypeAdapter, ValidationError
 
     from reverie_eval.receipts import Signed

@@ -1,18 +1,18 @@
 """The evaluation server a command talks to: by option, environment variable or the latest login."""
 
-import functools
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from reverie_eval import ReverieEvalError
 from reverie_eval.schemas.wire import SERVER_VARIABLE, TOKEN_VARIABLE
+from reverie_eval_cli.options import grouped
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
@@ -28,13 +28,7 @@ class ServerOptions:
 
     @cached_property
     def url(self) -> str:
-        """The server's URL.
-
-        Raises
-        ------
-        ReverieEvalError
-            If no server is named anywhere.
-        """
+        """The server's URL; without a server that is named anywhere, an error asks for one."""
         from reverie_eval.client._address import server_url
         from reverie_eval.client._logins import Logins
 
@@ -50,13 +44,7 @@ class ServerOptions:
         return Client(self.url, token, notice, plain_http=self.plain_http)
 
     def token(self) -> str:
-        """Return the token for the server.
-
-        Raises
-        ------
-        ReverieEvalError
-            If there is none.
-        """
+        """Return the token for the server; without one, an error says how to sign in."""
         from reverie_eval.client._logins import Logins
 
         token = os.environ.get(TOKEN_VARIABLE) or Logins.load().tokens.get(self.url)
@@ -69,13 +57,7 @@ class ServerOptions:
 
     @contextmanager
     def explaining_refused_token(self) -> Iterator[None]:
-        """Add where a refused token came from, and how to replace it.
-
-        Raises
-        ------
-        ReverieEvalError
-            In place of the refusal.
-        """
+        """Add to a refusal where the refused token came from, and how to replace it."""
         from reverie_eval.client import RefusedError
 
         try:
@@ -89,25 +71,21 @@ class ServerOptions:
             raise ReverieEvalError(f"{error}; {remedy}") from None
 
 
-def server_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add ``--server`` and ``--plain-http``; the command gets them as ``server``."""
-
-    @click.option(
+server_options = grouped(
+    "server",
+    ServerOptions,
+    click.option(
         "--server",
         "named",
         metavar="URL",
         help=f"The evaluation server.  [default: ${SERVER_VARIABLE}, or else the latest login]",
-    )
-    @click.option(
+    ),
+    click.option(
         "--plain-http",
         is_flag=True,
         help="Allow http:// to another machine, in a network that you trust.",
-    )
-    @functools.wraps(command)
-    def with_server(*, named: str | None, plain_http: bool, **others: Any) -> Any:
-        return command(server=ServerOptions(named, plain_http), **others)
-
-    return with_server
+    ),
+)
 
 
 def print_banner(client: "Client") -> None:

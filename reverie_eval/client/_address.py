@@ -11,15 +11,8 @@ API = "/api/v1"
 
 
 def server_url(text: str) -> str:
-    """Return a server's URL in normal form, without the API's path.
+    """Return a server's URL in normal form, without the API's path; others are a ServiceError.
 
-    Raises
-    ------
-    ServiceError
-        If it is not a URL of a server.
-
-    Examples
-    --------
     >>> server_url(" https://Reverie.example.org/api/v1/ ")
     'https://reverie.example.org'
     """
@@ -33,13 +26,7 @@ def server_url(text: str) -> str:
 
 
 def check_private(server: str) -> None:
-    """Refuse a server that is reached without encryption, unless it is on this machine.
-
-    Raises
-    ------
-    ServiceError
-        With the possible remedies.
-    """
+    """Refuse a server that is reached without encryption, unless it is on this machine."""
     url = httpx.URL(server)
     if url.scheme == "http" and not is_this_machine(url.host):
         raise ServiceError(

@@ -29,13 +29,7 @@ class Logins(BaseModel):
 
     @classmethod
     def load(cls) -> Self:
-        """Read the file; without one, the user is signed in nowhere.
-
-        Raises
-        ------
-        LoginError
-            If other users can read it, or it is damaged.
-        """
+        """Read the file; without one, the user is signed in nowhere."""
         path = login_path()
         try:
             content = path.read_bytes()

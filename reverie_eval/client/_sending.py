@@ -102,14 +102,8 @@ class Sender:
 
         The call is sent again after a dropped connection, when a gateway cannot reach the server
         and when there were too many requests. If the server never replied, a failure to connect is
-        final: the URL may be wrong.
-
-        Raises
-        ------
-        UnreachableError
-            If there is no reply.
-        NotAServerError, RefusedError, SubmissionError
-            If the reply is not a success.
+        final: the URL may be wrong. A reply that is not a success is raised as :func:`failure`
+        says.
         """
         from tenacity import Retrying, retry_if_exception_type, stop_after_attempt, stop_after_delay
 
@@ -156,13 +150,7 @@ class Sender:
 
 
 def http_client(server: str, headers: Mapping[str, str]) -> httpx.Client:
-    """Return what sends requests to a server, by the environment's proxies and certificates.
-
-    Raises
-    ------
-    ServiceError
-        If these cannot be used.
-    """
+    """Return what sends requests to a server, by the environment's proxies and certificates."""
     # A proxy cannot reach a server on this machine, whatever the environment says.
     use_environment = not is_this_machine(httpx.URL(server).host)
     try:

@@ -1,12 +1,13 @@
 """Pictures of answers as SVG: one view, and below it the whole panorama around the agent.
 
-Without photographs, boxes are drawn in an empty room with a horizon and a grid of headings.
+The panorama alone, with links to objects and moves, is for a person who plays an episode. Without
+photographs, boxes are drawn in an empty room with a horizon and a grid of headings.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from reverie_eval.reporting._answer_views import (
     directions_of,
     span_of,
 )
+from reverie_eval.reporting._skyboxes import Skybox
 from reverie_eval.reporting.resources import text_of
 
 ANSWER_STYLE = text_of("shared/answer.css")
@@ -35,10 +37,11 @@ _SCALE = WIDTH / VIEW_WIDTH
 _GAP = 8
 _DEGREE = WIDTH / 360
 """Units of the page per degree of the panorama."""
-HIGHEST = 60
+_HIGHEST = 60
 """Degrees above and below the horizon that views show."""
-STRIP_HEIGHT = 2 * HIGHEST * _DEGREE
-TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
+_STRIP_HEIGHT = 2 * _HIGHEST * _DEGREE
+_TICKS_HEIGHT, _TICK_MARGIN, _ROLE_MARGIN = 16, 13, 22
+_WAY_RADIUS = 4
 _STEP = 30
 """Degrees between the lines of the grid."""
 _LETTER: Mapping[str, float] = MappingProxyType({"other": 6.4, "target": 8.3, "answer": 8.3})
@@ -51,6 +54,28 @@ _MIN_DEPTH = 0.05
 """Directions whose depth is less than this fraction of their length are clipped."""
 
 Role = Literal["other", "target", "answer"]
+
+
+class ObjectLink(NamedTuple):
+    """An object, and the address to which its link leads."""
+
+    seen: VisibleObject
+    name: str
+    """Shown above it."""
+    label: str
+    """Distinguishes it from other objects of the same name."""
+    href: str
+
+
+class WayLink(NamedTuple):
+    """A viewpoint that the person can move to, and the address to which its link leads."""
+
+    heading: float
+    """Degrees."""
+    elevation: float
+    """Degrees."""
+    label: str
+    href: str
 
 
 def answer_svg(shown: AnswerView, number: int = 1) -> str:
@@ -69,7 +94,7 @@ def answer_picture(shown: AnswerView) -> str:
 
 def _draw(shown: AnswerView, kind: str, attributes: str = "", style: str = "") -> str:
     top = 0 if shown.view is None else HEIGHT + _GAP
-    height = top + STRIP_HEIGHT + TICKS_HEIGHT
+    height = top + _STRIP_HEIGHT + _TICKS_HEIGHT
     return "".join(
         [
             f'<svg class="{kind}" role="img" viewBox="0 0 {WIDTH} {height:.0f}"{attributes}>',
@@ -79,6 +104,31 @@ def _draw(shown: AnswerView, kind: str, attributes: str = "", style: str = "") -
             f'<g transform="translate(0 {top})">',
             *_panorama(shown),
             "</g></svg>",
+        ]
+    )
+
+
+def panorama_svg(
+    objects: Sequence[ObjectLink],
+    ways: Sequence[WayLink],
+    heading: float,
+    skybox: Skybox | None = None,
+) -> str:
+    """Draw a panorama with links, to play an episode, for a page that includes ``ANSWER_STYLE``.
+
+    ``heading``, in degrees, is in the middle; ``skybox`` has the photographs, if there are any.
+    """
+    height = _STRIP_HEIGHT + _TICKS_HEIGHT
+    photograph = skybox.panorama(heading, _HIGHEST) if skybox else ""
+    title = f"Panorama, with heading {heading % 360:.0f}° in the middle"
+    return "".join(
+        [
+            f'<svg class="answer-view panorama" viewBox="0 0 {WIDTH} {height:.0f}">',
+            f"<title>{escape(title)}</title>",
+            *_grid(heading, photograph),
+            *(element for link in objects for element in _object_link(link, heading)),
+            *(element for link in ways for element in _way_link(link, heading)),
+            "</svg>",
         ]
     )
 
@@ -193,7 +243,7 @@ def _named_boxes(shown: AnswerView, view: int) -> Iterator[tuple[Role, str, Floa
 def _panorama(shown: AnswerView) -> Iterator[str]:
     """Draw everything that is visible from the viewpoint, with the view in the middle."""
     middle = 180.0 if shown.heading is None else float(np.rad2deg(shown.heading))
-    yield from panorama_grid(middle, shown.skybox.panorama(middle, HIGHEST) if shown.skybox else "")
+    yield from _grid(middle, shown.skybox.panorama(middle, _HIGHEST) if shown.skybox else "")
     spans: list[tuple[Role, Span, str]] = [
         (role, span_of(each), each.name) for role, each in _outlined(shown)
     ]
@@ -201,37 +251,37 @@ def _panorama(shown: AnswerView) -> Iterator[str]:
         span = box_span(shown.box.xywh[None], shown.box.camera[None])
         spans.append(("answer", span, "predicted box"))
     # Cameras may look farther up and down than views; boxes in their pictures are clipped here.
-    yield f'<svg width="{WIDTH}" height="{STRIP_HEIGHT:.1f}">'
+    yield f'<svg width="{WIDTH}" height="{_STRIP_HEIGHT:.1f}">'
     for role, span, title in spans:
-        yield from on_panorama(role, span, middle, title)
+        yield from _on_panorama(role, span, middle, title)
     for role, span, _ in spans:
         yield from _role_label(role, span, middle)
     if shown.view is not None:
         picture = np.array([0, 0, VIEW_WIDTH, VIEW_HEIGHT])
         camera = view_angles(np.array([shown.view]))[0]
         around = np.rad2deg(angles_of(directions_of(picture, camera)))
-        yield _polygon("frame", strip_place(around, middle), "the view above")
+        yield _polygon("frame", _place(around, middle), "the view above")
     yield "</svg>"
 
 
-def panorama_grid(middle: float, photograph: str = "") -> Iterator[str]:
+def _grid(middle: float, photograph: str = "") -> Iterator[str]:
     """Draw a photograph, or an empty room, with lines every 30 degrees and the headings below."""
-    yield _background(photograph, STRIP_HEIGHT, STRIP_HEIGHT / 2)
+    yield _background(photograph, _STRIP_HEIGHT, _STRIP_HEIGHT / 2)
     angles = np.array([(heading, 0.0) for heading in range(0, 360, _STEP)])
-    across = strip_place(angles, middle)[:, 0].tolist()
-    lines = [f"M{x:.1f} 0V{STRIP_HEIGHT:.1f}" for x in across]
-    lines += [f"M0 {(HIGHEST - elevation) * _DEGREE:.1f}H{WIDTH}" for elevation in (-_STEP, _STEP)]
+    across = _place(angles, middle)[:, 0].tolist()
+    lines = [f"M{x:.1f} 0V{_STRIP_HEIGHT:.1f}" for x in across]
+    lines += [f"M0 {(_HIGHEST - elevation) * _DEGREE:.1f}H{WIDTH}" for elevation in (-_STEP, _STEP)]
     yield f'<path class="grid" d="{"".join(lines)}"/>'
     for heading, x in zip(range(0, 360, _STEP), across, strict=True):
         if _TICK_MARGIN <= x <= WIDTH - _TICK_MARGIN:
-            yield _text("tick", x, STRIP_HEIGHT + 12, f"{heading}°")
+            yield _text("tick", x, _STRIP_HEIGHT + 12, f"{heading}°")
 
 
-def on_panorama(role: Role, span: Span, middle: float, title: str) -> Iterator[str]:
+def _on_panorama(role: Role, span: Span, middle: float, title: str) -> Iterator[str]:
     """Draw a part of the panorama, twice if it crosses an end of the panorama."""
-    x, _ = strip_place(np.array([span.heading, 0.0]), middle)
+    x, _ = _place(np.array([span.heading, 0.0]), middle)
     left, right = x + span.left * _DEGREE, x + span.right * _DEGREE
-    top, height = (HIGHEST - span.high) * _DEGREE, (span.high - span.low) * _DEGREE
+    top, height = (_HIGHEST - span.high) * _DEGREE, (span.high - span.low) * _DEGREE
     for shift in (-WIDTH, 0, WIDTH):
         if left + shift < WIDTH and right + shift > 0:
             yield _rect(role, np.array([left + shift, top, right - left, height]), title)
@@ -241,18 +291,33 @@ def _role_label(role: Role, span: Span, middle: float) -> Iterator[str]:
     """Name the target above its place in the panorama, and the answer below."""
     if role == "other":
         return
-    x, _ = strip_place(np.array([span.middle, 0.0]), middle)
-    above, below = (HIGHEST - span.high) * _DEGREE - 3, (HIGHEST - span.low) * _DEGREE + 11
-    y = max(above, 10) if role == "target" else min(below, STRIP_HEIGHT - 3)
+    x, _ = _place(np.array([span.middle, 0.0]), middle)
+    above, below = (_HIGHEST - span.high) * _DEGREE - 3, (_HIGHEST - span.low) * _DEGREE + 11
+    y = max(above, 10) if role == "target" else min(below, _STRIP_HEIGHT - 3)
     x = min(max(x, _ROLE_MARGIN), WIDTH - _ROLE_MARGIN)
     yield _text(f"label role {role}", x, y, role)
 
 
-def strip_place(angles: FloatArray, middle: float) -> FloatArray:
+def _place(angles: FloatArray, middle: float) -> FloatArray:
     """Return where headings and elevations, degrees, shape (..., 2), are on the panorama."""
     offset = np.mod(angles[..., 0] - middle + 180, 360) - 180
-    x, y = WIDTH / 2 + offset * _DEGREE, (HIGHEST - angles[..., 1]) * _DEGREE
+    x, y = WIDTH / 2 + offset * _DEGREE, (_HIGHEST - angles[..., 1]) * _DEGREE
     return np.stack([x, y], axis=-1)
+
+
+def _object_link(link: ObjectLink, middle: float) -> Iterator[str]:
+    span = span_of(link.seen)
+    x, y = _place(np.array([span.middle, span.high]), middle)
+    yield f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}">'
+    yield from _on_panorama("other", span, middle, link.label)
+    yield f'<text class="name" x="{x:.1f}" y="{max(y - 1, 5):.1f}">{escape(link.name)}</text></a>'
+
+
+def _way_link(link: WayLink, middle: float) -> Iterator[str]:
+    x, y = _place(np.array([link.heading, link.elevation]), middle)
+    place = f'cx="{x:.1f}" cy="{y:.1f}" r="{_WAY_RADIUS}"'
+    yield f'<a href="{escape(link.href)}" aria-label="{escape(link.label)}">'
+    yield f'<circle class="way" {place}><title>{escape(link.label)}</title></circle></a>'
 
 
 # Elements.

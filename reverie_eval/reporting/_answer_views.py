@@ -114,13 +114,9 @@ class AnswerView:
 def answer_views(episodes: Mapping[str, Episode]) -> Sequence[tuple[str, AnswerView]]:
     """Show the answers of submissions to an episode from their stops.
 
-    The last picture shows the target from the end of the annotated path, under an empty name,
-    unless it is visible from every stop.
-
-    Parameters
-    ----------
-    episodes : mapping of Episode
-        The same episode, by the names of the submissions.
+    ``episodes`` has the same episode, by the names of the submissions. The last picture shows the
+    target from the end of the annotated path, under an empty name, unless it is visible from every
+    stop.
     """
     views = [(name, AnswerView.at_stop(episode)) for name, episode in episodes.items()]
     if all(view.target for _, view in views):
@@ -162,12 +158,7 @@ def span_of(seen: VisibleObject) -> Span:
 def box_span(xywh: Array, camera: FloatArray) -> Span:
     """Return the part of the panorama that boxes take up together.
 
-    Parameters
-    ----------
-    xywh : float or int array of shape (n, 4)
-        Left, top, width and height in pixels of each camera's picture.
-    camera : float array of shape (n, 2)
-        Heading and elevation, radians.
+    Boxes and cameras are those of :func:`directions_of`, in arrays of shape (n, 4) and (n, 2).
     """
     directions = np.concatenate([directions_of(*each) for each in zip(xywh, camera, strict=True)])
     heading, elevation = np.rad2deg(angles_of(directions)).T

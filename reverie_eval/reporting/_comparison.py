@@ -1,7 +1,7 @@
 """A comparison of submissions: scores, differences, and a sentence for each."""
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from reverie_eval.reporting._table import (
     fits,
     latex_comments,
     markdown_text,
+    metric_cells,
     print_lines,
     print_table,
 )
@@ -65,12 +66,8 @@ def comparison_table(comparison: Comparison) -> Table:
 
 def _pair_table(comparison: Comparison) -> Table:
     """Return the scores, a row per submission, and below them the differences from the first."""
-    scored = {key for scores in comparison.scores.values() for key in scores}
-    metrics = _headline(comparison, scored)
-    scores = [
-        [name, *(m.display(scores[m.key]) if m.key in scores else MISSING for m in metrics)]
-        for name, scores in comparison.scores.items()
-    ]
+    metrics = _headline(comparison)
+    scores = [[name, *metric_cells(metrics, each)] for name, each in comparison.scores.items()]
     differences = [row for name in comparison for row in _rows(comparison, name, metrics)]
     headings = ["", *(metric.heading for metric in metrics)]
     return Table(headings, [*scores, *differences], frozenset({0}), task=_task(comparison))
@@ -81,19 +78,13 @@ def _ranked_table(comparison: Comparison, *, is_narrow: bool = False) -> Table:
 
     The narrow table has no other metrics.
     """
-    scored = {key for scores in comparison.scores.values() for key in scores}
     primary = _ranking_metric(comparison)
-    metrics = _headline(comparison, scored)
-    shown = [primary] if is_narrow else metrics
+    shown = [primary] if is_narrow else _headline(comparison)
     ranked = sorted(
         comparison.scores.items(), key=lambda each: -each[1].get(primary.key, -math.inf)
     )
     rows = [
-        [
-            name,
-            *(m.display(scores[m.key]) if m.key in scores else MISSING for m in shown),
-            *_difference_cells(comparison, name, primary),
-        ]
+        [name, *metric_cells(shown, scores), *_difference_cells(comparison, name, primary)]
         for name, scores in ranked
     ]
     headings = ["", *(m.heading for m in shown), "diff.", "low", "high", "p", "verdict"]
@@ -104,9 +95,9 @@ def _task(comparison: Comparison) -> Task:
     return comparison.scores[comparison.first].ground_truth.task
 
 
-def _headline(comparison: Comparison, scored: Collection[str]) -> Sequence[Metric]:
-    task = _task(comparison)
-    return [task.metric(key) for key in task.headline if key in scored]
+def _headline(comparison: Comparison) -> Sequence[Metric]:
+    scored = {key for scores in comparison.scores.values() for key in scores}
+    return _task(comparison).headline_metrics(scored)
 
 
 def _ranking_metric(comparison: Comparison) -> Metric:

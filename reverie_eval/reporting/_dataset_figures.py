@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from reverie_eval.arrays import FloatArray
 from reverie_eval.dataset import DatasetDescription, Distribution, SplitDescription
-from reverie_eval.dataset._description import of_answers
 from reverie_eval.reporting._charts import bin_edges, count_edges
+from reverie_eval.reporting._description import GOAL_BOXES, GOAL_OBJECTS, PATH_LENGTH, PATH_STEPS
 from reverie_eval.reporting._figure_style import INK, STYLE, split_colour, use_round_ticks
 from reverie_eval.text import count_text
 
@@ -41,33 +41,12 @@ _WORDS = (
     ),
 )
 _GOALS = (
-    _Quantity(
-        "objects at the goal",
-        "visible objects at the goal",
-        "task",
-        of_answers(lambda answers: answers.goal_objects),
-    ),
-    _Quantity(
-        "boxes at the goal",
-        "boxes at the goal, in all views",
-        "task",
-        of_answers(lambda answers: answers.goal_boxes),
-    ),
+    _Quantity("objects at the goal", "visible objects at the goal", "task", GOAL_OBJECTS),
+    _Quantity("boxes at the goal", "boxes at the goal, in all views", "task", GOAL_BOXES),
 )
 _PATHS = (
-    _Quantity(
-        "path steps",
-        "steps of the annotated path",
-        "task",
-        of_answers(lambda answers: answers.path_steps),
-    ),
-    _Quantity(
-        "path length",
-        "length of the annotated path (m)",
-        "task",
-        of_answers(lambda answers: answers.path_length),
-        bin_edges,
-    ),
+    _Quantity("path steps", "steps of the annotated path", "task", PATH_STEPS),
+    _Quantity("path length", "length of the annotated path (m)", "task", PATH_LENGTH, bin_edges),
 )
 
 
@@ -75,12 +54,7 @@ def write_figures(description: DatasetDescription, folder: Path) -> Sequence[Pat
     """Draw the figures into a folder, which is created if it does not exist.
 
     Writes ``words``, ``categories``, ``goals`` and ``paths``, each as SVG and as PNG; only
-    ``words`` if no split has answers.
-
-    Returns
-    -------
-    sequence of Path
-        The files that were written.
+    ``words`` if no split has answers. Returns the files that were written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(dict(STYLE)):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from reverie_eval.dataset import DatasetDescription, Distribution, PaperComparison, SplitDescription
 from reverie_eval.dataset._description import of_answers
-from reverie_eval.reporting._table import MISSING, Table, print_table
+from reverie_eval.reporting._table import Table, cell_of, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -43,7 +43,7 @@ def _tables(description: DatasetDescription) -> Sequence[Table]:
         rows = [row for row in rows if any(value is not None for value in row[1])]
     splits = Table(
         headings=["", *parts],
-        rows=[[label, *(_cell(value, text) for value in values)] for label, values, text in rows],
+        rows=[[label, *(cell_of(value, text) for value in values)] for label, values, text in rows],
         text_columns=frozenset({0}),
     )
     if not description.paper:
@@ -63,7 +63,7 @@ def _compared(comparison: PaperComparison) -> Sequence[str]:
     return [
         comparison.quantity,
         _GROUPS.get(tuple(comparison.splits), ", ".join(comparison.splits)),
-        _cell(comparison.here, _number),
+        cell_of(comparison.here, _number),
         _number(comparison.paper),
         f"without {', '.join(missing)}" if partly else "",
     ]
@@ -82,15 +82,11 @@ def _range(values: Distribution) -> str:
     return "-".join(f"{end:.0f}" if end.is_integer() else f"{end:.1f}" for end in ends)
 
 
-def _cell(value: Any, text: Callable[[Any], str]) -> str:
-    return MISSING if value is None else text(value)
-
-
 _RANGE = "    range"
-_OBJECTS = of_answers(lambda answers: answers.goal_objects)
-_BOXES = of_answers(lambda answers: answers.goal_boxes)
-_STEPS = of_answers(lambda answers: answers.path_steps)
-_LENGTH = of_answers(lambda answers: answers.path_length)
+GOAL_OBJECTS = of_answers(lambda answers: answers.goal_objects)
+GOAL_BOXES = of_answers(lambda answers: answers.goal_boxes)
+PATH_STEPS = of_answers(lambda answers: answers.path_steps)
+PATH_LENGTH = of_answers(lambda answers: answers.path_length)
 _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], str]]] = (
     ("tasks", lambda part: part.tasks, _number),
     ("instructions", lambda part: part.instructions, _number),
@@ -102,13 +98,13 @@ _ROWS: Sequence[tuple[str, Callable[[SplitDescription], Any], Callable[[Any], st
     ("frequent words", lambda part: part.frequent_vocabulary, _number),
     ("target objects", of_answers(lambda answers: answers.target_objects), _number),
     ("target categories", of_answers(lambda answers: answers.target_categories), _number),
-    ("objects at the goal", _OBJECTS, _mean),
-    (_RANGE, _OBJECTS, _range),
-    ("boxes at the goal", _BOXES, _mean),
-    (_RANGE, _BOXES, _range),
-    ("path steps", _STEPS, _mean),
-    (_RANGE, _STEPS, _range),
-    ("path length (m)", _LENGTH, _mean),
-    (_RANGE, _LENGTH, _range),
+    ("objects at the goal", GOAL_OBJECTS, _mean),
+    (_RANGE, GOAL_OBJECTS, _range),
+    ("boxes at the goal", GOAL_BOXES, _mean),
+    (_RANGE, GOAL_BOXES, _range),
+    ("path steps", PATH_STEPS, _mean),
+    (_RANGE, PATH_STEPS, _range),
+    ("path length (m)", PATH_LENGTH, _mean),
+    (_RANGE, PATH_LENGTH, _range),
 )
 """The rows of the table of splits: label, value, and how it is shown."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from reverie_eval.metrics import METRICS
-from reverie_eval.reporting._table import MISSING, Table
+from reverie_eval.reporting._table import MISSING, Table, cell_of
 from reverie_eval.schemas.evidence import (
     EvidenceReport,
     GapReport,
@@ -24,7 +24,7 @@ def teams_table(teams: Iterable[TeamEvidence]) -> Table:
         [
             each.team,
             f"{each.submissions:,}",
-            MISSING if each.median_changed is None else f"{each.median_changed:,.0f}",
+            cell_of(each.median_changed, "{:,.0f}".format),
             *(
                 (MISSING, MISSING, MISSING)
                 if each.spread is None
@@ -79,7 +79,7 @@ def history_table(history: Iterable[SubmissionEvidence]) -> Table:
             f"{each.received_at:%Y-%m-%d %H:%M}",
             each.method,
             each.nearest or MISSING,
-            MISSING if each.changed is None else f"{each.changed:,}",
+            cell_of(each.changed, "{:,}".format),
             *_gap(each.gap),
             f"{each.walks.jumps:,}",
             f"{each.walks.episodes_with_jumps:,}",
@@ -111,4 +111,4 @@ def _gap(gap: GapReport | None) -> tuple[str, str]:
 
 
 def _percent(share: float | None) -> str:
-    return MISSING if share is None else f"{100 * share:.2f}"
+    return cell_of(share, lambda share: f"{100 * share:.2f}")

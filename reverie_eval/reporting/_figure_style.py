@@ -45,13 +45,7 @@ def split_colour(split: str) -> str:
 
 @contextmanager
 def styled_axes(ax: "Axes | None") -> Iterator["Axes"]:
-    """Draw on the given Axes in our style, or on new ones of pyplot, which notebooks show.
-
-    Raises
-    ------
-    ReverieEvalError
-        If matplotlib is not installed.
-    """
+    """Draw on the given Axes in our style, or on new ones of pyplot, which notebooks show."""
     try:
         import matplotlib as mpl
         from matplotlib import pyplot as plt

@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING
 
 from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.reporting._submission import headline_of
-from reverie_eval.reporting._table import MISSING, Table, print_lines, print_table
+from reverie_eval.reporting._table import (
+    MISSING,
+    Table,
+    cell_of,
+    metric_cells,
+    print_lines,
+    print_table,
+)
 from reverie_eval.schemas.service import Leaderboard, LeaderboardRow
 from reverie_eval.text import count_text, printable
 
@@ -46,10 +53,10 @@ def leaderboard_table(board: Leaderboard) -> Table:
     headings = ["rank", "team", "method", *columns, "entries", "published", "notes"]
     rows = [
         [
-            _rank(row),
+            cell_of(row.rank),
             *_names(row),
-            *_values(row, metrics),
-            MISSING if row.submissions is None else str(row.submissions),
+            *metric_cells(metrics, row.scores),
+            cell_of(row.submissions),
             _date(row) or MISSING,
             ", ".join(_row_notes(row)),
         ]
@@ -63,7 +70,10 @@ def narrow_leaderboard_table(board: Leaderboard) -> Table:
     """Return the same table with all text in the last column, which can be wrapped."""
     metrics = _metrics(board)
     headings = ["rank", *(m.heading for m in metrics), "team: method"]
-    rows = [[_rank(row), *_values(row, metrics), _description(row)] for row in _all_rows(board)]
+    rows = [
+        [cell_of(row.rank), *metric_cells(metrics, row.scores), _description(row)]
+        for row in _all_rows(board)
+    ]
     return Table(headings, rows, frozenset({len(headings) - 1}), notes=_board_notes(board))
 
 
@@ -112,10 +122,6 @@ def _metrics(board: Leaderboard) -> Sequence[Metric]:
     return shown
 
 
-def _rank(row: LeaderboardRow) -> str:
-    return MISSING if row.rank is None else str(row.rank)
-
-
 def _date(row: LeaderboardRow) -> str:
     """Return when a result was published, or reported; empty if that is not known."""
     if row.submission_id is None:
@@ -125,10 +131,6 @@ def _date(row: LeaderboardRow) -> str:
 
 def _names(row: LeaderboardRow) -> tuple[str, str]:
     return printable(row.team) or "(anonymous)", printable(row.method.name)
-
-
-def _values(row: LeaderboardRow, metrics: Sequence[Metric]) -> Sequence[str]:
-    return [m.display(row.scores[m.key]) if m.key in row.scores else MISSING for m in metrics]
 
 
 def _row_notes(row: LeaderboardRow) -> Sequence[str]:

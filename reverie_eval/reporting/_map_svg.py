@@ -8,7 +8,7 @@ route, ``data-viewpoint`` the viewpoint. Without a script it shows what the stil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from html import escape
-from itertools import groupby
+from itertools import chain, groupby
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -139,7 +139,23 @@ class _Drawing:
         self._in_sight: BoolArray = (far < _SIGHT).all(axis=1)
 
     def still(self, attributes: str = "", style: str = "") -> str:
-        layers = [
+        shapes = (shape for layer in self._layers() for shape in self._joined(layer))
+        return self._svg("episode-map", shapes, attributes, style)
+
+    def interactive(self) -> str:
+        edges, annotated, *others = (map(self._apart, layer) for layer in self._layers())
+        shapes = [
+            *edges,
+            '<g class="annotation" opacity="0.3">',  # as a group: not darker where pieces meet
+            *annotated,
+            "</g>",
+            *chain.from_iterable(others),
+        ]
+        return self._svg("episode-map walkable", shapes)
+
+    def _layers(self) -> Sequence[Iterator[_Piece]]:
+        """Draw the layers of the map, the lowest first."""
+        return [
             self._edges(),
             self._annotated_path(),
             self._viewpoints(),
@@ -149,23 +165,6 @@ class _Drawing:
             self._ends(),
             self._level_marks(),
         ]
-        shapes = (shape for layer in layers for shape in self._joined(layer))
-        return self._svg("episode-map", shapes, attributes, style)
-
-    def interactive(self) -> str:
-        shapes = [
-            *map(self._apart, self._edges()),
-            '<g class="annotation" opacity="0.3">',  # as a group: not darker where pieces meet
-            *map(self._apart, self._annotated_path()),
-            "</g>",
-            *map(self._apart, self._viewpoints()),
-            *map(self._apart, self._goals()),
-            *map(self._apart, self._sights()),
-            *(self._apart(leg) for route in self._map.routes for leg in self._legs(route)),
-            *map(self._apart, self._ends()),
-            *map(self._apart, self._level_marks()),
-        ]
-        return self._svg("episode-map walkable", shapes)
 
     def _svg(self, kind: str, shapes: Iterable[str], attributes: str = "", style: str = "") -> str:
         metres = self._frame.bar_metres

@@ -139,13 +139,7 @@ class EpisodeMap:
 
     @classmethod
     def of(cls, episodes: Mapping[str, Episode]) -> Self:
-        """Lay out an episode of one or several submissions.
-
-        Parameters
-        ----------
-        episodes : mapping of Episode
-            The same episode, by the names of the submissions.
-        """
+        """Lay out the same episode of one or several submissions, by their names."""
         first, *_ = episodes.values()
         graph = first.graph
         rows = np.flatnonzero(graph.viewpoint_scan == graph.scan_ids.index(first.scan))
@@ -349,17 +343,8 @@ def find_storeys(height: FloatArray) -> IntArray:
     """Assign the viewpoints of a scan to storeys by their heights.
 
     The dataset does not name storeys. A height shared by several viewpoints is a storey; a
-    viewpoint between two storeys, on stairs, belongs to the nearer one.
-
-    Parameters
-    ----------
-    height : array, shape (n_viewpoints,)
-        Metres.
-
-    Returns
-    -------
-    array of int, shape (n_viewpoints,)
-        0 is the lowest.
+    viewpoint between two storeys, on stairs, belongs to the nearer one. Heights are in metres, and
+    the lowest storey is 0; both have the shape (n_viewpoints,).
 
     Examples
     --------

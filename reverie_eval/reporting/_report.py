@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
 from reverie_eval.analysis import (
     Comparison,
     Episode,
@@ -85,8 +87,6 @@ def report_html(scores: Mapping[str, Scores], cluster: Clustering = "target") ->
         If the two submissions cannot be compared, there are not one or two of them, or a name is
         not text.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     check_names(scores)
     if len(scores) not in (1, 2):
         raise ProtocolError(f"a report is about one submission or two; got {len(scores)}")

@@ -11,9 +11,8 @@ import numpy as np
 from reverie_eval.analysis import GROUPINGS, Grouping
 from reverie_eval.errors import GroundTruthError, ProtocolError
 from reverie_eval.metrics import METRICS, Metric
-from reverie_eval.reporting._charts import Histogram, Walks
-from reverie_eval.reporting._charts_svg import histogram_svg, walks_svg
-from reverie_eval.reporting._table import MISSING
+from reverie_eval.reporting._charts import Histogram, Walks, histogram_svg, walks_svg
+from reverie_eval.reporting._table import metric_cell
 from reverie_eval.reporting.resources import as_markup
 from reverie_eval.scoring import OUTCOMES, Scores
 from reverie_eval.text import count_text
@@ -119,22 +118,18 @@ class Chart:
 
 def score_rows(scores: Submissions) -> Mapping[str, Sequence[ScoreCell]]:
     """Return the headline metrics of every submission."""
-    rows: dict[str, list[ScoreCell]] = {name: [] for name in scores}
     metrics = list(dict.fromkeys(metric for each in scores.values() for metric in each.headline))
-    for name, each in scores.items():
-        primary = each.ground_truth.task.primary_metric(each.keys())
-        for metric in metrics:
-            if metric.key not in each:
-                rows[name].append(ScoreCell(metric, MISSING, "", is_primary=False))
-                continue
-            interval = each.intervals and each.intervals.get(metric.key)
-            ends = [interval.low, interval.high] if interval else []
-            value, between = (
-                metric.display(each[metric.key]),
-                " to ".join(map(metric.display, ends)),
-            )
-            rows[name].append(ScoreCell(metric, value, between, metric == primary))
-    return rows
+    return {
+        name: [_score_cell(metric, each) for metric in metrics] for name, each in scores.items()
+    }
+
+
+def _score_cell(metric: Metric, scores: Scores) -> ScoreCell:
+    interval = scores.intervals and scores.intervals.get(metric.key)
+    ends = [interval.low, interval.high] if interval else []
+    between = " to ".join(map(metric.display, ends))
+    is_primary = metric == scores.ground_truth.task.primary_metric(scores.keys())
+    return ScoreCell(metric, metric_cell(metric, scores), between, is_primary)
 
 
 def shared_primary(scores: Submissions) -> Metric:
@@ -230,10 +225,7 @@ def goal_reached_notes(scores: Submissions) -> Sequence[str]:
 def breakdowns(scores: Submissions) -> tuple[Sequence[Breakdown], Sequence[str]]:
     """Score groups of episodes by every grouping but the scan.
 
-    Returns
-    -------
-    breakdowns, notes
-        Groupings with a single group are left out; for any other that is missing, a note says why.
+    Groupings with a single group are left out; for any other that is missing, a note says why.
     """
     tables, notes = [], []
     for grouping in GROUPINGS.values():

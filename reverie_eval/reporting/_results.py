@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from reverie_eval.analysis import Method, Runs
 from reverie_eval.errors import ProtocolError
 from reverie_eval.metrics import METRICS, Metric
-from reverie_eval.reporting._table import MISSING, Bold, Table
+from reverie_eval.reporting._table import MISSING, Bold, Table, metric_cell
 
 _COLUMNS = ("success", "oracle_success", "spl", "path_length", "rgs", "rgspl")
 
@@ -72,16 +72,8 @@ def methods_table(
 ) -> Table:
     """Return a table with a row per method and the same metrics for each group of columns.
 
-    Parameters
-    ----------
-    methods : mapping
-        By the name of the method: for each group its values by metric key.
-    groups : sequence of str
-        The headings of the groups.
-    metrics : sequence of Metric
-        The columns of each group.
-    caption : str
-        What the numbers depend on, so that a reader can reproduce them.
+    ``methods`` has, by the name of the method, for each group its values by metric key; the caption
+    says what the numbers depend on, so that a reader can reproduce them.
     """
     columns = [
         _column(metric, [groups_of_one[number] for groups_of_one in methods.values()])
@@ -118,7 +110,7 @@ def _half_width(metric: Metric, values: Mapping[str, float]) -> str:
 
 
 def _means(metric: Metric, values: Sequence[Mapping[str, float]]) -> Sequence[str]:
-    cells = [metric.display(it[metric.key]) if metric.key in it else MISSING for it in values]
+    cells = [metric_cell(metric, it) for it in values]
     shown = [float(cell) for cell in cells if cell != MISSING]
     if metric.better == "neither" or len(shown) < 2:
         return cells

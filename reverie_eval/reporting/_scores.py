@@ -1,24 +1,35 @@
-"""Scores as a table, in each of the formats of ``--format``, and the values of every episode."""
+"""Scores of a file, of several files, and of several runs, as tables in each of the formats."""
 
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
-from reverie_eval.metrics import Metric
-from reverie_eval.reporting._table import MARK, MISSING, Table, print_table
+from reverie_eval.analysis import GROUPINGS, Runs
+from reverie_eval.metrics import METRICS, Metric
+from reverie_eval.reporting._results import results_table
+from reverie_eval.reporting._table import (
+    MARK,
+    MISSING,
+    Table,
+    cell_of,
+    metric_cell,
+    metric_cells,
+)
 from reverie_eval.scoring import Evaluator, ScoredFiles, Scores, scored_metrics
 from reverie_eval.submissions import submission_names
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-
 _WATCH_WIDTH = 7
 """Characters in a column, such as ``RGSPL %`` and ``100.00``."""
+_DUE_TO_RUNS = (
+    "due to runs: the part of the mean's variance that more runs would reduce; the rest is due to "
+    "the choice of episodes"
+)
+_Row = tuple[str, Callable[[Metric], float], Callable[[Metric, float], str]]
+"""A row's name, its value for a metric, and how the value is shown."""
 
 
 def score_table(results: Sequence[Scores]) -> Table:
@@ -50,20 +61,13 @@ def score_table(results: Sequence[Scores]) -> Table:
     )
 
 
-def print_scores(console: "Console", results: Sequence[Scores]) -> None:
-    """Print the score table on a terminal, with the metrics below each other if it is narrow."""
-    table = score_table(results)
-    print_table(console, table, table.stacked())
-
-
 def scores_csv(results: Sequence[Scores]) -> str:
     """Return a row per protocol: every metric by its key, unrounded, and the signature."""
     has_intervals = results[0].intervals is not None
     metrics = results[0].ground_truth.task.metrics
     bounds = [f"{key}_{end}" for key in metrics for end in ("low", "high")] * has_intervals
     keys = [*metrics, *bounds]
-    values = [(scores.to_dict(), scores.signature) for scores in results]
-    rows = [[*(str(row.get(key, "")) for key in keys), signature] for row, signature in values]
+    rows = [_unrounded([], keys, each.to_dict(), each.signature) for each in results]
     return Table([*keys, "signature"], rows).to_csv()
 
 
@@ -73,28 +77,12 @@ def scores_json(results: Sequence[Scores]) -> str:
     return reports[0] if len(reports) == 1 else "[\n" + ",\n".join(reports) + "\n]"
 
 
-FORMATS: Mapping[str, Callable[[Sequence[Scores]], str]] = MappingProxyType(
-    {
-        "table": lambda results: score_table(results).to_text(),
-        "json": scores_json,
-        "csv": scores_csv,
-        "markdown": lambda results: score_table(results).to_markdown(),
-        "latex": lambda results: score_table(results).to_latex(),
-    }
-)
-"""What ``--format`` offers."""
-
-
 def ranking_table(scored: ScoredFiles) -> Table:
     """Return a row per file, best first, named by the part of its path that identifies it."""
     first = next(iter(scored.values()))
     names = dict(zip(scored, submission_names(list(scored)), strict=True))
     rows = [
-        [
-            MISSING if rank is None else str(rank),
-            names[path],
-            *(_cell(metric, scored[path]) for metric in scored.metrics),
-        ]
+        [cell_of(rank), names[path], *metric_cells(scored.metrics, scored[path])]
         for path, rank in scored.ranks.items()
     ]
     return Table(
@@ -110,23 +98,11 @@ def ranking_table(scored: ScoredFiles) -> Table:
     )
 
 
-def print_ranking(console: "Console", scored: ScoredFiles) -> None:
-    """Print the ranking on a terminal."""
-    print_table(console, ranking_table(scored))
-
-
 def ranking_csv(scored: ScoredFiles) -> str:
     """Return a row per file, best first: every metric by its key, unrounded, and the signature."""
-    first = next(iter(scored.values()))
-    keys = first.ground_truth.task.metrics
+    keys = next(iter(scored.values())).ground_truth.task.metrics
     rows = [
-        [
-            path,
-            scores.split,
-            scores.protocol.name,
-            *(str(scores.get(key, "")) for key in keys),
-            scores.signature,
-        ]
+        _unrounded([path, scores.split, scores.protocol.name], keys, scores, scores.signature)
         for path, scores in scored.items()
     ]
     return Table(["file", "split", "protocol", *keys, "signature"], rows).to_csv()
@@ -141,16 +117,77 @@ def ranking_json(scored: ScoredFiles) -> str:
     return "{\n" + ",\n".join(reports) + "\n}"
 
 
-RANKING_FORMATS: Mapping[str, Callable[[ScoredFiles], str]] = MappingProxyType(
-    {
-        "table": lambda scored: ranking_table(scored).to_text(),
-        "json": ranking_json,
-        "csv": ranking_csv,
-        "markdown": lambda scored: ranking_table(scored).to_markdown(),
-        "latex": lambda scored: ranking_table(scored).to_latex(),
-    }
+def runs_table(runs: Runs) -> Table:
+    """Return a row per run, and below them the mean, its interval and its variance."""
+    metrics = runs.ground_truth.task.table_metrics(runs.keys())
+    shown = [m for m in metrics if m.key in runs]
+    each_run = [[name, *metric_cells(shown, scores)] for name, scores in runs.runs.items()]
+    summary = [
+        [name, *(text(m, value(m)) for m in shown)] for name, value, text in _rows_below(runs)
+    ]
+    return Table(
+        headings=["", *(m.heading for m in shown)],
+        rows=[*each_run, [""] * (1 + len(shown)), *summary],
+        text_columns=frozenset({0}),
+        notes=[
+            runs.signature,
+            runs.intervals.caption,
+            _DUE_TO_RUNS,
+            f"ground truth: {runs.ground_truth.provenance}",
+            *(f"note on {note}" for note in runs.notes),
+        ],
+        task=runs.ground_truth.task,
+    )
+
+
+def runs_csv(runs: Runs) -> str:
+    """Return the same rows as CSV: every metric by its key, unrounded, and the signature."""
+    keys = runs.ground_truth.task.metrics
+    summary = [
+        (name, {key: value(METRICS[key]) for key in keys if key in runs})
+        for name, value, _ in _rows_below(runs)
+    ]
+    named: list[tuple[str, Mapping[str, float]]] = [*runs.runs.items(), *summary]
+    rows = [_unrounded([name], keys, values, runs.signature) for name, values in named]
+    return Table(["run", *keys, "signature"], rows).to_csv()
+
+
+def _unrounded(
+    names: Sequence[str], keys: Iterable[str], values: Mapping[str, float], signature: str
+) -> Sequence[str]:
+    """Return a row of CSV, with nothing where a value is missing."""
+    return [*names, *(str(values.get(key, "")) for key in keys), signature]
+
+
+def _formats(
+    table: Callable[..., Table],
+    json_text: Callable[..., str],
+    csv: Callable[..., str],
+    paper: Callable[..., Table] | None = None,
+) -> Mapping[str, Callable[..., str]]:
+    """Return the formats of a table; LaTeX may have another one, as papers show it."""
+    return MappingProxyType(
+        {
+            "table": lambda *of: table(*of).to_text(),
+            "json": json_text,
+            "csv": csv,
+            "markdown": lambda *of: table(*of).to_markdown(),
+            "latex": lambda *of: (paper or table)(*of).to_latex(),
+        }
+    )
+
+
+FORMATS = _formats(score_table, scores_json, scores_csv)
+"""What ``--format`` offers, by name, for the scores of a file by one or several protocols."""
+RANKING_FORMATS = _formats(ranking_table, ranking_json, ranking_csv)
+"""What it offers for several files."""
+RUNS_FORMATS = _formats(
+    lambda _, runs: runs_table(runs),
+    lambda _, runs: runs.to_report().model_dump_json(indent=2),
+    lambda _, runs: runs_csv(runs),
+    lambda name, runs: results_table({name: runs}),
 )
-"""What ``--format`` offers for several files."""
+"""What it offers for the runs of a method, given its name."""
 
 
 def watch_heading(evaluator: Evaluator) -> str:
@@ -161,8 +198,8 @@ def watch_heading(evaluator: Evaluator) -> str:
 
 def watch_line(path: str, scores: Scores, evaluator: Evaluator) -> str:
     """Return a file's scores in a line, its path last so that the columns stay in line."""
-    cells = (_cell(metric, scores).rjust(_WATCH_WIDTH) for metric in _watched_metrics(evaluator))
-    return "  ".join([*cells, path])
+    cells = metric_cells(_watched_metrics(evaluator), scores)
+    return "  ".join([*(cell.rjust(_WATCH_WIDTH) for cell in cells), path])
 
 
 def _watched_metrics(evaluator: Evaluator) -> Sequence[Metric]:
@@ -198,8 +235,6 @@ def episode_table(scores: Scores) -> Table:
 
 def episodes_json(scores: Scores) -> str:
     """Return every metric of every episode as JSON, unrounded, with the signature."""
-    import json
-
     columns = _columns(scores)
     episodes = [
         dict(zip(("instr_id", *columns), row, strict=True))
@@ -216,6 +251,20 @@ def _columns(scores: Scores) -> dict[str, Sequence[Any]]:
     }
 
 
+def _rows_below(runs: Runs) -> Iterator[_Row]:
+    """Yield the rows below those of the runs."""
+    intervals, display = runs.intervals, Metric.display
+    yield "mean", lambda metric: runs[metric.key], display
+    yield f"{intervals.label} low", lambda metric: intervals[metric.key].low, display
+    yield f"{intervals.label} high", lambda metric: intervals[metric.key].high, display
+    yield "standard deviation", lambda metric: runs.deviation(metric.key), display
+    yield "due to runs", lambda metric: intervals.run_shares[metric.key], _percent
+
+
+def _percent(_: Metric, share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
 def _rows(scores: Scores, first: Scores, metrics: Sequence[Metric]) -> Iterator[Sequence[str]]:
     """Yield the named row of the means and, if there are intervals, those of their bounds."""
     yield [_name(scores), *(_mean(metric, scores, first) for metric in metrics)]
@@ -223,10 +272,7 @@ def _rows(scores: Scores, first: Scores, metrics: Sequence[Metric]) -> Iterator[
         return
     for end in ("low", "high"):
         bounds = [getattr(scores.intervals.get(metric.key), end, None) for metric in metrics]
-        cells = [
-            MISSING if bound is None else metric.display(bound)
-            for metric, bound in zip(metrics, bounds, strict=True)
-        ]
+        cells = (cell_of(bound, it.display) for it, bound in zip(metrics, bounds, strict=True))
         yield [f"{scores.intervals.label} {end}", *cells]
 
 
@@ -234,8 +280,6 @@ def _language_rows(scores: Scores, metrics: Sequence[Metric]) -> Iterator[Sequen
     """Yield an empty row and the means over the instructions of each language, if it has some."""
     if not scores.ground_truth.episodes.languages:
         return
-    from reverie_eval.analysis import GROUPINGS  # other tasks do not need it
-
     grouping = GROUPINGS["language"]
     slices = [{group, *grouping.wider(group)} for group in grouping.groups(scores)]
     _, *languages = grouping.order  # all of them are the rows above
@@ -249,20 +293,14 @@ def _language_rows(scores: Scores, metrics: Sequence[Metric]) -> Iterator[Sequen
 
 
 def _mean(metric: Metric, scores: Scores, first: Scores) -> str:
-    if metric.key not in scores:
-        return MISSING
-    value, reference = metric.display(scores[metric.key]), metric.display(first[metric.key])
-    return value if value == reference else value + MARK
+    value = metric_cell(metric, scores)
+    return value if value in (MISSING, metric_cell(metric, first)) else value + MARK
 
 
 def _notes(results: Sequence[Scores]) -> Iterable[str]:
     """Return each note once; notes on other readings than the first result's would be ambiguous."""
     alike = (scores for scores in results if scores.qualifier == results[0].qualifier)
     return dict.fromkeys(note for scores in alike for note in scores.notes)
-
-
-def _cell(metric: Metric, scores: Scores) -> str:
-    return metric.display(scores[metric.key]) if metric.key in scores else MISSING
 
 
 def _notes_of_files(scored: ScoredFiles, names: Mapping[str, str]) -> Iterator[str]:

@@ -56,12 +56,8 @@ class Skybox(NamedTuple):
     def panorama(self, middle: float, highest: float) -> str:
         """Return the panorama as a ``data:`` URL; empty if the file cannot be used.
 
-        Parameters
-        ----------
-        middle : float
-            The heading in the middle, degrees.
-        highest : float
-            The elevation of the upper edge, degrees; the lower one is as far down.
+        The heading ``middle`` is in the middle; the upper edge has the elevation ``highest``, and
+        the lower one is as far down. Both are degrees.
         """
         columns = round(_SHRINK * WIDTH)
         rows = round(columns * highest / 180)

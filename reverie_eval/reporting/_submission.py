@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from reverie_eval.errors import ProtocolError
 from reverie_eval.ground_truth import DEMO_DATASET
 from reverie_eval.metrics import METRICS, Metric
-from reverie_eval.reporting._table import MISSING, Table
+from reverie_eval.reporting._table import MISSING, Table, cell_of, metric_cell, metric_cells
 from reverie_eval.schemas.report import ScoreReport
 from reverie_eval.schemas.service import QuotaReport, Receipt, Snapshot, SubmissionReport
 from reverie_eval.scoring import task_of
@@ -48,14 +48,7 @@ def submission_table(report: ScoreReport, server: str) -> Table:
     notes = [report.signature, f"ground truth: {provenance}", *map("note: {}".format, report.notes)]
     return Table(
         headings=[metric.heading for metric in metrics],
-        rows=[
-            [
-                metric.display(report.scores[metric.key])
-                if metric.key in report.scores
-                else MISSING
-                for metric in metrics
-            ]
-        ],
+        rows=[metric_cells(metrics, report.scores)],
         notes=list(map(printable, notes)),
     )
 
@@ -124,8 +117,6 @@ def snapshot_lines(snapshot: Snapshot) -> Iterator[str]:
     yield printable(f"proven: the server's leaderboard of {snapshot.split} {state}")
     metric = METRICS.get(board.metric)
     for row in board.rows:
-        rank = MISSING if row.rank is None else str(row.rank)
-        value = row.scores.get(board.metric)
-        score = MISSING if metric is None or value is None else metric.display(value)
+        rank, score = cell_of(row.rank), metric_cell(metric, row.scores) if metric else MISSING
         yield printable(f"  {rank:>3}  {score:>6}  {row.method.name}, {row.team or 'anonymous'}")
     yield printable(board.signature)

@@ -10,15 +10,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
-from reverie_eval.metrics import METRICS
+from reverie_eval.metrics import METRICS, Metric
 from reverie_eval.tasks import DEFAULT_TASK, Task, find_task
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table as RichTable
 
+
+T = TypeVar("T")
 
 MISSING = "-"
 """Shown in place of a missing value."""
@@ -315,6 +317,24 @@ def _meanings(task: Task) -> Mapping[str, str]:
 def _html_heading(heading: str, meaning: str | None) -> str:
     title = f' title="{_html_text(meaning)}"' if meaning else ""
     return f"<th{title}>{_html_text(heading)}</th>"
+
+
+# Cells.
+
+
+def cell_of(value: T | None, text: Callable[[T], str] = str) -> str:
+    """Return a value that may be missing as a cell."""
+    return MISSING if value is None else text(value)
+
+
+def metric_cell(metric: Metric, values: Mapping[str, float]) -> str:
+    """Return a metric's value as a cell, given the values by the keys of their metrics."""
+    return cell_of(values.get(metric.key), metric.display)
+
+
+def metric_cells(metrics: Iterable[Metric], values: Mapping[str, float]) -> Sequence[str]:
+    """Return the cells of several metrics."""
+    return [metric_cell(metric, values) for metric in metrics]
 
 
 # Terminals.

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.released_boxes import main
-from reverie_eval_cli.commands import boxes
+from reverie_eval_cli.commands import dataset
 from tests.conftest import REPOSITORY
 
 LINE = re.compile(r"^(.+?) +([\d,]+) of +([\d,]+) +([\d.]+ %)$", re.MULTILINE)
@@ -29,4 +29,4 @@ def test_the_documented_agreement_is_the_measured_one(
     page = (REPOSITORY / "docs" / "how-to" / "boxes-from-houses.md").read_text()
     assert [row[1:] for row in ROW.findall(page)] == measured
     _, _, missed = measured[2]
-    assert f"{missed} of the boxes there do not contain their object's centre" in boxes._CAVEAT  # noqa: SLF001
+    assert f"{missed} of the boxes there do not contain their object's centre" in dataset._CAVEAT  # noqa: SLF001

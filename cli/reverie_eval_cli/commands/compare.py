@@ -4,47 +4,33 @@ import sys
 from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval import Evaluator, Scores
+from reverie_eval import Scores
 from reverie_eval.analysis import BEST, Method, Runs
-from reverie_eval.scoring import Intervals
+from reverie_eval.scoring import Clustering, Intervals
 from reverie_eval.submissions import find_files, find_runs, submission_names
 from reverie_eval_cli import options
+from reverie_eval_cli.options import ScoringOptions
 from reverie_eval_cli.output import (
     check_outputs,
-    find_truth,
     open_output,
     score_each,
     show,
     write_text,
 )
 
-if TYPE_CHECKING:
-    from reverie_eval.scoring import Clustering, Track
-
 
 @click.command()
-@click.argument(
-    "submissions",
-    metavar="SUBMISSION...",
-    nargs=-1,
-    required=True,
-    type=click.Path(allow_dash=True),
-)
+@options.submissions
 @click.option(
     "--baseline",
     metavar="FILE|best",
     help="What the others are compared with.  [default: the first file; of a folder or a pattern, "
     "the best]",
 )
-@options.split
-@options.ground_truth
-@options.task
-@options.protocol
-@options.track
+@options.scoring
 @options.episodes_from
 @options.cluster
 @options.layout(
@@ -68,13 +54,9 @@ def compare(
     *,
     submissions: Sequence[str],
     baseline: str | None,
-    split: str,
-    ground_truth: str | None,
-    task: str | None,
-    protocol: str,
-    track: "Track",
+    scoring: ScoringOptions,
     episodes_from: Path | None,
-    cluster: "Clustering",
+    cluster: Clustering,
     layout: str,
     output: str | None,
     episodes: str | None,
@@ -95,12 +77,11 @@ def compare(
 
     methods = _methods(submissions)
     files = [file for runs in methods.values() for file in runs]
-    check_outputs([output, episodes], [*files, ground_truth, episodes_from])
+    check_outputs([output, episodes], [*files, scoring.ground_truth, episodes_from])
     if baseline is None and len(methods) > len(submissions):
         baseline = BEST
     name_of = {runs[0]: name for name, runs in methods.items() if len(runs) == 1}
-    truth = find_truth(ground_truth, split, episodes_from, task)
-    evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
+    evaluator = scoring.evaluator(scoring.find(episodes_from))
     scored = iter(score_each(files, evaluator))
     scores = {
         name: _method(list(islice(scored, len(runs))), runs, cluster)
@@ -126,11 +107,7 @@ def compare(
 @click.command()
 @options.submission
 @click.argument("other", required=False, type=click.Path(allow_dash=True))
-@options.split
-@options.ground_truth
-@options.task
-@options.protocol
-@options.track
+@options.scoring
 @options.episodes_from
 @options.cluster
 @options.output("the report")
@@ -138,13 +115,9 @@ def report(
     *,
     submission: str,
     other: str | None,
-    split: str,
-    ground_truth: str | None,
-    task: str | None,
-    protocol: str,
-    track: "Track",
+    scoring: ScoringOptions,
     episodes_from: Path | None,
-    cluster: "Clustering",
+    cluster: Clustering,
     output: str | None,
 ) -> None:
     """Write an HTML report with scores, outcomes and maps.
@@ -154,11 +127,10 @@ def report(
     from reverie_eval.reporting import report_html
 
     submissions = [submission, *filter(None, [other])]
-    check_outputs([output], [*submissions, ground_truth, episodes_from])
+    check_outputs([output], [*submissions, scoring.ground_truth, episodes_from])
     if output is None and sys.stdout.isatty():
         raise click.UsageError("a report is a page for a browser; name its file: -o report.html")
-    truth = find_truth(ground_truth, split, episodes_from, task)
-    evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
+    evaluator = scoring.evaluator(scoring.find(episodes_from))
     scored = score_each(submissions, evaluator)
     scores = dict(zip(submission_names(submissions), scored, strict=True))
     # With too few clusters there are no intervals, and the report says so.
@@ -183,7 +155,7 @@ def _methods(words: Sequence[str]) -> Mapping[str, Sequence[str]]:
     return methods
 
 
-def _method(scores: Sequence[Scores], files: Sequence[str], cluster: "Clustering") -> Method:
+def _method(scores: Sequence[Scores], files: Sequence[str], cluster: Clustering) -> Method:
     """Return the scores of a single file, or those of several runs together."""
     if len(files) == 1:
         return scores[0]

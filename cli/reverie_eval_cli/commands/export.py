@@ -8,17 +8,15 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from reverie_eval import Scores, evaluate
+from reverie_eval import Scores
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.output import check_outputs, find_truth, naming, open_output, show
-
-if TYPE_CHECKING:
-    from reverie_eval.scoring import Track
+from reverie_eval_cli.options import ScoringOptions
+from reverie_eval_cli.output import check_outputs, naming, open_output, show
 
 
 class _Repository(click.ParamType[tuple[str, str]]):
@@ -45,36 +43,17 @@ class _Repository(click.ParamType[tuple[str, str]]):
 def _scored(command: Callable[..., None]) -> Callable[..., None]:
     """Add what scores a submission; the command gets the scores, and the submission's path."""
 
+    @options.submission
+    @options.scoring
     @wraps(command)
-    def with_scores(
-        *,
-        submission: str,
-        split: str,
-        ground_truth: str | None,
-        task: str | None,
-        protocol: str,
-        track: "Track",
-        **others: Any,
-    ) -> None:
-        truth = find_truth(ground_truth, split, None, task)
-        check_outputs([others["output"]], [submission, ground_truth])
+    def with_scores(*, submission: str, scoring: ScoringOptions, **others: Any) -> None:
+        truth = scoring.find()
+        check_outputs([others["output"]], [submission, scoring.ground_truth])
         with naming(submission):
-            scores = evaluate(
-                submission, split=split, ground_truth=truth, protocol=protocol, track=track
-            )
+            scores = scoring.evaluator(truth)(submission)
         command(submission=submission, scores=scores, **others)
 
-    decorated: Callable[..., None] = with_scores
-    for add in (
-        options.track,
-        options.protocol,
-        options.task,
-        options.ground_truth,
-        options.split,
-        options.submission,
-    ):
-        decorated = add(decorated)
-    return decorated
+    return with_scores
 
 
 @click.group(cls=Group)
@@ -95,13 +74,8 @@ def export() -> None:
 @click.option(
     "--instances", is_flag=True, help="Also write the values of each episode of an open split."
 )
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FOLDER",
-    type=options.PATH,
-    help="The root of the collection; files go to data/DATASET/DEVELOPER/NAME/ in it.",
+@options.new_path(
+    "FOLDER", "The root of the collection; files go to data/DATASET/DEVELOPER/NAME/ in it."
 )
 def export_every_eval_ever(
     *,

@@ -4,45 +4,39 @@ from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval.ground_truth import find_ground_truth
-from reverie_eval.scoring import clusters_of
+from reverie_eval.scoring import Clustering, clusters_of
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
+from reverie_eval_cli.options import TruthOptions
 from reverie_eval_cli.output import show
 
 if TYPE_CHECKING:
     from reverie_eval.metrics.power import Design
-    from reverie_eval.scoring import Clustering
 
 _PERCENT = options.Decimal(0, 100, min_open=True)
 
 
 @click.command()
-@options.split
-@options.ground_truth
-@options.task
-@click.option(
+@options.truth
+@options.with_default(
     "--effect",
     metavar="POINTS",
     type=_PERCENT,
     default=2.0,
-    show_default=True,
     help="The true difference in SR or RGS.",
 )
-@click.option(
+@options.with_default(
     "--discordance",
     metavar="PERCENT",
     type=_PERCENT,
     default=50.0,
-    show_default=True,
     help="Episodes that one method gets right and the other wrong.",
 )
-@click.option(
+@options.with_default(
     "--correlation",
     metavar="R",
     type=options.Decimal(0, 1),
     default=0.0,
-    show_default=True,
     help="Correlation of the differences of episodes with the same target.",
 )
 @click.option(
@@ -55,14 +49,12 @@ _PERCENT = options.Decimal(0, 100, min_open=True)
 @options.output("the plan")
 def plan(
     *,
-    split: str,
-    ground_truth: str | None,
-    task: str | None,
+    truth_options: TruthOptions,
     effect: float,
     discordance: float,
     correlation: float,
     run_deviation: float | None,
-    cluster: "Clustering",
+    cluster: Clustering,
     output: str | None,
 ) -> None:
     """Plan a comparison: what a split can show.
@@ -79,11 +71,11 @@ def plan(
             f"the effect ({effect:g} points) is larger than the discordance ({discordance:g} %); "
             "methods cannot differ by more than the episodes in which they differ"
         )
-    truth = find_ground_truth(ground_truth, split, task)
+    truth = truth_options.find()
     design = Design.of(clusters_of(truth, cluster), discordance / 100, correlation)
     clusters = count_text(int(design.n_clusters), cluster)
     assumed = f"discordance {discordance:g} %, correlation {correlation:g}"
-    first = f"{split}: {design.n_episodes:,} episodes, {clusters}; {assumed}"
+    first = f"{truth.split}: {design.n_episodes:,} episodes, {clusters}; {assumed}"
     show(lambda: "\n".join([first, *_rows(design, effect, run_deviation)]), output)
 
 

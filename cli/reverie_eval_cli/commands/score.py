@@ -7,7 +7,6 @@ from contextlib import suppress
 from functools import partial
 from glob import has_magic
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -27,27 +26,35 @@ from reverie_eval.metrics import METRICS
 from reverie_eval.reporting._scores import (
     FORMATS,
     RANKING_FORMATS,
-    print_ranking,
-    print_scores,
+    RUNS_FORMATS,
+    ranking_table,
+    runs_table,
+    score_table,
     watch_heading,
     watch_line,
     write_episodes,
 )
-from reverie_eval.scoring import ALIASES, DEFAULT_PROTOCOL, TABLE_KEYS, Failure, score_files
+from reverie_eval.scoring import (
+    ALIASES,
+    DEFAULT_PROTOCOL,
+    TABLE_KEYS,
+    Clustering,
+    Failure,
+    Track,
+    score_files,
+)
 from reverie_eval.submissions import find_files, find_runs, submission_names, watch_files
 from reverie_eval_cli import options
+from reverie_eval_cli.options import ScoringOptions
 from reverie_eval_cli.output import (
     check_outputs,
-    find_truth,
     naming,
     open_output,
     score_each,
     show,
+    show_table,
     with_progress,
 )
-
-if TYPE_CHECKING:
-    from reverie_eval.scoring import Clustering, Track
 
 _ALL = "all"
 _KEYS = dict.fromkeys(("csv", "json"), frozenset(METRICS))
@@ -57,26 +64,24 @@ _SECONDS_BETWEEN_LOOKS = 1.0
 
 
 @click.command()
-@click.argument(
-    "submissions",
-    metavar="SUBMISSION...",
-    nargs=-1,
-    required=True,
-    type=click.Path(allow_dash=True),
+@options.submissions
+@options.grouped(
+    "scoring",
+    ScoringOptions,
+    options.split,
+    options.ground_truth,
+    options.task,
+    options.with_default(
+        "--protocol",
+        default=DEFAULT_PROTOCOL,
+        metavar="NAME",
+        shell_complete=options.complete_protocol,
+        help=f"The rules to score by: {', '.join(PROTOCOLS)}; "
+        f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; "
+        f"or {_ALL} of them.",
+    ),
+    options.track,
 )
-@options.split
-@options.ground_truth
-@options.task
-@click.option(
-    "--protocol",
-    default=DEFAULT_PROTOCOL,
-    show_default=True,
-    metavar="NAME",
-    shell_complete=options.complete_protocol,
-    help=f"The rules to score by: {', '.join(PROTOCOLS)}; "
-    f"{', '.join(f'{alias} (= {name})' for alias, name in ALIASES.items())}; or {_ALL} of them.",
-)
-@options.track
 @options.episodes_from
 @click.option(
     "--diagnose",
@@ -108,15 +113,11 @@ _SECONDS_BETWEEN_LOOKS = 1.0
 def score(
     *,
     submissions: Sequence[str],
-    split: str,
-    ground_truth: str | None,
-    task: str | None,
-    protocol: str,
-    track: "Track",
+    scoring: ScoringOptions,
     episodes_from: Path | None,
     diagnosed: bool,
     ci: bool,
-    cluster: "Clustering | None",
+    cluster: Clustering | None,
     watch: bool,
     jobs: int | None,
     layout: str,
@@ -129,19 +130,19 @@ def score(
     folder of them, or a pattern ('runs/*/val_unseen.json') give a ranking; several runs of a method
     (ours=seed1.json,seed2.json or ours='seed*.json') their mean. The word `score` may be left out.
     """
-    check_outputs([output, episodes], [*submissions, ground_truth, episodes_from])
-    if diagnosed and (protocol == _ALL or track != "full"):
+    check_outputs([output, episodes], [*submissions, scoring.ground_truth, episodes_from])
+    if diagnosed and (scoring.protocol == _ALL or scoring.track != "full"):
         raise click.UsageError("--diagnose needs a single protocol and the full track")
-    truth = find_truth(ground_truth, split, episodes_from, task)
+    truth = scoring.find(episodes_from)
     submission = None if watch else _only_file(submissions)
     if submission is None:
         has_interval = (ci or cluster) and not any(map(find_runs, submissions))
-        if diagnosed or has_interval or episodes or protocol == _ALL:
+        if diagnosed or has_interval or episodes or scoring.protocol == _ALL:
             raise click.UsageError(
                 "--diagnose, --ci, --cluster, --episodes and --protocol all need a single file; "
                 "`reverie-eval compare` compares several with intervals"
             )
-        evaluator = Evaluator(split=split, ground_truth=truth, protocol=protocol, track=track)
+        evaluator = scoring.evaluator(truth)
         if watch:
             return _watch(submissions, evaluator, layout, output)
         if any(map(find_runs, submissions)):
@@ -150,19 +151,20 @@ def score(
     results: Sequence[Scores]
     with naming(submission):
         if diagnosed:
-            results = diagnose(submission, split=split, ground_truth=truth, protocol=protocol)
+            rules = scoring.protocol
+            results = diagnose(submission, split=truth.split, ground_truth=truth, protocol=rules)
         else:
-            results = _score_one(submission, truth, protocol, track)
+            results = _score_one(submission, truth, scoring.protocol, scoring.track)
     if ci or cluster:
         results = [scores.with_intervals(cluster or "target") for scores in results]
     if episodes:
         with open_output(episodes) as file:
             write_episodes(results[0], file)
-    text = partial(FORMATS[layout], results)
     if layout == "table":
-        show(text, output, lambda console: print_scores(console, results))
+        table = score_table(results)
+        show_table(table, table.stacked(), output=output)
     else:
-        show(text, output)
+        show(partial(FORMATS[layout], results), output)
     return 0
 
 
@@ -173,7 +175,7 @@ def _only_file(submissions: Sequence[str]) -> str | None:
 
 
 def _score_one(
-    submission: str, truth: GroundTruth, protocol: str, track: "Track"
+    submission: str, truth: GroundTruth, protocol: str, track: Track
 ) -> Sequence[Scores]:
     """Score a file by a protocol, or by all."""
     if protocol == _ALL:
@@ -191,11 +193,10 @@ def _rank(
     results = score_files(files, evaluator, jobs=jobs, keys=_KEYS.get(layout, TABLE_KEYS))
     scored = ScoredFiles.of(with_progress(results, "Scoring", len(files)))
     if scored:
-        text = partial(RANKING_FORMATS[layout], scored)
         if layout == "table":
-            show(text, output, lambda console: print_ranking(console, scored))
+            show_table(ranking_table(scored), output=output)
         else:
-            show(text, output)
+            show(partial(RANKING_FORMATS[layout], scored), output)
     for path, error in scored.failures.items():
         print(_failure(path, error), file=sys.stderr)
     return 1 if scored.failures else 0
@@ -204,13 +205,11 @@ def _rank(
 def _score_runs(
     words: Sequence[str],
     evaluator: Evaluator,
-    cluster: "Clustering",
+    cluster: Clustering,
     layout: str,
     output: str | None,
 ) -> int:
     """Print the mean of several runs of a method, with its interval."""
-    from reverie_eval.reporting._runs import RUNS_FORMATS, print_runs
-
     (first, *others) = words
     found = find_runs(first)
     if found is None or others:
@@ -221,11 +220,10 @@ def _score_runs(
     check_outputs([output], files)
     names = submission_names(files)
     runs = Runs.of(dict(zip(names, score_each(files, evaluator), strict=True)), cluster)
-    text = partial(RUNS_FORMATS[layout], name, runs)
     if layout == "table":
-        show(text, output, lambda console: print_runs(console, runs))
+        show_table(runs_table(runs), output=output)
     else:
-        show(text, output)
+        show(partial(RUNS_FORMATS[layout], name, runs), output)
     return 0
 
 

@@ -18,21 +18,19 @@ _SAMPLE_SPLIT = "val_unseen"
 
 @click.command()
 @click.argument("folder", required=False, type=options.PATH)
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
-@click.option(
+@options.with_default("--host", default="127.0.0.1", help="Address to listen at.")
+@options.with_default(
     "--port",
     metavar="N",
     type=options.Number(0, 0xFFFF),
     default=8000,
-    show_default=True,
     help="Port to listen at; 0 for any free one.",
 )
-@click.option(
+@options.with_default(
     "--workers",
     metavar="N",
     type=options.Number(1, 64),
     default=1,
-    show_default=True,
     help="Processes that score uploads and answer requests.",
 )
 def serve(*, folder: Path | None, host: str, port: int, workers: int) -> None:

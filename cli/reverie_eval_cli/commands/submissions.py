@@ -11,10 +11,10 @@ import click
 from reverie_eval import Problem, SubmissionError, Validation, validate
 from reverie_eval.submissions import source_name
 from reverie_eval_cli import options
+from reverie_eval_cli.options import TruthOptions
 from reverie_eval_cli.output import (
     RejectedSubmission,
     check_outputs,
-    find_truth,
     naming,
     rejection,
     show,
@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 
 @click.command("validate")
 @options.submission
-@options.split
-@options.ground_truth
-@options.task
+@options.truth
 @options.track
 @options.episodes_from
 @options.layout("text", "json", explained=" json lists all problems, text the first 20.")
@@ -38,9 +36,7 @@ if TYPE_CHECKING:
 def validate_submission(
     *,
     submission: str,
-    split: str,
-    ground_truth: str | None,
-    task: str | None,
+    truth_options: TruthOptions,
     track: "Track",
     episodes_from: Path | None,
     layout: str,
@@ -51,17 +47,17 @@ def validate_submission(
     SUBMISSION is a result file, or - for standard input. A public bundle, without answers, is
     enough.
     """
-    check_outputs([output], [submission, ground_truth, episodes_from])
-    truth = find_truth(ground_truth, split, episodes_from, task)
+    check_outputs([output], [submission, truth_options.ground_truth, episodes_from])
+    truth = truth_options.find(episodes_from)
     try:
-        checked = validate(submission, split=split, ground_truth=truth, track=track)
+        checked = validate(submission, split=truth.split, ground_truth=truth, track=track)
     except SubmissionError as error:
         if layout == "text":
             raise RejectedSubmission(rejection(submission, error)) from None
-        write_text(validation_json(split, error.problems) + "\n", output)
+        write_text(validation_json(truth.split, error.problems) + "\n", output)
         return 1
     if layout == "json":
-        show(lambda: validation_json(split, notes=checked.notes), output)
+        show(lambda: validation_json(truth.split, notes=checked.notes), output)
     else:
         show(lambda: _as_text(checked, submission), output)
     return 0
@@ -128,9 +124,7 @@ def convert_submission(
 
 
 @click.command("subset")
-@options.split
-@options.ground_truth
-@options.task
+@options.truth
 @click.option(
     "--n", "number", metavar="N", type=int, required=True, help="Number of episodes to draw."
 )
@@ -139,13 +133,11 @@ def convert_submission(
     type=options.Choice(["scan"]),
     help="Draw from each scan in proportion to its episodes.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Other seeds draw others.")
+@options.with_default("--seed", type=int, default=0, help="Other seeds draw others.")
 @options.output("the list")
 def draw_episodes(
     *,
-    split: str,
-    ground_truth: str | None,
-    task: str | None,
+    truth_options: TruthOptions,
     number: int,
     stratify: str | None,
     seed: int,
@@ -156,42 +148,31 @@ def draw_episodes(
     Prints their instr_ids, one a line, for `--episodes-from`. The same options always draw the same
     episodes. Standard error shows the name of this subset in signatures.
     """
-    from reverie_eval.ground_truth import draw_subset, find_ground_truth
+    from reverie_eval.ground_truth import draw_subset
 
-    check_outputs([output], [ground_truth])
-    truth = find_ground_truth(ground_truth, split, task)
+    check_outputs([output], [truth_options.ground_truth])
+    truth = truth_options.find()
     scans = map(truth.graph.scan_of, truth.episodes.start.tolist())
     strata = dict(zip(truth.episodes.instr_ids, scans if stratify else repeat(""), strict=False))
-    chosen = draw_subset(strata, number, seed, split)
+    chosen = draw_subset(strata, number, seed, truth.split)
     write_text("".join(f"{instr_id}\n" for instr_id in chosen), output)
     print(f"subset:{truth.subset(chosen).subset_digest}|n:{number}", file=sys.stderr)
 
 
 @click.command()
 @click.argument("name", type=options.Choice(["shortest", "random", "stop"]))
-@options.split
-@options.ground_truth
-@options.task
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random agent.")
+@options.truth
+@options.with_default("--seed", type=int, default=0, help="Seed of the random agent.")
 @options.output("the submission")
-def agent(
-    *,
-    name: str,
-    split: str,
-    ground_truth: str | None,
-    task: str | None,
-    seed: int,
-    output: str | None,
-) -> None:
+def agent(*, name: str, truth_options: TruthOptions, seed: int, output: str | None) -> None:
     """Write the submission of a reference agent.
 
     shortest walks to the goal, random anywhere, and stop stays where it starts.
     """
     from reverie_eval.agents import run_agent
-    from reverie_eval.ground_truth import find_ground_truth
 
-    check_outputs([output], [ground_truth])
-    truth = find_ground_truth(ground_truth, split, task)
+    check_outputs([output], [truth_options.ground_truth])
+    truth = truth_options.find()
     write_text(submission_text(run_agent(name, truth, seed)), output)
 
 

@@ -16,13 +16,12 @@ from reverie_eval.tasks import name_on_server
 from reverie_eval.text import did_you_mean, printable
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submissions import validation_json
-from reverie_eval_cli.output import rejection, show, transfer_bar
+from reverie_eval_cli.output import rejection, show_table, transfer_bar
 from reverie_eval_cli.receipts import check_receipt_path, keep_receipts
 from reverie_eval_cli.servers import ServerOptions, print_banner, server_options
 
 if TYPE_CHECKING:
     from reverie_eval.client import Client
-    from reverie_eval.reporting._table import Table
     from reverie_eval.schemas.service import Accepted, Method, SplitReport, SubmissionReport
 
 _AGAIN = "send the same file again, which uses no submission,"
@@ -51,34 +50,21 @@ class MethodOptions:
     given: Mapping[str, Any]
 
     def method(self, submission: str) -> "Method":
-        """Return the method; if it has no name, it gets the file's.
-
-        Raises
-        ------
-        ReverieEvalError
-            Naming each option that is wrong.
-        """
-        from pydantic import ValidationError
-
+        """Return the method; if it has no name, it gets the file's."""
         from reverie_eval.schemas.service import Method
-        from reverie_eval.server.wrong_values import wrong_value
 
         stem = "" if submission == "-" else Path(submission).name.partition(".")[0]
         name = printable(stem)[:_LONGEST_NAME].strip() or "unnamed"
-        try:
-            return Method.model_validate({"name": name, **self.given})
-        except ValidationError as error:
-            wrong = []
-            for detail in error.errors():
-                field = str(detail["loc"][0])
-                option = _TEXTS[field][0] if field in _TEXTS else f"--{field.replace('_', '-')}"
-                wrong.append(f"{option}: {wrong_value(detail).message}")
-            raise ReverieEvalError("; ".join(wrong)) from None
+        return options.checked(Method, _option_of, **{"name": name, **self.given})
 
     def changes(self, before: "Method", submission: str) -> Mapping[str, Any]:
         """Return the fields that were given and differ from what the server has."""
         given = self.method(submission).model_dump(include=set(self.given))
         return {field: value for field, value in given.items() if value != getattr(before, field)}
+
+
+def _option_of(field: str) -> str:
+    return _TEXTS[field][0] if field in _TEXTS else f"--{field.replace('_', '-')}"
 
 
 def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -90,14 +76,17 @@ def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
         given = {field: value for field, value in fields.items() if value is not None}
         return command(method=MethodOptions(given), **values)
 
-    decorated: Callable[..., Any] = with_method
-    for field, meaning in reversed(_FLAGS.items()):
-        name = field.replace("_", "-")
-        add = click.option(f"--{name}/--no-{name}", field, default=None, help=meaning)
-        decorated = add(decorated)
-    for field, (option, metavar, meaning) in reversed(_TEXTS.items()):
-        decorated = click.option(option, field, metavar=metavar, help=meaning)(decorated)
-    return decorated
+    texts = [
+        click.option(option, field, metavar=metavar, help=meaning)
+        for field, (option, metavar, meaning) in _TEXTS.items()
+    ]
+    flags = [
+        click.option(
+            f"{_option_of(field)}/--no-{field.replace('_', '-')}", field, default=None, help=meaning
+        )
+        for field, meaning in _FLAGS.items()
+    ]
+    return options.together(*texts, *flags)(with_method)
 
 
 @click.command()
@@ -249,7 +238,7 @@ def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
     for further, table in result_tables(submission, server).items():
         if further:
             print(f"\n{printable(further)}")
-        _show_table(table)
+        show_table(table, table.stacked())
     print(
         "",
         *submission_lines(
@@ -261,9 +250,3 @@ def _show(accepted: "Accepted", server: str, kept: Sequence[Path]) -> None:
         *quota_lines(accepted.quota, submission.split),
         sep="\n",
     )
-
-
-def _show_table(table: "Table") -> None:
-    from reverie_eval.reporting._table import print_table
-
-    show(table.to_text, None, lambda console: print_table(console, table, table.stacked()))

@@ -14,11 +14,10 @@ from fastapi.responses import Response
 from markupsafe import Markup
 
 from reverie_eval.analysis import VisibleObject
-from reverie_eval.reporting._answer_svg import answer_svg
+from reverie_eval.reporting._answer_svg import ObjectLink, WayLink, answer_svg, panorama_svg
 from reverie_eval.reporting._answer_views import answer_views, span_of
 from reverie_eval.reporting._map_svg import map_key, map_svg
 from reverie_eval.reporting._maps import EpisodeMap
-from reverie_eval.reporting._panorama_svg import ObjectLink, WayLink, panorama_svg
 from reverie_eval.reporting._skyboxes import find_skybox
 from reverie_eval.server.http.callers import Visitor
 from reverie_eval.server.http.uploads import ScoringSlot

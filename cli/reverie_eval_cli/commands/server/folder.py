@@ -1,33 +1,40 @@
-"""``reverie-eval server init|check|doctor|upgrade FOLDER``: the folder that a server lives in."""
+"""``reverie-eval server init|check|upgrade|doctor|tidy|audit|notify|backup|restore FOLDER``."""
 
+import json
 import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from reverie_eval import ReverieEvalError
 from reverie_eval.tasks import DEFAULT_TASK
+from reverie_eval.text import count_text, first_few
 from reverie_eval_cli import options
-from reverie_eval_cli.organising import actor, now, show_findings
-from reverie_eval_cli.output import with_progress
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from reverie_eval_cli.organising import (
+    Folder,
+    actor,
+    minute,
+    now,
+    print_list,
+    server_folder,
+    show_findings,
+)
+from reverie_eval_cli.output import note, with_progress
 
 
 @click.command()
-@options.server_folder
-@click.option(
+@server_folder
+@options.with_default(
     "--task",
     "tasks",
     multiple=True,
     default=[DEFAULT_TASK],
-    show_default=True,
     metavar="NAME",
     shell_complete=options.complete_task,
     help="The benchmark of its leaderboards, such as r2r; can be repeated.",
 )
-def init(*, folder: Path, tasks: "Sequence[str]") -> None:
+def init(*, folder: Folder, tasks: Sequence[str]) -> None:
     """Make a server's folder.
 
     It gets settings, a signing key, a database and, until you add your own, the demo world as its
@@ -37,18 +44,18 @@ def init(*, folder: Path, tasks: "Sequence[str]") -> None:
     from reverie_eval.server.operations.folder import make_server
 
     with database_errors():
-        token = make_server(folder, now=now(), actor=actor(), tasks=tasks)
+        token = make_server(folder.path, now=now(), actor=actor(), tasks=tasks)
     quoted = shlex.quote(str(folder))
     print(f"{folder}: a server, for now with the demo world as its ground truth")
     print(f"organiser's token, not shown again: {token}")
-    print(f"next: edit {folder / 'reverie-eval.toml'}, then")
+    print(f"next: edit {folder.path / 'reverie-eval.toml'}, then")
     print(f"  reverie-eval server check {quoted}")
     print(f"  reverie-eval serve {quoted}")
 
 
 @click.command()
-@options.server_folder
-def check(*, folder: Path) -> int:
+@server_folder
+def check(*, folder: Folder) -> int:
     """Check that a server can start.
 
     Settings, ground truth, signing key, database and uploads are checked.
@@ -57,12 +64,12 @@ def check(*, folder: Path) -> int:
     """
     from reverie_eval.server.operations.checks import check_folder
 
-    return show_findings(check_folder(folder))
+    return show_findings(check_folder(folder.path))
 
 
 @click.command()
-@options.server_folder
-def doctor(*, folder: Path) -> int:
+@server_folder
+def doctor(*, folder: Folder) -> int:
     """Check all stored data.
 
     Uploads, reports, receipts, the audit log and the disk are checked. Faults are also sent to the
@@ -72,14 +79,14 @@ def doctor(*, folder: Path) -> int:
     """
     from reverie_eval.server.operations.doctor import examine, tell_of_faults
 
-    findings = list(examine(folder, with_progress))
-    tell_of_faults(folder, findings, actor())
+    findings = list(examine(folder.path, with_progress))
+    tell_of_faults(folder.path, findings, actor())
     return show_findings(findings)
 
 
 @click.command()
-@options.server_folder
-def upgrade(*, folder: Path) -> None:
+@server_folder
+def upgrade(*, folder: Folder) -> None:
     """Upgrade the database to this version.
 
     Back it up first.
@@ -88,5 +95,125 @@ def upgrade(*, folder: Path) -> None:
     from reverie_eval.server.operations.folder import upgrade_folder
 
     with database_errors():
-        upgrade_folder(folder)
+        upgrade_folder(folder.path)
     print(f"{folder}: the database is up to date with this version")
+
+
+@click.command()
+@server_folder
+@click.option("--dry-run", is_flag=True, help="Only show whose files would be deleted.")
+def tidy(*, folder: Folder, dry_run: bool) -> None:
+    """Delete old files of submissions that are not published.
+
+    The setting keep_uploads_days says how old; a running server does this once a day. Rows, scores
+    and receipts stay.
+    """
+    if folder.settings.keep_uploads_days is None:
+        print("keep_uploads_days is not set: all files are kept")
+        return
+    with folder.open() as state:
+        tidied = state.retention.tidy(actor(), dry_run=dry_run)
+    if dry_run:
+        for name in tidied.submissions:
+            print(name)
+    done = "would be deleted" if dry_run else "deleted"
+    of = count_text(len(tidied.submissions), "submission")
+    print(f"{count_text(tidied.files, 'file')} of {of} {done}")
+
+
+@click.command()
+@server_folder
+@options.layout("text", "json", explained=" json includes the digests.")
+def audit(*, folder: Folder, layout: str) -> None:
+    """Show who did what, oldest first.
+
+    `server doctor` checks that nothing in it was changed.
+    """
+    from reverie_eval.server.service.audit import audit_reports, entries
+
+    with folder.reading() as session:
+        found = audit_reports(session, entries(session))
+    if layout == "json":
+        print(json.dumps([entry.model_dump(mode="json") for entry in found], indent=2))
+        return
+    rows = [
+        (
+            minute(entry.at),
+            entry.actor,
+            entry.action,
+            entry.subject,
+            ", ".join(f"{name}: {value}" for name, value in entry.details.items()),
+        )
+        for entry in found
+    ]
+    print_list(("at (UTC)", "who", "did", "to", "details"), rows)
+
+
+@click.command()
+@server_folder
+def notify(*, folder: Folder) -> int:
+    """Send a test message by mail and to the webhook, at once.
+
+    Exit status: 0 sent, 1 not sent, 2 usage or system error.
+    """
+    from reverie_eval.server.operations.delivery import send_test
+    from reverie_eval.server.settings import SETTINGS_FILE
+
+    outcomes = list(send_test(folder.settings))
+    if not outcomes:
+        file = folder.path / SETTINGS_FILE
+        raise ReverieEvalError(f"the settings have no [mail] and no [webhook]; add one to {file}")
+    for channel, error in outcomes:
+        print(f"{channel}: {error or 'sent'}")
+    return 1 if any(error for _, error in outcomes) else 0
+
+
+@click.command()
+@server_folder
+@options.new_path("FILE", "The .tar.gz to write.")
+def backup(*, folder: Folder, output: Path) -> int:
+    """Write a backup, also while the server runs.
+
+    One .tar.gz file has everything that a server needs.
+
+    Exit status: 0 complete, 1 an upload was missing or damaged, 2 usage or system error.
+    """
+    from reverie_eval.server.operations.backup import write_backup
+    from reverie_eval.server.settings import variables_set
+
+    report = write_backup(folder.path, output)
+    print(f"{output}: {_counts(report.manifest.rows)}, {report.size / 1e6:,.1f} MB")
+    print("it contains answers and the signing key: keep it where nobody else can read it")
+    for setting, name in report.moved.items():
+        note(f"{setting} is outside of the folder; a restore puts it at {name} in the folder")
+    variables = variables_set()
+    if variables:
+        note(f"environment variables are not in a backup; set here: {', '.join(variables)}")
+    lacking = report.manifest.lacking
+    if lacking:
+        reason = "missing or damaged, and not in the backup"
+        note(f"{count_text(len(lacking), 'upload')} {reason}: {first_few(lacking)}")
+    return 1 if lacking else 0
+
+
+@click.command()
+@click.argument("file", type=options.PATH)
+@click.argument("folder", type=options.PATH)
+def restore(*, file: Path, folder: Path) -> int:
+    """Make a server from a backup.
+
+    The folder and the database must be empty.
+
+    Exit status: 0 the server can start, 1 backup rejected or faults to fix, 2 usage or system
+    error.
+    """
+    from reverie_eval.server.operations.checks import check_folder
+    from reverie_eval.server.operations.restore import restore_backup
+
+    print(f"{folder}: restored, {_counts(restore_backup(file, folder).rows)}")
+    return show_findings(check_folder(folder))
+
+
+def _counts(rows: Mapping[str, int]) -> str:
+    tables = {"submission": "submissions", "team": "teams", "person": "people"}
+    return ", ".join(count_text(rows.get(name, 0), name, plural) for name, plural in tables.items())

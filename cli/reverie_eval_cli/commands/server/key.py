@@ -1,14 +1,14 @@
 """``reverie-eval server key list|rotate|revoke FOLDER``."""
 
 from datetime import datetime
-from pathlib import Path
 
 import click
 
+from reverie_eval.schemas.organising import KeyRevocation, KeyRotation
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, actor, checked, minute, print_list, reading
+from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
 
 
 @click.group(cls=Group)
@@ -17,12 +17,12 @@ def key() -> None:
 
 
 @key.command("list")
-@options.server_folder
-def list_keys(*, folder: Path) -> None:
+@server_folder
+def list_keys(*, folder: Folder) -> None:
     """List the keys that sign receipts, the earliest first."""
     from reverie_eval.server.service import keys
 
-    with reading(folder) as session:
+    with folder.reading() as session:
         known = keys.list_keys(session)
     rows = [
         (each.key_id, minute(each.valid_from), minute(each.valid_until) or "in use", each.reason)
@@ -32,27 +32,25 @@ def list_keys(*, folder: Path) -> None:
 
 
 @key.command()
-@options.server_folder
+@server_folder
 @click.option("--reason", metavar="TEXT", help="Why; published with the key that ends.")
 @click.option("--lost", is_flag=True, help="The file of the key in use is lost.")
-def rotate(*, folder: Path, reason: str | None, lost: bool) -> None:
+def rotate(*, folder: Folder, reason: str | None, lost: bool) -> None:
     """Replace the signing key with a new one.
 
     Restart the server afterwards: until then, it accepts no changes. Earlier receipts stay genuine.
     """
-    from reverie_eval.schemas.organising import KeyRotation
     from reverie_eval.server.operations.keys import replace_lost_key, rotate_key
-    from reverie_eval.server.settings import load_settings
 
-    asked = checked(KeyRotation, **({"reason": reason} if reason else {}))
+    asked = options.checked(KeyRotation, **({"reason": reason} if reason else {}))
     change = replace_lost_key if lost else rotate_key
-    new = change(load_settings(folder), actor(), asked.reason)
+    new = change(folder.settings, actor(), asked.reason)
     print(f"the signing key is now {new.key_id}")
     print("next: restart the server, then make a backup, which contains the new key")
 
 
 @key.command()
-@options.server_folder
+@server_folder
 @click.argument("key_id")
 @click.option(
     "--since",
@@ -61,17 +59,16 @@ def rotate(*, folder: Path, reason: str | None, lost: bool) -> None:
     help="When others may first have had it, with the time zone: 2027-06-01T12:00:00Z.",
 )
 @click.option("--reason", required=True, metavar="TEXT", help="Why; published with the key.")
-def revoke(*, folder: Path, key_id: str, since: datetime, reason: str) -> None:
+def revoke(*, folder: Folder, key_id: str, since: datetime, reason: str) -> None:
     """Revoke a key that others may have.
 
     Its signatures of submissions that came after TIME do not count. Those submissions get receipts
     signed with the key in use.
     """
-    from reverie_eval.schemas.organising import KeyRevocation
     from reverie_eval.server.service.rotation import revoke_key
 
-    asked = checked(KeyRevocation, since=since, reason=reason)
-    with acting(folder) as transaction:
+    asked = options.checked(KeyRevocation, since=since, reason=reason)
+    with folder.acting() as transaction:
         signed = revoke_key(transaction, key_id, asked)
     print(f"{key_id}: valid until {minute(asked.since)} UTC")
     print(f"{count_text(signed, 'receipt')} signed again with the key in use")

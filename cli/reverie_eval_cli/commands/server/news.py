@@ -1,13 +1,11 @@
 """``reverie-eval server news add|list|remove FOLDER``."""
 
-from functools import partial
-from pathlib import Path
-
 import click
 
+from reverie_eval.schemas.organising import NewNews
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
+from reverie_eval_cli.organising import Folder, minute, print_list, server_folder
 
 
 @click.group(cls=Group)
@@ -16,39 +14,36 @@ def news() -> None:
 
 
 @news.command()
-@options.server_folder
+@server_folder
 @click.argument("text")
-def add(*, folder: Path, text: str) -> None:
+def add(*, folder: Folder, text: str) -> None:
     """Post an entry: TEXT is one line, public at once."""
-    from reverie_eval.schemas.organising import NewNews
     from reverie_eval.server.service.news import add_news
 
-    new = checked(NewNews, text=text)
-    with acting(folder) as transaction:
+    new = options.checked(NewNews, text=text)
+    with folder.acting() as transaction:
         added = add_news(transaction, new)
     print(f"news entry {added.id} posted")
 
 
 @news.command("list")
-@options.server_folder
-def list_entries(*, folder: Path) -> None:
+@server_folder
+def list_entries(*, folder: Folder) -> None:
     """List the entries with their numbers, the latest first."""
     from reverie_eval.server.service.news import list_news
-    from reverie_eval.server.service.paging import all_pages
 
-    with reading(folder) as session:
-        known = list(all_pages(partial(list_news, session)))
+    known = folder.all_of(list_news)
     rows = [(str(each.id), minute(each.created_at), each.posted_by, each.text) for each in known]
     print_list(("number", "posted (UTC)", "by", "text"), rows)
 
 
 @news.command()
-@options.server_folder
+@server_folder
 @click.argument("number", type=options.Number(1))
-def remove(*, folder: Path, number: int) -> None:
+def remove(*, folder: Folder, number: int) -> None:
     """Remove an entry."""
     from reverie_eval.server.service.news import remove_news
 
-    with acting(folder) as transaction:
+    with folder.acting() as transaction:
         remove_news(transaction, number)
     print(f"news entry {number} removed")

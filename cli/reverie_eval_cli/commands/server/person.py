@@ -1,28 +1,24 @@
 """``reverie-eval server person add|edit|import|list|revoke|export|delete FOLDER``."""
 
 import sys
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from reverie_eval.schemas.joining import NewPeopleImport
+from reverie_eval.schemas.organising import NewPerson, PersonChange
+from reverie_eval.schemas.service import Role
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import (
-    acting,
-    checked,
+    Folder,
     minute,
     print_list,
     read_text,
-    reading,
-    revoking,
+    server_folder,
 )
 from reverie_eval_cli.output import note
-
-if TYPE_CHECKING:
-    from reverie_eval.schemas.service import Role
 
 
 @click.group(cls=Group)
@@ -31,33 +27,31 @@ def person() -> None:
 
 
 @person.command()
-@options.server_folder
+@server_folder
 @click.argument("name")
 @click.option("--team", required=True, help="Their team; add it first with `server team add`.")
-@click.option(
+@options.with_default(
     "--role",
     type=options.Choice(["participant", "organiser"]),
     default="participant",
-    show_default=True,
     help="Organisers see the submissions of all teams.",
 )
 @click.option("--email", metavar="ADDRESS", help="Only organisers and the person see it.")
-def add(*, folder: Path, name: str, team: str, role: "Role", email: str | None) -> None:
+def add(*, folder: Folder, name: str, team: str, role: Role, email: str | None) -> None:
     """Add a person to a team.
 
     The team and the organisers see the NAME.
     """
-    from reverie_eval.schemas.organising import NewPerson
     from reverie_eval.server.service.people import add_person
 
-    new = checked(NewPerson, team=team, name=name, role=role, email=email)
-    with acting(folder) as transaction:
+    new = options.checked(NewPerson, team=team, name=name, role=role, email=email)
+    with folder.acting() as transaction:
         added = add_person(transaction, new)
     print(f"{added.role} {added.name} added to {team}")
 
 
 @person.command()
-@options.server_folder
+@server_folder
 @click.argument("name")
 @options.of_team
 @click.option("--name", "new_name", metavar="NAME", help="Rename the person.")
@@ -65,7 +59,7 @@ def add(*, folder: Path, name: str, team: str, role: "Role", email: str | None) 
 @click.option("--move-to", metavar="TEAM", help="Move them; their submissions stay with the team.")
 def edit(
     *,
-    folder: Path,
+    folder: Folder,
     name: str,
     team: str | None,
     new_name: str | None,
@@ -76,26 +70,25 @@ def edit(
 
     Options that you omit change nothing.
     """
-    from reverie_eval.schemas.organising import PersonChange
     from reverie_eval.server.service import people
 
     given = {"name": new_name, "email": email, "team": move_to}
     wanted = {field: value for field, value in given.items() if value is not None}
     if not wanted:
         raise click.UsageError("nothing to change; give --name, --email or --move-to")
-    change = checked(PersonChange, **(wanted | ({"email": None} if email == "" else {})))
-    with acting(folder) as transaction:
+    change = options.checked(PersonChange, **(wanted | ({"email": None} if email == "" else {})))
+    with folder.acting() as transaction:
         known = people.person_named(transaction.session, name, team)
         changed = people.change_person(transaction, known.id, change)
     print(f"{changed.name}, {changed.team}, {changed.email or 'no e-mail address'}")
 
 
 @person.command("import")
-@options.server_folder
+@server_folder
 @click.argument("file", type=options.PATH)
 @click.option("--invite", is_flag=True, help="Print an invitation for each added person, as CSV.")
 @click.option("--dry-run", is_flag=True, help="Only show who would be added.")
-def import_people(*, folder: Path, file: Path, invite: bool, dry_run: bool) -> None:
+def import_people(*, folder: Folder, file: Path, invite: bool, dry_run: bool) -> None:
     """Add the people of a file, and their teams.
 
     FILE is CSV with the columns team, person, email and role; the last two may be left out. People
@@ -103,11 +96,10 @@ def import_people(*, folder: Path, file: Path, invite: bool, dry_run: bool) -> N
 
     Exit status: 0 done, 1 file rejected and nobody added, 2 usage or system error.
     """
-    from reverie_eval.schemas.joining import NewPeopleImport
     from reverie_eval.server.service import people_files
 
-    new = checked(NewPeopleImport, text=read_text(file), invite=invite, dry_run=dry_run)
-    with acting(folder) as transaction:
+    new = options.checked(NewPeopleImport, text=read_text(file), invite=invite, dry_run=dry_run)
+    with folder.acting() as transaction:
         report = people_files.import_people(transaction, new)
     if dry_run:
         rows = [(each.team, each.name, each.email or "-", each.role) for each in report.added]
@@ -120,14 +112,12 @@ def import_people(*, folder: Path, file: Path, invite: bool, dry_run: bool) -> N
 
 
 @person.command("list")
-@options.server_folder
-def list_people(*, folder: Path) -> None:
+@server_folder
+def list_people(*, folder: Folder) -> None:
     """List all people with team and role."""
     from reverie_eval.server.service import people
-    from reverie_eval.server.service.paging import all_pages
 
-    with reading(folder) as session:
-        everybody = list(all_pages(partial(people.list_people, session)))
+    everybody = folder.all_of(people.list_people)
     rows = [
         (each.name, each.team, each.role, each.email or "-", minute(each.created_at))
         for each in everybody
@@ -136,41 +126,41 @@ def list_people(*, folder: Path) -> None:
 
 
 @person.command()
-@options.server_folder
+@server_folder
 @click.argument("name")
 @options.of_team
-def revoke(*, folder: Path, name: str, team: str | None) -> None:
+def revoke(*, folder: Folder, name: str, team: str | None) -> None:
     """Revoke all tokens and invitations of a person.
 
     Their results stay.
     """
     from reverie_eval.server.service.tokens import revoke_tokens_of_person
 
-    with revoking(folder) as transaction:
+    with folder.revoking() as transaction:
         revoked = revoke_tokens_of_person(transaction, name, team)
     print(f"{name}: {count_text(len(revoked), 'token')} revoked")
 
 
 @person.command()
-@options.server_folder
+@server_folder
 @click.argument("name")
 @options.of_team
-def export(*, folder: Path, name: str, team: str | None) -> None:
+def export(*, folder: Folder, name: str, team: str | None) -> None:
     """Print all that the server stores about a person, as JSON."""
     from reverie_eval.server.service.people import person_named
     from reverie_eval.server.service.personal_data import personal_data
 
-    with reading(folder) as session:
+    with folder.reading() as session:
         data = personal_data(session, person_named(session, name, team).id)
     print(data.model_dump_json(indent=2))
 
 
 @person.command()
-@options.server_folder
+@server_folder
 @click.argument("name")
 @options.of_team
 @click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
-def delete(*, folder: Path, name: str, team: str | None, yes: bool) -> None:
+def delete(*, folder: Folder, name: str, team: str | None, yes: bool) -> None:
     """Remove a person's name and address, and revoke their tokens.
 
     Results and the audit log stay, under a neutral name. This cannot be undone, except from a
@@ -183,7 +173,7 @@ def delete(*, folder: Path, name: str, team: str | None, yes: bool) -> None:
         if not sys.stdin.isatty():
             raise click.UsageError("deleting a person cannot be undone; confirm it with --yes")
         click.confirm(f"Delete {name}? This cannot be undone.", abort=True, err=True)
-    with revoking(folder) as transaction:
+    with folder.revoking() as transaction:
         person_id = person_named(transaction.session, name, team).id
         deleted = delete_person(transaction, person_id)
     print(f"{name} is now {deleted.name}")

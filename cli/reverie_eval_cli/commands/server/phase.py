@@ -1,20 +1,19 @@
-"""``reverie-eval server phase set|close|reset|pause|resume FOLDER``, and ``server diff FOLDER``."""
+"""``reverie-eval server phase set|close|reset|pause|resume``, ``diff`` and ``snapshot``."""
 
-from pathlib import Path
+from datetime import datetime
 from typing import TYPE_CHECKING
 
 import click
 
+from reverie_eval.schemas.organising import NewSchedule, NewSnapshot, NoticeReport
+from reverie_eval.schemas.service import ReleaseScores, Schedule
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, print_list, reading
+from reverie_eval_cli.organising import Folder, actor, minute, print_list, server_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from datetime import datetime
 
-    from reverie_eval.schemas.organising import NewSchedule, NoticeReport
-    from reverie_eval.schemas.service import ReleaseScores, Schedule
     from reverie_eval.server.service.schedules import Timetable
 
 split = click.argument("split")
@@ -29,7 +28,7 @@ def phase() -> None:
 
 
 @phase.command("set")
-@options.server_folder
+@server_folder
 @split
 @click.argument("name")
 @click.option(
@@ -49,32 +48,31 @@ def phase() -> None:
 )
 def set_phase(
     *,
-    folder: Path,
+    folder: Folder,
     split: str,
     name: str,
     opens: str | None,
     closes: str | None,
-    release_scores: "ReleaseScores | None",
+    release_scores: ReleaseScores | None,
 ) -> None:
     """Add a phase, or open or extend the phase of that NAME.
 
     Options that you omit leave the phase as it is. From then on, the phases of SPLIT in the
     settings file do not apply, until `server phase reset`.
     """
-    from reverie_eval.schemas.organising import NewSchedule
     from reverie_eval.server.service.schedules import with_phase
 
-    def change(timetable: "Timetable", _: "datetime") -> NewSchedule:
+    def change(timetable: "Timetable", _: datetime) -> NewSchedule:
         fields = with_phase(timetable.latest, name, opens, closes, release_scores)
-        return checked(NewSchedule, **fields)
+        return options.checked(NewSchedule, **fields)
 
     _set(folder, split, change)
 
 
 @phase.command()
-@options.server_folder
+@server_folder
 @split
-def close(*, folder: Path, split: str) -> None:
+def close(*, folder: Folder, split: str) -> None:
     """End the open phases of a split now."""
     from reverie_eval.server.service.schedules import closed
 
@@ -82,37 +80,38 @@ def close(*, folder: Path, split: str) -> None:
 
 
 @phase.command()
-@options.server_folder
+@server_folder
 @split
-def reset(*, folder: Path, split: str) -> None:
+def reset(*, folder: Folder, split: str) -> None:
     """Use the phases and `release_scores` of the settings file again."""
     unset = {"phases": None, "release_scores": None}
     _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update=unset))
 
 
 @phase.command()
-@options.server_folder
+@server_folder
 @split
-def pause(*, folder: Path, split: str) -> None:
+def pause(*, folder: Folder, split: str) -> None:
     """Accept no submissions to a split, whatever its phases say."""
     _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update={"paused": True}))
 
 
 @phase.command()
-@options.server_folder
+@server_folder
 @split
-def resume(*, folder: Path, split: str) -> None:
+def resume(*, folder: Folder, split: str) -> None:
     """Accept submissions to a split again."""
     _set(folder, split, lambda timetable, _: timetable.desk.model_copy(update={"paused": False}))
 
 
-def _set(folder: Path, split: str, change: "Callable[[Timetable, datetime], NewSchedule]") -> None:
+def _set(
+    folder: Folder, split: str, change: "Callable[[Timetable, datetime], NewSchedule]"
+) -> None:
     """Change the schedule of a split, and print what applies now."""
     from reverie_eval.server.service.schedules import Schedules
-    from reverie_eval.server.settings import load_settings
 
-    schedules = Schedules(load_settings(folder).splits)
-    with acting(folder) as transaction:
+    schedules = Schedules(folder.settings.splits)
+    with folder.acting() as transaction:
         timetable = schedules.of(transaction.session, split)
         new = change(timetable, transaction.now)
         _, shown = schedules.if_set(transaction.session, split, new, transaction.now)
@@ -123,19 +122,18 @@ def _set(folder: Path, split: str, change: "Callable[[Timetable, datetime], NewS
 
 
 @click.command()
-@options.server_folder
-def diff(*, folder: Path) -> None:
+@server_folder
+def diff(*, folder: Folder) -> None:
     """Compare the settings file with what the desk has set.
 
     Shows phases, the release of scores and pauses, and what is in effect.
     """
     from reverie_eval.server.service.notices import Notices
     from reverie_eval.server.service.schedules import Schedules
-    from reverie_eval.server.settings import load_settings
 
-    settings = load_settings(folder)
+    settings = folder.settings
     notices = Notices(settings.banner, paused=settings.paused)
-    with reading(folder) as session:
+    with folder.reading() as session:
         reports = Schedules(settings.splits).list_all(session)
         notice = notices.current(session)
     rows = [
@@ -147,14 +145,14 @@ def diff(*, folder: Path) -> None:
     print_list(("of", "settings file", "desk", "in effect"), [("all splits", *standing), *rows])
 
 
-def _of_server(notice: "NoticeReport | None") -> str:
+def _of_server(notice: NoticeReport | None) -> str:
     if notice is None:
         return "-"
     banner = f"; banner: {notice.banner}" if notice.banner else ""
     return f"{'paused' if notice.paused else 'not paused'}{banner}"
 
 
-def _time(instant: "datetime") -> str:
+def _time(instant: datetime) -> str:
     """Write a time as the options take it."""
     return f"{instant:%Y-%m-%dT%H:%M:%SZ}"
 
@@ -178,3 +176,19 @@ def _text(schedule: "Schedule | NewSchedule | None") -> str:
     if schedule.paused:
         words.append("paused")
     return ", ".join(words)
+
+
+@click.command()
+@server_folder
+@split
+@click.option("--title", required=True, metavar="TEXT", help="Shown on the leaderboard.")
+def snapshot(*, folder: Folder, split: str, title: str) -> None:
+    """Take a signed snapshot of a leaderboard.
+
+    It is public at once and never changes. When a phase has ended, the server takes one by itself.
+    """
+    new = options.checked(NewSnapshot, split=split, title=title)
+    with folder.open() as state, state.transactions.begin(actor()) as transaction:
+        taken = state.snapshots.take(transaction, new)
+    print(f"{split}: snapshot {taken.number}, {taken.title}, as of {minute(taken.as_of)} UTC")
+    print(f"it stays at /boards/{split}/snapshots/{taken.number}")

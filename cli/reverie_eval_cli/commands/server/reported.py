@@ -1,26 +1,22 @@
 """``reverie-eval server import FOLDER FILE``, and ``server reported list|edit|remove FOLDER``."""
 
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from reverie_eval.metrics import METRICS
+from reverie_eval.reporting._table import metric_cells
+from reverie_eval.schemas.organising import NewImport, NewReported, Rates, ReportedChange
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, print_list, read_text, reading
+from reverie_eval_cli.organising import Folder, print_list, read_text, server_folder
 from reverie_eval_cli.output import note
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from reverie_eval.schemas.organising import NewReported, Rates
 
 
 @click.command("import")
-@options.server_folder
+@server_folder
 @click.argument("file", type=options.PATH)
 @options.split
 @click.option(
@@ -36,22 +32,21 @@ if TYPE_CHECKING:
     help="The version of the dataset that they are on, such as v2. If the split is on another, "
     "they are shown separately.  [default: not known]",
 )
-@click.option(
+@options.with_default(
     "--rates",
     type=options.Choice(["percent", "fraction"]),
     default="percent",
-    show_default=True,
     help="How FILE gives rates, such as SR: as 59.6 or as 0.596.",
 )
 @click.option("--dry-run", is_flag=True, help="Only show what would be added.")
 def import_results(
     *,
-    folder: Path,
+    folder: Folder,
     file: Path,
     split: str,
     source: str,
     dataset_version: str,
-    rates: "Rates",
+    rates: Rates,
     dry_run: bool,
 ) -> None:
     """Import results that a paper or another leaderboard reports.
@@ -61,11 +56,9 @@ def import_results(
 
     Exit status: 0 done, 1 file rejected and nothing added, 2 usage or system error.
     """
-    from reverie_eval.schemas.organising import NewImport
     from reverie_eval.server.service.reported import import_reported
-    from reverie_eval.server.settings import load_settings
 
-    new = checked(
+    new = options.checked(
         NewImport,
         split=split,
         source=source,
@@ -74,8 +67,8 @@ def import_results(
         text=read_text(file),
         dry_run=dry_run,
     )
-    tasks = load_settings(folder).tasks
-    with acting(folder) as transaction:
+    tasks = folder.settings.tasks
+    with folder.acting() as transaction:
         report = import_reported(transaction, new, tasks)
     if dry_run:
         _print_results(report.added)
@@ -90,7 +83,7 @@ def import_results(
     print(f"{split}: {count_text(report.rows, 'row')}: {', '.join(counts)}")
 
 
-def _print_results(results: "Sequence[NewReported]") -> None:
+def _print_results(results: Sequence[NewReported]) -> None:
     scored = {key for each in results for key in each.scores}
     metrics = [metric for key, metric in METRICS.items() if key in scored]
     rows = [
@@ -98,7 +91,7 @@ def _print_results(results: "Sequence[NewReported]") -> None:
             each.method.name,
             each.team,
             each.date or "-",
-            *(m.display(each.scores[m.key]) if m.key in each.scores else "-" for m in metrics),
+            *metric_cells(metrics, each.scores),
         )
         for each in results
     ]
@@ -111,14 +104,12 @@ def reported() -> None:
 
 
 @reported.command("list")
-@options.server_folder
-def list_results(*, folder: Path) -> None:
+@server_folder
+def list_results(*, folder: Folder) -> None:
     """List the reported results with their numbers, the latest first."""
-    from reverie_eval.server.service.paging import all_pages
     from reverie_eval.server.service.reported import list_reported
 
-    with reading(folder) as session:
-        known = list(all_pages(partial(list_reported, session)))
+    known = folder.all_of(list_reported)
     rows = [
         (
             str(each.id),
@@ -140,8 +131,8 @@ def list_results(*, folder: Path) -> None:
 def _read_changes(
     context: click.Context,  # noqa: ARG001
     parameter: click.Parameter,  # noqa: ARG001
-    words: "Sequence[str]",
-) -> "Mapping[str, str]":
+    words: Sequence[str],
+) -> Mapping[str, str]:
     without = [word for word in words if "=" not in word]
     if without:
         raise click.BadParameter(f"expected FIELD=VALUE, found {without[0]!r}")
@@ -149,36 +140,34 @@ def _read_changes(
 
 
 @reported.command()
-@options.server_folder
+@server_folder
 @click.argument("number", type=options.Number(1))
 @click.argument(
     "changes", metavar="FIELD=VALUE...", nargs=-1, required=True, callback=_read_changes
 )
-def edit(*, folder: Path, number: int, changes: "Mapping[str, str]") -> None:
+def edit(*, folder: Folder, number: int, changes: Mapping[str, str]) -> None:
     """Change fields of a reported result.
 
     A FIELD is a column of `server import`: team, method, date, source, dataset, paper, code,
     extra_data, SR, SPL, ... An empty VALUE removes the old one.
     """
-    from reverie_eval.schemas.organising import ReportedChange
     from reverie_eval.server.service.reported import change_reported
     from reverie_eval.server.service.reported_files import read_change
-    from reverie_eval.server.settings import load_settings
 
-    change, tasks = checked(ReportedChange, **read_change(changes)), load_settings(folder).tasks
-    with acting(folder) as transaction:
+    change, tasks = options.checked(ReportedChange, **read_change(changes)), folder.settings.tasks
+    with folder.acting() as transaction:
         changed = change_reported(transaction, number, change, tasks)
     print(f"reported result {changed.id} ({changed.method.name}) changed")
 
 
 @reported.command()
-@options.server_folder
+@server_folder
 @click.argument("numbers", metavar="NUMBER...", type=options.Number(1), nargs=-1, required=True)
-def remove(*, folder: Path, numbers: "Sequence[int]") -> None:
+def remove(*, folder: Folder, numbers: Sequence[int]) -> None:
     """Remove reported results from their leaderboards."""
     from reverie_eval.server.service.reported import remove_reported
 
-    with acting(folder) as transaction:
+    with folder.acting() as transaction:
         for number in dict.fromkeys(numbers):
             remove_reported(transaction, number)
     print(f"{count_text(len(set(numbers)), 'reported result')} removed")

@@ -1,19 +1,15 @@
 """``reverie-eval server request list|accept|reject FOLDER``."""
 
 import sys
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import click
 
+from reverie_eval.schemas.joining import Rejection
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from reverie_eval_cli.organising import Folder, minute, print_list, server_folder
 
 
 @click.group(cls=Group)
@@ -22,14 +18,12 @@ def request() -> None:
 
 
 @request.command("list")
-@options.server_folder
-def list_requests(*, folder: Path) -> None:
+@server_folder
+def list_requests(*, folder: Folder) -> None:
     """List the open requests, the earliest first."""
     from reverie_eval.server.service.joining import list_requests
-    from reverie_eval.server.service.paging import all_pages
 
-    with reading(folder) as session:
-        known = list(all_pages(partial(list_requests, session)))
+    known = folder.all_of(list_requests)
     rows = [
         (
             str(each.id),
@@ -47,9 +41,9 @@ def list_requests(*, folder: Path) -> None:
 
 
 @request.command()
-@options.server_folder
+@server_folder
 @click.argument("numbers", metavar="NUMBER...", type=options.Number(1), nargs=-1, required=True)
-def accept(*, folder: Path, numbers: "Sequence[int]") -> None:
+def accept(*, folder: Folder, numbers: Sequence[int]) -> None:
     """Add the people of requests to their teams.
 
     Prints an invitation for each person, as CSV. They cannot be shown again.
@@ -57,7 +51,7 @@ def accept(*, folder: Path, numbers: "Sequence[int]") -> None:
     from reverie_eval.server.service.joining import accept_requests
     from reverie_eval.server.service.people_files import invitations_csv
 
-    with acting(folder) as transaction:
+    with folder.acting() as transaction:
         accepted = accept_requests(transaction, numbers)
     invitations = [each for one in accepted for each in one.invitations]
     print(invitations_csv(invitations), end="")
@@ -66,18 +60,17 @@ def accept(*, folder: Path, numbers: "Sequence[int]") -> None:
 
 
 @request.command()
-@options.server_folder
+@server_folder
 @click.argument("numbers", metavar="NUMBER...", type=options.Number(1), nargs=-1, required=True)
 @click.option("--reason", default="", metavar="TEXT", help="The reason, for the audit log.")
-def reject(*, folder: Path, numbers: "Sequence[int]", reason: str) -> None:
+def reject(*, folder: Folder, numbers: Sequence[int], reason: str) -> None:
     """Reject requests to join.
 
     The personal data in them is deleted.
     """
-    from reverie_eval.schemas.joining import Rejection
     from reverie_eval.server.service.joining import reject_requests
 
-    rejection = checked(Rejection, reason=reason)
-    with acting(folder) as transaction:
+    rejection = options.checked(Rejection, reason=reason)
+    with folder.acting() as transaction:
         reject_requests(transaction, numbers, rejection)
     print(f"{count_text(len(set(numbers)), 'request')} rejected")

@@ -1,6 +1,7 @@
 """``reverie-eval server rescore FOLDER SPLIT``: score submissions again after a correction."""
 
 import os
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -8,22 +9,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from reverie_eval.metrics import Metric
+from reverie_eval.reporting._table import cell_of, metric_cell
+from reverie_eval.schemas.organising import NewCorrection, ResultChange
 from reverie_eval.tasks import Task
 from reverie_eval.text import count_text
 from reverie_eval_cli import options
-from reverie_eval_cli.organising import actor, checked, print_list
+from reverie_eval_cli.organising import Folder, actor, print_list, server_folder
 from reverie_eval_cli.output import note, with_progress
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from reverie_eval.schemas.organising import ResultChange
     from reverie_eval.server.service.rescoring import Job, Outcome
 
 
 @click.command()
-@options.server_folder
+@server_folder
 @click.argument("split")
 @click.option("--reason", metavar="TEXT", help="Why; shown on the leaderboard with the date.")
 @click.option(
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 @options.jobs
 def rescore(
     *,
-    folder: Path,
+    folder: Folder,
     split: str,
     reason: str | None,
     bundle: Path | None,
@@ -54,17 +53,15 @@ def rescore(
 
     Exit status: 0 all were scored, 1 some cannot be scored again, 2 usage or system error.
     """
-    from reverie_eval.schemas.organising import NewCorrection
     from reverie_eval.server.operations import rescoring
-    from reverie_eval.server.settings import load_settings
 
     if reason is None and not dry_run:
         raise click.UsageError("give a --reason, or --dry-run to change nothing")
-    settings, jobs = load_settings(folder), jobs or os.cpu_count() or 1
+    settings, jobs = folder.settings, jobs or os.cpu_count() or 1
     if reason is None or dry_run:
         changes = rescoring.preview(settings, split, bundle, jobs=jobs, progress=_progress)
     else:
-        new = checked(NewCorrection, split=split, reason=reason)
+        new = options.checked(NewCorrection, split=split, reason=reason)
         if bundle is not None:
             aside = rescoring.install_bundle(settings, split, bundle)
             note(f"the earlier ground truth is now {aside}; restart the server to use the new one")
@@ -84,7 +81,7 @@ def _progress(
     return with_progress(outcomes, "scoring again", number)
 
 
-def _print(changes: "Sequence[ResultChange]", task: Task) -> None:
+def _print(changes: Sequence[ResultChange], task: Task) -> None:
     """Print a table for each leaderboard of the split."""
     if not changes:
         note("there are no submissions")
@@ -94,27 +91,19 @@ def _print(changes: "Sequence[ResultChange]", task: Task) -> None:
         _print_board(list(group), task)
 
 
-def _print_board(changes: "Sequence[ResultChange]", task: Task) -> None:
+def _print_board(changes: Sequence[ResultChange], task: Task) -> None:
     metric = task.primary_metric(set().union(*(c.before.keys() | c.after.keys() for c in changes)))
     rows = [
         (
             change.submission_id,
             change.team,
             change.method,
-            _shown(metric, change.before),
-            _shown(metric, change.after),
-            f"{_rank(change.rank_before)} -> {_rank(change.rank_after)}",
+            metric_cell(metric, change.before),
+            metric_cell(metric, change.after),
+            f"{cell_of(change.rank_before)} -> {cell_of(change.rank_after)}",
             change.problem,
         )
         for change in changes
     ]
     before, after = f"{metric.label} before", f"{metric.label} after"
     print_list(("submission", "team", "method", before, after, "rank", "problem"), rows)
-
-
-def _shown(metric: Metric, scores: "Mapping[str, float]") -> str:
-    return metric.display(scores[metric.key]) if metric.key in scores else "-"
-
-
-def _rank(rank: int | None) -> str:
-    return "-" if rank is None else str(rank)

@@ -1,37 +1,35 @@
 """``reverie-eval server submissions FOLDER`` and ``review add|list|lift FOLDER``."""
 
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 import click
 
+from reverie_eval.schemas.organising import NewReview
 from reverie_eval.schemas.service import Verdict
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
-from reverie_eval_cli.organising import acting, checked, minute, print_list, reading
+from reverie_eval_cli.organising import Folder, minute, print_list, server_folder
 
 if TYPE_CHECKING:
     from reverie_eval.server.store.tables import Submission
 
 
 @click.command()
-@options.server_folder
+@server_folder
 @click.option("--split", metavar="NAME", help="Only those to this split.")
 @click.option("--team", metavar="NAME", help="Only those of this team.")
-def submissions(*, folder: Path, split: str | None, team: str | None) -> None:
+def submissions(*, folder: Folder, split: str | None, team: str | None) -> None:
     """List the submissions of all teams, the latest first."""
     from reverie_eval.server.service.people import team_named
     from reverie_eval.server.service.schedules import Schedules
     from reverie_eval.server.service.submissions import all_submissions
-    from reverie_eval.server.settings import load_settings
 
-    with reading(folder) as session:
+    with folder.reading() as session:
         if team is not None:
             team_named(session, team)
         rows = [_cells(row) for row in all_submissions(session, split=split, team=team)]
         if split is not None and not rows:  # the settings may not have it any more
-            Schedules(load_settings(folder).splits).of(session, split)
+            Schedules(folder.settings.splits).of(session, split)
     headings = ("submission", "received (UTC)", "split", "team", "person", "method", "status")
     print_list(headings, rows)
 
@@ -49,33 +47,30 @@ def review() -> None:
 
 
 @review.command()
-@options.server_folder
+@server_folder
 @click.argument("submission")
 @click.argument("verdict", type=options.Choice(get_args(Verdict)))
 @click.option("--reason", required=True, metavar="TEXT", help="The reason, which is public.")
-def add(*, folder: Path, submission: str, verdict: str, reason: str) -> None:
+def add(*, folder: Folder, submission: str, verdict: str, reason: str) -> None:
     """Review a submission.
 
     A disqualified result is shown separately, without a rank.
     """
-    from reverie_eval.schemas.organising import NewReview
     from reverie_eval.server.service.reviews import review as add_review
 
-    new = checked(NewReview, submission_id=submission, verdict=verdict, reason=reason)
-    with acting(folder) as transaction:
+    new = options.checked(NewReview, submission_id=submission, verdict=verdict, reason=reason)
+    with folder.acting() as transaction:
         added = add_review(transaction, new)
     print(f"review {added.id}: {submission} is {verdict}")
 
 
 @review.command("list")
-@options.server_folder
-def list_all(*, folder: Path) -> None:
+@server_folder
+def list_all(*, folder: Folder) -> None:
     """List all reviews with their numbers, the latest first."""
-    from reverie_eval.server.service.paging import all_pages
     from reverie_eval.server.service.reviews import list_reviews
 
-    with reading(folder) as session:
-        known = list(all_pages(partial(list_reviews, session)))
+    known = folder.all_of(list_reviews)
     rows = [
         (
             *(str(each.id), minute(each.created_at), each.submission_id),
@@ -87,12 +82,12 @@ def list_all(*, folder: Path) -> None:
 
 
 @review.command()
-@options.server_folder
+@server_folder
 @click.argument("number", type=options.Number(1))
-def lift(*, folder: Path, number: int) -> None:
+def lift(*, folder: Folder, number: int) -> None:
     """Lift a review."""
     from reverie_eval.server.service.reviews import lift_review
 
-    with acting(folder) as transaction:
+    with folder.acting() as transaction:
         lift_review(transaction, number)
     print(f"review {number} lifted")

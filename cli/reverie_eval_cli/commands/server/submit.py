@@ -5,16 +5,17 @@ from pathlib import Path
 
 import click
 
+from reverie_eval.schemas.organising import EmailedFile
 from reverie_eval.submissions import find_files
 from reverie_eval_cli import options
 from reverie_eval_cli.commands.submit import MethodOptions, method_options
-from reverie_eval_cli.organising import actor, checked
+from reverie_eval_cli.organising import Folder, actor, server_folder
 from reverie_eval_cli.output import note
 from reverie_eval_cli.receipts import keep_receipts
 
 
 @click.command()
-@options.server_folder
+@server_folder
 @click.argument("files", metavar="FILE|FOLDER", type=click.Path(exists=True, path_type=Path))
 @options.split
 @click.option("--team", required=True, metavar="NAME", help="The team that sent it.")
@@ -29,7 +30,7 @@ from reverie_eval_cli.receipts import keep_receipts
 @click.option("--publish", is_flag=True, help="Put the result on the leaderboard at once.")
 def submit(
     *,
-    folder: Path,
+    folder: Folder,
     files: Path,
     split: str,
     team: str,
@@ -46,18 +47,15 @@ def submit(
 
     Exit status: 0 all were scored, 1 some were refused, 2 usage or system error.
     """
-    from reverie_eval.schemas.organising import EmailedFile
     from reverie_eval.server.errors import RequestError
-    from reverie_eval.server.operations.checks import opened_server
-    from reverie_eval.server.settings import load_settings
 
-    file = checked(
+    file = options.checked(
         EmailedFile, split=split, team=team, person=person, received_at=received, publish=publish
     )
     chosen = list(map(Path, find_files([str(files)])))
     described = [method.method(str(path)) for path in chosen]
     failed = False
-    with opened_server(load_settings(folder)) as state:
+    with folder.open() as state:
         for number, (path, each) in enumerate(zip(chosen, described, strict=True)):
             try:
                 report = state.emailed_files.submit(

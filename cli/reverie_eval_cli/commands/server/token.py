@@ -1,27 +1,21 @@
 """``reverie-eval server token add|list|revoke FOLDER``, and ``server invite``."""
 
 import sys
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import click
 
+from reverie_eval.schemas.organising import NewToken, TokenReport
 from reverie_eval_cli import options
 from reverie_eval_cli.groups import Group
 from reverie_eval_cli.organising import (
-    acting,
+    Folder,
     after,
-    checked,
     minute,
     now,
     print_list,
-    reading,
-    revoking,
+    server_folder,
 )
-
-if TYPE_CHECKING:
-    from reverie_eval.schemas.organising import TokenReport
 
 
 @click.group(cls=Group)
@@ -30,11 +24,11 @@ def token() -> None:
 
 
 @token.command()
-@options.server_folder
+@server_folder
 @click.argument("person")
 @options.of_team
 @options.expiry(None)
-def add(*, folder: Path, person: str, team: str | None, expires_days: int | None) -> None:
+def add(*, folder: Folder, person: str, team: str | None, expires_days: int | None) -> None:
     """Print a new token for a person.
 
     It cannot be shown again.
@@ -43,14 +37,12 @@ def add(*, folder: Path, person: str, team: str | None, expires_days: int | None
 
 
 @token.command("list")
-@options.server_folder
-def list_tokens(*, folder: Path) -> None:
+@server_folder
+def list_tokens(*, folder: Folder) -> None:
     """List tokens and invitations by their first characters."""
     from reverie_eval.server.service import tokens
-    from reverie_eval.server.service.paging import all_pages
 
-    with reading(folder) as session:
-        known = list(all_pages(partial(tokens.list_tokens, session)))
+    known = folder.all_of(tokens.list_tokens)
     rows = [
         (
             each.hint,
@@ -66,33 +58,33 @@ def list_tokens(*, folder: Path) -> None:
     print_list(("begins", "kind", "person", "team", "made (UTC)", "expires (UTC)", "state"), rows)
 
 
-def _state(each: "TokenReport") -> str:
+def _state(each: TokenReport) -> str:
     if each.revoked_at is not None:
         return "used" if each.kind == "invite" else "revoked"
     return "expired" if each.expires_at is not None and each.expires_at <= now() else "valid"
 
 
 @token.command("revoke")
-@options.server_folder
+@server_folder
 @click.argument("begins")
-def revoke_token(*, folder: Path, begins: str) -> None:
+def revoke_token(*, folder: Folder, begins: str) -> None:
     """Revoke a token.
 
     BEGINS is its first 11 characters, which `server token list` shows.
     """
     from reverie_eval.server.service import tokens
 
-    with revoking(folder) as transaction:
+    with folder.revoking() as transaction:
         revoked = tokens.revoke_token(transaction, begins)
     print(f"token {revoked.hint} of {revoked.person} revoked")
 
 
 @click.command()
-@options.server_folder
+@server_folder
 @click.argument("person")
 @options.of_team
 @options.expiry(14)
-def invite(*, folder: Path, person: str, team: str | None, expires_days: int | None) -> None:
+def invite(*, folder: Folder, person: str, team: str | None, expires_days: int | None) -> None:
     """Print an invitation for a person.
 
     `reverie-eval login` exchanges it, once, for a token.
@@ -101,19 +93,18 @@ def invite(*, folder: Path, person: str, team: str | None, expires_days: int | N
 
 
 def _create(
-    folder: Path,
+    folder: Folder,
     name: str,
     team: str | None,
     kind: Literal["access", "invite"],
     expires_days: int | None,
 ) -> None:
     """Print a token alone, for scripts; on standard error whose it is."""
-    from reverie_eval.schemas.organising import NewToken
     from reverie_eval.server.service.tokens import TOKEN_NAMES, create_token
 
     ends = after(expires_days)
-    new = checked(NewToken, person=name, team=team, kind=kind, expires_at=ends)
-    with acting(folder) as transaction:
+    new = options.checked(NewToken, person=name, team=team, kind=kind, expires_at=ends)
+    with folder.acting() as transaction:
         created = create_token(transaction, new)
     print(created.token)
     until = f", until {minute(ends)} UTC" if ends else ""

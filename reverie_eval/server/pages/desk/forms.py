@@ -9,14 +9,14 @@ from datetime import date
 from functools import wraps
 from typing import Annotated, Any, Protocol, TypeAlias
 
-from fastapi import Query
+from fastapi import APIRouter, Query
 from fastapi.responses import Response
 from starlette.datastructures import FormData, UploadFile
 
 from reverie_eval.schemas.joining import PersonInvitation
 from reverie_eval.schemas.service import ProblemDocument
 from reverie_eval.server.errors import MalformedError
-from reverie_eval.server.http.callers import Call, Snapshot
+from reverie_eval.server.http.callers import Call, Desk, Snapshot
 from reverie_eval.server.pages.rendering import (
     address_of_site,
     page,
@@ -36,7 +36,9 @@ Typed: TypeAlias = Mapping[str, str]
 """The input of a form, by the names of its fields."""
 Draw: TypeAlias = Callable[[Call, Typed, ProblemDocument], Response]
 """Shows a page again, with the input of its form and a problem."""
-Content: TypeAlias = Callable[[Call, Snapshot, Typed], Mapping[str, Any]]
+Shown: TypeAlias = Mapping[str, Any]
+"""What a template needs besides what all pages of the desk have."""
+Content: TypeAlias = Callable[[Call, Snapshot, Typed], Shown]
 """Returns what is on a page, given the input of its form."""
 Done = Annotated[str, Query(max_length=20)]
 """The outcome of a form, by which the page chooses a message."""
@@ -75,6 +77,21 @@ def shown_by(template: str) -> Callable[[Content], FormPage]:
             with desk.snapshot() as snapshot:
                 shown = {"typed": typed, "done": what, **content(desk, snapshot, typed)}
                 return desk_page(desk, snapshot, template, problem, **shown)
+
+        return draw
+
+    return page_of
+
+
+def shown_at(router: APIRouter, path: str, template: str) -> Callable[[Content], FormPage]:
+    """Do what :func:`shown_by` does, and show the page at its address, its forms empty."""
+
+    def page_of(content: Content) -> FormPage:
+        draw = shown_by(template)(content)
+
+        @router.get(path)
+        def show(desk: Desk, done: Done = "") -> Response:
+            return draw(desk, {}, what=done)
 
         return draw
 

@@ -1,8 +1,5 @@
 """``/desk/notice``: the banner, and pausing submissions."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from fastapi import APIRouter
 from fastapi.responses import Response
 
@@ -18,8 +15,8 @@ router = APIRouter()
 PAGE = "/desk/notice"
 
 
-@forms.shown_by("notice.html")
-def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "notice.html")
+def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Shown:
     """Show the current notice, and the form to change it, with its input or the posted notice."""
     notices, posted = desk.server.notices, latest_notice(snapshot.session)
     standing = notices.current(snapshot.session)
@@ -34,12 +31,6 @@ def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any
 
 def _typed_of(posted: Notice) -> forms.Typed:
     return {"banner": posted.banner, **({"paused": "true"} if posted.paused else {})}
-
-
-@router.get(PAGE)
-def show_notice(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the current notice and the form to change it."""
-    return draw(desk, {}, what=done)
 
 
 @router.post(PAGE)

@@ -1,8 +1,7 @@
 """``/desk/people``: teams, people and their tokens; ``/desk/people/3``: a person."""
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Path
 from fastapi.responses import Response
@@ -23,8 +22,8 @@ Hint = Annotated[str, Path(pattern=r"^rv_[\w-]{8}$")]
 PAGE = "/desk/people"
 
 
-@forms.shown_by("people.html")
-def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "people.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show all teams, people and tokens, and the forms to add more."""
     session, browser = snapshot.session, snapshot.browser
     everybody = people.everybody(session)
@@ -37,12 +36,6 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
         "tokens": tokens.list_tokens(session, forms.page_at(desk, "tokens")),
         "own": browser and browser.token.hint,
     }
-
-
-@router.get(PAGE)
-def show_people(desk: Desk, done: forms.Done = "") -> Response:
-    """Show all teams, people and tokens."""
-    return draw(desk, {}, what=done)
 
 
 @router.post(f"{PAGE}/teams")
@@ -119,16 +112,10 @@ def revoke_token(hint: Hint, desk: Desk, form: Posted) -> Response:
     return forms.done(PAGE, "revoked")
 
 
-@forms.shown_by("people-import.html")
-def draw_import(*_: object) -> Mapping[str, Any]:
+@forms.shown_at(router, f"{PAGE}/import", "people-import.html")
+def draw_import(*_: object) -> forms.Shown:
     """Show the form to import a file of people."""
     return {}
-
-
-@router.get(f"{PAGE}/import")
-def show_import(desk: Desk) -> Response:
-    """Show the form to import a file of people."""
-    return draw_import(desk, {})
 
 
 @router.post(f"{PAGE}/import")

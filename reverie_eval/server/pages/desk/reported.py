@@ -25,8 +25,8 @@ router = APIRouter()
 PAGE = "/desk/reported"
 
 
-@forms.shown_by("reported.html")
-def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, PAGE, "reported.html")
+def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the reported results, and the form to add one."""
     return {
         "results": reported.list_reported(snapshot.session, forms.page_at(desk, "results")),
@@ -36,8 +36,8 @@ def draw(desk: Call, snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
     }
 
 
-@forms.shown_by("reported-import.html")
-def draw_import(desk: Call, _snapshot: Snapshot, _: forms.Typed) -> Mapping[str, Any]:
+@forms.shown_at(router, f"{PAGE}/import", "reported-import.html")
+def draw_import(desk: Call, _snapshot: Snapshot, _: forms.Typed) -> forms.Shown:
     """Show the form to import a file."""
     return {"splits": list(desk.server.boards)}
 
@@ -64,12 +64,6 @@ def draw_result(
         )
 
 
-@router.get(PAGE)
-def show_reported(desk: Desk, done: forms.Done = "") -> Response:
-    """Show the reported results."""
-    return draw(desk, {}, what=done)
-
-
 @router.post(PAGE)
 def add(desk: Desk, form: Posted) -> Response:
     """Add a reported result to a leaderboard."""
@@ -78,12 +72,6 @@ def add(desk: Desk, form: Posted) -> Response:
     tasks = desk.server.settings.tasks
     desk.perform(reported.add_reported, read_model(NewReported, fields), tasks)
     return forms.done(PAGE, "added")
-
-
-@router.get(f"{PAGE}/import")
-def show_import(desk: Desk) -> Response:
-    """Show the form to import a file."""
-    return draw_import(desk, {})
 
 
 @router.post(f"{PAGE}/import")

@@ -1,7 +1,7 @@
 """``/desk/reviews``: public reviews of submissions."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
@@ -30,7 +30,7 @@ _HARMFUL = frozenset({"flagged", "disqualified"})
 
 
 @forms.shown_by("reviews.html")
-def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> Mapping[str, Any]:
+def draw(desk: Call, snapshot: Snapshot, typed: forms.Typed) -> forms.Shown:
     """Show the reviews, and the form to review a submission."""
     session = snapshot.session
     chosen = _chosen(session, typed)

@@ -5,7 +5,7 @@ site, so a cookie is only accepted from this server's own pages, and every reque
 something needs the session's CSRF token as well. The API accepts both; pages accept only cookies.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -206,19 +206,19 @@ async def anybody(
     return Call(request, state_of(request), token, session_id_of(request, cookie), csrf_token)
 
 
-async def caller(call: Annotated[Call, Depends(anybody)]) -> Call:
-    """Return a call that only people with a token or a session may make."""
-    return replace(call, required="participant")
+def of_role(role: Role, anyone: Callable[..., Awaitable[Call]]) -> Any:
+    """Return the dependency of routes for people with a role, made from that for anyone."""
 
+    async def call_of_role(call: Annotated[Call, Depends(anyone)]) -> Call:
+        return replace(call, required=role)
 
-async def organiser(call: Annotated[Call, Depends(anybody)]) -> Call:
-    """Return a call that only organisers may make."""
-    return replace(call, required="organiser")
+    return Depends(call_of_role)
 
 
 Anybody = Annotated[Call, Depends(anybody)]
-Caller = Annotated[Call, Depends(caller)]
-Organiser = Annotated[Call, Depends(organiser)]
+Caller = Annotated[Call, of_role("participant", anybody)]
+"""A call that only people with a token or a session may make."""
+Organiser = Annotated[Call, of_role("organiser", anybody)]
 
 
 def visit_of(request: Request) -> Call:
@@ -230,16 +230,6 @@ def visit_of(request: Request) -> Call:
 async def visitor(request: Request) -> Call:
     """Return a visit to a page that anyone may see."""
     return visit_of(request)
-
-
-async def member(visit: Annotated[Call, Depends(visitor)]) -> Call:
-    """Return a visit to a page that requires signing in."""
-    return replace(visit, required="participant")
-
-
-async def desk(visit: Annotated[Call, Depends(visitor)]) -> Call:
-    """Return a visit to a page for organisers."""
-    return replace(visit, required="organiser")
 
 
 async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
@@ -263,8 +253,10 @@ async def posted(visit: Annotated[Call, Depends(visitor)]) -> FormData:
 
 
 Visitor = Annotated[Call, Depends(visitor)]
-Member = Annotated[Call, Depends(member)]
-Desk = Annotated[Call, Depends(desk)]
+Member = Annotated[Call, of_role("participant", visitor)]
+"""A visit to a page that requires signing in."""
+Desk = Annotated[Call, of_role("organiser", visitor)]
+"""A visit to a page for organisers."""
 Posted = Annotated[FormData, Depends(posted)]
 
 

@@ -106,28 +106,10 @@ class ServerState:
         transactions = Transactions(
             database, audit_log, clock, settings.channels, snapshots.take_due
         )
-        intake = Intake(
-            boards,
-            database,
-            uploads,
-            signer,
-            clock,
-            transactions,
-            notices,
-            Attempts(database, clock),
-            schedules,
-            settings.required_metadata,
-            most_bytes=settings.limits.unpacked_mebibytes << 20,
-            mebibytes_per_day=settings.limits.mebibytes_per_day,
-        )
+        attempts = Attempts(database, clock)
+        intake = Intake(boards, uploads, transactions, notices, attempts, schedules, settings)
         submissions = SubmissionService(
-            boards,
-            database,
-            uploads,
-            transactions,
-            schedules,
-            signer,
-            settings.required_metadata,
+            boards, uploads, transactions, schedules, settings.required_metadata
         )
         sessions = Sessions(signer.secret_for("browser sessions"))
         return cls(
@@ -141,7 +123,7 @@ class ServerState:
             intake,
             submissions,
             EmailedFiles(intake, submissions),
-            Rescoring(boards, database, uploads, signer, transactions),
+            Rescoring(boards, uploads, transactions),
             EvidenceService(boards, database, uploads, signer),
             Retention(uploads, transactions, settings.keep_uploads_days),
             notices,

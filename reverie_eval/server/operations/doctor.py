@@ -32,7 +32,7 @@ from reverie_eval.server.service.audit import (
 from reverie_eval.server.service.boards import Board
 from reverie_eval.server.service.keys import list_keys
 from reverie_eval.server.service.outbox import announce_fault, given_up
-from reverie_eval.server.service.submissions import submission_report
+from reverie_eval.server.service.results import submission_report
 from reverie_eval.server.settings import load_settings
 from reverie_eval.server.state import ServerState
 from reverie_eval.server.store.database import AT_ONCE, Database

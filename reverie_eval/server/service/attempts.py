@@ -102,17 +102,8 @@ def list_attempts(session: Session, page: Page, outcome: str = "") -> Listed[Att
 
 def attempt_report(attempt: Attempt) -> AttemptReport:
     """Return what organisers see of an upload."""
-    return AttemptReport(
-        id=attempt.id,
-        at=attempt.at,
-        person=attempt.person.name,
-        team=attempt.person.team.name,
-        split=attempt.split,
-        outcome=attempt.outcome,
-        problems=attempt.problems,
-        size=attempt.size,
-        milliseconds=attempt.milliseconds,
-    )
+    person = attempt.person
+    return attempt.as_report(AttemptReport, person=person.name, team=person.team.name)
 
 
 @dataclass(frozen=True, slots=True)

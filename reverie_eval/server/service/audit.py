@@ -231,10 +231,9 @@ def list_reports(session: Session, page: Page) -> Listed[AuditReport]:
 def audit_reports(session: Session, entries: Sequence[AuditEntry]) -> list[AuditReport]:
     """Return entries as organisers see them, with the names of persons."""
     names = names_in(session, entries)
-    fields = ("id", "at", "action", "row", "details", "previous", "digest")
     return [
-        AuditReport(
-            **{name: getattr(entry, name) for name in fields},
+        entry.as_report(
+            AuditReport,
             actor=names.get(entry.actor, entry.actor),
             actor_row=entry.actor if entry.actor in names else "",
             subject=names.get(entry.subject, entry.subject),

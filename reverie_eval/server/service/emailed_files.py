@@ -46,9 +46,9 @@ class EmailedFiles:
             If the file is refused, as an upload would be; the error has the reply to the sender.
         """
         board_named(self.intake.boards, file.split)
-        with self.intake.database.reading() as session:
+        with self.intake.transactions.database.reading() as session:
             sender = person_named(session, file.person, file.team)
-        if file.received_at > self.intake.clock():
+        if file.received_at > self.intake.transactions.clock():
             raise MalformedError(
                 f"the file was received at {time_text(file.received_at)}, which is in the future; "
                 "give the time at which the e-mail arrived"

@@ -78,21 +78,11 @@ def list_requests(session: Session, page: Page) -> Listed[JoinRequestReport]:
     """List the open requests, the earliest first."""
     requests = select(JoinRequest).where(_IS_OPEN)
     teams = set(people.names_of_teams(session))
-    return list_page(
-        session,
-        requests,
-        JoinRequest.id,
-        page,
-        lambda row: JoinRequestReport(
-            id=row.id,
-            team=row.team,
-            people=row.people,
-            institution=row.institution,
-            purpose=row.purpose,
-            team_exists=row.team in teams,
-            created_at=row.created_at,
-        ),
-    )
+
+    def report(row: JoinRequest) -> JoinRequestReport:
+        return row.as_report(JoinRequestReport, team_exists=row.team in teams)
+
+    return list_page(session, requests, JoinRequest.id, page, report)
 
 
 def count_open(session: Session) -> int:

@@ -16,8 +16,8 @@ from reverie_eval.schemas.organising import (
 )
 from reverie_eval.schemas.service import SubmissionReport
 from reverie_eval.server.errors import ConflictError, NotFoundError
+from reverie_eval.server.service.embargo import View
 from reverie_eval.server.service.paging import Listed, Page, list_page
-from reverie_eval.server.service.submissions import View
 from reverie_eval.server.service.transactions import Transaction
 from reverie_eval.server.store.tables import Person, Submission, Team, Token
 
@@ -210,19 +210,12 @@ def find_person(session: Session, person_id: int) -> Person:
 def team_report(team: Team) -> TeamReport:
     """Return a team as organisers see it."""
     people = sorted(person.name for person in team.people if person.deleted_at is None)
-    return TeamReport(name=team.name, people=people, created_at=team.created_at)
+    return team.as_report(TeamReport, people=people)
 
 
 def person_report(person: Person) -> PersonReport:
     """Return a person as organisers see them."""
-    return PersonReport(
-        id=person.id,
-        name=person.name,
-        email=person.email,
-        team=person.team.name,
-        role=person.role,
-        created_at=person.created_at,
-    )
+    return person.as_report(PersonReport, team=person.team.name)
 
 
 def _name_is_taken(name: str) -> str:

@@ -106,14 +106,5 @@ def _sign_anew(session: Session, person: Person) -> None:
 
 
 def _submission_record(row: Submission) -> SubmissionRecord:
-    return SubmissionRecord(
-        id=row.id,
-        split=row.split,
-        team=row.team.name,
-        sha256=row.sha256,
-        size=row.size,
-        received_at=row.received_at,
-        published_at=row.published_at,
-        withdrawn_at=row.withdrawn_at,
-        method=Method.model_validate(row.method),
-    )
+    method = Method.model_validate(row.method)
+    return row.as_report(SubmissionRecord, team=row.team.name, method=method)

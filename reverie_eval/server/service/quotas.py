@@ -235,11 +235,4 @@ def list_grants(session: Session, page: Page) -> Listed[GrantReport]:
 
 def grant_report(row: Grant) -> GrantReport:
     """Return a grant as organisers see it."""
-    return GrantReport(
-        team=row.team.name,
-        split=row.split,
-        extra=row.extra,
-        reason=row.reason,
-        created_at=row.created_at,
-        expires_at=row.expires_at,
-    )
+    return row.as_report(GrantReport, team=row.team.name)

@@ -44,6 +44,7 @@ _Cookie = APIKeyCookie(
 class Snapshot:
     """The database as one request sees it, and the caller."""
 
+    request: Request
     session: Session
     now: datetime
     browser: BrowserSession | None
@@ -97,7 +98,7 @@ class Call:
         """
         with self.server.database.reading() as session:
             browser, caller = self._sender(session)
-            snapshot = Snapshot(session, self.server.clock(), browser, caller)
+            snapshot = Snapshot(self.request, session, self.server.clock(), browser, caller)
             if self.required is not None:
                 role = snapshot.person.role
                 if self.required == "organiser" and role != "organiser":

@@ -201,9 +201,8 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
         charted = query.shown.of(ranking.rows, ranking)
         is_copy = visitor.request.app.state.is_copy
         return page(
-            visitor.request,
-            "board.html",
             snapshot,
+            "board.html",
             board=board,
             of_split=visitor.server.board(board.name).all,
             ranking=ranking,
@@ -212,7 +211,6 @@ def show_board(board: NamedBoard, visitor: Visitor, query: Shown) -> Response:
             columns=_columns(ranking.board, query, [*part.rows, *apart]),
             scale=Scale.of(part.rows, query.metric),
             schedule=visitor.server.schedules.in_effect(snapshot.session)[board.name],
-            now=snapshot.now,
             own_team=snapshot.caller and snapshot.caller.team_id,
             axes={
                 metric.key: f"{metric.label}: {metric.name}"
@@ -270,9 +268,8 @@ def show_snapshot(split: str, number: Number, visitor: Visitor) -> Response:
         rows = [*shown.leaderboard.rows, *shown.leaderboard.apart]
         scored = {key for row in rows for key in row.scores}
         return page(
-            visitor.request,
-            "snapshot.html",
             snapshot,
+            "snapshot.html",
             shown=shown,
             columns=headline_of(shown.leaderboard.signature, scored),
         )

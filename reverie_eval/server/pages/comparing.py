@@ -27,9 +27,7 @@ def show_comparison(
     with visitor.snapshot() as snapshot:
         ranking = visitor.server.ranking(snapshot.session, board)
         pair = compare_results(snapshot.session, visitor.server.submissions, ranking, result)
-        return page(
-            visitor.request, "compare.html", snapshot, board=board, pair=pair, signed=signed
-        )
+        return page(snapshot, "compare.html", board=board, pair=pair, signed=signed)
 
 
 for path in PATHS:

@@ -105,7 +105,7 @@ def show_splits(visitor: Visitor) -> Response:
             (board, episodes.choices(snapshot.session, snapshot.caller, board.name))
             for board in episodes.boards
         ]
-        return page(visitor.request, "episodes.html", snapshot, splits=splits)
+        return page(snapshot, "episodes.html", splits=splits)
 
 
 @router.get("/episodes/{split}")
@@ -125,9 +125,8 @@ def show_episodes(
         pages = max(1, -(-len(rows) // PER_PAGE))
         number = min(number, pages)
         return page(
-            visitor.request,
-            "episodes-list.html",
             snapshot,
+            "episodes-list.html",
             browsing=browsing,
             selection=selection,
             names=_names(browsing.runs),
@@ -157,7 +156,7 @@ def show_episode(
     with visitor.snapshot() as snapshot:
         browsing = _browsing(visitor, snapshot, split, selection)
         content = _episode_content(browsing, selection, instr_id)
-        return page(visitor.request, "episode.html", snapshot, **content)
+        return page(snapshot, "episode.html", **content)
 
 
 def _browsing(visitor: Call, snapshot: Snapshot, split: str, selection: Selection) -> Browsing:

@@ -9,7 +9,6 @@ from fastapi.responses import Response
 
 from reverie_eval.geometry import HEIGHT, WIDTH
 from reverie_eval.metrics import METRICS
-from reverie_eval.schemas.service import Method
 from reverie_eval.server.errors import ERRORS, NotFoundError
 from reverie_eval.server.http.callers import Call, Visitor
 from reverie_eval.server.http.examples import SUBMISSION
@@ -113,14 +112,11 @@ def show_rules(visitor: Visitor) -> Response:
     server = visitor.server
     with visitor.snapshot() as snapshot:
         return page(
-            visitor.request,
-            "guide/rules.html",
             snapshot,
+            "guide/rules.html",
             boards=server.boards,
             schedules=server.schedules.in_effect(snapshot.session),
-            now=snapshot.now,
             required=server.settings.required_metadata,
-            method_fields=Method.model_fields,
         )
 
 
@@ -129,9 +125,8 @@ def show_api(visitor: Visitor) -> Response:
     """Show how to use the API."""
     with visitor.snapshot() as snapshot:
         return page(
-            visitor.request,
-            "guide/api.html",
             snapshot,
+            "guide/api.html",
             address=address_of_site(visitor.request),
             split=next(iter(visitor.server.boards)),
             errors=ERRORS,
@@ -155,7 +150,7 @@ def show_privacy(visitor: Visitor) -> Response:
 
 def _page(visitor: Call, template: str, **content: Any) -> Response:
     with visitor.snapshot() as snapshot:
-        return page(visitor.request, template, snapshot, **content)
+        return page(snapshot, template, **content)
 
 
 def _example(task: Task) -> str:

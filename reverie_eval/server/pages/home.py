@@ -67,12 +67,10 @@ def show_home(visitor: Visitor) -> Response:
     task, *_ = server.tasks
     with visitor.snapshot() as snapshot:
         return page(
-            visitor.request,
-            "home.html",
             snapshot,
+            "home.html",
             task=task,
             leaders=_leaders(server, snapshot),
-            now=snapshot.now,
             example=_example(server.episodes),
             # A link in the settings comes before what is known of the task.
             data=links.get("data", f"https://{task.source}"),

@@ -73,9 +73,8 @@ def show_sample(split: str, visitor: Visitor, played: Asked) -> Response:
         ids = sample(browsing.board, played.seed, played.n)
         instructions = browsing.annotations.instruction or [""] * len(browsing.annotations.scan)
         return page(
-            visitor.request,
-            "play-sample.html",
             snapshot,
+            "play-sample.html",
             split=split,
             task=browsing.board.task,
             own_name=browsing.board.truth.split,
@@ -103,9 +102,9 @@ def play(
         content["played"] = played
         if played.answer:
             content |= _scored(walk, played)
-            return page(visitor.request, "play-scored.html", snapshot, **content)
+            return page(snapshot, "play-scored.html", **content)
         content |= _seen(walk, number, played)
-        return page(visitor.request, "play.html", snapshot, **content)
+        return page(snapshot, "play.html", **content)
 
 
 def _seen(walk: HumanWalk, number: int, played: Played) -> dict[str, Any]:

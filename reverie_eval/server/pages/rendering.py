@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from html import unescape
+from http import HTTPStatus
 from importlib.resources import files
 from types import MappingProxyType
 from typing import Any
@@ -125,11 +126,21 @@ class Site:
 
 
 def page(
-    request: Request,
+    snapshot: Snapshot,
     template: str,
-    snapshot: Snapshot | None,
-    status: int = 200,
+    problem: ProblemDocument | None = None,
+    *,
+    status: int | None = None,
     **content: Any,
+) -> HTMLResponse:
+    """Render a page of what a request sees; after a problem, with its status unless it is given."""
+    usual = problem.status if problem else HTTPStatus.OK
+    content |= {"problem": problem, "now": snapshot.now}
+    return _page(snapshot.request, snapshot, template, status or usual, **content)
+
+
+def _page(
+    request: Request, snapshot: Snapshot | None, template: str, status: int, **content: Any
 ) -> HTMLResponse:
     """Render a page; without a snapshot, the database is not used."""
     site = _site(request, snapshot)
@@ -230,6 +241,7 @@ def _environment() -> Environment:
         },
         "flags_of": flags_of,
         "guide": guide_address,
+        "method_fields": Method.model_fields,
         "metrics": METRICS,
         "most_extra": MOST_EXTRA,
         "static": static_url,
@@ -377,7 +389,8 @@ def _fault(request: Request, snapshot: Snapshot | None, problem: ProblemDocument
         split, further = (request.path_params.get(name, "") for name in ("split", "further"))
         url = f"/boards/{quote(split)}" + (f"/also/{quote(further)}" if further else "")
         way_on = Place(f"To the whole {split} leaderboard", url)
-    return page(request, "fault.html", snapshot, problem.status, problem=problem, way_on=way_on)
+    about = {"problem": problem, "way_on": way_on}
+    return _page(request, snapshot, "fault.html", problem.status, **about)
 
 
 def _came_from(request: Request) -> str:

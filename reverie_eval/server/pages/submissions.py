@@ -49,11 +49,9 @@ def show_submission(
             visitor.server.submissions.view(snapshot.session, snapshot.now),
         )
         return page(
-            visitor.request,
-            "publication.html",
             snapshot,
+            "publication.html",
             shown=shown,
-            method_fields=Method.model_fields,
             also=_further_boards(visitor, shown.split),
             has_episodes=shown.shows_episodes and _has_episodes(visitor, shown),
         )
@@ -100,10 +98,9 @@ def _own_page(
     board = server.boards.get(shown.split)
     is_mine = board is not None and shown.team == person.team.name
     return page(
-        visit.request,
-        "submission.html",
         snapshot,
-        problem.status if problem else 200,
+        "submission.html",
+        problem,
         shown=shown,
         standing=board and _standing(server, session, board, shown),
         quota=server.intake.quotas(session, person, shown.split)[shown.split] if is_mine else None,
@@ -111,13 +108,10 @@ def _own_page(
         one_per_team=board is not None and board.split.one_per_team,
         events=history(session, shown.id),
         reviews=standing_reviews(session, shown.id),
-        now=snapshot.now,
         typed={**_texts(shown.method), **typed},
-        method_fields=Method.model_fields,
         also=_further_boards(visit, shown.split),
         required=server.settings.required_metadata,
         done=done,
-        problem=problem,
     )
 
 

@@ -74,16 +74,14 @@ def show_team(member: Member) -> Response:
         team = team_of(snapshot.session, person, MOST_SUBMISSIONS, view)
         left = [(each.board.name, each.quota) for each in split_quotas(server, snapshot)]
         return page(
-            member.request,
-            "team.html",
             snapshot,
+            "team.html",
             team=team,
             person=person,
             left=left,
             signed_in_with=snapshot.browser and snapshot.browser.token_id,
             by_task=_by_task(team.submissions),
             progress=_progress(team, server, snapshot.now),
-            now=snapshot.now,
         )
 
 

@@ -44,19 +44,6 @@ Done = Annotated[str, Query(max_length=20)]
 """The outcome of a form, by which the page chooses a message."""
 
 
-def desk_page(
-    desk: Call,
-    snapshot: Snapshot,
-    template: str,
-    problem: ProblemDocument | None = None,
-    **content: Any,
-) -> Response:
-    """Show a page of the desk, with a problem of a form on it, if any."""
-    status = problem.status if problem else 200
-    content |= {"problem": problem, "now": snapshot.now}
-    return page(desk.request, f"desk/{template}", snapshot, status, **content)
-
-
 class FormPage(Protocol):
     """A page with forms."""
 
@@ -76,7 +63,7 @@ def shown_by(template: str) -> Callable[[Content], FormPage]:
         ) -> Response:
             with desk.snapshot() as snapshot:
                 shown = {"typed": typed, "done": what, **content(desk, snapshot, typed)}
-                return desk_page(desk, snapshot, template, problem, **shown)
+                return page(snapshot, f"desk/{template}", problem, **shown)
 
         return draw
 
@@ -108,16 +95,15 @@ def ask(desk: Call, typed: Typed, template: str = "confirm.html", **content: Any
     """Ask for confirmation of an action."""
     with desk.snapshot() as snapshot:
         action = desk.request.url.path
-        return desk_page(desk, snapshot, template, fields=typed, action=action, **content)
+        return page(snapshot, f"desk/{template}", fields=typed, action=action, **content)
 
 
 def show_invitations(desk: Call, invitations: Sequence[PersonInvitation], back: str) -> Response:
     """Show invitations that can be shown only once, and a link back."""
     with desk.snapshot() as snapshot:
-        return desk_page(
-            desk,
+        return page(
             snapshot,
-            "invitations.html",
+            "desk/invitations.html",
             invitations=invitations,
             table=invitations_csv(invitations),
             sign_in=address_of_site(desk.request, "/sign-in"),

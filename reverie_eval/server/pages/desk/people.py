@@ -13,7 +13,7 @@ from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
-from reverie_eval.server.pages.rendering import address_of_site
+from reverie_eval.server.pages.rendering import address_of_site, page
 from reverie_eval.server.service import merging, people, people_files, personal_data, tokens
 
 router = APIRouter()
@@ -97,7 +97,7 @@ def create_token(desk: Desk, form: Posted) -> Response:
     created = desk.perform(tokens.create_token, new)
     sign_in = address_of_site(desk.request, "/sign-in")
     with desk.snapshot() as snapshot:
-        return forms.desk_page(desk, snapshot, "token.html", created=created, sign_in=sign_in)
+        return page(snapshot, "desk/token.html", created=created, sign_in=sign_in)
 
 
 @router.post(f"{PAGE}/tokens/{{hint}}/revoke")
@@ -143,10 +143,9 @@ def draw_person(
     with desk.snapshot() as snapshot:
         person = people.person_report(people.find_person(snapshot.session, person_id))
         own = {"name": person.name, "email": person.email or "", "team": person.team}
-        return forms.desk_page(
-            desk,
+        return page(
             snapshot,
-            "person.html",
+            "desk/person.html",
             problem,
             person=person,
             team_names=people.names_of_teams(snapshot.session),

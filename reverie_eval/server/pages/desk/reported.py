@@ -16,6 +16,7 @@ from reverie_eval.server.http.callers import Call, Desk, Posted, Snapshot
 from reverie_eval.server.http.paging import Number
 from reverie_eval.server.http.problems import read_model
 from reverie_eval.server.pages.desk import forms
+from reverie_eval.server.pages.rendering import page
 from reverie_eval.server.service import reported
 from reverie_eval.server.service.reported_files import as_printed, printed_value
 from reverie_eval.tasks import Task
@@ -52,10 +53,9 @@ def draw_result(
     with desk.snapshot() as snapshot:
         result = reported.find_reported(snapshot.session, result_id)
         task = desk.server.settings.tasks.get(result.split)
-        return forms.desk_page(
-            desk,
+        return page(
             snapshot,
-            "reported-result.html",
+            "desk/reported-result.html",
             problem,
             result=result,
             **_scores_asked([task] if task else desk.server.tasks),
